@@ -1,0 +1,1 @@
+"""Scenarios and light curves that ship with the package."""
