@@ -10,12 +10,17 @@ from lcbayes._jax import jax, jnp
 from lcbayes.lightcurve import LightCurve
 
 SOLAR_FLUX_VISIBLE = 455.0  # W/m², Linares & Crassidis, below eq. (5)
+SUN_MAGNITUDE_V = -26.76  # Vega, Willmer 2018, ApJS 236, 47
+
+
+def _static(default):
+    return field(default=default, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Epochs:
-    """The argument of every model: `model(data)`.
+    """The argument of every model: ``model(data)``.
 
     Attributes
     ----------
@@ -23,52 +28,79 @@ class Epochs:
         Time since the light curve's epoch.
     sun, obs : (T, 3)
         Unit vectors body→Sun and body→observer, inertial.
+    phase_angle : (T,) rad
     brightness, error : (T,)
-        Observed flux or magnitude and its standard deviation (NaN when unknown). Only
+        Observed flux or magnitude and its standard deviation (NaN where unknown). Only
         `noise.observe` reads them.
     dilution : (T,)
-        What unit-distance flux is multiplied by: Φ_sun,vis/r² (W/m² per m²) where ranges are
-        known, else 1.
+        What unit-distance, unit-irradiance flux is multiplied by: 1/r² in m⁻² for magnitudes,
+        Φ_sun/r² in W/m² per m² for fluxes with a range, else 1.
+    zero_point : (T,) mag
+        Magnitude of dilution · flux = 1: the Sun's in the point's band.
+    level : (C,)
+        Typical brightness of a curve of unknown scale, as a factor on the diluted flux; 1 for the
+        others. A unit scale then means an ordinary body whatever units the file is in.
+    noise_unit : (C,)
+        Unit of an unknown noise level: the curve's mean brightness for fluxes, 1 mag.
     curve : (T,) int
         Group of the point.
-    free_scale : (C,)
-        1 where the group's brightness carries an unknown factor, else 0.
     exposure_s : (T,) s
     kind : "flux" or "mag"
-    has_error : whether `error` is known
+    has_error : bool
+    free_scale : (C,) bools
+        Whether the group's brightness carries an unknown factor.
     """
 
     t: jax.Array
     sun: jax.Array
     obs: jax.Array
+    phase_angle: jax.Array
     brightness: jax.Array
     error: jax.Array
     dilution: jax.Array
+    zero_point: jax.Array
+    level: jax.Array
+    noise_unit: jax.Array
     curve: jax.Array
-    free_scale: jax.Array
     exposure_s: jax.Array
-    kind: str = field(default="flux", metadata={"static": True})
-    has_error: bool = field(default=True, metadata={"static": True})
+    kind: str = _static("flux")
+    has_error: bool = _static(True)
+    free_scale: tuple[bool, ...] = _static(())
 
     @classmethod
     def of(cls, curve: LightCurve) -> Epochs:
         """The device arrays of a light curve."""
-        n = len(curve.t)
-        ranged = curve.range_km is not None
+        assert curve.curve is not None and curve.free_scale is not None
+        n = curve.n_obs
+        dilution = np.ones(n)
+        if curve.range_km is not None:
+            irradiance = SOLAR_FLUX_VISIBLE if curve.kind == "flux" else 1.0
+            dilution = irradiance / (1e3 * curve.range_km) ** 2
+        zero_point = np.full(n, SUN_MAGNITUDE_V)
+        linear = curve.brightness
+        if curve.kind == "mag":
+            linear = 10 ** (-0.4 * (curve.brightness - zero_point))
+        level, noise_unit = np.ones(curve.n_curves), np.ones(curve.n_curves)
+        for i in range(curve.n_curves):
+            here = curve.curve == i
+            if curve.free_scale[i]:
+                level[i] = np.mean(linear[here] / dilution[here])
+            if curve.kind == "flux":
+                noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
         return cls(
             t=jnp.asarray(curve.t),
             sun=jnp.asarray(curve.sun),
             obs=jnp.asarray(curve.obs),
+            phase_angle=jnp.asarray(curve.phase_angle),
             brightness=jnp.asarray(curve.brightness),
             error=jnp.full(n, np.nan) if curve.error is None else jnp.asarray(curve.error),
-            dilution=(
-                SOLAR_FLUX_VISIBLE / (1e3 * jnp.asarray(curve.range_km)) ** 2
-                if ranged
-                else jnp.ones(n)
-            ),
+            dilution=jnp.asarray(dilution),
+            zero_point=jnp.asarray(zero_point),
+            level=jnp.asarray(level),
+            noise_unit=jnp.asarray(noise_unit),
             curve=jnp.asarray(curve.curve),
-            free_scale=jnp.asarray(curve.free_scale, dtype=float),
             exposure_s=jnp.asarray(curve.exposure_s),
             kind=curve.kind,
             has_error=curve.error is not None,
+            free_scale=tuple(bool(x) for x in curve.free_scale),
         )

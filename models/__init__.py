@@ -1,1 +1,7 @@
-"""TODO"""
+"""The gallery: one NumPyro model a file, each about a page, composed from the library's priors.
+
+A model file, ours or a user's, defines ``model(data, *, option=default, ...)``; see
+`lcbayes.inference.contract` for the names it may define besides.
+"""
+
+NAMES = ("faceted", "faceted-brdf", "convex-grid")

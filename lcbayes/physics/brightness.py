@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from lcbayes._jax import jax, jnp
 
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
@@ -53,6 +55,41 @@ def flux(
     ----------
     Linares & Crassidis, eqs. (4), (5), with each cosine clipped at zero.
     """
-    mu0 = jnp.maximum(sun_body @ normals.T, 0.0)
-    mu = jnp.maximum(obs_body @ normals.T, 0.0)
-    return _kernel(law, mu0, mu, c) @ albedo_area
+    return _flux(law, sun_body, obs_body, normals, albedo_area, jnp.asarray(c, dtype=float))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _flux(law, sun, obs, normals, area, c):
+    mu0 = jnp.maximum(sun @ normals.T, 0.0)
+    mu = jnp.maximum(obs @ normals.T, 0.0)
+    return _kernel(law, mu0, mu, c) @ area
+
+
+def _flux_jvp(law, primals, tangents):
+    sun, obs, normals, area, c = primals
+    d_sun, d_obs, d_normals, d_area, d_c = tangents
+    mu0 = jnp.maximum(sun @ normals.T, 0.0)
+    mu = jnp.maximum(obs @ normals.T, 0.0)
+    kernel = partial(_kernel, law)
+    ones = jnp.ones_like(mu0)
+    k, k0 = jax.jvp(lambda x: kernel(x, mu, c), (mu0,), (ones,))
+    _, k1 = jax.jvp(lambda x: kernel(mu0, x, c), (mu,), (ones,))
+    out = jnp.zeros(sun.shape[0])
+    zero = jax.custom_derivatives.SymbolicZero
+    lit = (mu0 > 0) & (mu > 0)
+    k0 = jnp.where(lit, k0, 0.0)
+    k1 = jnp.where(lit, k1, 0.0)
+    if not isinstance(d_area, zero):
+        out += k @ d_area
+    if not isinstance(d_c, zero):
+        out += d_c * (jax.jvp(lambda x: kernel(mu0, mu, x), (c,), (jnp.ones(()),))[1] @ area)
+    if not isinstance(d_sun, zero):
+        out += jnp.sum(((k0 * area) @ normals) * d_sun, axis=1)
+    if not isinstance(d_obs, zero):
+        out += jnp.sum(((k1 * area) @ normals) * d_obs, axis=1)
+    if not isinstance(d_normals, zero):
+        out += jnp.sum((k0 * area) * (sun @ d_normals.T) + (k1 * area) * (obs @ d_normals.T), axis=1)
+    return k @ area, out
+
+
+_flux.defjvp(_flux_jvp, symbolic_zeros=True)

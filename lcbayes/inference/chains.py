@@ -1,0 +1,81 @@
+"""Chains of any NumPyro kernel, vectorised, run in blocks that can be stored and gone on from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from numpyro import handlers
+from numpyro.distributions import constraints
+from numpyro.infer import NUTS
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference.problem import Problem
+
+SPREAD = 0.3
+FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
+
+
+class Whitening(NamedTuple):
+    """z = centre + factor · y: coordinates in which the solution is about a unit Gaussian."""
+
+    centre: jax.Array  # (D,)
+    factor: jax.Array  # (D, D), lower triangular times nothing: inverse transpose of chol(F)
+
+    @classmethod
+    def at(cls, problem: Problem, z: jax.Array, data: Epochs) -> Whitening:
+        """From the Fisher information at z: factor factorᵀ = F⁻¹."""
+        fisher = problem.fisher(z, data)
+        values, vectors = jnp.linalg.eigh(0.5 * (fisher + fisher.T))
+        # A direction that neither data nor prior hold would be infinitely long: a hundred
+        # prior widths are far enough.
+        return cls(z, vectors / jnp.sqrt(jnp.maximum(values, 1e-4)))
+
+    def __call__(self, y: jax.Array) -> jax.Array:
+        return self.centre + self.factor @ y
+
+
+def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
+    """The posterior as a NumPyro model of y, for kernels that want a model."""
+
+    def model(whitening: Whitening, data: Epochs) -> None:
+        flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
+        y = numpyro.sample("y", flat)
+        with handlers.block():  # the sites within are not this model's
+            density = -problem.potential(whitening(y), data)
+        numpyro.factor("posterior", density)
+
+    return model
+
+
+def nuts(problem: Problem, max_tree_depth: int = 8, target_accept_prob: float = 0.85) -> NUTS:
+    return NUTS(
+        whitened_model(problem),
+        max_tree_depth=max_tree_depth,
+        target_accept_prob=target_accept_prob,
+    )
+
+
+@partial(jax.jit, static_argnums=(0, 2))
+def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: Epochs):
+    """State of one chain, a little off the centre."""
+    key_y, key = jax.random.split(key)
+    y = SPREAD * jax.random.normal(key_y, whitening.centre.shape)
+    return kernel.init(key, num_warmup, {"y": y}, (whitening, data), {})
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def advance(kernel, n_draws: int, state, whitening: Whitening, data: Epochs):
+    """``n_draws`` transitions of one chain: its new state, draws z (n, D), and FIELDS (n,)."""
+
+    def body(state, _):
+        state = kernel.sample(state, (whitening, data), {})
+        return state, (whitening(state.z["y"]), {k: getattr(state, k) for k in FIELDS})
+
+    state, (z, stats) = jax.lax.scan(body, state, length=n_draws)
+    return state, z, stats

@@ -1,0 +1,182 @@
+"""A NumPyro model and a light curve as functions of one flat, unconstrained vector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpyro.distributions as dist
+from jax.flatten_util import ravel_pytree
+from numpyro import handlers
+from numpyro.distributions import biject_to
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.noise import OBSERVED
+
+Sites = dict[str, jax.Array]
+
+
+class Moments(NamedTuple):
+    """What the model says of the data at one point: the likelihood's centre and width, (T,)."""
+
+    mean: jax.Array
+    sd: jax.Array
+
+
+class Problem:
+    """The posterior of ``model`` given ``data``, over unconstrained vectors z of size ``dim``.
+
+    Every method takes z and the data as arguments and closes over nothing traced, so that one
+    compilation serves every light curve of the same size.
+
+    Parameters
+    ----------
+    model : callable
+        NumPyro model ``model(data)``; options already bound.
+    data : Epochs
+        Used for its shapes and to draw a first trace.
+
+    Raises
+    ------
+    InputError
+        When the model does not condition on ``brightness`` with a Normal or Student-t, or has
+        discrete or data-dependent sites.
+    """
+
+    def __init__(self, model: Callable[[Epochs], Any], data: Epochs) -> None:
+        self.model = model
+        trace = handlers.trace(handlers.seed(model, jax.random.key(0))).get_trace(data)
+        latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
+        observed = trace.get(OBSERVED)
+        if observed is None or not observed.get("is_observed"):
+            raise InputError(
+                f"the model has no observed site {OBSERVED!r}; "
+                "end it with lcbayes.noise.observe(data, flux)"
+            )
+        if not isinstance(_base(observed["fn"]), dist.Normal | dist.StudentT):
+            raise InputError(
+                f"the model's site {OBSERVED!r} is a {type(observed['fn']).__name__}; "
+                "expected Normal or StudentT"
+            )
+        for name, site in latent.items():
+            if site["fn"].support.is_discrete:
+                raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
+        self._transforms = {k: biject_to(v["fn"].support) for k, v in latent.items()}
+        template = {k: self._transforms[k].inv(v["value"]) for k, v in latent.items()}
+        flat, self.unravel = ravel_pytree(template)
+        self.dim = int(flat.size)
+        self.names = tuple(sorted(latent))
+
+    def ravel(self, sites: Sites) -> jax.Array:
+        """The flat unconstrained vector of constrained values."""
+        return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
+
+    def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
+        sites, log_det = {}, jnp.zeros(())
+        for name, transform in self._transforms.items():
+            sites[name] = transform(free[name])
+            log_det += jnp.sum(transform.log_abs_det_jacobian(free[name], sites[name]))
+        return sites, log_det
+
+    def _trace(self, z: jax.Array | Sites, data: Epochs):
+        sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z))
+        model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
+        return handlers.trace(model).get_trace(data), log_det
+
+    def log_prior(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Log prior density of z, every factor of the model but the likelihood included."""
+        trace, log_det = self._trace(z, data)
+        return log_det + sum(
+            jnp.sum(v["fn"].log_prob(v["value"]))
+            for k, v in trace.items()
+            if v["type"] == "sample" and k != OBSERVED
+        )
+
+    def potential(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """−log p(y, z) with respect to z."""
+        trace, log_det = self._trace(z, data)
+        return -log_det - sum(
+            jnp.sum(v["fn"].log_prob(v["value"])) for v in trace.values() if v["type"] == "sample"
+        )
+
+    def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
+        """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
+        fn = _base(self._trace(z, data)[0][OBSERVED]["fn"])
+        shape = data.brightness.shape
+        return Moments(jnp.broadcast_to(fn.loc, shape), jnp.broadcast_to(fn.scale, shape))
+
+    def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Pointwise, (T,)."""
+        site = self._trace(z, data)[0][OBSERVED]
+        return site["fn"].log_prob(site["value"])
+
+    def constrain(self, z: jax.Array, data: Epochs) -> Sites:
+        """Every latent and deterministic site at z, in the model's own units."""
+        trace, _ = self._trace(z, data)
+        return {
+            k: v["value"]
+            for k, v in trace.items()
+            if v["type"] in ("sample", "deterministic") and k != OBSERVED
+        }
+
+    def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
+        """One draw of the data given z: posterior predictive, (T,)."""
+        return self._trace(z, data)[0][OBSERVED]["fn"].sample(key)
+
+    def jacobian(self, z: jax.Array, data: Epochs) -> Moments:
+        """∂moments/∂z, (T, D) each, forward mode, one latent site at a time.
+
+        A site at a time, because a tangent that is known to be absent costs nothing: the shape
+        does not turn the body, the scale of a curve moves neither.
+        """
+        free = self.unravel(z)
+        blocks = []
+        for name in free:  # the order of ravel_pytree
+
+            def along(value, name=name):
+                return self.moments({**free, name: value}, data)
+
+            block = jax.jacfwd(along)(free[name])
+            blocks.append(jax.tree.map(lambda b: b.reshape(b.shape[0], -1), block))
+        return Moments(*(jnp.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True)))
+
+    def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Expected information of the data plus the prior's curvature, (D, D).
+
+        F = Jᵀ diag(w/σ²) J + 2 v Kᵀ K + P with J = ∂mean/∂z, K = ∂ln sd/∂z, and P the positive
+        part of the prior's Hessian; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t, 1 for Normal.
+        """
+        jac = self.jacobian(z, data)
+        sd = self.moments(z, data).sd
+        fn = _base(self._trace(z, data)[0][OBSERVED]["fn"])
+        w, v = 1.0, 1.0
+        if isinstance(fn, dist.StudentT):
+            w, v = (fn.df + 1) / (fn.df + 3), fn.df / (fn.df + 3)
+        mean = jac.mean * (jnp.sqrt(w) / sd)[:, None]
+        log_sd = jac.sd / sd[:, None]
+        return mean.T @ mean + 2 * v * log_sd.T @ log_sd + self.prior_precision(z, data)
+
+    def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """−∂² log prior / ∂z² with its negative directions dropped, (D, D)."""
+        hessian = -jax.hessian(self.log_prior)(z, data)
+        values, vectors = jnp.linalg.eigh(0.5 * (hessian + hessian.T))
+        return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
+
+    def prior_draw(self, key: jax.Array, data: Epochs) -> jax.Array:
+        """A draw from the prior as an unconstrained vector."""
+        trace = handlers.trace(handlers.seed(self.model, key)).get_trace(data)
+        return self.ravel({k: trace[k]["value"] for k in self.names})
+
+
+def _base(fn: Any) -> Any:
+    while isinstance(fn, dist.Independent | dist.ExpandedDistribution | dist.MaskedDistribution):
+        fn = fn.base_dist
+    return fn
+
+
+def as_numpy(sites: Sites) -> dict[str, np.ndarray]:
+    return {k: np.asarray(v) for k, v in sites.items()}
