@@ -1,0 +1,312 @@
+"""From a table with our column names to a light curve: the one way for every delimited format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.errors import InputError
+from lcbayes.io._table import Table
+from lcbayes.io._time import seconds_from_jd, seconds_from_utc, utc_days_to_seconds
+from lcbayes.lightcurve import FRAMES, LightCurve, RowError
+
+Floats = NDArray[np.float64]
+
+TIMES = ("utc", "jd", "t")
+VECTORS = ("sun_x", "sun_y", "sun_z", "obs_x", "obs_y", "obs_z")
+RADEC = ("ra_deg", "dec_deg", "range_km")
+ALTAZ = ("altitude_deg", "azimuth_deg", "height_km")
+SITE = ("site_lat_deg", "site_lon_deg", "site_height_m")
+BRIGHTNESS = ("flux", "mag")
+_PLAIN = ("jd", "t", "flux", "mag", "flux_err", "mag_err", "exposure_s")
+NUMERIC = frozenset((*_PLAIN, *VECTORS, *RADEC, *ALTAZ, *SITE))
+KEPT_UNIT = 1e-15 * 8  # a length this near one is left alone, so that rewriting loses nothing
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the caller adds to a file."""
+
+    tle: str | None = None
+    site: str | None = None
+    error: float | None = None
+    error_floor: float | None = None
+    geometry_only: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("error", "error_floor"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} is {value}; give a positive standard deviation")
+
+
+def build(
+    table: Table, options: Options, file_format: str, notes: tuple[str, ...] = ()
+) -> LightCurve:
+    """The light curve a table describes.
+
+    Raises
+    ------
+    InputError
+        Naming file, line, column and remedy.
+    """
+    used: set[str] = set()
+    t, epoch_jd, time_name = _times(table, used)
+    kind, brightness, error, labels = _brightness(table, options, used)
+    curve, names, free_scale = _curves(table, used)
+    exposure = table.number("exposure_s", low=0.0) if "exposure_s" in table else None
+    used |= {"exposure_s", "band", "site"}
+    _check_order(table, t, curve, time_name)
+    sun, obs, range_km, frame, more = _geometry(table, options, t, epoch_jd, used)
+    columns = table.texts | table.numbers
+    try:
+        return LightCurve(
+            t=t,
+            brightness=brightness,
+            error=error,
+            sun=sun,
+            obs=obs,
+            kind=kind,
+            range_km=range_km,
+            curve=curve,
+            free_scale=free_scale,
+            curve_names=names,
+            band=table.texts.get("band"),
+            site=table.texts.get("site"),
+            exposure_s=exposure,
+            epoch_jd=epoch_jd,
+            frame=frame,
+            extra={table.label(name): columns[name] for name in columns if name not in used},
+            source=source_of(table, file_format, (*notes, *more)),
+        )
+    except RowError as fault:
+        label = {"t": time_name, **labels}.get(fault.name, fault.name)
+        raise fault.located(table.label(label), table.at(fault.row)) from None
+
+
+def source_of(table: Table, file_format: str, notes: tuple[str, ...]) -> dict[str, str]:
+    """Where a curve came from."""
+    notes = table.file.notes + notes
+    return {
+        "file": table.file.name,
+        "format": file_format,
+        "sha256": table.file.sha256,
+        **({"notes": "; ".join(notes)} if notes else {}),
+    }
+
+
+def _one_column(table: Table, names: tuple[str, ...], what: str) -> str | None:
+    found = [name for name in names if name in table]
+    if len(found) > 1:
+        raise InputError(
+            f"{table.file.name} gives {what} more than once ({', '.join(found)}); keep one of "
+            "these columns"
+        )
+    return found[0] if found else None
+
+
+def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
+    name = _one_column(table, TIMES, "the time")
+    if name is None:
+        raise InputError(
+            f"{table.file.name} has no column of times; expected one of: utc, jd, t (found: "
+            f"{_shown(table)})"
+        )
+    used.add(name)
+    if name == "utc":
+        return *seconds_from_utc(table, name), name
+    values = table.number(name)
+    if name == "jd":
+        table.reject("jd", (values < 2415020.0) | (values > 2488070.0), *_JD_RANGE)
+        t, epoch = seconds_from_jd(values)
+        return utc_days_to_seconds(t, epoch), epoch, name
+    if "epoch_jd" not in table.meta:
+        return values, None, name
+    text, line = table.meta["epoch_jd"]
+    try:
+        epoch_jd = float(text)
+    except ValueError:
+        epoch_jd = np.nan
+    if not np.isfinite(epoch_jd):
+        raise InputError(f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date")
+    return values, epoch_jd, name
+
+
+_JD_RANGE = (
+    "outside the years 1900 .. 2099",
+    "give full Julian dates (MJD + 2400000.5), UTC",
+)
+
+
+def _shown(table: Table) -> str:
+    names = [table.label(name) for name in (*table.numbers, *table.texts)]
+    return ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+
+
+def _brightness(
+    table: Table, options: Options, used: set[str]
+) -> tuple[str, Floats, Floats | None, dict[str, str]]:
+    kind = _one_column(table, BRIGHTNESS, "the brightness")
+    if options.geometry_only:
+        kind = kind or "mag"
+        used |= {kind, f"{kind}_err"}
+        return kind, np.full(len(table), np.nan), None, {}
+    if kind is None:
+        raise InputError(
+            f"{table.file.name} has no column of brightness; expected flux or mag (found: "
+            f"{_shown(table)})"
+        )
+    err = f"{kind}_err"
+    other = "mag_err" if kind == "flux" else "flux_err"
+    if other in table:
+        raise InputError(
+            f"{table.file.name} has {kind} with {table.label(other)}; expected {err}: the "
+            "error in the unit of the brightness"
+        )
+    used |= {kind, err}
+    values = table.number(kind)
+    if options.error is not None:
+        error = np.full(len(table), options.error)
+    elif err in table:
+        error = table.numbers[err]
+    else:
+        error = None
+    if error is not None and options.error_floor is not None:
+        bad = np.isnan(error) | (error == np.inf)
+        table.reject(err, bad, "not finite", "drop those rows")
+        error = np.maximum(error, options.error_floor)
+    return kind, values, error, {"brightness": kind, "error": err}
+
+
+def _curves(
+    table: Table, used: set[str]
+) -> tuple[NDArray[np.int64], tuple[str, ...], NDArray[np.bool_]]:
+    """Group of each point, names by first appearance, and which have a free scale."""
+    used |= {"curve", "calibrated"}
+    n = len(table)
+    if "curve" in table:
+        column = table.texts["curve"]
+        table.reject("curve", column == "", "empty", "name the curve of each row")
+        found, first, inverse = np.unique(column, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        curve, names = rank[inverse], tuple(found[order].tolist())
+    else:
+        curve, names = np.zeros(n, np.int64), ("0",)
+    free = np.full(len(names), "curve" in table)
+    if "calibrated" in table:
+        column = np.char.lower(table.texts["calibrated"])
+        yes, no = np.isin(column, ("1", "true")), np.isin(column, ("0", "false"))
+        table.reject("calibrated", ~(yes | no), "other than 0 or 1", "write 0 or 1")
+        free[curve] = no
+        table.reject("calibrated", no != free[curve], "that differ within a curve", "give one")
+    return curve, names, free
+
+
+def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -> None:
+    """Unsorted or repeated times are faults of a file, unless it says the repeats are meant."""
+    order = np.argsort(curve, kind="stable")
+    later = order[1:][np.diff(curve[order]) == 0]
+    step = np.diff(t[order])[np.diff(curve[order]) == 0]
+    back, again = np.zeros(t.size, bool), np.zeros(t.size, bool)
+    back[later], again[later] = step < 0, step == 0
+    table.reject(name, back, "earlier than the row before in their curve", _SORT)
+    if table.meta.get("repeated_times", ("",))[0] != "allowed":
+        table.reject(name, again, "that repeat the row before in their curve", _REPEATS)
+
+
+_SORT = "sort the rows by time"
+_REPEATS = (
+    "drop the repeats, or, if each is a measurement, add the line '# repeated_times: allowed' "
+    "above the header"
+)
+
+
+def _geometry(
+    table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
+) -> tuple[Floats, Floats, Floats | None, str, tuple[str, ...]]:
+    """Directions to Sun and observer by the one way the file and the options give."""
+    given = [
+        what
+        for what, here in (
+            ("sun_x .. obs_z", any(name in table for name in VECTORS)),
+            ("a TLE", options.tle is not None),
+            ("ra_deg, dec_deg", any(name in table for name in RADEC[:2])),
+            ("altitude_deg, azimuth_deg", any(name in table for name in ALTAZ)),
+        )
+        if here
+    ]
+    name = table.file.name
+    if len(given) > 1:
+        raise InputError(
+            f"{name} with its options gives the geometry more than once ({' and '.join(given)}), "
+            "perhaps in different frames; keep one"
+        )
+    if not given:
+        raise InputError(
+            f"{name} has no geometry; expected sun_x sun_y sun_z obs_x obs_y obs_z, or a site with "
+            "one of: --tle FILE, columns ra_deg dec_deg range_km, columns altitude_deg "
+            "azimuth_deg height_km"
+        )
+    frame = _declared_frame(table, used)
+    if given[0].startswith("sun"):
+        _need(table, VECTORS)
+        used |= {*VECTORS, "range_km"}
+        ranges = table.numbers.get("range_km")
+        sun, obs = _directions(table, "sun"), _directions(table, "obs")
+        return sun, obs, ranges, frame or "inertial", ()
+    if frame not in (None, "icrs"):
+        raise InputError(
+            f"{name} says its frame is {frame!r}, but directions computed from {given[0]} are in "
+            "icrs; remove the frame, or give vectors"
+        )
+    from lcbayes.io._sky import computed_geometry
+
+    sun, obs, ranges, notes = computed_geometry(table, options, t, epoch_jd, used)
+    return sun, obs, ranges, "icrs", notes
+
+
+def _need(table: Table, names: tuple[str, ...]) -> None:
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise InputError(
+            f"{table.file.name} has no column {', '.join(missing)}; expected all of: "
+            f"{' '.join(names)}"
+        )
+
+
+def _declared_frame(table: Table, used: set[str]) -> str | None:
+    """The frame a comment or a column names; both must agree, and all rows."""
+    said = table.meta["frame"][0].strip("'\"").lower() if "frame" in table.meta else None
+    where = table.file.at(table.meta["frame"][1]) if said else ""
+    if "frame" in table:
+        used.add("frame")
+        column = table.texts["frame"]
+        said = said or str(column[0]).lower()
+        where = where or table.at(0)
+        mixed = np.char.lower(column) != said
+        table.reject("frame", mixed, f"other than {said!r}, as {where} says", "use one frame")
+    if said is not None and said not in FRAMES:
+        raise InputError(
+            f"{where}: frame is {said!r}; expected one of: {', '.join(FRAMES)} (rotate the "
+            "vectors of other frames first)"
+        )
+    return said
+
+
+def _directions(table: Table, name: str) -> Floats:
+    """Unit vectors from three columns of any length."""
+    parts = [table.number(f"{name}_{axis}") for axis in "xyz"]
+    vectors = np.stack(parts, axis=1)
+    size = np.max(np.abs(vectors), axis=1)
+    table.reject(
+        f"{name}_x .. {name}_z", size == 0, "with a direction of length zero", "drop those rows"
+    )
+    scaled = vectors / size[:, None]  # so that no square over- or underflows
+    length = np.linalg.norm(vectors, axis=1)
+    keep = np.abs(length - 1.0) <= KEPT_UNIT
+    unit = scaled / np.linalg.norm(scaled, axis=1)[:, None]
+    return np.where(keep[:, None], vectors, unit)

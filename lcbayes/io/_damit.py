@@ -1,0 +1,146 @@
+"""DAMIT `.lcs`: asteroid light curves with the directions they were seen from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lcbayes.errors import InputError
+from lcbayes.io._build import Options
+from lcbayes.io._files import TextFile
+from lcbayes.io._time import seconds_from_jd
+from lcbayes.lightcurve import LightCurve, RowError
+
+WIDTH = 8  # JD, intensity, asteroid→Sun (3), asteroid→Earth (3)
+
+
+def is_damit(text: str) -> bool:
+    """Whether the first lines are a number of curves, then `npoints flag`, then a row of 8."""
+    lines = [line.split() for line in text[:4096].split("\n", 4)[:4] if line.strip()]
+    return (
+        len(lines) >= 2
+        and len(lines[0]) == 1
+        and _integer(lines[0][0]) is not None
+        and len(lines[1]) == 2
+        and all(_integer(cell) is not None for cell in lines[1])
+    )
+
+
+def read_damit(file: TextFile, options: Options) -> LightCurve:
+    """Read a DAMIT file.
+
+    Each curve of flag 0 is relative: its intensities are divided by their mean, and its scale is
+    free. Curves of flag 1 are calibrated (reduced to unit distances) and kept as they are. The
+    times are light-time corrected Julian dates, turned into seconds since the whole date before
+    the first and into nothing else. Axes are ecliptic J2000; vectors in au become directions. All
+    curves of the file are read, also where there are more than line 1 says. Equal times, which
+    rounding gives, are kept.
+
+    Raises
+    ------
+    InputError
+        Naming file and line.
+    """
+    rows, lines, curve, flags, announced = _parse(file)
+    table = np.array(rows)
+    bad = ~np.isfinite(table)
+    if bad.any():
+        _fail(file, lines[int(np.argmax(bad.any(axis=1)))], "a value is not finite", "drop the row")
+    curve = np.array(curve)
+    sun, obs = table[:, 2:5], table[:, 5:8]
+    for name, vectors in (("asteroid→Sun", sun), ("asteroid→Earth", obs)):
+        zero = ~(np.max(np.abs(vectors), axis=1) > 0)
+        if zero.any():
+            where = lines[int(np.argmax(zero))]
+            _fail(file, where, f"the vector {name} has length zero", "correct or drop the row")
+    brightness = table[:, 1].copy()
+    dark = brightness <= 0
+    if dark.any():
+        where = lines[int(np.argmax(dark))]
+        _fail(file, where, f"intensity {brightness[dark][0]:g} is not positive", "drop the row")
+    free = np.array([flag == 0 for flag in flags])
+    mean = np.bincount(curve, brightness) / np.bincount(curve)
+    brightness /= np.where(free, mean, 1.0)[curve]
+    t, epoch = seconds_from_jd(table[:, 0])
+    notes = file.notes
+    if len(flags) != announced:
+        notes += (f"line 1 announces {announced} curves, the file holds {len(flags)}: all read",)
+    source = {"file": file.name, "format": "damit", "sha256": file.sha256}
+    error = None if options.error is None else np.full(t.size, options.error)
+    try:
+        return LightCurve(
+            t=t,
+            brightness=brightness,
+            error=error,
+            sun=sun / np.linalg.norm(sun, axis=1)[:, None],
+            obs=obs / np.linalg.norm(obs, axis=1)[:, None],
+            curve=curve,
+            free_scale=free,
+            epoch_jd=epoch,
+            frame="ecliptic-j2000",
+            source=source | ({"notes": "; ".join(notes)} if notes else {}),
+        )
+    except RowError as fault:
+        label = {"t": "JD", "brightness": "intensity"}.get(fault.name, fault.name)
+        raise fault.located(label, file.at(lines[fault.row])) from None
+
+
+def _parse(
+    file: TextFile,
+) -> tuple[list[list[float]], list[int], list[int], list[int], int]:
+    """Rows, their lines, their curves; the flag of each curve; the number of curves announced.
+
+    Nothing is allocated for what a header announces, only for the rows that are there.
+    """
+    filled = [
+        (number, cells)
+        for number, line in enumerate(file.text.split("\n"), 1)
+        if (cells := line.split())
+    ]
+    announced = _integer(filled[0][1][0]) if len(filled[0][1]) == 1 else None
+    if announced is None or announced < 1:
+        _fail(file, filled[0][0], "expected the number of curves", "see the DAMIT format")
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    curve: list[int] = []
+    flags: list[int] = []
+    at = 1
+    while at < len(filled):
+        number, cells = filled[at]
+        header = [_integer(cell) for cell in cells]
+        if len(header) != 2 or header[0] is None or header[0] < 1 or header[1] not in (0, 1):
+            what = "expected `npoints flag` with flag 0 or 1, as the curve before is complete"
+            _fail(file, number, what, "check npoints above")
+        points, flag = header
+        found = len(filled) - at - 1
+        if points > found:
+            what = f"{points} points are announced, but only {found} lines follow"
+            _fail(file, number, what, "the file is cut short or the count is wrong")
+        for number, cells in filled[at + 1 : at + 1 + points]:
+            rows.append(_row(file, number, cells))
+            lines.append(number)
+        curve += [len(flags)] * points
+        flags.append(flag)
+        at += 1 + points
+    if len(flags) < announced:
+        what = f"{announced} curves are announced, but the file holds {len(flags)}"
+        _fail(file, filled[0][0], what, "the file is cut short or the count is wrong")
+    return rows, lines, curve, flags, announced
+
+
+def _row(file: TextFile, number: int, cells: list[str]) -> list[float]:
+    if len(cells) != WIDTH:
+        what = f"{len(cells)} cells where a row has {WIDTH} (JD, intensity, two vectors)"
+        _fail(file, number, what, "check the row, and npoints above it")
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError as fault:
+        _fail(file, number, f"{fault}", "give numbers")
+        raise  # not reached
+
+
+def _integer(text: str) -> int | None:
+    return int(text) if len(text) < 20 and text.isascii() and text.isdigit() else None
+
+
+def _fail(file: TextFile, line: int, what: str, remedy: str) -> None:
+    raise InputError(f"{file.at(line)}: {what}; {remedy}")
