@@ -17,6 +17,8 @@ KINDS = ("flux", "mag")
 FRAMES = ("icrs", "ecliptic-j2000", "inertial")
 UNIT_TOLERANCE = 1e-6  # of the length of sun and obs
 
+_MADE: Any = None  # default of the fields that are never None once the curve is made
+
 
 class RowError(InputError):
     """A value of a light curve is at fault; a reader can say on which line of which file it is.
@@ -93,12 +95,12 @@ class LightCurve:
     obs: Floats
     kind: str = "flux"
     range_km: Floats | None = None
-    curve: NDArray[np.int64] | None = None  # made all-zero when absent
-    free_scale: NDArray[np.bool_] | None = None  # made all-False when absent
-    curve_names: tuple[str, ...] = ()
-    band: NDArray[np.str_] | None = None
-    site: NDArray[np.str_] | None = None
-    exposure_s: Floats | None = None
+    curve: NDArray[np.int64] = _MADE  # all zero when absent
+    free_scale: NDArray[np.bool_] = _MADE  # all False when absent
+    curve_names: tuple[str, ...] = ()  # numbered from 0 when absent
+    band: NDArray[np.str_] = _MADE
+    site: NDArray[np.str_] = _MADE
+    exposure_s: Floats = _MADE
     epoch_jd: float | None = None
     frame: str = "inertial"
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -133,7 +135,7 @@ class LightCurve:
             _same_shape(name, value, (n,))
             put(name, value)
         put("curve", np.zeros(n, np.int64) if self.curve is None else _indices(self.curve, n))
-        n_curves = int(np.max(self.curve)) + 1  # pyright: ignore[reportCallIssue,reportArgumentType]
+        n_curves = int(np.max(self.curve)) + 1
         free = np.zeros(n_curves, bool) if self.free_scale is None else self.free_scale
         put("free_scale", np.asarray(free, dtype=bool))
         _same_shape("free_scale", self.free_scale, (n_curves,), per="curve")
@@ -169,8 +171,8 @@ class LightCurve:
 
     def _check_curves(self) -> None:
         """Groups are 0 .. n_curves-1, named apart, and time runs forward in each."""
-        n_curves = len(self.free_scale)  # pyright: ignore[reportArgumentType]
-        points = np.bincount(self.curve, minlength=n_curves)  # pyright: ignore
+        n_curves = len(self.free_scale)
+        points = np.bincount(self.curve, minlength=n_curves)
         if not points.all():
             raise InputError(
                 f"curve {int(np.argmin(points))} has no points; number the curves "
@@ -181,8 +183,8 @@ class LightCurve:
                 f"curve_names has {len(set(self.curve_names))} different names for {n_curves} "
                 "curves; give each curve one name of its own"
             )
-        order = np.argsort(self.curve, kind="stable")  # pyright: ignore[reportArgumentType]
-        same = np.diff(np.asarray(self.curve)[order]) == 0
+        order = np.argsort(self.curve, kind="stable")
+        same = np.diff(self.curve[order]) == 0
         back = np.zeros(self.t.size, bool)
         back[order[1:]] = same & (np.diff(self.t[order]) < 0)
         _reject("t", self.t, back, "earlier than the point before", _SORT)
@@ -213,7 +215,7 @@ class LightCurve:
         index = np.arange(self.n_obs)[np.asarray(mask)]
         if index.size == 0:
             raise InputError("the selection holds no points; choose at least one")
-        kept, curve = np.unique(np.asarray(self.curve)[index], return_inverse=True)
+        kept, curve = np.unique(self.curve[index], return_inverse=True)
         per_point = {
             name: getattr(self, name)[index]
             for name in ("t", "brightness", "sun", "obs", "band", "site", "exposure_s")
@@ -224,7 +226,7 @@ class LightCurve:
             error=None if self.error is None else self.error[index],
             range_km=None if self.range_km is None else self.range_km[index],
             curve=curve,
-            free_scale=np.asarray(self.free_scale)[kept],
+            free_scale=self.free_scale[kept],
             curve_names=tuple(self.curve_names[i] for i in kept),
             extra={name: value[index] for name, value in self.extra.items()},
         )
@@ -232,7 +234,7 @@ class LightCurve:
     def __repr__(self) -> str:
         span = float(np.ptp(self.t))
         shown = f"{span:.6g} s" if span < 2 * 86400 else f"{span / 86400:.6g} d"
-        scales = int(np.sum(self.free_scale))  # pyright: ignore[reportArgumentType, reportCallIssue]
+        scales = int(np.sum(self.free_scale))
         return (
             f"LightCurve({self.n_obs} points, {self.n_curves} curves ({scales} of unknown scale), "
             f"{self.kind}, errors {'unknown' if self.error is None else 'given'}, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +57,12 @@ def build(
     t, epoch_jd, time_name = _times(table, used)
     kind, brightness, error, labels = _brightness(table, options, used)
     curve, names, free_scale = _curves(table, used)
-    exposure = table.number("exposure_s", low=0.0) if "exposure_s" in table else None
-    used |= {"exposure_s", "band", "site"}
+    optional: dict[str, Any] = {
+        name: table.texts[name] for name in ("band", "site") if name in table
+    }
+    if "exposure_s" in table:
+        optional["exposure_s"] = table.number("exposure_s")
+    used |= {*optional}
     _check_order(table, t, curve, time_name)
     sun, obs, range_km, frame, more = _geometry(table, options, t, epoch_jd, used)
     columns = table.texts | table.numbers
@@ -73,13 +78,11 @@ def build(
             curve=curve,
             free_scale=free_scale,
             curve_names=names,
-            band=table.texts.get("band"),
-            site=table.texts.get("site"),
-            exposure_s=exposure,
             epoch_jd=epoch_jd,
             frame=frame,
             extra={table.label(name): columns[name] for name in columns if name not in used},
             source=source_of(table, file_format, (*notes, *more)),
+            **optional,
         )
     except RowError as fault:
         label = {"t": time_name, **labels}.get(fault.name, fault.name)
@@ -253,7 +256,7 @@ def _geometry(
         )
     frame = _declared_frame(table, used)
     if given[0].startswith("sun"):
-        _need(table, VECTORS)
+        need(table, VECTORS)
         used |= {*VECTORS, "range_km"}
         ranges = table.numbers.get("range_km")
         sun, obs = _directions(table, "sun"), _directions(table, "obs")
@@ -269,7 +272,8 @@ def _geometry(
     return sun, obs, ranges, "icrs", notes
 
 
-def _need(table: Table, names: tuple[str, ...]) -> None:
+def need(table: Table, names: tuple[str, ...]) -> None:
+    """Raise InputError unless all the columns are there."""
     missing = [name for name in names if name not in table]
     if missing:
         raise InputError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 import numpy as np
 
 from lcbayes.errors import InputError
@@ -106,11 +108,10 @@ def _parse(
     at = 1
     while at < len(filled):
         number, cells = filled[at]
-        header = [_integer(cell) for cell in cells]
-        if len(header) != 2 or header[0] is None or header[0] < 1 or header[1] not in (0, 1):
+        points = _integer(cells[0]) or 0
+        if len(cells) != 2 or points < 1 or cells[1] not in ("0", "1"):
             what = "expected `npoints flag` with flag 0 or 1, as the curve before is complete"
             _fail(file, number, what, "check npoints above")
-        points, flag = header
         found = len(filled) - at - 1
         if points > found:
             what = f"{points} points are announced, but only {found} lines follow"
@@ -119,7 +120,7 @@ def _parse(
             rows.append(_row(file, number, cells))
             lines.append(number)
         curve += [len(flags)] * points
-        flags.append(flag)
+        flags.append(int(cells[1]))
         at += 1 + points
     if len(flags) < announced:
         what = f"{announced} curves are announced, but the file holds {len(flags)}"
@@ -135,12 +136,11 @@ def _row(file: TextFile, number: int, cells: list[str]) -> list[float]:
         return [float(cell) for cell in cells]
     except ValueError as fault:
         _fail(file, number, f"{fault}", "give numbers")
-        raise  # not reached
 
 
 def _integer(text: str) -> int | None:
     return int(text) if len(text) < 20 and text.isascii() and text.isdigit() else None
 
 
-def _fail(file: TextFile, line: int, what: str, remedy: str) -> None:
+def _fail(file: TextFile, line: int, what: str, remedy: str) -> NoReturn:
     raise InputError(f"{file.at(line)}: {what}; {remedy}")

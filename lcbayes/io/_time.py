@@ -40,7 +40,9 @@ def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
     table.reject(name, (day < _FIRST) | (day > _LAST), "outside 1900 .. 2100", "correct them")
     clock = np.array([part[1:] for part in parts]).astype(float)
     minutes = clock[:, 0] * 60.0 + clock[:, 1]
-    leap = (clock[:, 2] >= 60.0) & ~((minutes == 1439) & (_leap_seconds(day + 1, day) > 0))
+    leap = (clock[:, 2] >= 60.0) & ~(
+        (minutes == 1439) & (_leap_seconds(day + np.timedelta64(1, "D"), day) > 0)
+    )
     table.reject(name, leap, "in a leap second that never was", "correct those rows")
     first = day.min()
     whole = (day - first).astype(float) * 86400.0 + _leap_seconds(day, first)

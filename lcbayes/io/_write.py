@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from lcbayes.errors import InputError
-from lcbayes.io._build import NUMERIC, VECTORS
+from lcbayes.io._build import NUMERIC, SITE, VECTORS
 from lcbayes.io._ecsv import UNITS
 from lcbayes.io._files import write_text
 from lcbayes.lightcurve import LightCurve
 
-RESERVED = NUMERIC | {"utc", "curve", "calibrated", "band", "site", "frame"}
+# columns of a site beside the vectors have no meaning left, and are kept
+RESERVED = (NUMERIC - {*SITE}) | {"utc", "curve", "calibrated", "band", "site", "frame"}
 
 
 def write(curve: LightCurve, path: str | os.PathLike[str]) -> None:
@@ -46,15 +47,15 @@ def _columns(curve: LightCurve) -> dict[str, Any]:
     columns |= dict(zip(VECTORS, both.T, strict=True))
     if curve.range_km is not None:
         columns["range_km"] = curve.range_km
-    plain = curve.curve_names == ("0",) and not np.any(np.asarray(curve.free_scale))
+    plain = curve.curve_names == ("0",) and not np.any(curve.free_scale)
     if not plain:
-        index = np.asarray(curve.curve)
+        index = curve.curve
         columns["curve"] = np.array(curve.curve_names)[index]
-        columns["calibrated"] = (~np.asarray(curve.free_scale))[index].astype(int)
+        columns["calibrated"] = (~curve.free_scale)[index].astype(int)
     for name in ("band", "site"):
         if np.any(getattr(curve, name) != ""):
             columns[name] = getattr(curve, name)
-    if np.any(np.asarray(curve.exposure_s) != 0):
+    if np.any(curve.exposure_s != 0):
         columns["exposure_s"] = curve.exposure_s
     taken = {name.lower() for name in curve.extra} & RESERVED
     if taken:
@@ -72,8 +73,8 @@ def _meta(curve: LightCurve) -> dict[str, Any]:
     meta: dict[str, Any] = {"frame": curve.frame}
     if curve.epoch_jd is not None:
         meta["epoch_jd"] = curve.epoch_jd
-    order = np.lexsort((curve.t, curve.curve))  # pyright: ignore[reportArgumentType, reportCallIssue]
-    same = np.diff(np.asarray(curve.curve)[order]) == 0
+    order = np.lexsort((curve.t, curve.curve))
+    same = np.diff(curve.curve[order]) == 0
     if np.any(same & (np.diff(curve.t[order]) == 0)):
         meta["repeated_times"] = "allowed"
     return meta
@@ -93,10 +94,8 @@ def _csv(columns: dict[str, Any], meta: dict[str, Any]) -> str:
 def _ecsv(columns: dict[str, Any], meta: dict[str, Any]) -> str:
     from astropy.table import Table
 
-    table = Table(columns, meta=meta)
-    for name, unit in UNITS.items():
-        if name in table.colnames:
-            table[name].unit = unit
+    units = {name: unit for name, unit in UNITS.items() if name in columns}
+    table = Table(columns, meta=meta, units=units)
     out = io.StringIO()
     table.write(out, format="ascii.ecsv", delimiter=",")
     return out.getvalue()
