@@ -116,9 +116,9 @@ def _parse(
         if points > found:
             what = f"{points} points are announced, but only {found} lines follow"
             _fail(file, number, what, "the file is cut short or the count is wrong")
-        for number, cells in filled[at + 1 : at + 1 + points]:
-            rows.append(_row(file, number, cells))
-            lines.append(number)
+        for line, row in filled[at + 1 : at + 1 + points]:
+            rows.append(_row(file, line, row))
+            lines.append(line)
         curve += [len(flags)] * points
         flags.append(int(cells[1]))
         at += 1 + points
