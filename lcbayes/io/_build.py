@@ -42,6 +42,18 @@ class Options:
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} is {value}; give a positive standard deviation")
 
+    def errors(self, given: Floats | None, n: int, name: str) -> Floats | None:
+        """The standard deviations to use: those given, unless these options say otherwise."""
+        if self.geometry_only:
+            return None
+        if self.error is not None:
+            given = np.full(n, self.error)
+        if self.error_floor is None:
+            return given
+        if given is None:
+            raise InputError(f"{name} gives no errors that --error-floor could raise; use --error")
+        return np.maximum(given, self.error_floor)
+
 
 def build(
     table: Table, options: Options, file_format: str, notes: tuple[str, ...] = ()
@@ -170,16 +182,10 @@ def _brightness(
         )
     used |= {kind, err}
     values = table.number(kind)
-    if options.error is not None:
-        error = np.full(len(table), options.error)
-    elif err in table:
-        error = table.numbers[err]
-    else:
-        error = None
-    if error is not None and options.error_floor is not None:
-        bad = np.isnan(error) | (error == np.inf)
-        table.reject(err, bad, "not finite", "drop those rows")
-        error = np.maximum(error, options.error_floor)
+    given = table.numbers.get(err)
+    if given is not None and options.error is None and options.error_floor is not None:
+        given = table.number(err)  # before a floor hides what is not a number
+    error = options.errors(given, len(table), table.file.name)
     return kind, values, error, {"brightness": kind, "error": err}
 
 
@@ -293,12 +299,17 @@ def _declared_frame(table: Table, used: set[str]) -> str | None:
         where = where or table.at(0)
         mixed = np.char.lower(column) != said
         table.reject("frame", mixed, f"other than {said!r}, as {where} says", "use one frame")
+    said = _SAME_AXES.get(said, said) if said else None
     if said is not None and said not in FRAMES:
         raise InputError(
             f"{where}: frame is {said!r}; expected one of: {', '.join(FRAMES)} (rotate the "
             "vectors of other frames first)"
         )
     return said
+
+
+# axes that differ from ICRS by 0.02" or less
+_SAME_AXES = {"gcrs": "icrs", "icrf": "icrs", "j2000": "icrs", "eme2000": "icrs"}
 
 
 def _directions(table: Table, name: str) -> Floats:

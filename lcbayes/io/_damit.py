@@ -31,7 +31,8 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     """Read a DAMIT file.
 
     Each curve of flag 0 is relative: its intensities are divided by their mean, and its scale is
-    free. Curves of flag 1 are calibrated (reduced to unit distances) and kept as they are. The
+    free; an error given by option is one of these. Curves of flag 1 are calibrated (reduced to
+    unit distances) and kept as they are. The
     times are light-time corrected Julian dates, turned into seconds since the whole date before
     the first and into nothing else. Axes are ecliptic J2000; vectors in au become directions. All
     curves of the file are read, also where there are more than line 1 says. Equal times, which
@@ -42,37 +43,36 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     InputError
         Naming file and line.
     """
+    if options.tle is not None or options.site is not None:
+        raise InputError(f"{file.name} has directions of its own; leave out --tle and --site")
     rows, lines, curve, flags, announced = _parse(file)
     table = np.array(rows)
-    bad = ~np.isfinite(table)
-    if bad.any():
-        _fail(file, lines[int(np.argmax(bad.any(axis=1)))], "a value is not finite", "drop the row")
+    jd, brightness, sun, obs = table[:, 0], table[:, 1].copy(), table[:, 2:5], table[:, 5:8]
+    for bad, what in (
+        (~np.isfinite(table).all(axis=1), "a value is not finite"),
+        ((jd < 2.3e6) | (jd > 2.6e6), "the first cell is no Julian date"),
+        (~np.any(sun != 0, axis=1), "the vector asteroid→Sun has length zero"),
+        (~np.any(obs != 0, axis=1), "the vector asteroid→Earth has length zero"),
+        (brightness <= 0, "the intensity is not positive"),
+    ):
+        if bad.any():
+            _fail(file, lines[int(np.argmax(bad))], what, "correct or drop the row")
     curve = np.array(curve)
-    sun, obs = table[:, 2:5], table[:, 5:8]
-    for name, vectors in (("asteroid→Sun", sun), ("asteroid→Earth", obs)):
-        zero = ~(np.max(np.abs(vectors), axis=1) > 0)
-        if zero.any():
-            where = lines[int(np.argmax(zero))]
-            _fail(file, where, f"the vector {name} has length zero", "correct or drop the row")
-    brightness = table[:, 1].copy()
-    dark = brightness <= 0
-    if dark.any():
-        where = lines[int(np.argmax(dark))]
-        _fail(file, where, f"intensity {brightness[dark][0]:g} is not positive", "drop the row")
     free = np.array([flag == 0 for flag in flags])
     mean = np.bincount(curve, brightness) / np.bincount(curve)
     brightness /= np.where(free, mean, 1.0)[curve]
-    t, epoch = seconds_from_jd(table[:, 0])
+    t, epoch = seconds_from_jd(jd)
     notes = file.notes
     if len(flags) != announced:
         notes += (f"line 1 announces {announced} curves, the file holds {len(flags)}: all read",)
     source = {"file": file.name, "format": "damit", "sha256": file.sha256}
-    error = None if options.error is None else np.full(t.size, options.error)
+    if options.geometry_only:
+        brightness = np.full(t.size, np.nan)
     try:
         return LightCurve(
             t=t,
             brightness=brightness,
-            error=error,
+            error=options.errors(None, t.size, file.name),
             sun=sun / np.linalg.norm(sun, axis=1)[:, None],
             obs=obs / np.linalg.norm(obs, axis=1)[:, None],
             curve=curve,

@@ -34,10 +34,10 @@ FORMATS = tuple(_READERS)
 
 
 def recognise(file: TextFile) -> str:
-    """The format of a file, from its content."""
+    """The format of a file, from its content (`.lcs` helps where that is damaged)."""
     if is_ecsv(file.text):
         return "ecsv"
-    if is_damit(file.text):
+    if is_damit(file.text) or file.path.suffix.lower() == ".lcs":
         return "damit"
     return _dialects.dialect_of(file.text) or "csv"
 
