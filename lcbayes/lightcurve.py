@@ -184,9 +184,9 @@ class LightCurve:
                 "curves; give each curve one name of its own"
             )
         order = np.argsort(self.curve, kind="stable")
-        same = np.diff(self.curve[order]) == 0
+        before, after = order[:-1], order[1:]
         back = np.zeros(self.t.size, bool)
-        back[order[1:]] = same & (np.diff(self.t[order]) < 0)
+        back[after] = (self.curve[before] == self.curve[after]) & (self.t[after] < self.t[before])
         _reject("t", self.t, back, "earlier than the point before", _SORT)
 
     @property

@@ -74,8 +74,9 @@ def _meta(curve: LightCurve) -> dict[str, Any]:
     if curve.epoch_jd is not None:
         meta["epoch_jd"] = curve.epoch_jd
     order = np.lexsort((curve.t, curve.curve))
-    same = np.diff(curve.curve[order]) == 0
-    if np.any(same & (np.diff(curve.t[order]) == 0)):
+    before, after = order[:-1], order[1:]
+    same = curve.curve[before] == curve.curve[after]
+    if np.any(same & (curve.t[before] == curve.t[after])):
         meta["repeated_times"] = "allowed"
     return meta
 

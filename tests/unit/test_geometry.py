@@ -151,7 +151,10 @@ def test_a_satellite_seen_as_astropy_sees_it_in_the_sky(time):
     np.testing.assert_allclose(again.position_km, seen.position_km[up], atol=1e-4)
 
     toward = -seen.obs
-    ra, dec = np.degrees(np.arctan2(toward[:, 1], toward[:, 0])), np.degrees(np.arcsin(toward[:, 2]))
+    ra, dec = (
+        np.degrees(np.arctan2(toward[:, 1], toward[:, 0])),
+        np.degrees(np.arcsin(toward[:, 2])),
+    )
     third = from_radec(time, SITE, ra, dec, seen.range_km)
     for name in ("sun", "obs", "range_km", "altitude_deg"):
         np.testing.assert_allclose(getattr(third, name), getattr(seen, name), atol=1e-8)
@@ -239,7 +242,9 @@ def test_elements_of_two_objects_are_refused():
         parse_tle(ISS + other, "x.tle")
 
 
-@pytest.mark.parametrize("text", ["43", "43,41", "a,b,c", "91,0,0", "nan,0,0", "0,0,1e6", "0,-181,0"])
+@pytest.mark.parametrize(
+    "text", ["43", "43,41", "a,b,c", "91,0,0", "nan,0,0", "0,0,1e6", "0,-181,0"]
+)
 def test_bad_sites(text):
     with pytest.raises(InputError, match="site"):
         Site.parse(text)

@@ -166,7 +166,9 @@ def test_utc_across_a_leap_second(tmp_path):
 def test_utc_agrees_with_astropy(tmp_path):
     from astropy.time import Time
 
-    cells = [f"{year}-03-0{day}T0{day}:11:12.125" for year in range(1973, 2025, 3) for day in (1, 5)]
+    cells = [
+        f"{year}-03-0{day}T0{day}:11:12.125" for year in range(1973, 2025, 3) for day in (1, 5)
+    ]
     curve = read_text(tmp_path, timed("utc", *cells))
     theirs = Time(cells, scale="utc")
     assert curve.epoch_jd == Time("1973-03-01", scale="utc").jd
