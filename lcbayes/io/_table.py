@@ -166,17 +166,17 @@ def parse(
         Naming file, line and column.
     """
     rename = rename or {}
-    lines = _lines(file.text)
-    skipped = 0
-    labels: list[str] = header or []
+    skipped, line = header_of(file.text)
+    if not line:
+        raise InputError(f"{file.name} holds only comments; expected a header and rows")
     if header is None:
-        skipped, line = header_of(file.text)
-        if not line:
-            raise InputError(f"{file.name} holds only comments; expected a header and rows")
         delimiter = delimiter or delimiter_of(line)
         labels = [cell.strip() for cell in _cells(file, skipped, line, delimiter)]
-        for _ in islice(lines, skipped):
-            pass
+    else:
+        labels, skipped = header, skipped - 1
+    lines = islice(_lines(file.text), skipped, None)
+    if delimiter == " ":  # where a quote in a later comment would start a cell
+        lines = ("\n" if line.startswith("#") else line for line in lines)
     names = [rename.get(label, label.lower()) for label in labels]
     names = [
         name if name in numeric or label in rename or name in _KNOWN_TEXT else label

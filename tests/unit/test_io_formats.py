@@ -91,8 +91,7 @@ def test_tle_site_and_times(tmp_path, seen, tle):
     np.testing.assert_allclose(curve.range_km, geometry.range_km[rows], rtol=1e-12)
 
 
-def test_three_ways_to_one_geometry(tmp_path, seen, tle):
-    """RA/Dec with range, and TLE: the same columns of the same curve; site as columns or option."""
+def test_radec_and_range_give_the_geometry_of_the_elements(tmp_path, seen):
     t, geometry, rows = seen
     obs, away = geometry.obs[rows], geometry.range_km[rows]
     ra, dec = np.degrees(np.arctan2(-obs[:, 1], -obs[:, 0])), np.degrees(np.arcsin(-obs[:, 2]))
@@ -132,8 +131,8 @@ def mmt9(seen, phase_error=0.0, track=True):
     for i, s in enumerate(t):
         date, clock = utc(s)[:-1].split("T")
         lines.append(
-            f"{date} {clock}.250 6.1 {5 + i / 8} Clear {int(i == 3)} {geometry.range_km[rows][i]:.1f} "
-            f"{phase[i]:.2f} 4" + " 777" * track
+            f"{date} {clock}.250 6.1 {5 + i / 8} Clear {int(i == 3)} "
+            f"{geometry.range_km[rows][i]:.1f} {phase[i]:.2f} 4" + " 777" * track
         )
     return "\n".join(lines) + "\n"
 

@@ -42,25 +42,25 @@ def test_vectors_of_extreme_length(tmp_path):
     np.testing.assert_allclose(curve.obs[0], [0.6, 0, 0.8], rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        PLAIN.replace("\n", "\r\n"),
-        PLAIN.replace("\n", "\r"),
-        PLAIN.replace(",", "\t"),
-        PLAIN.replace(",", ";"),
-        PLAIN.replace(",", "  "),
-        PLAIN.replace(",", " , "),
-        "\ufeff" + PLAIN,
-        "# a comment\n\n" + PLAIN.replace("10,", "# between\n\n10,") + "\n\n",
-        PLAIN.replace("t,flux", '"t","flux"'),
-        PLAIN.upper(),
-        PLAIN.rstrip("\n"),
-        ("# Teneriffa, Süd\n" + PLAIN).encode("latin-1"),
-        "# frame: inertial\n# frame: inertial\n" + PLAIN,
-    ],
-    ids="crlf cr tabs semicolons spaces padded bom comments quoted upper no-end latin-1 twice".split(),
-)
+HARMLESS = {
+    "crlf": PLAIN.replace("\n", "\r\n"),
+    "cr": PLAIN.replace("\n", "\r"),
+    "tabs": PLAIN.replace(",", "\t"),
+    "semicolons": PLAIN.replace(",", ";"),
+    "spaces": PLAIN.replace(",", "  "),
+    "padded": PLAIN.replace(",", " , "),
+    "byte order mark": "\ufeff" + PLAIN,
+    "comments": "# a comment\n\n" + PLAIN.replace("10,", "# between\n\n10,") + "\n\n",
+    "quotes": PLAIN.replace("t,flux", '"t","flux"'),
+    "quote in a comment": PLAIN.replace(",", " ").replace("10 ", '# "a\n10 '),
+    "upper case": PLAIN.upper(),
+    "no last line end": PLAIN.rstrip("\n"),
+    "latin-1": ("# Teneriffa, Süd\n" + PLAIN).encode("latin-1"),
+    "frame twice": "# frame: inertial\n# frame: inertial\n" + PLAIN,
+}
+
+
+@pytest.mark.parametrize("text", HARMLESS.values(), ids=HARMLESS.keys())
 def test_harmless_spellings(tmp_path, text):
     plain, other = read_text(tmp_path, PLAIN), read_text(tmp_path, text, "other.csv")
     for field in ("t", "brightness", "error", "sun", "obs"):
