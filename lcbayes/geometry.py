@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 AU_KM = 149_597_870.7
+EARTH_KM, SUN_KM = 6378.137, 695_700.0  # radii: WGS84 equator, IAU 2015 nominal
 MAX_TLE_AGE_DAYS = 30.0  # beyond, a low orbit is off by degrees along its track
 _WGS84 = 1  # erfa's number for the ellipsoid
 
@@ -102,6 +103,8 @@ class Geometry:
         Height of the satellite over the observer's horizon, without refraction.
     position_km : (T, 3)
         Geocentric place of the satellite, GCRS.
+    sunlit : (T,) bool
+        Whether the whole disc of the Sun is seen from there past a spherical Earth.
     notes : sentences about assumptions that mattered
     """
 
@@ -110,6 +113,7 @@ class Geometry:
     range_km: Floats
     altitude_deg: Floats
     position_km: Floats
+    sunlit: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
 
 
@@ -229,6 +233,18 @@ def _iers() -> dict[str, Floats]:
     }
 
 
+def sunlit(position_km: Floats, to_sun_km: Floats) -> NDArray[np.bool_]:
+    """Whether the whole disc of the Sun is seen past the Earth, a sphere of its equator's radius.
+
+    Both arguments are (T, 3): the geocentric place, and the vector from there to the Sun.
+    """
+    away, far = np.linalg.norm(position_km, axis=-1), np.linalg.norm(to_sun_km, axis=-1)
+    cosine = -np.sum(position_km * to_sun_km, axis=-1) / (away * far)
+    apart = np.arccos(np.clip(cosine, -1.0, 1.0))
+    discs = np.arcsin(np.minimum(EARTH_KM / away, 1.0)) + np.arcsin(SUN_KM / far)
+    return apart >= discs
+
+
 def _seen(time: Times, site: Site, satellite: Floats, earth: Earth) -> Geometry:
     """Directions for a satellite at a geocentric GCRS place."""
     place = np.broadcast_to(earth.to_gcrs(site.itrs()), satellite.shape)
@@ -243,6 +259,7 @@ def _seen(time: Times, site: Site, satellite: Floats, earth: Earth) -> Geometry:
         range_km=distance,
         altitude_deg=np.degrees(np.arcsin(np.clip(-np.sum(obs * zenith, -1), -1.0, 1.0))),
         position_km=satellite,
+        sunlit=sunlit(satellite, to_sun),
         notes=earth.notes,
     )
 

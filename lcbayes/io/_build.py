@@ -76,8 +76,9 @@ def build(
         optional["exposure_s"] = table.number("exposure_s")
     used |= {*optional}
     _check_order(table, t, curve, time_name)
-    sun, obs, range_km, frame, more = _geometry(table, options, t, epoch_jd, used)
+    sun, obs, range_km, frame, more, extra = _geometry(table, options, t, epoch_jd, used)
     columns = table.texts | table.numbers
+    kept = {table.label(name): columns[name] for name in columns if name not in used}
     try:
         return LightCurve(
             t=t,
@@ -92,7 +93,7 @@ def build(
             curve_names=names,
             epoch_jd=epoch_jd,
             frame=frame,
-            extra={table.label(name): columns[name] for name in columns if name not in used},
+            extra=kept | extra,
             source=source_of(table, file_format, (*notes, *more)),
             **optional,
         )
@@ -237,7 +238,7 @@ _REPEATS = (
 
 def _geometry(
     table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
-) -> tuple[Floats, Floats, Floats | None, str, tuple[str, ...]]:
+) -> tuple[Floats, Floats, Floats | None, str, tuple[str, ...], dict[str, Any]]:
     """Directions to Sun and observer by the one way the file and the options give."""
     given = [
         what
@@ -264,10 +265,12 @@ def _geometry(
     frame = _declared_frame(table, used)
     if given[0].startswith("sun"):
         need(table, VECTORS)
+        if options.site is not None:
+            raise InputError(f"{name} has directions of its own; leave out --site")
         used |= {*VECTORS, "range_km"}
         ranges = table.numbers.get("range_km")
         sun, obs = _directions(table, "sun"), _directions(table, "obs")
-        return sun, obs, ranges, frame or "inertial", ()
+        return sun, obs, ranges, frame or "inertial", (), {}
     if frame not in (None, "icrs"):
         raise InputError(
             f"{name} says its frame is {frame!r}, but directions computed from {given[0]} are in "
@@ -275,8 +278,8 @@ def _geometry(
         )
     from lcbayes.io._sky import computed_geometry
 
-    sun, obs, ranges, notes = computed_geometry(table, options, t, epoch_jd, used)
-    return sun, obs, ranges, "icrs", notes
+    found, notes, extra = computed_geometry(table, options, t, epoch_jd, used)
+    return found.sun, found.obs, found.range_km, "icrs", notes, extra
 
 
 def need(table: Table, names: tuple[str, ...]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +21,11 @@ RANGE_TOLERANCE = 0.05  # of a range the file gives, against the one its element
 
 def computed_geometry(
     table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
-) -> tuple[Floats, Floats, Floats, tuple[str, ...]]:
-    """sun, obs, range_km in icrs axes, and notes."""
+) -> tuple[Geometry, tuple[str, ...], dict[str, Any]]:
+    """Directions and ranges in icrs axes, notes, and columns to add to `extra`.
+
+    Points in the Earth's shadow, which no model here describes, are kept, noted and marked.
+    """
     if epoch_jd is None:
         raise InputError(
             f"{table.file.name} gives seconds without a date, so the Sun cannot be placed; give "
@@ -37,7 +42,17 @@ def computed_geometry(
             raise RowError("the satellite", what, row, f"altitude {worst:.1f} deg", remedy)
     except RowError as fault:
         raise fault.located(table.label(fault.name), table.at(fault.row)) from None
-    return found.sun, found.obs, found.range_km, found.notes
+    notes, extra = found.notes, {}
+    dark = int(np.count_nonzero(~found.sunlit))
+    if dark == t.size and not options.geometry_only:
+        raise InputError(
+            f"{table.file.name}: all {dark} points lie in the Earth's shadow, where nothing is "
+            "seen; check the times and that the places or elements are of this object"
+        )
+    if dark:
+        extra["sunlit"] = found.sunlit.astype(int)
+        notes += (f"{dark} points lie in the Earth's shadow or penumbra (column sunlit is 0)",)
+    return found, notes, extra
 
 
 def _place(

@@ -53,6 +53,8 @@ def test_score_geometry_gives_the_phase_angles_of_satchecker(data_dir):
     assert curve.range_km[curve.extra["satellite_name"] == "STARLINK-30112"].max() < 1500
     published = curve.extra["phase_angle_deg_satchecker"].astype(float)
     assert np.max(np.abs(np.degrees(curve.phase_angle) - published)) < 1e-5
+    # what SatChecker calls illuminated, from the Sun's centre, we do but for a few in penumbra
+    assert (curve.extra["sunlit"] == 0).sum() <= 8
     assert not curve.free_scale.any()
     assert set(curve.band) == {"CLEAR"}
     one = curve.select(curve.extra["satellite_name"] == "STARLINK-30123")

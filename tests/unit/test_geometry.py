@@ -10,7 +10,16 @@ import sgp4
 from sgp4.api import Satrec
 
 from lcbayes.errors import InputError
-from lcbayes.geometry import Earth, Site, Times, from_altaz, from_radec, from_tle, sun_position
+from lcbayes.geometry import (
+    Earth,
+    Site,
+    Times,
+    from_altaz,
+    from_radec,
+    from_tle,
+    sun_position,
+    sunlit,
+)
 from lcbayes.tle import Tle, parse_tle
 
 ISS = """ISS (ZARYA)
@@ -175,6 +184,16 @@ def test_straight_up_the_range_is_the_height():
     time = Times.of(EPOCH, [0.0])
     found = from_altaz(time, SITE, np.array([90.0]), np.array([0.0]), np.array([500.0]))
     np.testing.assert_allclose(found.range_km, 500.0 - 2.03, atol=1e-9)
+
+
+def test_sunlit_by_a_drawing():
+    """Sun on +x, 1 au off; behind the Earth the shadow's edge lies near y = its radius."""
+    place = np.array(
+        [[7000.0, 0, 0], [-7000, 0, 0], [-7000, 6330, 0], [-7000, 6378, 0], [-7000, 6420, 0]]
+    )
+    to_sun = np.array([149597870.7, 0.0, 0.0]) - place
+    # edge of umbra and penumbra: the radius ∓ 7000 km × the Sun's angular radius, 0.00465
+    assert sunlit(place, to_sun).tolist() == [True, False, False, False, True]
 
 
 def test_times_beyond_the_table_are_used_and_noted():

@@ -14,6 +14,7 @@ ISS = """ISS (ZARYA)
 """
 SITE = "43.65,41.431,2030"
 MIDNIGHT = 2454729.5  # 2008-09-20
+DUSK = np.arange(60480.0, 60901.0, 20.0)
 
 DAMIT = """2
 2 0
@@ -27,10 +28,10 @@ DAMIT = """2
 
 @pytest.fixture(scope="module")
 def seen():
-    """A pass of the satellite over the site: seconds of the day and its geometry."""
+    """A sunlit pass of the satellite over the site: seconds of the day and its geometry."""
     t = np.arange(0.0, 86400.0, 20.0)
     geometry = from_tle(Times.of(MIDNIGHT, t), Site.parse(SITE), parse_tle(ISS, "iss"))
-    up = np.flatnonzero(geometry.altitude_deg > 5)
+    up = np.flatnonzero((geometry.altitude_deg > 5) & geometry.sunlit)
     first = up[: np.argmax(np.diff(up) > 1) + 1]
     assert first.size > 10
     return t[first], geometry, first
@@ -106,6 +107,18 @@ def test_radec_and_range_give_the_geometry_of_the_elements(tmp_path, seen):
     np.testing.assert_allclose(curve.obs, obs, atol=1e-12)
     np.testing.assert_allclose(curve.sun, geometry.sun[rows], atol=1e-12)
     assert curve.extra["site_lat_deg"].tolist() == [43.65] * t.size
+
+
+def test_points_in_shadow_are_flagged_and_noted(tmp_path, tle):
+    """From 16:48 to 16:55 that evening, the satellite enters the shadow on its way."""
+    path = tmp_path / "pass.csv"
+    geometry = from_tle(Times.of(MIDNIGHT, DUSK), Site.parse(SITE), parse_tle(ISS, "iss"))
+    dark = ~geometry.sunlit
+    assert 0 < dark.sum() < dark.size
+    path.write_text("\n".join(["utc,mag", *(f"{utc(s)},7" for s in DUSK)]))
+    curve = read(path, tle=tle, site=SITE)
+    assert curve.extra["sunlit"].tolist() == (~dark).astype(int).tolist()
+    assert f"{dark.sum()} points lie in the Earth's shadow" in curve.source["notes"]
 
 
 def test_a_wrong_satellite_is_found_out(tmp_path, seen, tle):
