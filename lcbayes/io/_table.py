@@ -7,6 +7,7 @@ memory; only when a chunk fails is it searched for the cell at fault.
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -136,11 +137,7 @@ def header_of(text: str) -> tuple[int, str]:
 
 def _lines(text: str) -> Iterator[str]:
     """Lines with their \\n, without splitting at the other characters str.splitlines knows."""
-    start = 0
-    while start < len(text):
-        end = text.find("\n", start) + 1 or len(text)
-        yield text[start:end]
-        start = end
+    return iter(io.StringIO(text, newline="\n"))
 
 
 def parse(

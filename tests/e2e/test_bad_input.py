@@ -6,6 +6,7 @@ import argparse
 import random
 import sys
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -269,9 +270,7 @@ CASES = {
 def run_cli(argv: list[str]) -> int:
     """`lcbayes` in this process."""
     if find_spec("lcbayes.cli") is not None:
-        from lcbayes.cli import main
-
-        return main(argv)
+        return import_module("lcbayes.cli").main(argv)
     from lcbayes.commands import convert
 
     parser = argparse.ArgumentParser()

@@ -49,6 +49,7 @@ def test_score_geometry_gives_the_phase_angles_of_satchecker(data_dir):
     assert curve.source["format"] == "score"
     assert "8 points in the Earth's shadow" in curve.source["notes"]
     assert "1 points below the horizon" in curve.source["notes"]
+    assert curve.range_km is not None
     # the wrong match of 2023-06-30 lay in the shadow
     assert curve.range_km[curve.extra["satellite_name"] == "STARLINK-30112"].max() < 1500
     published = curve.extra["phase_angle_deg_satchecker"].astype(float)
@@ -75,4 +76,5 @@ def test_pomenis_ranges_follow_from_heights(data_dir):
     radius, rise = 6372.0 + 2.79, np.sin(np.radians(altitude))
     half, above = radius * rise, height - 2.79
     expected = np.sqrt(half**2 + above * (2 * radius + above)) - half
+    assert curve.range_km is not None
     np.testing.assert_allclose(np.sort(curve.range_km), np.sort(expected), rtol=5e-3)

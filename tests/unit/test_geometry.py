@@ -1,7 +1,9 @@
 """Places of satellites, Sun and sites against published numbers and astropy's own machinery."""
 
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import erfa
 import numpy as np
@@ -30,7 +32,7 @@ EPOCH = 2454729.5 + 0.51782528  # 2008 day 264 = September 20
 SITE = Site(43.65, 41.431, 2030.0)
 
 
-def astropy_time(time):
+def astropy_time(time) -> Any:
     from astropy.time import Time
 
     return Time(*time.utc, format="jd", scale="utc")
@@ -41,7 +43,7 @@ def jd_of(*calendar):
     return erfa.dtf2d("UTC", *calendar)
 
 
-def published_positions():
+def published_positions() -> Iterator[tuple[Any, float, list[float]]]:
     """Satellite, minutes and TEME position of each row of the set published with SGP4."""
     folder = Path(sgp4.__file__).parent
     lines = [x for x in (folder / "SGP4-VER.TLE").read_text().splitlines() if x[:1] in "12" and x]
@@ -49,7 +51,7 @@ def published_positions():
     for first, second in zip(lines[::2], lines[1::2], strict=True):
         satellite = Satrec.twoline2rv(first[:69], second[:69])
         records.setdefault(satellite.satnum, []).append(satellite)
-    satellite = None
+    satellite: Any = None
     for row in (folder / "tcppver.out").read_text().splitlines():
         cells = row.split()
         if cells[-1] == "xx":
@@ -101,8 +103,9 @@ def test_teme_to_gcrs_as_astropy_frames_do(time):
 
     teme = parse_tle(ISS, "iss").teme(time)
     when = astropy_time(time)
-    frame = TEME(CartesianRepresentation(teme.T * units.km), obstime=when)
-    theirs = frame.transform_to(GCRS(obstime=when)).cartesian.xyz.to_value("km").T
+    frame: Any = TEME(CartesianRepresentation(teme.T * units.km), obstime=when)
+    found: Any = frame.transform_to(GCRS(obstime=when)).cartesian
+    theirs = found.xyz.to_value("km").T
     np.testing.assert_allclose(Earth(time).teme_to_gcrs(teme), theirs, atol=1e-4)
 
 

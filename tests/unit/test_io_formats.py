@@ -89,6 +89,7 @@ def test_tle_site_and_times(tmp_path, seen, tle):
     np.testing.assert_array_equal(curve.t, t)
     np.testing.assert_allclose(curve.sun, geometry.sun[rows], atol=1e-12)
     np.testing.assert_allclose(curve.obs, geometry.obs[rows], atol=1e-12)
+    assert curve.range_km is not None
     np.testing.assert_allclose(curve.range_km, geometry.range_km[rows], rtol=1e-12)
 
 
@@ -165,6 +166,7 @@ def test_mmt9(tmp_path, seen, tle, track):
     assert curve.curve_names == (("777",) if track else ("0",))
     assert not curve.free_scale.any()
     assert set(curve.band) == {"Clear"}
+    assert curve.range_km is not None
     np.testing.assert_allclose(curve.range_km, np.delete(geometry.range_km[rows], 3), rtol=0.01)
 
 

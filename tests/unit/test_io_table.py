@@ -1,5 +1,9 @@
 """CSV and ECSV in and out: what is read, what comes back, which spellings are harmless."""
 
+import subprocess
+import sys
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -170,7 +174,7 @@ def test_utc_agrees_with_astropy(tmp_path):
         f"{year}-03-0{day}T0{day}:11:12.125" for year in range(1973, 2025, 3) for day in (1, 5)
     ]
     curve = read_text(tmp_path, timed("utc", *cells))
-    theirs = Time(cells, scale="utc")
+    theirs: Any = Time(cells, scale="utc")
     assert curve.epoch_jd == Time("1973-03-01", scale="utc").jd
     np.testing.assert_allclose(
         curve.t, (theirs - Time("1973-03-01", scale="utc")).to_value("s"), atol=1e-5
@@ -341,3 +345,11 @@ def test_extra_columns_may_not_pose_as_others(tmp_path):
         )  # fmt: skip
         with pytest.raises(InputError, match="rename it"):
             write(posing, tmp_path / "out.csv")
+
+
+def test_reading_vectors_needs_neither_astropy_nor_jax():
+    script = "import sys, lcbayes.io; print({'jax', 'astropy', 'sgp4', 'erfa'} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "set()"
