@@ -304,7 +304,7 @@ def from_altaz(
     low = ~(np.isfinite(distance) & (distance > 0))
     if low.any():
         row = int(np.argmax(low))
-        what = f"has {int(low.sum())} values that no line of sight from the site rises to"
+        what = f"cannot be reached by {int(low.sum())} of the lines of sight from the site"
         remedy = "correct altitude_deg (over the horizon) and height_km (over the Earth)"
         raise RowError("height_km", what, row, height[row], remedy)
     earth = Earth(time)

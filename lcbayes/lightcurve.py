@@ -163,7 +163,7 @@ class LightCurve:
             vectors = getattr(self, name)
             length = np.linalg.norm(vectors, axis=1)
             bad = ~(np.abs(length - 1.0) <= UNIT_TOLERANCE)
-            _reject(name, vectors, bad, "that are not unit vectors", _UNIT)
+            _reject(name, vectors, bad, "not of length 1", _UNIT)
         if self.epoch_jd is not None:
             object.__setattr__(self, "epoch_jd", float(self.epoch_jd))
             if not np.isfinite(self.epoch_jd):

@@ -212,7 +212,9 @@ def _curves(
         yes, no = np.isin(column, ("1", "true")), np.isin(column, ("0", "false"))
         table.reject("calibrated", ~(yes | no), "other than 0 or 1", "write 0 or 1")
         free[curve] = no
-        table.reject("calibrated", no != free[curve], "that differ within a curve", "give one")
+        table.reject(
+            "calibrated", no != free[curve], "differing within a curve", "give each curve one"
+        )
     return curve, names, free
 
 
@@ -224,9 +226,9 @@ def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -
     back, again = np.zeros(t.size, bool), np.zeros(t.size, bool)
     back[after] = same & (t[after] < t[before])
     again[after] = same & (t[after] == t[before])
-    table.reject(name, back, "earlier than the row before in their curve", _SORT)
+    table.reject(name, back, "earlier than the row before in the same curve", _SORT)
     if table.meta.get("repeated_times", ("",))[0] != "allowed":
-        table.reject(name, again, "that repeat the row before in their curve", _REPEATS)
+        table.reject(name, again, "equal to the row before in the same curve", _REPEATS)
 
 
 _SORT = "sort the rows by time"
@@ -320,10 +322,16 @@ def _directions(table: Table, name: str) -> Floats:
     """Unit vectors from three columns of any length."""
     parts = [table.number(f"{name}_{axis}") for axis in "xyz"]
     vectors = np.stack(parts, axis=1)
-    size = np.max(np.abs(vectors), axis=1)
+    zero = ~np.any(vectors != 0, axis=1)
     table.reject(
-        f"{name}_x .. {name}_z", size == 0, "with a direction of length zero", "drop those rows"
+        f"{name}_x .. {name}_z", zero, "with a direction of length zero", "drop those rows"
     )
+    return unit(vectors)
+
+
+def unit(vectors: Floats) -> Floats:
+    """(T, 3) vectors of any length but zero, made unit vectors where they are not."""
+    size = np.max(np.abs(vectors), axis=1)
     with np.errstate(under="ignore"):
         scaled = vectors / size[:, None]  # so that no square over- or underflows
         length = np.linalg.norm(scaled, axis=1)

@@ -7,10 +7,10 @@ from typing import NoReturn
 import numpy as np
 
 from lcbayes.errors import InputError
-from lcbayes.io._build import Options
+from lcbayes.io._build import Options, unit
 from lcbayes.io._files import TextFile
 from lcbayes.io._time import seconds_from_jd
-from lcbayes.lightcurve import LightCurve, RowError
+from lcbayes.lightcurve import LightCurve
 
 WIDTH = 8  # JD, intensity, asteroid→Sun (3), asteroid→Earth (3)
 
@@ -48,16 +48,18 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     rows, lines, curve, flags, announced = _parse(file)
     table = np.array(rows)
     jd, brightness, sun, obs = table[:, 0], table[:, 1].copy(), table[:, 2:5], table[:, 5:8]
+    curve = np.array(curve)
+    back = np.concatenate(([False], (np.diff(curve) == 0) & (jd[1:] < jd[:-1])))
     for bad, what in (
         (~np.isfinite(table).all(axis=1), "a value is not finite"),
         ((jd < 2.3e6) | (jd > 2.6e6), "the first cell is no Julian date"),
         (~np.any(sun != 0, axis=1), "the vector asteroid→Sun has length zero"),
         (~np.any(obs != 0, axis=1), "the vector asteroid→Earth has length zero"),
         (brightness <= 0, "the intensity is not positive"),
+        (back, "the time is earlier than that of the row before"),
     ):
         if bad.any():
             _fail(file, lines[int(np.argmax(bad))], what, "correct or drop the row")
-    curve = np.array(curve)
     free = np.array([flag == 0 for flag in flags])
     mean = np.bincount(curve, brightness) / np.bincount(curve)
     brightness /= np.where(free, mean, 1.0)[curve]
@@ -68,22 +70,18 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     source = {"file": file.name, "format": "damit", "sha256": file.sha256}
     if options.geometry_only:
         brightness = np.full(t.size, np.nan)
-    try:
-        return LightCurve(
-            t=t,
-            brightness=brightness,
-            error=options.errors(None, t.size, file.name),
-            sun=sun / np.linalg.norm(sun, axis=1)[:, None],
-            obs=obs / np.linalg.norm(obs, axis=1)[:, None],
-            curve=curve,
-            free_scale=free,
-            epoch_jd=epoch,
-            frame="ecliptic-j2000",
-            source=source | ({"notes": "; ".join(notes)} if notes else {}),
-        )
-    except RowError as fault:
-        label = {"t": "JD", "brightness": "intensity"}.get(fault.name, fault.name)
-        raise fault.located(label, file.at(lines[fault.row])) from None
+    return LightCurve(
+        t=t,
+        brightness=brightness,
+        error=options.errors(None, t.size, file.name),
+        sun=unit(sun),
+        obs=unit(obs),
+        curve=curve,
+        free_scale=free,
+        epoch_jd=epoch,
+        frame="ecliptic-j2000",
+        source=source | ({"notes": "; ".join(notes)} if notes else {}),
+    )
 
 
 def _parse(

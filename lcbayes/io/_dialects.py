@@ -139,8 +139,10 @@ def _without(table: Table, bad: np.ndarray, why: str) -> tuple[Table, tuple[str,
     if not count:
         return table, ()
     if count == len(table):
-        raise InputError(f"{table.file.name}: all {count} points are {why}; nothing is left")
-    return table.drop(bad), (f"{count} points {why} left out",)
+        raise InputError(
+            f"{table.file.name}: all {count} points are {why}; nothing is left to read"
+        )
+    return table.drop(bad), (f"{count} {'point' if count == 1 else 'points'} {why} left out",)
 
 
 def _sorted(table: Table) -> Table:

@@ -36,7 +36,7 @@ def read_ecsv(file: TextFile, options: Options) -> LightCurve:
             header = meta.get_header_from_yaml(yaml)
         columns = {str(column["name"]): column for column in header["datatype"]}
     except Exception as fault:  # whatever the YAML parser meets is a fault of the file
-        reason = " ".join(str(fault).split())
+        reason = " ".join(f"{type(fault).__name__} {fault}".split())
         raise InputError(
             f"{file.at(1)}: the ECSV header cannot be read ({reason}); write it with astropy, or "
             "remove the '# %ECSV' line to read plain CSV"

@@ -48,7 +48,7 @@ def read_text(path: str | os.PathLike[str]) -> TextFile:
     except OSError as fault:
         raise InputError(f"{path} cannot be read ({fault.strerror}); check its rights") from None
     if not data.strip():
-        raise InputError(f"{path} is empty; give a file with a header and one row per point")
+        raise InputError(f"{path} is empty; check that it was saved, or give another")
     text, notes = _decode(path, data)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return TextFile(path, text, hashlib.sha256(data).hexdigest(), notes)

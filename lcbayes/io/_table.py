@@ -257,7 +257,8 @@ def _chunks(
                 else:
                     raise InputError(
                         f"{file.at(last)} has {len(row)} {_NAMES[delimiter]}-separated cells; "
-                        f"the header names {width}"
+                        f"the header names {width}; correct the row, or quote cells that hold a "
+                        f"{_NAMES[delimiter]}"
                     )
             elif row[0].startswith("#"):
                 continue

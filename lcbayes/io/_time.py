@@ -28,16 +28,16 @@ def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
     cells = table.texts[name]
     found = [_UTC.fullmatch(cell) for cell in cells.tolist()]
     bad = np.array([match is None for match in found])
-    table.reject(name, bad, "that are not ISO 8601 in UTC", _REMEDY)
+    table.reject(name, bad, "not written in ISO 8601, UTC", _REMEDY)
     parts = [match.groups() for match in found if match is not None]
     days = np.array([part[0] for part in parts])
     try:
         day = days.astype("datetime64[D]")
     except ValueError:
         bad = np.array([not _is_day(text) for text in days])
-        table.reject(name, bad, "that are not dates", "correct those rows")
+        table.reject(name, bad, "not on the calendar", "correct those rows")
         raise
-    table.reject(name, (day < _FIRST) | (day > _LAST), "outside 1900 .. 2100", "correct them")
+    table.reject(name, (day < _FIRST) | (day > _LAST), "outside 1900 .. 2100", "correct those rows")
     clock = np.array([part[1:] for part in parts]).astype(float)
     minutes = clock[:, 0] * 60.0 + clock[:, 1]
     leap = (clock[:, 2] >= 60.0) & ~(

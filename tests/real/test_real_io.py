@@ -48,7 +48,7 @@ def test_score_geometry_gives_the_phase_angles_of_satchecker(data_dir):
     assert curve.n_obs == 2773
     assert curve.source["format"] == "score"
     assert "8 points in the Earth's shadow" in curve.source["notes"]
-    assert "1 points below the horizon" in curve.source["notes"]
+    assert "1 point below the horizon" in curve.source["notes"]
     assert curve.range_km is not None
     # the wrong match of 2023-06-30 lay in the shadow
     assert curve.range_km[curve.extra["satellite_name"] == "STARLINK-30112"].max() < 1500

@@ -274,5 +274,5 @@ def test_bad_sites(text):
 
 def test_no_line_of_sight():
     time = Times.of(EPOCH, [0.0])
-    with pytest.raises(InputError, match="that no line of sight from the site rises to"):
+    with pytest.raises(InputError, match="cannot be reached by 1 of the lines of sight"):
         from_altaz(time, SITE, np.array([10.0]), np.array([0.0]), np.array([1.0]))

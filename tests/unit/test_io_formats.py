@@ -159,7 +159,7 @@ def test_mmt9(tmp_path, seen, tle, track):
     t, geometry, rows = seen
     assert curve.n_obs == t.size - 1  # one is in penumbra
     assert curve.source["format"] == "mmt9"
-    assert "1 points in penumbra left out" in curve.source["notes"]
+    assert "1 point in penumbra left out" in curve.source["notes"]
     assert curve.source["notes"].endswith("the site of MMT-9 (43.65,41.431,2030)")
     assert curve.brightness[:4].tolist() == [5.0, 5.125, 5.25, 5.5]
     assert curve.t[0] == t[0] + 0.25
@@ -195,7 +195,7 @@ def test_score(tmp_path):
     assert curve.curve_names == ("A", "B")
     assert curve.curve.tolist() == [0, 1, 1]
     assert np.diff(curve.t)[1] == 120
-    assert "1 points in the Earth's shadow left out" in curve.source["notes"]
+    assert "1 point in the Earth's shadow left out" in curve.source["notes"]
     assert curve.extra["satellite_name"].tolist() == ["A", "B", "B"]
 
 

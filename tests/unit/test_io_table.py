@@ -196,7 +196,7 @@ def test_seconds_with_an_epoch(tmp_path):
 
 def test_repeated_times_can_be_meant(tmp_path):
     text = PLAIN.replace("10,1.6", "0,1.6")
-    with pytest.raises(InputError, match="t has 1 value that repeat"):
+    with pytest.raises(InputError, match="t has 1 value equal to"):
         read_text(tmp_path, text)
     curve = read_text(tmp_path, "# repeated_times: allowed\n" + text)
     assert curve.t.tolist() == [0, 0, 20.5]
