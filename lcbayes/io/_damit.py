@@ -31,12 +31,11 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     """Read a DAMIT file.
 
     Each curve of flag 0 is relative: its intensities are divided by their mean, and its scale is
-    free; an error given by option is one of these. Curves of flag 1 are calibrated (reduced to
-    unit distances) and kept as they are. The
-    times are light-time corrected Julian dates, turned into seconds since the whole date before
-    the first and into nothing else. Axes are ecliptic J2000; vectors in au become directions. All
-    curves of the file are read, also where there are more than line 1 says. Equal times, which
-    rounding gives, are kept.
+    free; an error given by option is in the unit that results. Curves of flag 1 are calibrated
+    (reduced to unit distances) and kept as they are. The times are light-time corrected Julian
+    dates, turned into seconds since the whole date before the first and into nothing else. Axes
+    are ecliptic J2000; vectors in au become directions. All curves of the file are read, also
+    where there are more than line 1 says. Equal times, which rounding gives, are kept.
 
     Raises
     ------
