@@ -1,0 +1,41 @@
+"""The options with which every command reads a light curve."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lcbayes.lightcurve import LightCurve
+
+
+def add_reading_arguments(parser: ArgumentParser) -> None:
+    """Add the light curve and what may have to be said about it."""
+    parser.add_argument(
+        "curve", metavar="CURVE", help="light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
+    )
+    parser.add_argument("--format", help="format of the file (default: told from its content)")
+    parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")
+    parser.add_argument(
+        "--site", metavar="LAT,LON,H", help="observer: degrees north, degrees east, metres"
+    )
+    parser.add_argument(
+        "--error", type=float, metavar="SD", help="one error for all points, instead of the file's"
+    )
+    parser.add_argument(
+        "--error-floor", type=float, metavar="SD", help="raise smaller errors to this one"
+    )
+
+
+def read_from(args: Namespace) -> LightCurve:
+    """The light curve those options name."""
+    from lcbayes.io import read
+
+    return read(
+        args.curve,
+        format=args.format,
+        tle=args.tle,
+        site=args.site,
+        error=args.error,
+        error_floor=args.error_floor,
+    )

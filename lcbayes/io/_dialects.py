@@ -1,0 +1,157 @@
+"""Tables that others publish: MMT-9 text, IAU SCORE CSV, Pomenis CSV, read as tables of our own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lcbayes.errors import InputError
+from lcbayes.io._build import NUMERIC, Options, build
+from lcbayes.io._files import TextFile
+from lcbayes.io._table import Table, header_of, parse
+from lcbayes.lightcurve import LightCurve
+
+MMT9_SITE = "43.65,41.431,2030"  # Nizhny Arkhyz, as SCORE gives it
+MMT9_COLUMNS = ("Date", "Time", "StdMag", "Mag", "Filter", "Penumbra", "Distance", "Phase")
+SCORE_COLUMNS = {
+    "observation_time_utc": "utc",
+    "apparent_magnitude": "mag",
+    "apparent_magnitude_uncertainty": "mag_err",
+    "observer_latitude_deg": "site_lat_deg",
+    "observer_longitude_deg": "site_lon_deg",
+    "observer_altitude_m": "site_height_m",
+    "sat_ra_deg_satchecker": "ra_deg",
+    "sat_dec_deg_satchecker": "dec_deg",
+    "range_to_sat_km_satchecker": "range_km",
+    "observing_filter": "band",
+}
+POMENIS_COLUMNS = {
+    "observation_time": "utc",
+    "satellite_height": "height_km",
+    "satellite_altitude": "altitude_deg",
+    "satellite_azimuth": "azimuth_deg",
+    "ab_magnitude": "mag",
+}
+MAX_PHASE_ERROR_DEG = 1.0
+
+
+def dialect_of(text: str) -> str | None:
+    """Which of these formats a text is in, from its header."""
+    if _mmt9_header(text):
+        return "mmt9"
+    columns = set(header_of(text)[1].split(","))
+    if {"satellite_name", "observation_time_utc", "apparent_magnitude"} <= columns:
+        return "score"
+    if columns >= POMENIS_COLUMNS.keys():
+        return "pomenis"
+    return None
+
+
+def _mmt9_header(text: str) -> list[str]:
+    """Names of the columns of an MMT-9 file, from its last comment; none if it is another's."""
+    for line in text[:65536].split("\n"):
+        names = line.lstrip("# ").split()
+        if line.startswith("#") and tuple(names[:4]) == MMT9_COLUMNS[:4]:
+            return names
+        if line.strip() and not line.startswith("#"):
+            break
+    return []
+
+
+def read_mmt9(file: TextFile, options: Options) -> LightCurve:
+    """Read an MMT-9 track file: UTC, calibrated magnitudes, one curve per track.
+
+    `Mag` is the brightness (a phase law is taken out of `StdMag`). The file has no directions, so
+    two-line elements are needed; the site is that of MMT-9 unless another is given. Points in
+    penumbra, which no model here describes, are left out, and a note counts them. The phase
+    angle and the distance in the file must agree with the elements, to 1° and 5 %.
+    """
+    header = _mmt9_header(file.text)
+    missing = [name for name in MMT9_COLUMNS if name not in header]
+    if missing:
+        raise InputError(
+            f"{file.name} lacks the MMT-9 columns {', '.join(missing)}; expected the line "
+            f"'# {' '.join(MMT9_COLUMNS)} Channel Track'"
+        )
+    if options.tle is None:
+        raise InputError(
+            f"{file.name} is MMT-9 text, which gives no directions; add --tle FILE with the "
+            "object's elements of that date"
+        )
+    rename = {"Mag": "mag", "Filter": "band", "Distance": "range_km", "Track": "curve"}
+    table = parse(file, NUMERIC | {"StdMag", "Phase"}, rename, " ", header)
+    date, clock = table.texts.pop("Date"), table.texts.pop("Time")
+    table.texts["utc"] = np.char.add(np.char.add(date, "T"), clock)
+    sunlit = ~_true(table, "Penumbra")
+    if "curve" not in table:
+        table.texts["curve"] = np.full(len(table), "0")
+    table, notes = _without(table, ~sunlit, "in penumbra")
+    if options.site is None:
+        options = replace(options, site=MMT9_SITE)
+        notes += (f"seen from the site of MMT-9 ({MMT9_SITE})",)
+    table = _sorted(table)
+    curve = build(table, options, "mmt9", notes)
+    off = np.abs(np.degrees(curve.phase_angle) - table.number("Phase"))
+    remedy = f"check that {options.tle} is of this object and date, and the site"
+    table.reject("Phase", off > MAX_PHASE_ERROR_DEG, "that the elements contradict", remedy)
+    return curve
+
+
+def read_score(file: TextFile, options: Options) -> LightCurve:
+    """Read an export of IAU CPS SCORE: calibrated magnitudes, one curve per satellite.
+
+    Places in the sky are those that SatChecker added. Rows are sorted by time within each
+    satellite; the site of each row is its own. Left out, and counted in a note, are rows that
+    SatChecker finds in the Earth's shadow, which no model here describes, or below the horizon,
+    which are wrong matches.
+    """
+    table = parse(file, NUMERIC | {"alt_deg_satchecker"}, SCORE_COLUMNS)
+    table.texts["curve"] = table.texts["satellite_name"]
+    notes: tuple[str, ...] = ()
+    if "illuminated" in table:
+        dark = ~_true(table, "illuminated") & (table.texts["illuminated"] != "")
+        table, notes = _without(table, dark, "in the Earth's shadow")
+    if "alt_deg_satchecker" in table:
+        table, more = _without(table, table.number("alt_deg_satchecker") < 0, "below the horizon")
+        notes += more
+    return build(_sorted(table), options, "score", notes)
+
+
+def read_pomenis(file: TextFile, options: Options) -> LightCurve:
+    """Read Pomenis magnitudes: AB magnitudes of many satellites of one make, as one curve.
+
+    The site (Mt Lemmon) must be given. Heights are taken over the WGS84 ellipsoid. Rows are
+    sorted by time.
+    """
+    table = parse(file, NUMERIC, POMENIS_COLUMNS)
+    table.texts["curve"] = np.full(len(table), "0")
+    return build(_sorted(table), options, "pomenis")
+
+
+def _true(table: Table, name: str) -> np.ndarray:
+    return ~np.isin(np.char.lower(table.texts[name]), ("0", "0.0", "false", "none", ""))
+
+
+def _without(table: Table, bad: np.ndarray, why: str) -> tuple[Table, tuple[str, ...]]:
+    """The table without some rows, and a note of how many."""
+    count = int(bad.sum())
+    if not count:
+        return table, ()
+    if count == len(table):
+        raise InputError(
+            f"{table.file.name}: all {count} points are {why}; nothing is left to read"
+        )
+    return table.drop(bad), (f"{count} {'point' if count == 1 else 'points'} {why} left out",)
+
+
+def _sorted(table: Table) -> Table:
+    """A table of calibrated points in the order of time within each curve.
+
+    Equal times are kept: in a catalogue they are measurements each.
+    """
+    cells = np.char.rstrip(table.texts["utc"], "Z")  # all written alike, so they sort as text
+    table = table.take(np.lexsort((cells, table.texts["curve"])))
+    table.texts["calibrated"] = np.full(len(table), "1")
+    table.meta["repeated_times"] = ("allowed", 0)
+    return table

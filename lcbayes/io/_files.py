@@ -1,0 +1,113 @@
+"""Bytes in, bytes out: a text file whatever its encoding; written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from lcbayes.errors import InputError
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """A file's text, with line ends as \\n, and where it came from."""
+
+    path: Path
+    text: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The path as the user gave it."""
+        return str(self.path)
+
+    def at(self, line: int) -> str:
+        """A place in this file, for messages."""
+        return f"{self.name}, line {line}"
+
+
+def read_text(path: str | os.PathLike[str]) -> TextFile:
+    """Read a text file: UTF-8, or Latin-1 where the bytes allow no other reading.
+
+    Raises
+    ------
+    InputError
+        The file is missing, a folder, unreadable, empty, or not text.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; check the path") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; give a file") from None
+    except OSError as fault:
+        raise InputError(f"{path} cannot be read ({fault.strerror}); check its rights") from None
+    if not data.strip():
+        raise InputError(f"{path} is empty; check that it was saved, or give another")
+    text, notes = _decode(path, data)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return TextFile(path, text, hashlib.sha256(data).hexdigest(), notes)
+
+
+def _decode(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(f"{path} is UTF-16 text; save it as UTF-8")
+    control = data.translate(None, delete=_TEXT_BYTES)
+    if control:
+        where = data.index(control[:1])
+        line = data.count(b"\n", 0, where) + 1
+        raise InputError(
+            f"{path}, line {line}: byte {control[0]:#04x} at offset {where} is not text, so this "
+            "is a binary file; export it as CSV"
+        )
+    try:
+        return data.decode("utf-8-sig"), ()
+    except UnicodeDecodeError as fault:
+        line = data.count(b"\n", 0, fault.start) + 1
+        if any(0x80 <= byte < 0xA0 for byte in set(data)):
+            raise InputError(
+                f"{path}, line {line}: byte {data[fault.start]:#04x} is neither UTF-8 nor "
+                "Latin-1; save the file as UTF-8"
+            ) from None
+        return data.decode("latin-1"), (f"read as Latin-1 (line {line} is not UTF-8)",)
+
+
+_TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
+
+
+def write_text(text: str, path: str | os.PathLike[str]) -> None:
+    """Write a text file atomically: it is there whole, or as it was before.
+
+    Raises
+    ------
+    InputError
+        The folder is missing or cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file to write")
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as out:
+            out.write(text)
+            out.flush()
+            os.fsync(out.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)  # mkstemp makes it private
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as fault:
+        raise InputError(
+            f"{path} cannot be written ({fault.strerror}); give a path in a folder that exists "
+            "and may be written to"
+        ) from None
+    finally:
+        if temporary is not None:
+            os.unlink(temporary)
