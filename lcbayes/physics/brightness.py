@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
 
 from lcbayes._jax import jax, jnp
+from lcbayes.physics.reflectance import geometry, get_law
 
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
 
@@ -55,41 +56,47 @@ def flux(
     ----------
     Linares & Crassidis, eqs. (4), (5), with each cosine clipped at zero.
     """
-    return _flux(law, sun_body, obs_body, normals, albedo_area, jnp.asarray(c, dtype=float))
+    mu0 = jnp.maximum(sun_body @ normals.T, 0.0)
+    mu = jnp.maximum(obs_body @ normals.T, 0.0)
+    return _kernel(law, mu0, mu, c) @ albedo_area
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _flux(law, sun, obs, normals, area, c):
-    mu0 = jnp.maximum(sun @ normals.T, 0.0)
-    mu = jnp.maximum(obs @ normals.T, 0.0)
-    return _kernel(law, mu0, mu, c) @ area
+def flux_brdf(
+    sun_body: jax.Array,
+    obs_body: jax.Array,
+    normals: jax.Array,
+    area: jax.Array,
+    law: str,
+    params: Mapping[str, jax.Array | float],
+    u_axes: jax.Array | None = None,
+) -> jax.Array:
+    """Flux of a body whose facets follow any law of `reflectance.LAWS`, as in `flux`.
 
+    f(t) = Σᵢ Aᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and seen.
 
-def _flux_jvp(law, primals, tangents):
-    sun, obs, normals, area, c = primals
-    d_sun, d_obs, d_normals, d_area, d_c = tangents
-    mu0 = jnp.maximum(sun @ normals.T, 0.0)
-    mu = jnp.maximum(obs @ normals.T, 0.0)
-    kernel = partial(_kernel, law)
-    ones = jnp.ones_like(mu0)
-    k, k0 = jax.jvp(lambda x: kernel(x, mu, c), (mu0,), (ones,))
-    _, k1 = jax.jvp(lambda x: kernel(mu0, x, c), (mu,), (ones,))
-    out = jnp.zeros(sun.shape[0])
-    zero = jax.custom_derivatives.SymbolicZero
-    lit = (mu0 > 0) & (mu > 0)
-    k0 = jnp.where(lit, k0, 0.0)
-    k1 = jnp.where(lit, k1, 0.0)
-    if not isinstance(d_area, zero):
-        out += k @ d_area
-    if not isinstance(d_c, zero):
-        out += d_c * (jax.jvp(lambda x: kernel(mu0, mu, x), (c,), (jnp.ones(()),))[1] @ area)
-    if not isinstance(d_sun, zero):
-        out += jnp.sum(((k0 * area) @ normals) * d_sun, axis=1)
-    if not isinstance(d_obs, zero):
-        out += jnp.sum(((k1 * area) @ normals) * d_obs, axis=1)
-    if not isinstance(d_normals, zero):
-        out += jnp.sum((k0 * area) * (sun @ d_normals.T) + (k1 * area) * (obs @ d_normals.T), axis=1)
-    return k @ area, out
+    Parameters
+    ----------
+    sun_body, obs_body : (T, 3)
+        Unit vectors to Sun and observer, body frame.
+    normals : (N, 3)
+        Outward unit normals, body frame.
+    area : (N,) m²
+    law : str
+        One of `reflectance.LAWS`.
+    params : mapping of (N,) or scalars
+        The law's parameters. Give "nu" alone for an isotropic Ashikhmin-Shirley facet.
+    u_axes : (N, 3) or None
+        Unit vectors in each facet's plane, perpendicular to its normal; for anisotropic laws.
 
+    Returns
+    -------
+    (T,)
+        Flux at unit distance under unit irradiance, m².
 
-_flux.defjvp(_flux_jvp, symbolic_zeros=True)
+    References
+    ----------
+    Hinks, Linares & Crassidis 2013, eqs. (3)-(6).
+    """
+    found, lit = geometry(sun_body, obs_body, normals, u_axes)
+    sent = get_law(law).brdf(found, params) * found.mu0 * found.mu
+    return jnp.where(lit, sent, 0.0) @ area
