@@ -1,0 +1,117 @@
+"""Attitude laws against scipy's rotations and against their differential equations."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lcbayes._jax import jax, jnp
+from lcbayes.physics import attitude
+
+
+def cross_matrix(w):
+    x, y, z = w
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+@pytest.mark.parametrize(
+    "omega", [(0.1, 0.0, 0.02), (-3.0, 2.0, 5.0), (1e-7, -2e-7, 1e-7), (0.0, 0.0, 0.0)]
+)
+def test_constant_rate_is_the_rotation_vector_omega_t(omega):
+    t = np.array([-50.0, 0.0, 1e-3, 1.0, 100.0, 4000.0])
+    found = attitude.constant_rate(jnp.asarray(t), jnp.asarray(omega))
+    expected = Rotation.from_rotvec(t[:, None] * np.array(omega)).as_matrix()
+    np.testing.assert_allclose(found, expected, atol=2e-12)
+
+
+@pytest.mark.parametrize("omega", [(0.1, 0.0, 0.02), (-3.0, 2.0, 5.0), (1e-6, 2e-6, 0.0)])
+def test_constant_rate_obeys_its_kinematics(omega):
+    """Ȧ = [ω×]A, A(0) = I."""
+
+    def at(t):
+        return attitude.constant_rate(t[None], jnp.asarray(omega))[0]
+
+    np.testing.assert_array_equal(at(jnp.float64(0.0)), np.eye(3))
+    for t in (0.0, 0.3, 7.0, -20.0):
+        rate = jax.jacfwd(at)(jnp.float64(t))
+        np.testing.assert_allclose(rate, cross_matrix(omega) @ at(jnp.float64(t)), atol=1e-12)
+
+
+def test_constant_rate_is_smooth_at_rest_and_across_the_series():
+    t = jnp.array([0.0, 1.0, 40.0])
+
+    def entries(w):
+        return attitude.constant_rate(t, w)
+
+    at_rest = jax.jacrev(entries)(jnp.zeros(3))  # dA/dω_k = t [e_k×]
+    expected = np.stack(
+        [[tt * cross_matrix(e) for e in np.eye(3)] for tt in np.asarray(t)]
+    ).transpose(0, 2, 3, 1)
+    np.testing.assert_allclose(at_rest, expected, atol=1e-14)
+    for size in (0.99e-4, 1.01e-4, 1.0):  # either side of where the series ends
+        w = size * jnp.array([0.6, 0.0, 0.8])
+        exact = jax.jacfwd(lambda w: attitude.constant_rate(jnp.ones(1), w))(w)
+        step = 1e-6
+        numeric = np.stack(
+            [
+                (attitude.constant_rate(jnp.ones(1), w + e) - attitude.constant_rate(jnp.ones(1), w - e))
+                / (2 * step)
+                for e in step * jnp.eye(3)
+            ],
+            axis=-1,
+        )  # fmt: skip
+        np.testing.assert_allclose(exact, numeric, atol=2e-9)
+
+
+def test_principal_axis_is_the_three_rotations():
+    t = np.linspace(-1e5, 1e5, 11)
+    lon, lat, period, phase0 = 1.2, -0.4, 20_744.0, 0.7
+    found = attitude.principal_axis(jnp.asarray(t), lon, lat, period, phase0)
+    expected = (
+        Rotation.from_euler("z", lon)
+        * Rotation.from_euler("y", np.pi / 2 - lat)
+        * Rotation.from_rotvec(
+            (phase0 + 2 * np.pi * t / period)[:, None] * np.array([0.0, 0.0, 1.0])
+        )
+    ).as_matrix()
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+    np.testing.assert_allclose(found[:, :, 2], np.tile(pole, (11, 1)), atol=1e-15)
+
+
+def test_principal_axis_spins_about_its_pole():
+    lon, lat, period = 0.3, 0.9, 30.0
+
+    def at(t):
+        return attitude.principal_axis(t[None], lon, lat, period, 0.1)[0]
+
+    pole = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    t = jnp.float64(12.3)
+    expected = cross_matrix(2 * np.pi / period * pole) @ at(t)
+    np.testing.assert_allclose(jax.jacfwd(at)(t), expected, atol=1e-13)
+
+
+def test_principal_axis_keeps_its_phase_over_decades():
+    """25 years of a 5.76 h period: 4·10⁴ turns; the phase stays exact to 1e-10."""
+    period = 5.761980 * 3600.0
+    turns = 38_000
+    late = attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, period, 0.0)
+    first = attitude.principal_axis(jnp.array([0.0]), 1.0, 0.2, period, 0.0)
+    np.testing.assert_allclose(late, first, atol=1e-10)
+    slope = jax.grad(
+        lambda p: attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 0]
+    )(period)
+    # d(phase)/dP = −2πt/P²; R_zx = −cos β cos(phase): at whole turns its slope is 0 to first order
+    assert abs(slope) < 1e-9
+    slope = jax.grad(
+        lambda p: attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 1]
+    )(period)
+    assert slope == pytest.approx(-np.cos(0.2) * 2 * np.pi * turns / period, rel=1e-9)
+
+
+def test_to_body_undoes_the_attitude_and_fixed_does_nothing():
+    rng = np.random.default_rng(2)
+    t, v = jnp.linspace(0, 9, 7), jnp.asarray(rng.normal(size=(7, 3)))
+    a = attitude.constant_rate(t, jnp.array([0.3, -0.2, 0.9]))
+    there = jnp.einsum("tij,tj->ti", a, v)
+    np.testing.assert_allclose(attitude.to_body(a, there), v, atol=1e-14)
+    np.testing.assert_array_equal(attitude.to_body(attitude.fixed(t), v), v)
