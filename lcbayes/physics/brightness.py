@@ -1,26 +1,28 @@
-"""Brightness of a faceted body: the sum over facets that are lit and seen."""
+"""Brightness of a faceted body: the sum over facets that are lit and seen.
+
+`flux` is the hot path of every fit, so its derivative is written out rather than left to
+automatic differentiation. The kernel and its two slopes are computed once per epoch and facet;
+everything else is a product of these matrices with a vector, linear in the tangents. So JAX
+transposes it into the reverse mode of the same shape, and forward mode, `vmap` and higher
+derivatives work as for any function. Long light curves go through in blocks, recomputed in the
+backward pass: memory stays bounded.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
+
+from jax.custom_derivatives import SymbolicZero
 
 from lcbayes._jax import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
 
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
 
-
-def _kernel(law: str, mu0: jax.Array, mu: jax.Array, c: jax.Array | float) -> jax.Array:
-    """f_r μ₀ μ of a facet of unit albedo, for cosines already clipped at zero."""
-    if law == "non-lambertian":
-        w0, w = 1.0 - (1.0 - 0.5 * mu0) ** 5, 1.0 - (1.0 - 0.5 * mu) ** 5
-        return w0 * w * mu0 * mu / jnp.pi
-    if law == "lambertian":
-        return mu0 * mu / jnp.pi
-    if law == "lommel-seeliger-lambert":
-        product = mu0 * mu
-        return product / jnp.maximum(mu0 + mu, 1e-12) + c * product
-    raise ValueError(f"unknown diffuse law {law!r}; available: {', '.join(DIFFUSE_LAWS)}")
+_BLOCK = 1 << 20  # epochs x facets held at once: 8 MB for each of some ten matrices
+_WHOLE = 1 << 22  # up to here nothing is recomputed
+_FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
 
 
 def flux(
@@ -34,6 +36,9 @@ def flux(
     """Flux of a body of diffuse facets at unit distance under unit irradiance.
 
     f(t) = Σᵢ αᵢ K(μ₀ᵢ, μᵢ), with μ₀ = max(0, s·n), μ = max(0, o·n): a facet must be lit and seen.
+
+    K = μ₀μ/π ("lambertian"), [1 − (1 − μ₀/2)⁵][1 − (1 − μ/2)⁵] μ₀μ/π ("non-lambertian"),
+    μ₀μ/(μ₀ + μ) + c μ₀μ ("lommel-seeliger-lambert", where α is w A/4π and no phase law is in).
 
     Parameters
     ----------
@@ -50,15 +55,109 @@ def flux(
 
     Returns
     -------
-    (T,)
+    (T,) m²
 
     References
     ----------
-    Linares & Crassidis, eqs. (4), (5), with each cosine clipped at zero.
+    Linares & Crassidis, eqs. (4), (5), with each cosine clipped at zero; Kaasalainen, Torppa &
+    Muinonen 2001 for the last law.
     """
-    mu0 = jnp.maximum(sun_body @ normals.T, 0.0)
-    mu = jnp.maximum(obs_body @ normals.T, 0.0)
-    return _kernel(law, mu0, mu, c) @ albedo_area
+    if law not in DIFFUSE_LAWS:
+        raise ValueError(f"unknown diffuse law {law!r}; available: {', '.join(DIFFUSE_LAWS)}")
+    args = tuple(jnp.asarray(x, float) for x in (sun_body, obs_body, normals, albedo_area, c))
+    epochs, facets = args[0].shape[0], args[2].shape[0]
+    if epochs * facets <= _WHOLE:
+        return _flux(law, *args)
+    # Full blocks one after the other, then what is left over.
+    block = max(1, _BLOCK // facets)
+    n_blocks, rest = divmod(epochs, block)
+    part = jax.checkpoint(partial(_flux, law))
+
+    def one(directions: tuple[jax.Array, jax.Array]) -> jax.Array:
+        return part(*directions, *args[2:])
+
+    head = tuple(x[: n_blocks * block].reshape(n_blocks, block, 3) for x in args[:2])
+    done = jax.lax.map(one, head).reshape(-1)
+    return jnp.concatenate([done, one((args[0][-rest:], args[1][-rest:]))]) if rest else done
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _flux(law, sun, obs, normals, albedo_area, c):
+    few = normals.shape[0] < _FEW_FACETS
+    kernel = _kernel(law, *_cosines(few, sun, obs, normals), c)[0]
+    return albedo_area @ kernel if few else kernel @ albedo_area
+
+
+@partial(_flux.defjvp, symbolic_zeros=True)
+def _flux_jvp(law, primals, tangents):
+    sun, obs, normals, albedo_area, c = primals
+    d_sun, d_obs, d_normals, d_albedo_area, d_c = tangents
+    few = normals.shape[0] < _FEW_FACETS
+    mu0, mu = _cosines(few, sun, obs, normals)
+    kernel, slope0, slope = _kernel(law, mu0, mu, c)
+
+    def total(matrix: jax.Array, weights: jax.Array) -> jax.Array:
+        """Σᵢ over facets."""
+        return weights @ matrix if few else matrix @ weights
+
+    def along(vectors: jax.Array, matrix: jax.Array, weights: jax.Array) -> jax.Array:
+        """Σₖ vₖ(t) Σᵢ M(t, i) wₖ(i), k the three axes."""
+        if few:
+            return jnp.sum(vectors * (weights.T @ matrix).T, axis=1)
+        return sum(vectors[:, k] * (matrix @ weights[:, k]) for k in range(3))  # pyright: ignore
+
+    value = total(kernel, albedo_area)
+    change = jnp.zeros_like(value)
+    if not isinstance(d_albedo_area, SymbolicZero):
+        change += total(kernel, d_albedo_area)
+    area_vectors = albedo_area[:, None] * normals
+    if not isinstance(d_sun, SymbolicZero):
+        change += along(d_sun, slope0, area_vectors)
+    if not isinstance(d_obs, SymbolicZero):
+        change += along(d_obs, slope, area_vectors)
+    if not isinstance(d_normals, SymbolicZero):
+        turned = albedo_area[:, None] * d_normals
+        change += along(sun, slope0, turned) + along(obs, slope, turned)
+    if law == "lommel-seeliger-lambert" and not isinstance(d_c, SymbolicZero):
+        lambert = jnp.maximum(mu0, 0.0) * jnp.maximum(mu, 0.0)
+        change += d_c * total(lambert, albedo_area)
+    return value, change
+
+
+def _cosines(few, sun, obs, normals):
+    """s·n and o·n, (N, T) for few facets, else (T, N)."""
+    if few:
+        return normals @ sun.T, normals @ obs.T
+    return sun @ normals.T, obs @ normals.T
+
+
+def _kernel(law, mu0, mu, c):
+    """K = f_r μ₀ μ of a facet of unit albedo and its derivatives by μ₀ and μ, all zero where dark.
+
+    Elementwise, without branches, powers by multiplication; at most one division.
+    """
+    lit, seen = mu0 > 0.0, mu > 0.0
+    mu0, mu = jnp.maximum(mu0, 0.0), jnp.maximum(mu, 0.0)
+    if law == "lambertian":
+        by_pi = 1.0 / jnp.pi
+        return mu0 * mu * by_pi, jnp.where(lit, mu * by_pi, 0.0), jnp.where(seen, mu0 * by_pi, 0.0)
+    if law == "non-lambertian":  # a product: K = B(μ₀) B(μ)/π, B = x [1 − (1 − x/2)⁵], B'(0) = 0
+        (b0, slope0), (b, slope) = _shouldered(mu0), _shouldered(mu)
+        b = b * (1.0 / jnp.pi)
+        return b0 * b, slope0 * b, b0 * slope * (1.0 / jnp.pi)
+    share = 1.0 / jnp.maximum(mu0 + mu, 1e-100)  # its cube must not overflow
+    p, q = mu0 * share, mu * share
+    value = mu * (p + c * mu0)
+    return value, jnp.where(lit, q * q + c * mu, 0.0), jnp.where(seen, p * p + c * mu0, 0.0)
+
+
+def _shouldered(x):
+    """B = x [1 − (1 − x/2)⁵] and its derivative."""
+    y = 1.0 - 0.5 * x
+    y2 = y * y
+    y4 = y2 * y2
+    w = 1.0 - y4 * y
+    return x * w, w + 2.5 * x * y4
 
 
 def flux_brdf(

@@ -23,13 +23,16 @@ def normal(phi: jax.Array, g: jax.Array) -> jax.Array:
     Returns
     -------
     (..., 3)
-        Unit vectors, body frame.
+        Unit vectors, body frame. At g = ±1 the derivative by g, infinite, is given without its
+        horizontal part, so that no NaN arises.
 
     References
     ----------
     Linares & Crassidis, eq. (6).
     """
-    s = jnp.sqrt(jnp.maximum(1.0 - g**2, 0.0))
+    s2 = 1.0 - g**2
+    off_pole = s2 > 0.0
+    s = jnp.where(off_pole, jnp.sqrt(jnp.where(off_pole, s2, 1.0)), 0.0)
     return jnp.stack([jnp.cos(phi) * s, jnp.sin(phi) * s, g * jnp.ones_like(s)], axis=-1)
 
 

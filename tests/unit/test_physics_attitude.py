@@ -49,17 +49,14 @@ def test_constant_rate_is_smooth_at_rest_and_across_the_series():
     np.testing.assert_allclose(at_rest, expected, atol=1e-14)
     for size in (0.99e-4, 1.01e-4, 1.0):  # either side of where the series ends
         w = size * jnp.array([0.6, 0.0, 0.8])
-        exact = jax.jacfwd(lambda w: attitude.constant_rate(jnp.ones(1), w))(w)
-        step = 1e-6
-        numeric = np.stack(
-            [
-                (attitude.constant_rate(jnp.ones(1), w + e) - attitude.constant_rate(jnp.ones(1), w - e))
-                / (2 * step)
-                for e in step * jnp.eye(3)
-            ],
-            axis=-1,
-        )  # fmt: skip
-        np.testing.assert_allclose(exact, numeric, atol=2e-9)
+
+        def after_a_second(w):
+            return attitude.constant_rate(jnp.ones(1), w)
+
+        steps = 1e-6 * jnp.eye(3)
+        numeric = [(after_a_second(w + e) - after_a_second(w - e)) / 2e-6 for e in steps]
+        exact = jax.jacfwd(after_a_second)(w)
+        np.testing.assert_allclose(exact, np.stack(numeric, axis=-1), atol=2e-9)
 
 
 def test_principal_axis_is_the_three_rotations():

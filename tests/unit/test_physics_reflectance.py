@@ -97,7 +97,7 @@ def test_cook_torrance_stays_below_its_normal_reflectance_face_on():
         params = {"r_diff": 0.0, "r_spec": 0.3, "m": m}
         assert directional_albedo(
             lambda s, o, p=params: f_r("cook-torrance", p, s, o), 0.0
-        ) <= 0.3 * (1 + 1e-5)
+        ) <= 0.3 * (1 + 1e-4)
 
 
 def test_the_two_ashikhmin_shirley_forms_differ_at_60_degrees():
@@ -248,6 +248,7 @@ def test_printed_cook_torrance_makes_light_and_its_fresnel_term_is_off():
     assert albedo(right) == pytest.approx(ours, rel=1e-10)
     assert ours <= f0
     assert albedo(wrong_lobe) > 1.0
+    assert albedo(wrong_g) > 1.5 * f0
     # At normal incidence (c = 1) Fresnel's reflectance must be F₀ itself.
     n = (1 + math.sqrt(f0)) / (1 - math.sqrt(f0))
 
@@ -373,7 +374,7 @@ def test_values_and_derivatives_stay_finite_everywhere(law):
     """Random and degenerate: grazing, back-lit, h along n, zero phase, opposite Sun, dark."""
     rng = np.random.default_rng(5)
     sun, obs = unit(rng, 60), unit(rng, 60)
-    x, y, z = np.eye(3)
+    x, z = np.eye(3)[[0, 2]]
     tilt = np.array([math.sqrt(1 - 1e-14), 0.0, 1e-7])
     edge = [(z, z), (x, z), (z, x), (x, x), (x, -x), (z, -z), (-z, -z), (tilt, tilt), (tilt, z)]
     edge += [(tilt, tilt * [-1, 1, 1]), (directions(0.5, 0.0), directions(0.5, np.pi))]
