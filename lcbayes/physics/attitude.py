@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from lcbayes._jax import jax, jnp
 
+type Scalar = jax.Array | float
+
 
 def constant_rate(t: jax.Array, omega: jax.Array) -> jax.Array:
     """Rotation at a constant angular velocity, A = exp([ω×] t), A(0) = I.
@@ -42,7 +44,7 @@ def constant_rate(t: jax.Array, omega: jax.Array) -> jax.Array:
 
 
 def principal_axis(
-    t: jax.Array, pole_lon: jax.Array, pole_lat: jax.Array, period: jax.Array, phase0: jax.Array
+    t: jax.Array, pole_lon: Scalar, pole_lat: Scalar, period: Scalar, phase0: Scalar
 ) -> jax.Array:
     """Rotation about the body's z axis, which points to the pole; the asteroid convention.
 

@@ -1,6 +1,7 @@
 """The fast flux against a plain sum, its derivatives in every mode, and the printed appendix."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ def unit(rng, n):
     return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
-def problem(epochs, facets, seed=1):
+def problem(epochs, facets, seed=1) -> Any:
     rng = np.random.default_rng(seed)
     arrays = unit(rng, epochs), unit(rng, epochs), unit(rng, facets), rng.uniform(0.5, 2.0, facets)
     return tuple(jnp.asarray(x) for x in arrays)
@@ -94,12 +95,12 @@ def test_printed_visibility_prior_takes_a_back_lit_facet_for_seen():
 @pytest.mark.parametrize("law", DIFFUSE_LAWS)
 @pytest.mark.parametrize("facets", [5, 70])
 def test_every_kind_of_derivative_agrees_with_automatic_differentiation(law, facets):
-    args = (*problem(12, facets), jnp.float64(0.3))
+    args: Any = (*problem(12, facets), jnp.float64(0.3))
 
-    def ours(*args):
+    def ours(*args: Any):
         return flux(*args[:4], law, args[4])
 
-    def theirs(*args):
+    def theirs(*args: Any):
         return plain_jax(*args[:4], law, args[4])
 
     which = (0, 1, 2, 3, 4)
@@ -137,7 +138,7 @@ def test_long_curves_in_blocks_give_the_same(monkeypatch):
     args = problem(103, 6)
     whole = flux(*args)
 
-    def misfit(*args):
+    def misfit(*args: Any):
         return jnp.sum(flux(*args) ** 2)
 
     slopes = jax.grad(misfit, (0, 1, 2, 3))(*args)
@@ -159,7 +160,7 @@ def test_derivatives_are_finite_and_one_sided_at_the_edge(law):
     obs = jnp.asarray([z, x, x, -z, y, -x])
     normals = jnp.asarray([z, -z, x, y])
 
-    def total(*args):
+    def total(*args: Any):
         return jnp.sum(flux(*args, law))
 
     slopes = jax.grad(total, (0, 1, 2, 3))(sun, obs, normals, jnp.ones(4))

@@ -149,7 +149,7 @@ def test_hand_computed_values():
     assert f_r("ashikhmin-shirley", p, *SIDE)[0] == pytest.approx(
         at_side + scale * fresnel / (c30 * 1.0) * c30**8
     )
-    assert f_r("ashikhmin-shirley-distribution", p, *SIDE, u_axes=[[0.0, 1.0, 0.0]])[
+    assert f_r("ashikhmin-shirley-distribution", p, *SIDE, u_axes=np.array([[0.0, 1.0, 0.0]]))[
         0
     ] == pytest.approx(at_side + scale * fresnel / (1 + 0.5 - 0.5) * c30**3)
     # h = n: D = 1/(πm²), G = min(1, 2·1·½/½) = 1; F₀ = 1/9 is glass of n = 2.
