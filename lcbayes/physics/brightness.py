@@ -20,9 +20,11 @@ from lcbayes.physics.reflectance import geometry, get_law
 
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
 
-_BLOCK = 1 << 14  # epochs x facets at once: ten matrices of 128 kB stay in the cache of a core
-_WHOLE = 1 << 17  # up to here in one piece, nothing recomputed
 _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
+# Epochs x facets at once: ten matrices of 128 kB stay in a core's cache. With few facets the loop
+# from block to block costs more than that saves.
+_BLOCK, _BLOCK_FEW = 1 << 14, 1 << 18
+_WHOLE = 4  # up to so many blocks go in one piece, nothing computed twice
 
 
 def flux(
@@ -66,10 +68,11 @@ def flux(
         raise ValueError(f"unknown diffuse law {law!r}; available: {', '.join(DIFFUSE_LAWS)}")
     args = tuple(jnp.asarray(x, float) for x in (sun_body, obs_body, normals, albedo_area, c))
     epochs, facets = args[0].shape[0], args[2].shape[0]
-    if epochs * facets <= _WHOLE:
+    size = _BLOCK_FEW if facets < _FEW_FACETS else _BLOCK
+    if epochs * facets <= _WHOLE * size:
         return _flux(law, *args)
     # Full blocks one after the other, then what is left over.
-    block = max(1, _BLOCK // facets)
+    block = max(1, size // facets)
     n_blocks, rest = divmod(epochs, block)
     part = jax.checkpoint(partial(_flux, law))
 
