@@ -42,22 +42,22 @@ def angles(normals: jax.Array) -> tuple[jax.Array, jax.Array]:
     return phi, jnp.clip(normals[..., 2], -1.0, 1.0)
 
 
-def sphere_grid(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """n nearly equal-area directions on the sphere (Fibonacci lattice), and their weights.
+def grid(n: int) -> np.ndarray:
+    """n nearly equal-area directions on the sphere, a Fibonacci lattice.
 
     gᵢ = 1 − (2i + 1)/n, φᵢ = 2π i/Φ² with Φ the golden ratio. Each stands for a cell of the same
-    area, so the quadrature weights are 4π/n.
+    area, so every quadrature weight is 4π/n.
 
     Returns
     -------
-    normals : (n, 3)
-    weights : (n,) sr
+    (n, 3)
+        Unit vectors.
     """
     i = np.arange(n)
     g = 1.0 - (2.0 * i + 1.0) / n
     phi = 2.0 * np.pi * np.mod(i / ((1.0 + np.sqrt(5.0)) / 2.0) ** 2, 1.0)
     s = np.sqrt(1.0 - g**2)
-    return np.stack([s * np.cos(phi), s * np.sin(phi), g], axis=1), np.full(n, 4.0 * np.pi / n)
+    return np.stack([s * np.cos(phi), s * np.sin(phi), g], axis=1)
 
 
 def spherical_harmonics(directions: ArrayLike, degree: int) -> np.ndarray:

@@ -109,10 +109,10 @@ def cylinder(radius: float = 0.5, length: float = 2.0, n: int = 24) -> Body:
 
 def sphere(radius: float = 0.5, n: int = 200) -> Body:
     """n facets of a sphere, with areas adjusted so that they close."""
-    from lcbayes.physics.facets import sphere_grid
+    from lcbayes.physics.facets import grid
 
-    normals, weights = sphere_grid(n)
-    return body(normals, radius**2 * _close(normals, weights))
+    normals = grid(n)
+    return body(normals, _close(normals, np.full(n, 4.0 * np.pi * radius**2 / n)))
 
 
 def plate(x: float = 1.0, y: float = 1.0) -> Body:
