@@ -78,7 +78,11 @@ def principal_axis(
     c, s = jnp.cos(phase), jnp.sin(phase)
     zero, one = jnp.zeros_like(c), jnp.ones_like(c)
     spin = jnp.stack(
-        [jnp.stack([c, -s, zero], -1), jnp.stack([s, c, zero], -1), jnp.stack([zero, zero, one], -1)],
+        [
+            jnp.stack([c, -s, zero], -1),
+            jnp.stack([s, c, zero], -1),
+            jnp.stack([zero, zero, one], -1),
+        ],
         axis=-2,
     )
     return tilt @ spin

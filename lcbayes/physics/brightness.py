@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from lcbayes._jax import jax, jnp
+from lcbayes.physics.reflectance import geometry, get_law
 
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
 
@@ -56,3 +59,44 @@ def flux(
     mu0 = jnp.maximum(sun_body @ normals.T, 0.0)
     mu = jnp.maximum(obs_body @ normals.T, 0.0)
     return _kernel(law, mu0, mu, c) @ albedo_area
+
+
+def flux_brdf(
+    sun_body: jax.Array,
+    obs_body: jax.Array,
+    normals: jax.Array,
+    area: jax.Array,
+    law: str,
+    params: Mapping[str, jax.Array | float],
+    u_axes: jax.Array | None = None,
+) -> jax.Array:
+    """Flux of a body whose facets follow any law of `reflectance.LAWS`, as in `flux`.
+
+    f(t) = Σᵢ Aᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and seen.
+
+    Parameters
+    ----------
+    sun_body, obs_body : (T, 3)
+        Unit vectors to Sun and observer, body frame.
+    normals : (N, 3)
+        Outward unit normals, body frame.
+    area : (N,) m²
+    law : str
+        One of `reflectance.LAWS`.
+    params : mapping of (N,) or scalars
+        The law's parameters. Give "nu" alone for an isotropic Ashikhmin-Shirley facet.
+    u_axes : (N, 3) or None
+        Unit vectors in each facet's plane, perpendicular to its normal; for anisotropic laws.
+
+    Returns
+    -------
+    (T,)
+        Flux at unit distance under unit irradiance, m².
+
+    References
+    ----------
+    Hinks, Linares & Crassidis 2013, eqs. (3)-(6).
+    """
+    found, lit = geometry(sun_body, obs_body, normals, u_axes)
+    sent = get_law(law).brdf(found, params) * found.mu0 * found.mu
+    return jnp.where(lit, sent, 0.0) @ area
