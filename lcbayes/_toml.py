@@ -194,9 +194,9 @@ class Table:
             for i, item in enumerate(value)
         ]
 
-    def empty(self, key: str) -> Table:
-        """A table without keys, for what is left out."""
-        return Table(self.path, {}, (*self._place, key), self._lines)
+    def blank(self) -> Table:
+        """A table without keys in this one's place."""
+        return Table(self.path, {}, self._place, self._lines)
 
     def under(self, outer: Table, keys: Collection[str]) -> Table:
         """This table, with those keys of an outer one that it does not have itself."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 from lcbayes._toml import Table, read_toml
 from lcbayes.errors import InputError
 from lcbayes.physics import shapes
+from lcbayes.scenarios import bundled
 from lcbayes.scenarios.body import Material, read_body, read_materials
 from lcbayes.scenarios.viewing import Orbit, Planar, Vectors, read_geometry
 
@@ -76,12 +76,6 @@ class Scenario:
     exposure_s: float
 
 
-def bundled() -> dict[str, Path]:
-    """The scenarios that ship with the package: name → file."""
-    folder = Path(str(resources.files("lcbayes.scenarios")))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
-
-
 def load(scenario: str | Path) -> Scenario:
     """Read a scenario from a TOML file, or a bundled one by its name.
 
@@ -105,7 +99,7 @@ def load(scenario: str | Path) -> Scenario:
     attitude = _attitude(root.table("attitude"))
     geometry = read_geometry(root.table("geometry"))
     noise = _noise(root.table("noise"))
-    output = root.table("output", None) or Table(path, {}, ("output",), {})
+    output = root.table("output", None) or root.blank()
     kind = output.text("kind", "mag" if noise.kind == "mag_err" else "flux", ("flux", "mag"))
     band = output.text("band", "V" if kind == "mag" else "")
     exposure = output.number("exposure_s", 0.0, low=0.0)

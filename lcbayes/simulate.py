@@ -138,13 +138,13 @@ def _body_flux(scenario: Scenario, sun_body: jax.Array, obs_body: jax.Array) -> 
 
 def _in_units(scenario: Scenario, curve: LightCurve, flux: Floats) -> Floats:
     """Flux as the light curve has it: W/m² or at unit distance, or an apparent magnitude."""
-    if scenario.kind == "mag":
-        assert curve.range_km is not None  # the scenario was checked
-        m_sun = photometry.sun_magnitude(scenario.band)
-        return np.asarray(photometry.magnitude(jnp.asarray(flux), 1e3 * curve.range_km, m_sun))
     if curve.range_km is None:
-        return flux
-    return np.asarray(photometry.irradiance(jnp.asarray(flux), 1e3 * curve.range_km))
+        return flux  # a scenario in magnitudes has ranges
+    range_m = jnp.asarray(1e3 * curve.range_km)
+    if scenario.kind == "mag":
+        m_sun = photometry.sun_magnitude(scenario.band)
+        return np.asarray(photometry.magnitude(jnp.asarray(flux), range_m, m_sun))
+    return np.asarray(photometry.irradiance(jnp.asarray(flux), range_m))
 
 
 def _noise_sd(scenario: Scenario, clean: Floats) -> Floats:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from lcbayes.errors import EXIT_DONE, InputError
 
+HELP = "make a light curve from a scenario file, or from a bundled scenario"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
@@ -50,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 def _list() -> int:
     import tomllib
 
-    from lcbayes.scenario import bundled
+    from lcbayes.scenarios import bundled
 
     for name, path in bundled().items():
         title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", "")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
-from lcbayes.geometry import Earth, Site, from_tle, sun_position, times
+from lcbayes.geometry import Earth, Site, Times, from_tle, sun_position
 from lcbayes.lightcurve import LightCurve
 from lcbayes.scenarios.viewing import Orbit, OrbitPass, Planar, PlanarPass, Vectors
 from lcbayes.tle import Tle
@@ -40,7 +40,8 @@ def epochs(geometry: Planar | Orbit | Vectors) -> LightCurve:
 
 def _grid(start: float, stop: float, step: float) -> Floats:
     """start, start + step, ... up to and with stop."""
-    return start + step * np.arange(int(np.floor((stop - start) / step * (1 + 1e-12))) + 1)
+    count = int(np.floor((stop - start) / step * (1 + 1e-12))) + 1
+    return start + step * np.arange(count, dtype=np.float64)
 
 
 def _planar(geometry: Planar) -> LightCurve:
@@ -107,7 +108,7 @@ def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
     Observed is a satellite high enough, in full sunlight, from a site dark enough.
     """
     dt = _grid(0.0, (one.stop - one.start).total_seconds(), one.step)
-    time = times(_julian_date(one.start), dt)
+    time = Times.of(_julian_date(one.start), dt)
     site = Site(one.site.lat_deg, one.site.lon_deg, one.site.height_m)
     seen = from_tle(time, site, tle)
     sun = sun_position(time)

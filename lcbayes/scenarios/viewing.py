@@ -105,7 +105,7 @@ def read_geometry(table: Table) -> Planar | Orbit | Vectors:
 
 def _passes(table: Table, keys: tuple[str, ...]) -> list[Table]:
     inner = table.tables("passes")
-    return [item.under(table, keys) for item in inner or [table.empty("passes")]]
+    return [item.under(table, keys) for item in inner or [table.blank()]]
 
 
 def _planar_pass(table: Table) -> PlanarPass:

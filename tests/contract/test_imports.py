@@ -58,16 +58,15 @@ def _layer(module: str) -> str:
     return second if second in ("physics", "io", "models", "analysis") else "core"
 
 
-def _imports(module: str) -> Iterator[tuple[str, int, bool]]:
-    """(dotted name, line, at module level) of everything a module imports, also inside functions.
+def _imports(module: str) -> Iterator[tuple[str, int]]:
+    """(dotted name, line) of everything a module imports, also inside functions.
 
     `from a import b` counts as `a.b` where that is a module of the project, else as `a`.
     """
     path = MODULES[module]
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    top = set(map(id, tree.body))
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    for node in ast.walk(tree):
+    for node in _walk(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -82,7 +81,18 @@ def _imports(module: str) -> Iterator[tuple[str, int, bool]]:
         else:
             continue
         for name in names:
-            yield name, node.lineno, id(node) in top
+            yield name, node.lineno
+
+
+def _walk(node: ast.AST) -> Iterator[ast.AST]:
+    """Every node but those under `if TYPE_CHECKING:`, which never run."""
+    yield node
+    if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+        children = iter(node.orelse)
+    else:
+        children = ast.iter_child_nodes(node)
+    for child in children:
+        yield from _walk(child)
 
 
 def _ours(name: str) -> bool:
@@ -100,7 +110,7 @@ def test_imports_point_one_way(module):
     layer = _layer(module)
     wrong = [
         f"{MODULES[module].relative_to(ROOT)}:{line} ({layer}) imports {name} ({_layer(name)})"
-        for name, line, _ in _imports(module)
+        for name, line in _imports(module)
         if _ours(name) and _layer(name) != layer and _layer(name) not in ALLOWED[layer]
     ]
     assert not wrong, "\n".join(wrong)
@@ -110,7 +120,7 @@ def test_no_circles():
     graph = {
         module: {
             name
-            for name, _, _ in _imports(module)
+            for name, _ in _imports(module)
             if name in MODULES and name != module and name != "lcbayes"
         }
         for module in MODULES
@@ -131,7 +141,7 @@ def test_no_circles():
 @pytest.mark.parametrize("module", [m for m in MODULES if m != "lcbayes._jax"])
 def test_jax_comes_through_the_ground_floor(module):
     """An array made before double precision is set would stay in single precision."""
-    names = [name for name, _, _ in _imports(module)]
+    names = [name for name, _ in _imports(module)]
     if any(name.split(".")[0] in ("jax", "numpyro") for name in names):
         assert "lcbayes._jax" in names, f"{module} imports JAX without lcbayes._jax"
     assert "jax" not in names, f"{module}: take jax from lcbayes._jax"
