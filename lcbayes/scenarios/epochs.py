@@ -16,8 +16,6 @@ from lcbayes.tle import Tle
 
 Floats = NDArray[np.float64]
 
-EARTH_RADIUS_KM = 6378.137  # equator, WGS84
-SUN_RADIUS_RAD = 0.004652  # seen from 1 au
 JD_OF_1970 = 2440587.5
 
 
@@ -115,7 +113,7 @@ def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
     zenith = Earth(time).to_gcrs(site.axes()[2])
     sun_altitude = np.degrees(np.arcsin(np.sum(sun * zenith, -1) / np.linalg.norm(sun, axis=-1)))
     low = seen.altitude_deg < one.min_elevation_deg
-    shaded = ~sunlit(seen.position_km, seen.sun)
+    shaded = ~seen.sunlit
     bright = sun_altitude > one.max_sun_elevation_deg
     kept = np.flatnonzero(~(low | shaded | bright))
     if kept.size == 0:
@@ -128,22 +126,6 @@ def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
     begin = float(dt[kept[0]])
     directions = _Seen(seen.sun[kept], seen.obs[kept], seen.range_km[kept])
     return one.start + timedelta(seconds=begin), dt[kept] - begin, directions
-
-
-def sunlit(position_km: Floats, sun: Floats) -> NDArray[np.bool_]:
-    """Whether the whole Sun is seen from a satellite, past a spherical Earth without air.
-
-    Parameters
-    ----------
-    position_km : (T, 3)
-        Geocentric.
-    sun : (T, 3)
-        Unit vectors from the satellite to the Sun, in the same axes.
-    """
-    distance = np.linalg.norm(position_km, axis=-1)
-    down = -position_km / distance[:, None]
-    apart = np.arctan2(np.linalg.norm(np.cross(down, sun), axis=-1), np.sum(down * sun, axis=-1))
-    return apart >= np.arcsin(EARTH_RADIUS_KM / distance) + SUN_RADIUS_RAD
 
 
 def _julian_date(instant: datetime) -> float:

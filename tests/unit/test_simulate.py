@@ -14,12 +14,11 @@ from lcbayes import simulate as module
 from lcbayes.commands import doctor
 from lcbayes.commands import simulate as command
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
-from lcbayes.geometry import AU_KM
 from lcbayes.io import read
 from lcbayes.physics import shapes
 from lcbayes.scenario import ConstantRate, Fixed, Noise, PrincipalAxis, Scenario, load
 from lcbayes.scenarios.body import Material
-from lcbayes.scenarios.epochs import epochs, sunlit
+from lcbayes.scenarios.epochs import epochs
 from lcbayes.scenarios.viewing import Orbit, Planar, PlanarPass
 from lcbayes.simulate import flux_at, simulate
 
@@ -173,16 +172,6 @@ def test_dark_epochs_have_no_magnitude_and_the_truth_is_of_the_first_point():
         simulate(
             scenario(body=away, attitude=Fixed(), noise=Noise("snr", 9.0)), 0
         )  # fmt: skip
-
-
-def test_shadow_of_the_earth():
-    """A satellite at 7000 km: the shadow's edge lies where the Sun's limb touches the horizon."""
-    edge = np.pi - np.arcsin(6378.137 / 7000.0) - 0.00465
-    angle = np.array([0.0, 1.5, edge - 1e-4, edge + 1e-4, np.pi])
-    place = 7000.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    sun = np.array([AU_KM, 0.0, 0.0]) - place
-    sun /= np.linalg.norm(sun, axis=1)[:, None]
-    assert sunlit(place, sun).tolist() == [True, True, True, False, False]
 
 
 def test_only_what_can_be_observed_is():
