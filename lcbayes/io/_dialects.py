@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from lcbayes.errors import InputError
-from lcbayes.io._build import NUMERIC, Options, build
+from lcbayes.io._build import build
+from lcbayes.io._columns import NUMERIC, Options
 from lcbayes.io._files import TextFile
 from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve

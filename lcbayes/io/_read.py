@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from lcbayes.errors import InputError
 from lcbayes.io import _dialects
-from lcbayes.io._build import NUMERIC, Options, build
+from lcbayes.io._build import build
+from lcbayes.io._columns import NUMERIC, Options
 from lcbayes.io._damit import is_damit, read_damit
 from lcbayes.io._ecsv import is_ecsv, read_ecsv
 from lcbayes.io._files import TextFile, read_text

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
 from lcbayes.geometry import Geometry, Site, Times, from_altaz, from_radec, from_tle
-from lcbayes.io._build import ALTAZ, RADEC, SITE, Options, need
+from lcbayes.io._columns import ALTAZ, RADEC, SITE, Options, need
 from lcbayes.io._table import Table
 from lcbayes.lightcurve import RowError
 from lcbayes.tle import read_tle

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.errors import InputError
-from lcbayes.io._build import NUMERIC, SITE, VECTORS
+from lcbayes.io._columns import NUMERIC, SITE, VECTORS
 from lcbayes.io._ecsv import UNITS
 from lcbayes.io._files import write_text
 from lcbayes.lightcurve import LightCurve

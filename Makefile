@@ -1,0 +1,90 @@
+# make demo      the main job on a bundled light curve, and where its report is
+# make test      the tests, without the long statistical runs
+# make test-all  every test
+# make lint      formatting, lint and types, as CI checks them (make format repairs)
+# make clean     removes the environment and whatever else was made here
+#
+# The environment is .venv; PYTHON=... chooses the interpreter for it (3.12 or newer).
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+PYTHON ?=
+VENV := .venv
+BIN := $(VENV)/bin
+WORKERS ?= 2
+
+DEMO_CURVE ?= lcbayes/scenarios/box-wing.csv
+DEMO_ARGS ?= --tle lcbayes/scenarios/box-wing.tle --seed 1
+DEMO_DIR ?= demo
+
+# Without PYTHON= the first of these that starts and is new enough. Each is run, because a version
+# manager's shim can be there without a version behind it.
+CANDIDATES := python3.12 python3.13 python3.14 python3 python \
+	$(wildcard $(or $(PYENV_ROOT),$(HOME)/.pyenv)/versions/3.*/bin/python3)
+NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 12))
+BASE := import sys; print(sys.base_prefix)
+
+# An environment made from another interpreter than the one now asked for is made anew.
+ifneq ($(PYTHON),)
+  $(shell [ ! -e $(BIN)/python ] || ! "$(PYTHON)" -c '$(BASE)' >/dev/null 2>&1 || \
+    [ "$$("$(PYTHON)" -c '$(BASE)')" = "$$($(BIN)/python -c '$(BASE)')" ] || rm -rf $(VENV))
+endif
+
+.PHONY: help demo env test test-all lint format clean
+
+help:
+	@sed -n '1,7s/^# \{0,1\}//p' Makefile
+
+$(BIN)/python:
+	@for candidate in $(if $(PYTHON),"$(PYTHON)",$(CANDIDATES)); do \
+	  if "$$candidate" -c '$(NEW_ENOUGH)' >/dev/null 2>&1; then \
+	    exec "$$candidate" -m venv --clear $(VENV); \
+	  fi; \
+	done; \
+	if [ -z "$(PYTHON)" ] && command -v uv >/dev/null 2>&1; then \
+	  exec uv venv --quiet --seed --clear --python '>=3.12' $(VENV); \
+	fi; \
+	echo "$(if $(PYTHON),PYTHON=$(PYTHON) is not Python 3.12 or newer,no Python 3.12 or newer was found);" \
+	  "install one, then give its path: make PYTHON=/path/to/python3.12" >&2; \
+	exit 1
+
+# Two stamps, because the demo does without the developers' tools.
+$(VENV)/.installed: pyproject.toml $(BIN)/python
+	@echo "installing lcbayes into $(VENV), about a minute"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml $(BIN)/python
+	@echo "installing lcbayes and the developers' tools into $(VENV), about a minute"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -e '.[dev]'
+	@touch $(VENV)/.installed $@
+
+env: $(VENV)/.installed-dev
+
+demo: $(VENV)/.installed
+	@status=0; $(BIN)/lcbayes fit $(DEMO_CURVE) $(DEMO_ARGS) -o $(DEMO_DIR) || status=$$?; \
+	if [ $$status = 0 ] || [ $$status = 3 ]; then \
+	  echo "report: $(CURDIR)/$(DEMO_DIR)/report.html"; \
+	fi; \
+	exit $$status
+
+test: env
+	@$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist loadgroup
+
+test-all: env
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup
+
+lint: env
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+
+format: env
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+clean:
+	@rm -rf $(VENV) build dist *.egg-info demo .pytest_cache .ruff_cache .coverage
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

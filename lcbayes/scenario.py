@@ -1,0 +1,152 @@
+"""Scenarios: a body, how it turns, from where it is seen and how well, read from a TOML file.
+
+A scenario is what `lcbayes simulate` makes a light curve of and `lcbayes observability` judges.
+Everything is checked when it is read; see docs/scenarios.md for the keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lcbayes._toml import Table, read_toml
+from lcbayes.errors import InputError
+from lcbayes.physics import shapes
+from lcbayes.scenarios import bundled
+from lcbayes.scenarios.body import Material, read_body, read_materials
+from lcbayes.scenarios.viewing import Orbit, Planar, Vectors, read_geometry
+
+HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class ConstantRate:
+    """A(t) = exp([ω×] t), ω (3,) rad/s inertial; A = I at t = 0."""
+
+    omega_rad_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PrincipalAxis:
+    """Rotation about the body's z axis; pole in the frame of the geometry, phase0 at t = 0."""
+
+    pole_lon_deg: float
+    pole_lat_deg: float
+    period_s: float
+    phase0_deg: float
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The body's axes are the inertial axes."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Gaussian noise: `kind` "sigma" (flux), "mag_err" (mag) or "snr"."""
+
+    kind: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is simulated.
+
+    Attributes
+    ----------
+    name : of the file, without its ending
+    body : `shapes.Body`; its labels are keys of `materials`
+    materials : name → `Material`
+    attitude, geometry, noise : as their classes say
+    kind : "flux" or "mag"
+    band : photometric band, for magnitudes
+    exposure_s : 0 for instantaneous brightness
+    """
+
+    name: str
+    body: shapes.Body
+    materials: Mapping[str, Material]
+    attitude: ConstantRate | PrincipalAxis | Fixed
+    geometry: Planar | Orbit | Vectors
+    noise: Noise
+    kind: str
+    band: str
+    exposure_s: float
+
+
+def load(scenario: str | Path) -> Scenario:
+    """Read a scenario from a TOML file, or a bundled one by its name.
+
+    Raises
+    ------
+    InputError
+        One line that names file, line, table and key, and what is expected.
+    """
+    path = Path(scenario)
+    if not path.exists() and path.suffix != ".toml":
+        named = bundled()
+        if str(scenario) not in named:
+            raise InputError(
+                f"no file and no scenario is called {str(scenario)!r}; available: "
+                f"{', '.join(named)}; or give a TOML file"
+            )
+        path = named[str(scenario)]
+    root = read_toml(path)
+    materials = read_materials(root)
+    body = read_body(root.table("body"), materials)
+    attitude = _attitude(root.table("attitude"))
+    geometry = read_geometry(root.table("geometry"))
+    noise = _noise(root.table("noise"))
+    output = root.table("output", None) or root.blank()
+    kind = output.text("kind", "mag" if noise.kind == "mag_err" else "flux", ("flux", "mag"))
+    band = output.text("band", "V" if kind == "mag" else "")
+    exposure = output.number("exposure_s", 0.0, low=0.0)
+    output.done()
+    root.text("title", "")
+    root.done()
+    if kind == "mag" and noise.kind == "sigma":
+        raise root.table("noise").fault(
+            "sigma", "is a flux, but output.kind is 'mag'; give mag_err or snr"
+        )
+    if kind == "mag" and isinstance(geometry, Planar) and geometry.range_km is None:
+        raise root.table("geometry").fault(
+            None, "has no 'range_km'; a magnitude needs a distance (or set output.kind = 'flux')"
+        )
+    return Scenario(
+        path.stem, body, materials, attitude, geometry, noise, kind, band, exposure
+    )  # fmt: skip
+
+
+def _attitude(table: Table) -> ConstantRate | PrincipalAxis | Fixed:
+    law = table.text("law", choices=("constant-rate", "principal-axis", "fixed"))
+    if law == "constant-rate":
+        found = ConstantRate(table.vector("omega_rad_s"))
+    elif law == "principal-axis":
+        if ("period_h" in table) == ("period_s" in table):
+            raise table.fault(None, "needs one of 'period_h' and 'period_s'")
+        unit, scale = ("period_h", HOUR) if "period_h" in table else ("period_s", 1.0)
+        period = table.number(unit)
+        if period == 0:
+            raise table.fault(unit, "is 0; a period is positive, or negative for the other sense")
+        found = PrincipalAxis(
+            table.number("pole_lon_deg"),
+            table.number("pole_lat_deg", low=-90.0, high=90.0),
+            period * scale,
+            table.number("phase0_deg", 0.0),
+        )
+    else:
+        found = Fixed()
+    table.done()
+    return found
+
+
+def _noise(table: Table) -> Noise:
+    kinds = [key for key in ("sigma", "mag_err", "snr") if key in table]
+    if len(kinds) != 1:
+        given = " and ".join(map(repr, kinds)) or "none of them"
+        raise table.fault(None, f"needs one of 'sigma', 'mag_err' and 'snr'; it has {given}")
+    found = Noise(kinds[0], table.number(kinds[0], above=0.0))
+    table.done()
+    return found

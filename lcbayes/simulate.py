@@ -1,0 +1,242 @@
+"""Light curves from scenarios: geometry, brightness, noise, and the truth that goes with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes._jax import jax, jnp
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+from lcbayes.physics import attitude, brightness, facets, photometry
+from lcbayes.physics.reflectance import LAWS
+from lcbayes.scenario import ConstantRate, PrincipalAxis, Scenario
+from lcbayes.scenarios.epochs import epochs
+
+Floats = NDArray[np.float64]
+
+CHUNK = 1_000_000  # facet-epochs at a time: memory does not grow with the length of a curve
+MAGNITUDE_PER_NEPER = 2.5 / np.log(10.0)
+
+
+def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, Any]]:
+    """A noisy light curve of a scenario, and the truth behind it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    seed : int
+        Of the noise; the same scenario and seed give the same numbers.
+
+    Returns
+    -------
+    LightCurve
+        Flux (with ranges W/m², else at unit distance) or magnitudes. Epochs at which nothing of
+        the body is lit and seen have no magnitude and are left out where one is needed.
+    dict
+        The truth, ready for JSON: see `truth`.
+
+    Raises
+    ------
+    InputError
+        The geometry has no usable epoch, or the body is dark at all of them.
+    """
+    curve = epochs(scenario.geometry)
+    flux = flux_at(scenario, curve.t, curve.sun, curve.obs)
+    if scenario.kind == "mag" or scenario.noise.kind == "mag_err":
+        kept = flux > 0.0
+        if not kept.any():
+            raise InputError(
+                f"scenario {scenario.name!r}: no facet is lit and seen at any of {len(flux)} "
+                "epochs, so there is no magnitude; change the body, its attitude or the geometry"
+            )
+        n_dark, curve, flux = int(np.sum(~kept)), curve.select(kept), flux[kept]
+    else:
+        n_dark = 0
+    clean = _in_units(scenario, curve, flux)
+    sigma = _noise_sd(scenario, clean)
+    noisy = clean + sigma * np.random.default_rng(seed).standard_normal(clean.size)
+    n = curve.n_obs
+    curve = replace(
+        curve,
+        brightness=noisy,
+        error=sigma,
+        kind=scenario.kind,
+        band=np.full(n, scenario.band),
+        exposure_s=np.full(n, scenario.exposure_s),
+        source={"file": scenario.name, "format": "simulated", "seed": str(seed)},
+    )
+    return curve, truth(scenario, seed, curve, clean, n_dark)
+
+
+def flux_at(scenario: Scenario, t: Floats, sun: Floats, obs: Floats) -> Floats:
+    """Noise-free flux at unit distance under unit irradiance, averaged over the exposure, m².
+
+    Parameters
+    ----------
+    t : (T,) s
+        Time since the instant at which the attitude law starts.
+    sun, obs : (T, 3)
+        Unit vectors to Sun and observer, inertial; constant during an exposure.
+    """
+    exposure = scenario.exposure_s
+
+    @jax.jit
+    def part(t: jax.Array, sun: jax.Array, obs: jax.Array) -> jax.Array:
+        def at(instants: jax.Array) -> jax.Array:
+            rotation = _attitude(scenario, instants)
+            return _body_flux(
+                scenario, attitude.to_body(rotation, sun), attitude.to_body(rotation, obs)
+            )
+
+        return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
+
+    size = max(1, CHUNK // len(scenario.body.areas))
+    parts = [
+        np.asarray(part(*map(jnp.asarray, (t[i : i + size], sun[i : i + size], obs[i : i + size]))))
+        for i in range(0, len(t), size)
+    ]
+    return np.concatenate(parts)
+
+
+def _attitude(scenario: Scenario, t: jax.Array) -> jax.Array:
+    law = scenario.attitude
+    if isinstance(law, ConstantRate):
+        return attitude.constant_rate(t, jnp.asarray(law.omega_rad_s))
+    if isinstance(law, PrincipalAxis):
+        lon, lat, phase = np.deg2rad([law.pole_lon_deg, law.pole_lat_deg, law.phase0_deg])
+        return attitude.principal_axis(
+            t, jnp.asarray(lon), jnp.asarray(lat), jnp.asarray(law.period_s), jnp.asarray(phase)
+        )
+    return attitude.fixed(t)
+
+
+def _body_flux(scenario: Scenario, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array:
+    """Sum over the laws of the body's facets; those of one law go together."""
+    body, materials = scenario.body, scenario.materials
+    laws = [materials[label].law for label in body.labels]
+    total = jnp.zeros(sun_body.shape[0])
+    for law in sorted(set(laws)):
+        here = np.array([one == law for one in laws])
+        mine = [materials[label].parameters for label in np.array(body.labels)[here]]
+        params = {key: jnp.array([p[key] for p in mine]) for key in LAWS[law].parameters}
+        total += brightness.flux_brdf(
+            sun_body,
+            obs_body,
+            jnp.asarray(body.normals[here]),
+            jnp.asarray(body.areas[here]),
+            law,
+            params,
+            jnp.asarray(body.u_axes[here]),
+        )
+    return total
+
+
+def _in_units(scenario: Scenario, curve: LightCurve, flux: Floats) -> Floats:
+    """Flux as the light curve has it: W/m² or at unit distance, or an apparent magnitude."""
+    if curve.range_km is None:
+        return flux  # a scenario in magnitudes has ranges
+    range_m = jnp.asarray(1e3 * curve.range_km)
+    if scenario.kind == "mag":
+        m_sun = photometry.sun_magnitude(scenario.band)
+        return np.asarray(photometry.magnitude(jnp.asarray(flux), range_m, m_sun))
+    return np.asarray(photometry.irradiance(jnp.asarray(flux), range_m))
+
+
+def _noise_sd(scenario: Scenario, clean: Floats) -> Floats:
+    """Standard deviation of every point, in the unit of the brightness."""
+    kind, value = scenario.noise.kind, scenario.noise.value
+    if scenario.kind == "mag":  # a relative error of a flux, for errors that are small
+        return np.full(clean.size, MAGNITUDE_PER_NEPER / value if kind == "snr" else value)
+    if kind == "mag_err":
+        return clean * value / MAGNITUDE_PER_NEPER
+    if kind == "sigma":
+        return np.full(clean.size, value)
+    if not clean.any():
+        raise InputError(
+            f"scenario {scenario.name!r}: no facet is lit and seen at any of {clean.size} epochs, "
+            "so noise.snr has no meaning; give noise.sigma"
+        )
+    return np.full(clean.size, float(np.mean(clean)) / value)
+
+
+def truth(
+    scenario: Scenario, seed: int, curve: LightCurve, clean: Floats, n_dark: int
+) -> dict[str, Any]:
+    """What a perfect fit of the light curve would find, ready for JSON.
+
+    Normals are given for body axes that are the inertial axes at the first point of the curve
+    (``t_ref_s``), as Linares & Crassidis have them (A(t₀) = I); for a principal-axis spin they
+    are in its own body axes, z towards the pole. `albedo_area_m2` is None for facets whose
+    reflectance is not one factor.
+    """
+    law = scenario.attitude
+    t_ref = float(curve.t[0])
+    normals, u_axes = scenario.body.normals, scenario.body.u_axes
+    spin: dict[str, Any]
+    if isinstance(law, ConstantRate):
+        rotation = np.asarray(_attitude(scenario, jnp.array([t_ref])))[0]
+        normals, u_axes = normals @ rotation.T, u_axes @ rotation.T
+        spin = {"law": "constant-rate", "omega_rad_s": list(law.omega_rad_s)}
+    elif isinstance(law, PrincipalAxis):
+        spin = {
+            "law": "principal-axis",
+            "pole_lon_deg": law.pole_lon_deg,
+            "pole_lat_deg": law.pole_lat_deg,
+            "period_h": law.period_s / 3600.0,
+            "phase0_deg": law.phase0_deg,
+        }
+    else:
+        spin = {"law": "fixed"}
+    phi, g = facets.angles(jnp.asarray(normals))
+    used = set(scenario.body.labels)
+    return {
+        "scenario": scenario.name,
+        "seed": seed,
+        "n_facets": len(scenario.body.areas),
+        "n_obs": curve.n_obs,
+        "n_dark_left_out": n_dark,
+        "frame": curve.frame,
+        "epoch_jd": curve.epoch_jd,
+        "t_ref_s": t_ref,
+        "attitude": spin,
+        "facets": [
+            {
+                "normal": normals[i].tolist(),
+                "u": u_axes[i].tolist(),
+                "phi": float(phi[i]),
+                "g": float(g[i]),
+                "area_m2": float(area),
+                "albedo_area_m2": _albedo_area(scenario, i),
+                "material": scenario.body.labels[i],
+            }
+            for i, area in enumerate(scenario.body.areas)
+        ],
+        "materials": {
+            name: {"law": m.law, **m.parameters}
+            for name, m in scenario.materials.items()
+            if name in used
+        },
+        "noise": {scenario.noise.kind: scenario.noise.value},
+        scenario.kind: clean.tolist(),
+    }
+
+
+def _albedo_area(scenario: Scenario, i: int) -> float | None:
+    """α of `brightness.flux`, where the facet's law is one of its kernels times a factor."""
+    material = scenario.materials[scenario.body.labels[i]]
+    area, p = float(scenario.body.areas[i]), material.parameters
+    if material.law in ("lambertian", "non-lambertian"):
+        return p["r_diff"] * area
+    if material.law == "lommel-seeliger-lambert" and p["a"] == 0 and p["k"] == 0:
+        return p["w"] * area / (4.0 * np.pi)
+    return None
+
+
+def sidecar(path: str | Path) -> Path:
+    """Where the truth of a light-curve file is written: curve.csv → curve.truth.json."""
+    return Path(path).with_suffix(".truth.json")

@@ -1,0 +1,171 @@
+"""The architecture, checked: which room may import from which, and how large a room may grow."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MAX_LINES = 500
+
+# What a layer may import from the project, besides itself. The front door is the command line and
+# the package's own __init__, which looks names up only when they are asked for.
+ALLOWED = {
+    "physics": {"ground"},
+    "io": {"ground", "core"},
+    "core": {"ground", "physics", "io"},
+    "models": {"ground", "physics", "io", "core"},
+    "analysis": {"ground", "physics", "io", "core", "models"},
+    "front door": {"ground", "physics", "io", "core", "models", "analysis"},
+    "ground": set(),
+}
+GROUND = {"lcbayes._jax", "lcbayes.errors"}
+HEAVY = ("jax", "numpyro", "arviz", "astropy", "matplotlib", "scipy", "pandas", "xarray")
+
+
+def _modules() -> dict[str, Path]:
+    """Every installed module of the project by its dotted name, each file once."""
+    found = {}
+    places = {"lcbayes": "lcbayes", "models": "lcbayes.models", "analysis": "lcbayes.analysis"}
+    for top, package in places.items():
+        for path in sorted((ROOT / top).rglob("*.py")):
+            relative = path.relative_to(ROOT / top)
+            if top == "lcbayes" and relative.parts[0] in ("models", "analysis"):
+                continue  # links
+            if top == "analysis" and relative.parts[0] == "papers":
+                continue  # scripts, not installed
+            parts = [*package.split("."), *relative.with_suffix("").parts]
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = _modules()
+
+
+def _layer(module: str) -> str:
+    if module in GROUND:
+        return "ground"
+    if module in ("lcbayes", "lcbayes.cli", "lcbayes.__main__"):
+        return "front door"
+    second = module.split(".")[1]
+    if second == "commands":
+        return "front door"
+    return second if second in ("physics", "io", "models", "analysis") else "core"
+
+
+def _imports(module: str) -> Iterator[tuple[str, int]]:
+    """(dotted name, line) of everything a module imports, also inside functions.
+
+    `from a import b` counts as `a.b` where that is a module of the project, else as `a`.
+    """
+    path = MODULES[module]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    for node in _walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parents = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*parents, *([base] if base else [])])
+            names = [
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in MODULES else base
+                for alias in node.names
+            ]
+        else:
+            continue
+        for name in names:
+            yield name, node.lineno
+
+
+def _walk(node: ast.AST) -> Iterator[ast.AST]:
+    """Every node but those under `if TYPE_CHECKING:`, which never run."""
+    yield node
+    if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+        children = iter(node.orelse)
+    else:
+        children = ast.iter_child_nodes(node)
+    for child in children:
+        yield from _walk(child)
+
+
+def _ours(name: str) -> bool:
+    return name == "lcbayes" or name.startswith("lcbayes.")
+
+
+def test_the_rooms_are_found():
+    assert {"lcbayes", "lcbayes.models", "lcbayes.analysis", "lcbayes.physics.brightness"} <= set(
+        MODULES
+    )
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_point_one_way(module):
+    layer = _layer(module)
+    wrong = [
+        f"{MODULES[module].relative_to(ROOT)}:{line} ({layer}) imports {name} ({_layer(name)})"
+        for name, line in _imports(module)
+        if _ours(name) and _layer(name) != layer and _layer(name) not in ALLOWED[layer]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_circles():
+    graph = {
+        module: {
+            name
+            for name, _ in _imports(module)
+            if name in MODULES and name != module and name != "lcbayes"
+        }
+        for module in MODULES
+    }
+    done: set[str] = set()
+
+    def walk(module: str, trail: tuple[str, ...]) -> None:
+        assert module not in trail, " -> ".join([*trail[trail.index(module) :], module])
+        if module not in done:
+            for name in sorted(graph[module]):
+                walk(name, (*trail, module))
+            done.add(module)
+
+    for module in graph:
+        walk(module, ())
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m != "lcbayes._jax"])
+def test_jax_comes_through_the_ground_floor(module):
+    """An array made before double precision is set would stay in single precision."""
+    names = [name for name, _ in _imports(module)]
+    if any(name.split(".")[0] == "jax" for name in names):
+        assert "lcbayes._jax" in names, f"{module} imports JAX without lcbayes._jax"
+    assert "jax" not in names, f"{module}: take jax from lcbayes._jax"
+    assert "jax.numpy" not in names, f"{module}: take jnp from lcbayes._jax"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for t in ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs")
+     for p in sorted((ROOT / t).rglob("*.py")) if not p.is_symlink()],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)  # fmt: skip
+def test_files_stay_small(path):
+    lines = path.read_text(encoding="utf-8").count("\n")
+    assert lines <= MAX_LINES, f"{lines} lines: split it by job"
+
+
+@pytest.mark.parametrize("module", ["lcbayes", "lcbayes.cli", "lcbayes.commands"])
+def test_the_front_door_is_light(module):
+    """`lcbayes --help` answers at once: nothing heavy is imported until a command needs it."""
+    if module not in MODULES:
+        pytest.skip(f"{module} is not there yet")
+    code = f"import sys, {module}; print(*[m for m in {HEAVY!r} if m in sys.modules])"
+    answer = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.split() == []
