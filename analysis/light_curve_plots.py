@@ -1,0 +1,275 @@
+"""The light curve against what the model predicts, by night or pass, folded, and its residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.numerals import date, duration
+from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+
+Floats = NDArray[np.float64]
+MOST_PANELS = 12
+BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Points of one curve without a long gap: a night, a pass."""
+
+    points: NDArray[np.int64]
+    curve: int
+
+
+def segments(results: Results) -> list[Segment]:
+    """Split the light curve by `curve` and at long gaps; lone points stay with their curve."""
+    whole, split = [], []
+    for c in np.unique(results.curve):
+        points = np.flatnonzero(results.curve == c)
+        whole.append(Segment(points, int(c)))
+        steps = np.diff(results.t[points])
+        if steps.size == 0:
+            split.append(whole[-1])
+            continue
+        gaps = np.flatnonzero(steps > max(30 * float(np.median(steps)), 1800.0)) + 1
+        split += [Segment(part, int(c)) for part in np.split(points, gaps)]
+    mean_size = results.t.size / len(split)
+    chosen = whole if len(split) > len(whole) and mean_size < 5 else split
+    return sorted(chosen, key=lambda s: results.t[s.points[0]])
+
+
+def bands(mode: Mode) -> Floats | None:
+    """Quantiles `BAND` of the predicted brightness, (5, T); None if there are too few draws."""
+    if len(mode.predicted) < 20:
+        return None
+    return np.quantile(mode.predicted, BAND, axis=0)
+
+
+def sigmas(results: Results, best: Mode) -> Floats:
+    """Standard deviation of each point: from the file, else the inferred one, else NaN."""
+    sigma = results.error.copy()
+    unknown = ~np.isfinite(sigma)
+    if unknown.any() and "sigma" in best.draws and best.draws["sigma"].ndim == 2:
+        sigma[unknown] = float(best.draws["sigma"].mean())
+    return sigma
+
+
+def _time_unit(span: float) -> tuple[str, float]:
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if span >= 2.5 * size:
+            return unit, size
+    return "s", 1.0
+
+
+def _label(results: Results) -> str:
+    if results.is_magnitude:
+        return "magnitude"
+    if "range_km" in results.constant:
+        return "flux (W/m²)"
+    return "relative flux" if results.normals is not None else "flux at unit distance"
+
+
+def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
+    """One figure for each segment, or for the most informative dozen; and what was left out."""
+    parts = segments(results)
+    note = ""
+    if len(parts) > MOST_PANELS:
+        worth = [_worth(results, s) for s in parts]
+        keep = sorted(np.argsort(worth)[::-1][:MOST_PANELS])
+        note = (
+            f"The {MOST_PANELS} of {len(parts)} stretches of data that tell most (many points, large "
+            "variation) are shown; the table below lists all of them."
+        )
+        parts = [parts[i] for i in keep]
+    big = len(parts) <= 2
+    quantiles = [(m, bands(m)) for m in results.modes]
+    sigma = sigmas(results, results.modes[0])
+    images = []
+    for number, part in enumerate(parts):
+        figure = gallery.figure(*((5.4, 3.7) if big else (3.6, 2.7)))
+        _draw_segment(figure, results, part, quantiles, sigma, legend=big or number == 0)
+        epoch = results.attrs.get("epoch_jd")
+        start = results.t[part.points[0]]
+        when = f" from {date(epoch + start / 86400, clock=True)}" if epoch else ""
+        alt = (
+            f"Light curve {part.curve + 1}{when}: {part.points.size} observed points over the "
+            "50 % and 90 % bands of the prediction, residuals below."
+        )
+        images.append(gallery.add(figure, f"light-curve-{number + 1:02d}", alt))
+    return images, note
+
+
+def _worth(results: Results, part: Segment) -> float:
+    y = results.brightness[part.points]
+    scale = 1.0 if results.is_magnitude else max(abs(float(np.mean(y))), 1e-300)
+    return float(np.sqrt(y.size) * np.std(y) / scale)
+
+
+def _draw_segment(
+    figure: Any,
+    results: Results,
+    part: Segment,
+    quantiles: list[tuple[Mode, Floats | None]],
+    sigma: Floats,
+    legend: bool,
+) -> None:
+    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    at = part.points
+    t0 = results.t[at[0]]
+    unit, size = _time_unit(float(np.ptp(results.t[at])))
+    x, y = (results.t[at] - t0) / size, results.brightness[at]
+    drawn = [(m, q[:, at]) for m, q in quantiles if q is not None]
+    for rank, (mode, q) in enumerate(drawn):
+        hue = colour(mode.index)
+        tail = f", {mode.name.lower()}" if len(drawn) > 1 else ""
+        if rank == 0:
+            top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0, label=f"90 % band{tail}")
+            top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0, label=f"50 % band{tail}")
+        else:
+            top.plot(x, q[2], color=hue, lw=1.1, ls="--", label=f"median{tail}")
+    error = results.error[at]
+    if np.isfinite(error).all():
+        top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)
+    top.plot(x, y, "o", ms=2.6, color=DATA, label="observed", zorder=4)
+    top.set_ylabel(_label(results))
+    if results.is_magnitude:
+        top.invert_yaxis()
+    if drawn:
+        residual = y - drawn[0][1][2]
+        scaled = np.isfinite(sigma[at]).all()
+        low.axhline(0, color=FAINT, lw=0.7)
+        if scaled:
+            residual = residual / sigma[at]
+            low.axhspan(-1.645, 1.645, color=colour(drawn[0][0].index), alpha=0.14, lw=0)
+            largest = max(3.2, 1.1 * float(np.max(np.abs(residual))))
+            low.set_ylim(-largest, largest)
+        low.plot(x, residual, "o", ms=2.4, color=DATA)
+        low.set_ylabel("resid. (σ)" if scaled else "residual")
+        if results.is_magnitude:
+            low.invert_yaxis()
+    epoch = results.attrs.get("epoch_jd")
+    title = f"{at.size} points"
+    if results.attrs.get("epoch_jd"):
+        title = f"{date(float(epoch) + t0 / 86400)} · {title}"
+    if np.unique(results.curve).size > 1:
+        title = f"curve {part.curve + 1} · {title}"
+    top.set_title(title, loc="left")
+    low.set_xlabel(f"time ({unit}) from the first point")
+    figure.align_ylabels([top, low])
+    if legend:
+        figure.legend(
+            *top.get_legend_handles_labels(), loc="outside lower left", ncols=2, columnspacing=1.2
+        )
+
+
+def draw_folded(results: Results, gallery: Gallery) -> Image | None:
+    """All points against the rotational phase, each curve brought to the same mean."""
+    best = results.modes[0]
+    if "period_h" not in best.draws or results.t.size < 50:
+        return None
+    period = float(best.draws["period_h"].mean()) * 3600
+    if results.span_s < 10 * abs(period):
+        return None
+    y = results.brightness.copy()
+    for c in np.unique(results.curve):
+        here = results.curve == c
+        if results.is_magnitude:
+            y[here] -= np.mean(y[here])
+        else:
+            y[here] /= np.mean(y[here])
+    figure = gallery.figure(5.4, 3.4)
+    axes = figure.subplots()
+    turns = results.t / period % 1.0
+    dots = axes.scatter(turns, y, c=results.phase_angle_deg, s=5, cmap="viridis", rasterized=True)
+    axes.set_xlim(0, 1)
+    axes.set_xlabel("rotational phase (turns)")
+    axes.set_ylabel("magnitude − mean" if results.is_magnitude else "flux ÷ mean of its curve")
+    if results.is_magnitude:
+        axes.invert_yaxis()
+    figure.colorbar(dots, ax=axes, label="phase angle (deg)", pad=0.02)
+    return gallery.add(
+        figure,
+        "light-curve-folded",
+        f"All {y.size} points folded with the period of {best.name.lower()}, coloured by phase angle.",
+        f"All points folded with the period of {best.name.lower()}. Over {duration(results.span_s)} "
+        "the object was seen from many sides, so the curves need not coincide.",
+    )
+
+
+def draw_residuals(results: Results, gallery: Gallery) -> Image | None:
+    """Residuals of all points against time."""
+    best = results.modes[0]
+    q = bands(best)
+    if q is None or len(segments(results)) <= 2:
+        return None
+    sigma = sigmas(results, best)
+    residual = results.brightness - q[2]
+    scaled = np.isfinite(sigma).all()
+    residual = residual / sigma if scaled else residual
+    figure = gallery.figure(5.4, 3.4)
+    axes = figure.subplots()
+    epoch = results.attrs.get("epoch_jd")
+    if epoch and results.span_s > 3 * 365.25 * 86400:
+        x = 2000.0 + (float(epoch) + results.t / 86400 - 2451545.0) / 365.25
+        axes.set_xlabel("year")
+    else:
+        unit, size = _time_unit(results.span_s)
+        x = (results.t - results.t[0]) / size
+        axes.set_xlabel(f"time ({unit}) from the first point")
+    if scaled:
+        axes.axhspan(-1.645, 1.645, color=colour(best.index), alpha=0.14, lw=0)
+    axes.axhline(0, color=FAINT, lw=0.7)
+    axes.plot(x, residual, "o", ms=2, color=DATA, alpha=0.6, rasterized=True)
+    axes.set_ylabel("residual (σ)" if scaled else "residual")
+    return gallery.add(
+        figure,
+        "residuals",
+        "Residuals of all points against time.",
+        f"What is left after the median prediction of {best.name.lower()}"
+        + ("; nine in ten points should lie in the shaded band." if scaled else "."),
+    )
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """A line of the table that lists all curves."""
+
+    number: int
+    begins: str
+    lasts: str
+    points: int
+    phase_angle: str
+    rms: float
+    inside: float | None
+
+
+def curve_table(results: Results) -> list[CurveRow]:
+    """Each segment with the scatter of its residuals and its share inside the 90 % band."""
+    q = bands(results.modes[0])
+    angle = results.phase_angle_deg
+    epoch = results.attrs.get("epoch_jd")
+    rows = []
+    for part in segments(results):
+        at = part.points
+        rms, inside = np.nan, None
+        if q is not None:
+            rms = float(np.sqrt(np.mean((results.brightness[at] - q[2, at]) ** 2)))
+            y = results.brightness[at]
+            inside = float(np.mean((y >= q[0, at]) & (y <= q[4, at])))
+        start = results.t[at[0]]
+        rows.append(
+            CurveRow(
+                number=part.curve + 1,
+                begins=date(float(epoch) + start / 86400, clock=True) if epoch else f"{start:.6g} s",
+                lasts=duration(float(np.ptp(results.t[at]))),
+                points=at.size,
+                phase_angle=f"{np.mean(angle[at]):.1f}",
+                rms=rms,
+                inside=inside,
+            )
+        )
+    return rows

@@ -1,0 +1,314 @@
+"""The report: everything a results folder says, on one page that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import (
+    contents,
+    diagnostics_plots,
+    light_curve_plots,
+    quantities,
+    shape_plots,
+    sky_plots,
+    style,
+)
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.numerals import date, duration, percent, show
+
+TEMPLATES = Path(__file__).parent / "templates"
+MOST_MODES = 3  # solutions drawn in full; the others are listed
+LONG_TABLE = 24
+
+
+def write(folder: Path | str) -> Path:
+    """Write `report.html`, `figures/` and `shape.obj` into a results folder, from it alone.
+
+    Each is put in place when it is complete; an older one is never half-overwritten.
+
+    Parameters
+    ----------
+    folder : path
+        What `lcbayes fit -o` wrote.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    lcbayes.errors.InputError
+        If the folder is none of lcbayes, or is damaged.
+    """
+    import matplotlib
+
+    folder = Path(folder)
+    results = contents.read(folder)
+    scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
+    try:
+        scratch.chmod(0o755)
+        figures = scratch / "figures"
+        figures.mkdir()
+        with matplotlib.rc_context(style.RC), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            page, shapes = _compose(results, style.Gallery(figures))
+        (scratch / "report.html").write_text(page, encoding="utf-8")
+        _write_shapes(scratch, shapes)
+        _put_in_place(scratch, folder)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return folder / "report.html"
+
+
+def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
+    """The heaviest solution is `shape.obj`, the others `shape-2.obj` and so on."""
+    for shape in shapes:
+        if shape.body is not None:
+            tail = "" if shape is shapes[0] else f"-{shape.mode.index + 1}"
+            text = shape.body.obj(f"{shape.mode.name}, made by lcbayes\n{shape.caption}")
+            (scratch / f"shape{tail}.obj").write_text(text, encoding="utf-8")
+
+
+def _put_in_place(scratch: Path, folder: Path) -> None:
+    old = scratch / "old"
+    if (folder / "figures").exists():
+        (folder / "figures").rename(old)
+    (scratch / "figures").rename(folder / "figures")
+    for stale in folder.glob("shape*.obj"):
+        if not (scratch / stale.name).exists():
+            stale.unlink()
+    for new in [*scratch.glob("shape*.obj"), scratch / "report.html"]:
+        os.replace(new, folder / new.name)
+
+
+def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:
+    import jinja2
+
+    drawn = results.modes[:MOST_MODES]
+    lists = {m.index: list(quantities.quantities(results, m)) for m in drawn}
+    few = {m.index: quantities.important(lists[m.index]) for m in drawn}
+    panels, panel_note = light_curve_plots.draw_panels(results, gallery)
+    shapes = [s for m in drawn if (s := shape_plots.build(results, m, gallery)) is not None]
+    overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
+    curves = light_curve_plots.curve_table(results)
+    values: dict[str, Any] = {
+        "title": results.attrs.get("source_file") or results.folder.name,
+        "attrs": results.attrs,
+        "summary": results.summary,
+        "verdict": _verdict(results),
+        "several": len(results.modes) > 1,
+        "modes": results.modes,
+        "drawn": drawn,
+        "key": _key_table(results, drawn),
+        "observed": _observed(results),
+        "assumptions": _assumptions(results),
+        "coverage": _coverage(results),
+        "panels": panels,
+        "panel_note": panel_note,
+        "overview": [i for f in overview if (i := f(results, gallery)) is not None],
+        "curves": [_curve_cells(c) for c in curves] if len(curves) > 1 else [],
+        "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
+        "sky": sky_plots.draw_sky(results, gallery),
+        "frame": sky_plots.frame_words(results),
+        "shapes": shapes,
+        "tables": [(m, _parameter_table(results, m, lists[m.index])) for m in drawn],
+        "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
+        "diagnostics": [
+            (
+                m,
+                [
+                    image
+                    for image in (
+                        diagnostics_plots.draw_traces(m, few[m.index], gallery),
+                        diagnostics_plots.draw_pairs(m, few[m.index], gallery),
+                        diagnostics_plots.draw_energy(m, gallery),
+                    )
+                    if image is not None
+                ],
+            )
+            for m in drawn
+        ],
+        "run_toml": results.run_toml,
+        "timing": _timing(results),
+    }
+    loader = jinja2.FileSystemLoader(TEMPLATES)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    environment.globals["show"] = show
+    environment.filters["percent"] = percent
+    return environment.get_template("report.html.j2").render(values), shapes
+
+
+def _verdict(results: Results) -> dict[str, Any]:
+    """What to think of the result, in words, before any number."""
+    summary, count = results.summary, len(results.modes)
+    reasons = [str(r) for r in summary.get("reasons") or []]
+    if not summary.get("converged"):
+        return {
+            "good": False,
+            "head": "Do not trust these numbers: the run did not converge.",
+            "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
+        }
+    if count == 1:
+        head = "One solution explains the data; the chains agree on it."
+    else:
+        head = f"{count} solutions explain the data; the chains of each agree."
+    notes = list(reasons)
+    if count > 1:
+        shares = ", ".join(f"{m.name} {_weight(m)}" for m in results.modes)
+        notes.insert(
+            0,
+            f"They are shown side by side and never averaged. Their posterior weights: {shares}.",
+        )
+    worst, least = summary.get("max_rhat"), summary.get("min_ess_bulk")
+    if worst is not None and least is not None:
+        notes.append(
+            f"Largest R-hat {worst:.3f} (1.01 or less is good), smallest effective sample size "
+            f"{least:.0f} (400 or more is good), {summary.get('divergences', 0)} divergences."
+        )
+    return {"good": True, "head": head, "reasons": notes}
+
+
+def _weight(mode: Mode) -> str:
+    text = percent(mode.weight)
+    return text if mode.weight_sd is None else f"{text} ± {percent(mode.weight_sd)}"
+
+
+def _key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
+    """Rows of the short table; one pair of cells, mean and 90 % interval, for each solution."""
+    by_mode = [{q.words: q for q in quantities.key_results(results, m)} for m in drawn]
+    names = list(dict.fromkeys(name for one in by_mode for name in one))
+    rows = []
+    for name in names:
+        cells, unit = [], ""
+        for one in by_mode:
+            q = one.get(name)
+            if q is None:
+                cells.append(("–", ""))
+                continue
+            unit = q.unit
+            low, high = (show(q.quantile(p), q.sd) for p in (0.05, 0.95))
+            cells.append((show(q.mean, q.sd), f"{low} to {high}"))
+        rows.append({"name": name, "unit": unit, "cells": cells})
+    return {"heads": [(m.name, _weight(m)) for m in drawn], "rows": rows}
+
+
+def _observed(results: Results) -> list[tuple[str, str]]:
+    """What went in, as pairs of words."""
+    angle = results.phase_angle_deg
+    count = np.unique(results.curve).size
+    kind = "apparent magnitudes" if results.is_magnitude else "fluxes"
+    facts = [("Points", f"{results.t.size} {kind} in {count} curve{'s' * (count > 1)}")]
+    epoch = results.attrs.get("epoch_jd")
+    span = duration(results.span_s)
+    if epoch:
+        first, last = (float(epoch) + x / 86400 for x in (results.t.min(), results.t.max()))
+        clock = results.span_s < 20 * 86400
+        span = f"{date(first, clock)} to {date(last, clock)} ({span})"
+    facts.append(("Time", span))
+    facts.append(("Phase angle", f"{angle.min():.1f}° to {angle.max():.1f}°"))
+    if "range_km" in results.constant:
+        reach = results.constant["range_km"].to_numpy()
+        facts.append(("Range", f"{reach.min():.0f} to {reach.max():.0f} km"))
+    known = np.isfinite(results.error)
+    if known.all():
+        facts.append(("Errors", f"given with the data, median {show(float(np.median(results.error)))}"))
+    else:
+        facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
+    for name, words in (("site", "Sites"), ("band", "Bands")):
+        found = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
+        listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
+        facts += [(words, listed)] if found else []
+    facts.append(("Directions in", sky_plots.frame_words(results)))
+    return facts
+
+
+def _assumptions(results: Results) -> list[str]:
+    text = results.attrs.get("assumptions") or "[]"
+    try:
+        found = json.loads(text) if isinstance(text, str) else list(text)
+    except json.JSONDecodeError:
+        found = [text]
+    return [str(s) for s in (found if isinstance(found, list) else [found])]
+
+
+def _coverage(results: Results) -> str:
+    """How well the prediction agrees with the data, in a sentence."""
+    parts = []
+    q = light_curve_plots.bands(results.modes[0])
+    if q is not None:
+        inside = np.mean((results.brightness >= q[0]) & (results.brightness <= q[4]))
+        parts.append(f"{percent(float(inside))} of the points lie inside the 90 % band.")
+    fit = results.summary.get("fit") or {}
+    chi2, dof = fit.get("chi2"), fit.get("dof")
+    if chi2 is not None and dof:
+        ratio = chi2 / dof
+        parts.append(f"χ² is {show(chi2, chi2 / 30)} for {dof} degrees of freedom")
+        parts[-1] += (
+            ": the scatter is larger than the errors explain." if ratio > 1.5
+            else ": the errors look too large." if ratio < 0.5 else "."
+        )  # fmt: skip
+    if fit.get("rms") is not None:
+        unit = " mag" if results.is_magnitude else ""
+        parts.append(f"The rms of the residuals is {show(fit['rms'], fit['rms'] / 30)}{unit}.")
+    return " ".join(parts)
+
+
+def _curve_cells(row: light_curve_plots.CurveRow) -> list[str]:
+    inside = "–" if row.inside is None else percent(row.inside)
+    rms = show(row.rms, row.rms / 10)
+    return [str(row.number), row.begins, row.lasts, str(row.points), row.phase_angle, rms, inside]
+
+
+def _parameter_table(
+    results: Results, mode: Mode, listed: list[quantities.Quantity]
+) -> list[dict[str, Any]]:
+    """Groups of rows by variable; a long group is folded away on the page."""
+    groups: dict[str, list[list[str]]] = {}
+    worst: dict[str, tuple[float, float]] = {}
+    for row in quantities.table(listed):
+        q = row.quantity
+        base = q.name.split("[")[0]
+        cells = [q.name, *(show(x, q.sd) for x in (q.mean,)), show(q.sd, q.sd)]
+        cells += [show(q.quantile(p), q.sd) for p in (0.05, 0.5, 0.95)]
+        cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]
+        cells += ["–" if not np.isfinite(x) else f"{x:.0f}" for x in (row.ess_bulk, row.ess_tail)]
+        groups.setdefault(base, []).append(cells)
+        high, low = worst.get(base, (0.0, np.inf))
+        worst[base] = (np.nanmax([high, row.rhat]), np.nanmin([low, row.ess_bulk]))
+    out = []
+    for base, rows in groups.items():
+        words, unit, _ = quantities.KNOWN.get(base, (base.replace("_", " "), "", 0.0))
+        if base == "albedo_area":
+            unit = quantities.area_unit(results)
+        high, low = worst[base]
+        out.append(
+            {
+                "words": words,
+                "unit": unit,
+                "rows": rows,
+                "long": len(rows) > LONG_TABLE,
+                "worst": f"largest R-hat {high:.3f}, smallest bulk ESS {low:.0f}",
+            }
+        )
+    return out
+
+
+def _timing(results: Results) -> str:
+    timing = results.summary.get("timing") or {}
+    words = {"compile_s": "compiling", "warmup_s": "warm-up", "sampling_s": "sampling"}
+    parts = [f"{w} {duration(timing[k])}" for k, w in words.items() if timing.get(k) is not None]
+    if timing.get("gradients"):
+        parts.append(f"{timing['gradients']:,} gradients".replace(",", " "))
+    return ", ".join(parts)
