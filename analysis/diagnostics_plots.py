@@ -18,7 +18,8 @@ DOTS = 500
 
 
 def _axis_label(q: Quantity) -> str:
-    return f"{q.name} ({q.unit})" if q.unit and q.unit != "relative" else q.name
+    said = q.name.endswith(("_deg", "_h")) or q.unit in ("", "relative")
+    return q.name if said else f"{q.name} ({q.unit})"
 
 
 def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:
@@ -42,17 +43,19 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
     for (left, right), q in zip(grid, few, strict=True):
         ranks = rankdata(q.values).reshape(chains, draws)
         edges = np.linspace(0, chains * draws, bins + 1)
+        top = 2.0
         for c in range(chains):
             hue = colour(c)
             left.plot(np.arange(0, draws, step), q.values[c, ::step], color=hue, lw=0.5, alpha=0.8,
                       rasterized=True)  # fmt: skip
             counts = np.histogram(ranks[c], edges)[0] * bins / draws
-            right.stairs(counts, edges / edges[-1], color=hue, lw=1.0)
+            right.stairs(counts, edges / edges[-1], color=hue, lw=1.0, baseline=None)
+            top = max(top, float(counts.max()))
         right.axhline(1, color=FAINT, lw=0.7, ls="--")
-        right.set_ylim(0, None)
+        right.set_ylim(0, 1.1 * top)
+        right.set_yticks([0, 1])
         left.set_title(_axis_label(q), loc="left", fontsize=8.5, pad=3)
         _sparse_ticks(left, "y")
-        _sparse_ticks(right, "y", 2)
     grid[-1, 0].set_xlabel("draw")
     grid[-1, 1].set_xlabel("rank among all draws (0 to 1)")
     return gallery.add(
@@ -109,7 +112,7 @@ def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | Non
         bad = mode.stats["diverging"].transpose("chain", "draw").to_numpy().astype(bool).ravel()
     values = np.stack([q.values.ravel() for q in few])
     step = max(1, values.shape[1] // DOTS)
-    figure = gallery.figure(0.6 + 1.08 * n, 0.5 + 0.95 * n)
+    figure = gallery.figure(0.7 + 0.82 * n, 0.6 + 0.78 * n)
     grid = figure.subplots(n, n, squeeze=False, sharex="col")
     hue = colour(mode.index)
     for row in range(n):
@@ -133,7 +136,7 @@ def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | Non
                 axes.set_ylabel(_axis_label(few[row]), fontsize=7.5)
                 _sparse_ticks(axes, "y", 3)
             elif col != row:
-                axes.set_yticklabels([])
+                axes.tick_params(labelleft=False)
             if row == n - 1:
                 axes.set_xlabel(_axis_label(few[col]), fontsize=7.5)
             if row < n - 1:

@@ -65,12 +65,19 @@ def _time_unit(span: float) -> tuple[str, float]:
     return "s", 1.0
 
 
-def _label(results: Results) -> str:
+def _label(results: Results) -> tuple[str, float]:
+    """Words for the axis of brightness, and the power of ten taken out of its numbers."""
     if results.is_magnitude:
-        return "magnitude"
+        return "magnitude", 1.0
+    words, unit = "flux at unit distance", ""
     if "range_km" in results.constant:
-        return "flux (W/m²)"
-    return "relative flux" if results.normals is not None else "flux at unit distance"
+        words, unit = "flux", "W/m²"
+    elif results.normals is not None:
+        words = "relative flux"
+    power = int(np.floor(np.log10(max(float(np.max(np.abs(results.brightness))), 1e-300))))
+    if -2 <= power <= 3:
+        return f"{words} ({unit})" if unit else words, 1.0
+    return f"{words} (10$^{{{power}}}$ {unit})".replace(" )", ")"), 10.0**power
 
 
 def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
@@ -91,7 +98,7 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
     images = []
     for number, part in enumerate(parts):
         figure = gallery.figure(*((5.4, 3.7) if big else (3.6, 2.7)))
-        _draw_segment(figure, results, part, quantiles, sigma, legend=big or number == 0)
+        _draw_segment(figure, results, part, quantiles, sigma)
         epoch = results.attrs.get("epoch_jd")
         start = results.t[part.points[0]]
         when = f" from {date(epoch + start / 86400, clock=True)}" if epoch else ""
@@ -115,27 +122,26 @@ def _draw_segment(
     part: Segment,
     quantiles: list[tuple[Mode, Floats | None]],
     sigma: Floats,
-    legend: bool,
 ) -> None:
     top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     at = part.points
     t0 = results.t[at[0]]
     unit, size = _time_unit(float(np.ptp(results.t[at])))
-    x, y = (results.t[at] - t0) / size, results.brightness[at]
-    drawn = [(m, q[:, at]) for m, q in quantiles if q is not None]
+    words, power = _label(results)
+    x, y = (results.t[at] - t0) / size, results.brightness[at] / power
+    drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
     for rank, (mode, q) in enumerate(drawn):
         hue = colour(mode.index)
-        tail = f", {mode.name.lower()}" if len(drawn) > 1 else ""
         if rank == 0:
-            top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0, label=f"90 % band{tail}")
-            top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0, label=f"50 % band{tail}")
+            top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0)
+            top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0)
         else:
-            top.plot(x, q[2], color=hue, lw=1.1, ls="--", label=f"median{tail}")
-    error = results.error[at]
+            top.plot(x, q[2], color=hue, lw=1.1, ls="--")
+    error = results.error[at] / power
     if np.isfinite(error).all():
         top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)
-    top.plot(x, y, "o", ms=2.6, color=DATA, label="observed", zorder=4)
-    top.set_ylabel(_label(results))
+    top.plot(x, y, "o", ms=2.6, color=DATA, zorder=4)
+    top.set_ylabel(words)
     if results.is_magnitude:
         top.invert_yaxis()
     if drawn:
@@ -143,7 +149,7 @@ def _draw_segment(
         scaled = np.isfinite(sigma[at]).all()
         low.axhline(0, color=FAINT, lw=0.7)
         if scaled:
-            residual = residual / sigma[at]
+            residual = residual * power / sigma[at]
             low.axhspan(-1.645, 1.645, color=colour(drawn[0][0].index), alpha=0.14, lw=0)
             largest = max(3.2, 1.1 * float(np.max(np.abs(residual))))
             low.set_ylim(-largest, largest)
@@ -160,10 +166,6 @@ def _draw_segment(
     top.set_title(title, loc="left")
     low.set_xlabel(f"time ({unit}) from the first point")
     figure.align_ylabels([top, low])
-    if legend:
-        figure.legend(
-            *top.get_legend_handles_labels(), loc="outside lower left", ncols=2, columnspacing=1.2
-        )
 
 
 def draw_folded(results: Results, gallery: Gallery) -> Image | None:

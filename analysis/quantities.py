@@ -68,6 +68,9 @@ class Row:
     """One line of the table of parameters."""
 
     quantity: Quantity
+    mean: float
+    sd: float
+    quantiles: tuple[float, float, float]  # 5, 50, 95 %
     rhat: float
     ess_bulk: float
     ess_tail: float
@@ -130,7 +133,12 @@ def table(all_of_them: list[Quantity]) -> list[Row]:
             figures[0, moving] = arviz.rhat(some, **axes)
         figures[1, moving] = arviz.ess(some, method="bulk", **axes)
         figures[2, moving] = arviz.ess(some, method="tail", prob=(0.05, 0.95), **axes)
-    return [Row(q, *figures[:, i]) for i, q in enumerate(all_of_them)]
+    mean, sd = stack.mean(axis=(1, 2)), stack.std(axis=(1, 2), ddof=1)
+    quantiles = np.quantile(stack, (0.05, 0.5, 0.95), axis=(1, 2)).T
+    return [
+        Row(q, mean[i], sd[i], tuple(quantiles[i]), *figures[:, i])
+        for i, q in enumerate(all_of_them)
+    ]
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:

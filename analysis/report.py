@@ -101,7 +101,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
     overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
     curves = light_curve_plots.curve_table(results)
     values: dict[str, Any] = {
-        "title": results.attrs.get("source_file") or results.folder.name,
+        "title": Path(str(results.attrs.get("source_file") or results.folder.resolve())).name,
         "attrs": results.attrs,
         "summary": results.summary,
         "verdict": _verdict(results),
@@ -113,6 +113,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "assumptions": _assumptions(results),
         "coverage": _coverage(results),
         "panels": panels,
+        "legend": _legend(results),
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
         "curves": [_curve_cells(c) for c in curves] if len(curves) > 1 else [],
@@ -129,8 +130,8 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
                     image
                     for image in (
                         diagnostics_plots.draw_traces(m, few[m.index], gallery),
-                        diagnostics_plots.draw_pairs(m, few[m.index], gallery),
                         diagnostics_plots.draw_energy(m, gallery),
+                        diagnostics_plots.draw_pairs(m, few[m.index], gallery),
                     )
                     if image is not None
                 ],
@@ -265,6 +266,17 @@ def _coverage(results: Results) -> str:
     return " ".join(parts)
 
 
+def _legend(results: Results) -> dict[str, Any]:
+    """Colours of the light-curve panels: the bands are those of the heaviest solution shown."""
+    shown = [m for m in results.modes if light_curve_plots.bands(m) is not None]
+    sigma = light_curve_plots.sigmas(results, results.modes[0])
+    return {
+        "bands": style.colour(shown[0].index) if shown else None,
+        "others": [(m.name, style.colour(m.index)) for m in shown[1:]],
+        "scaled": bool(np.isfinite(sigma).all()),
+    }
+
+
 def _curve_cells(row: light_curve_plots.CurveRow) -> list[str]:
     inside = "–" if row.inside is None else percent(row.inside)
     rms = show(row.rms, row.rms / 10)
@@ -280,8 +292,7 @@ def _parameter_table(
     for row in quantities.table(listed):
         q = row.quantity
         base = q.name.split("[")[0]
-        cells = [q.name, *(show(x, q.sd) for x in (q.mean,)), show(q.sd, q.sd)]
-        cells += [show(q.quantile(p), q.sd) for p in (0.05, 0.5, 0.95)]
+        cells = [q.name, *(show(x, row.sd) for x in (row.mean, row.sd, *row.quantiles))]
         cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]
         cells += ["–" if not np.isfinite(x) else f"{x:.0f}" for x in (row.ess_bulk, row.ess_tail)]
         groups.setdefault(base, []).append(cells)

@@ -185,6 +185,6 @@ def _normal(face: Floats) -> Floats:
 
 def _shade(hue: tuple[float, float, float], normal: Floats) -> tuple[float, float, float, float]:
     towards = normal if normal[2] > 0 else -normal
-    light = 0.35 + 0.65 * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
+    light = 0.45 + 0.55 * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
     r, g, b = (min(1.0, light * x) for x in hue)
     return (r, g, b, 1.0 if normal[2] > 0 else 0.35)

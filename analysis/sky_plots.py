@@ -58,7 +58,7 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
         return _draw_grid(results, mode, areas, gallery)
     if normals is None:
         return []
-    figure = gallery.figure(5.4, 3.2)
+    figure = gallery.figure(5.4, 2.9)
     axes = _mollweide(figure)
     largest = float(np.mean(areas, axis=(0, 1)).max())
     for i in range(areas.shape[-1]):
@@ -115,14 +115,14 @@ def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) ->
          "How well each of them is known: its standard deviation in per cent of its mean."),
     )  # fmt: skip
     for key, values, label, cmap, caption in maps:
-        figure = gallery.figure(5.4, 3.2)
+        figure = gallery.figure(5.4, 2.55)
         axes = _mollweide(figure)
         picture = axes.pcolormesh(
             np.radians(lon_edges), np.radians(lat_edges), values[nearest], cmap=cmap,
-            rasterized=True, vmin=0 if key == "sd" else None,
+            rasterized=True,
         )  # fmt: skip
         axes.tick_params(axis="x", labelcolor="white")
-        figure.colorbar(picture, ax=axes, label=label, shrink=0.75, pad=0.03)
+        figure.colorbar(picture, ax=axes, label=label, shrink=0.85, pad=0.03)
         name = f"facets-{mode.index + 1}-{key}"
         alt = f"Map of the body frame, {len(grid)} facets coloured by {label}."
         images.append(gallery.add(figure, name, alt, _prefix(results, mode) + caption))
@@ -164,6 +164,7 @@ def _enlarge(
     """The cloud of one solution and how fast it turns."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
+    figure.get_layout_engine().set(wspace=0.09)
     hue = colour(mode.index)
     left.plot(_some(lon.values), _some(lat.values), ".", ms=3, color=hue, alpha=0.4, mew=0)
     left.plot(lon.mean, lat.mean, "+", ms=9, color=DATA)

@@ -158,7 +158,7 @@ def faceted(
         )
 
     def predict(posterior: xr.Dataset) -> np.ndarray:
-        spin = t * posterior["omega"].to_numpy()[..., 2:]  # only about z: it is a picture
+        spin = t * omega[2]  # only about z, and the same in all draws: it is a picture
         s, o = turn_z(-spin, sun), turn_z(-spin, obs)
         normals = posterior["normals"].to_numpy().copy()
         normals[..., 0, 2] = np.abs(normals[..., 0, 2])  # so that both solutions fit

@@ -75,7 +75,7 @@
         const front = n[2] > 0;
         if (scene.solid && !front) continue;
         const facing = front ? n : n.map((x) => -x);
-        const light = 0.35 + 0.65 * Math.max(0, dot(facing, LIGHT));
+        const light = 0.45 + 0.55 * Math.max(0, dot(facing, LIGHT));
         const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
         pen.beginPath();
         points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
