@@ -114,7 +114,9 @@ def _json(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"{path} is missing; run `lcbayes fit` again") from None
     except json.JSONDecodeError as fault:
-        raise InputError(f"{path}, line {fault.lineno}: {fault.msg}; run `lcbayes fit` again") from None
+        raise InputError(
+            f"{path}, line {fault.lineno}: {fault.msg}; run `lcbayes fit` again"
+        ) from None
 
 
 def _assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
@@ -197,7 +199,9 @@ def _modes(
                 predicted=(
                     np.empty((0, size))
                     if predicted is None
-                    else predicted.transpose("chain", "draw", "time").to_numpy().reshape(-1, size)[mine]
+                    else predicted.transpose("chain", "draw", "time")
+                    .to_numpy()
+                    .reshape(-1, size)[mine]
                 ),
             )
         )

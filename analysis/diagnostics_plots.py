@@ -10,16 +10,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.quantities import Quantity
+from lcbayes.analysis.quantities import Quantity, readable
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 
 Floats = NDArray[np.float64]
 DOTS = 500
 
 
-def _axis_label(q: Quantity) -> str:
-    said = q.name.endswith(("_deg", "_h")) or q.unit in ("", "relative")
-    return q.name if said else f"{q.name} ({q.unit})"
+def _drawn(q: Quantity, between: str = " ") -> tuple[Floats, str]:
+    """Values as they are drawn, with few digits, and the label that says so."""
+    centre, size, shift = readable(q)
+    if centre == 0 and size == 1 and (q.name.endswith(("_deg", "_h")) or q.unit == "relative"):
+        shift = ""
+    return (q.values - centre) / size, f"{q.name}{between}{shift}".strip()
 
 
 def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:
@@ -41,12 +44,13 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
     bins = 20
     step = max(1, draws // 500)
     for (left, right), q in zip(grid, few, strict=True):
-        ranks = rankdata(q.values).reshape(chains, draws)
+        values, label = _drawn(q)
+        ranks = rankdata(values).reshape(chains, draws)
         edges = np.linspace(0, chains * draws, bins + 1)
         top = 2.0
         for c in range(chains):
             hue = colour(c)
-            left.plot(np.arange(0, draws, step), q.values[c, ::step], color=hue, lw=0.5, alpha=0.8,
+            left.plot(np.arange(0, draws, step), values[c, ::step], color=hue, lw=0.5, alpha=0.8,
                       rasterized=True)  # fmt: skip
             counts = np.histogram(ranks[c], edges)[0] * bins / draws
             right.stairs(counts, edges / edges[-1], color=hue, lw=1.0, baseline=None)
@@ -54,7 +58,7 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
         right.axhline(1, color=FAINT, lw=0.7, ls="--")
         right.set_ylim(0, 1.1 * top)
         right.set_yticks([0, 1])
-        left.set_title(_axis_label(q), loc="left", fontsize=8.5, pad=3)
+        left.set_title(label, loc="left", fontsize=8.5, pad=3)
         _sparse_ticks(left, "y")
     grid[-1, 0].set_xlabel("draw")
     grid[-1, 1].set_xlabel("rank among all draws (0 to 1)")
@@ -110,7 +114,8 @@ def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | Non
     bad = np.zeros(few[0].values.size, bool)
     if "diverging" in mode.stats and mode.stats["diverging"].size == bad.size:
         bad = mode.stats["diverging"].transpose("chain", "draw").to_numpy().astype(bool).ravel()
-    values = np.stack([q.values.ravel() for q in few])
+    shown = [_drawn(q, "\n") for q in few]
+    values, labels = np.stack([v.ravel() for v, _ in shown]), [label for _, label in shown]
     step = max(1, values.shape[1] // DOTS)
     figure = gallery.figure(0.7 + 0.82 * n, 0.6 + 0.78 * n)
     grid = figure.subplots(n, n, squeeze=False, sharex="col")
@@ -126,19 +131,19 @@ def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | Non
                 axes.set_yticks([])
                 axes.spines["left"].set_visible(False)
             else:
-                axes.plot(values[col, ::step], values[row, ::step], ".", ms=2, color=hue, alpha=0.35,
-                          mew=0, rasterized=True)  # fmt: skip
+                across, upward = values[col, ::step], values[row, ::step]
+                axes.plot(across, upward, ".", ms=2, color=hue, alpha=0.35, mew=0, rasterized=True)
                 if bad.any():
                     axes.plot(values[col, bad], values[row, bad], "x", ms=3.5, mew=0.8, color="k")
             axes.tick_params(labelsize=7)
             _sparse_ticks(axes, "x", 2)
             if col == 0 and row > 0:
-                axes.set_ylabel(_axis_label(few[row]), fontsize=7.5)
+                axes.set_ylabel(labels[row], fontsize=7)
                 _sparse_ticks(axes, "y", 3)
             elif col != row:
                 axes.tick_params(labelleft=False)
             if row == n - 1:
-                axes.set_xlabel(_axis_label(few[col]), fontsize=7.5)
+                axes.set_xlabel(labels[col], fontsize=7)
             if row < n - 1:
                 axes.tick_params(labelbottom=False)
     tail = " Black crosses are divergent draws." if bad.any() else ""
@@ -243,4 +248,6 @@ def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
         caption += f"{pit.dark} points are dark in every draw: leaving them out changes nothing. "
     if pit.unreliable:
         caption += f"For {pit.unreliable} points the estimate is unreliable (Pareto k above 0.7)."
-    return gallery.add(figure, "loo-pit", "LOO-PIT: calibration of the predictions.", caption.strip())
+    return gallery.add(
+        figure, "loo-pit", "LOO-PIT: calibration of the predictions.", caption.strip()
+    )

@@ -14,6 +14,7 @@ from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
+FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -88,8 +89,8 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
         worth = [_worth(results, s) for s in parts]
         keep = sorted(np.argsort(worth)[::-1][:MOST_PANELS])
         note = (
-            f"The {MOST_PANELS} of {len(parts)} stretches of data that tell most (many points, large "
-            "variation) are shown; the table below lists all of them."
+            f"The {MOST_PANELS} of {len(parts)} stretches of data that tell most (many points, "
+            "large variation) are shown; the table below lists all of them."
         )
         parts = [parts[i] for i in keep]
     big = len(parts) <= 2
@@ -151,8 +152,14 @@ def _draw_segment(
         if scaled:
             residual = residual * power / sigma[at]
             low.axhspan(-1.645, 1.645, color=colour(drawn[0][0].index), alpha=0.14, lw=0)
-            largest = max(3.2, 1.1 * float(np.max(np.abs(residual))))
+            largest = float(np.clip(1.1 * np.max(np.abs(residual)), 3.2, FARTHEST))
             low.set_ylim(-largest, largest)
+            out = np.abs(residual) > largest
+            for side, mark in ((residual > 0, "^"), (residual < 0, "v")):
+                mark = {"^": "v", "v": "^"}[mark] if results.is_magnitude else mark
+                edge = np.sign(residual) * 0.9 * largest
+                low.plot(x[out & side], edge[out & side], mark, ms=4, color="#b3391a")
+            x, residual = x[~out], residual[~out]
         low.plot(x, residual, "o", ms=2.4, color=DATA)
         low.set_ylabel("resid. (σ)" if scaled else "residual")
         if results.is_magnitude:
@@ -196,9 +203,10 @@ def draw_folded(results: Results, gallery: Gallery) -> Image | None:
     return gallery.add(
         figure,
         "light-curve-folded",
-        f"All {y.size} points folded with the period of {best.name.lower()}, coloured by phase angle.",
-        f"All points folded with the period of {best.name.lower()}. Over {duration(results.span_s)} "
-        "the object was seen from many sides, so the curves need not coincide.",
+        f"All {y.size} points against the rotational phase, coloured by phase angle.",
+        f"All points folded with the period of {best.name.lower()}. Over "
+        f"{duration(results.span_s)} the object was seen from many sides, so the curves need not "
+        "coincide.",
     )
 
 
@@ -266,7 +274,9 @@ def curve_table(results: Results) -> list[CurveRow]:
         rows.append(
             CurveRow(
                 number=part.curve + 1,
-                begins=date(float(epoch) + start / 86400, clock=True) if epoch else f"{start:.6g} s",
+                begins=date(float(epoch) + start / 86400, clock=True)
+                if epoch
+                else f"{start:.6g} s",
                 lasts=duration(float(np.ptp(results.t[at]))),
                 points=at.size,
                 phase_angle=f"{np.mean(angle[at]):.1f}",

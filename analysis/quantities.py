@@ -87,6 +87,27 @@ def unwrap(values: Floats, period: float) -> Floats:
     return centre + (values - centre + period / 2) % period - period / 2
 
 
+def readable(q: Quantity) -> tuple[float, float, str]:
+    """Centre and power of ten to take off, so that an axis has short numbers; and its words.
+
+    A period known to a millionth of itself is drawn as the distance from its mean.
+    """
+    unit = "" if q.unit == "relative" else q.unit
+    spread = q.sd
+    if not (np.isfinite(spread) and spread > 0):
+        return 0.0, 1.0, f"({unit})" if unit else ""
+    largest = max(abs(q.mean), spread)
+    if spread < 1e-3 * largest:
+        power = int(np.floor(np.log10(spread)))
+        centre = round(q.mean, -power)
+        sign, shown = ("−", centre) if centre > 0 else ("+", -centre)
+        return centre, 10.0**power, f"{sign} {shown:.{max(0, -power)}f} (10$^{{{power}}}$ {unit})"
+    power = int(np.floor(np.log10(largest)))
+    if -2 <= power <= 3:
+        return 0.0, 1.0, f"({unit})" if unit else ""
+    return 0.0, 10.0**power, f"(10$^{{{power}}}$ {unit})".replace(" )", ")")
+
+
 def area_unit(results: Results) -> str:
     """m², or nothing where the brightness has no absolute scale."""
     absolute = "range_km" in results.constant or results.normals is None
@@ -100,6 +121,8 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
+        if name == "sigma" and results.is_magnitude:
+            unit = "mag"
         array = mode.draws[name].transpose("chain", "draw", ...)
         if array.dtype.kind not in "fiub":
             continue
@@ -149,9 +172,7 @@ def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
     arrays = [q for q in known if q not in scalars]
     if len(arrays) > 60:  # a grid of facets: no single one means much
         arrays = []
-    areas = sorted(
-        (q for q in arrays if q.name.startswith("albedo_area")), key=lambda q: -q.mean
-    )
+    areas = sorted((q for q in arrays if q.name.startswith("albedo_area")), key=lambda q: -q.mean)
     rest = [q for q in arrays if q not in areas]
     chosen = sorted(scalars, key=lambda q: rank[q.name.split("[")[0]])[:most]
     chosen += [*areas[: max(1, most - 3)], *rest][: most - len(chosen)]

@@ -23,6 +23,7 @@ from lcbayes.analysis import (
 )
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.errors import InputError
 
 TEMPLATES = Path(__file__).parent / "templates"
 MOST_MODES = 3  # solutions drawn in full; the others are listed
@@ -53,7 +54,10 @@ def write(folder: Path | str) -> Path:
 
     folder = Path(folder)
     results = contents.read(folder)
-    scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
+    try:
+        scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
+    except OSError as fault:
+        raise InputError(f"cannot write into {folder}: {fault.strerror}") from fault
     try:
         scratch.chmod(0o755)
         figures = scratch / "figures"
@@ -121,7 +125,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "sky": sky_plots.draw_sky(results, gallery),
         "frame": sky_plots.frame_words(results),
         "shapes": shapes,
-        "tables": [(m, _parameter_table(results, m, lists[m.index])) for m in drawn],
+        "tables": [(m, _parameter_table(results, lists[m.index])) for m in drawn],
         "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
         "diagnostics": [
             (
@@ -224,7 +228,9 @@ def _observed(results: Results) -> list[tuple[str, str]]:
         facts.append(("Range", f"{reach.min():.0f} to {reach.max():.0f} km"))
     known = np.isfinite(results.error)
     if known.all():
-        facts.append(("Errors", f"given with the data, median {show(float(np.median(results.error)))}"))
+        facts.append(
+            ("Errors", f"given with the data, median {_three(float(np.median(results.error)))}")
+        )
     else:
         facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
     for name, words in (("site", "Sites"), ("band", "Bands")):
@@ -262,7 +268,7 @@ def _coverage(results: Results) -> str:
         )  # fmt: skip
     if fit.get("rms") is not None:
         unit = " mag" if results.is_magnitude else ""
-        parts.append(f"The rms of the residuals is {show(fit['rms'], fit['rms'] / 30)}{unit}.")
+        parts.append(f"The rms of the residuals is {_three(fit['rms'])}{unit}.")
     return " ".join(parts)
 
 
@@ -277,15 +283,18 @@ def _legend(results: Results) -> dict[str, Any]:
     }
 
 
+def _three(value: float) -> str:
+    """A number whose own size sets its digits: three of them."""
+    return show(value, abs(value) / 10)
+
+
 def _curve_cells(row: light_curve_plots.CurveRow) -> list[str]:
     inside = "–" if row.inside is None else percent(row.inside)
-    rms = show(row.rms, row.rms / 10)
+    rms = _three(row.rms)
     return [str(row.number), row.begins, row.lasts, str(row.points), row.phase_angle, rms, inside]
 
 
-def _parameter_table(
-    results: Results, mode: Mode, listed: list[quantities.Quantity]
-) -> list[dict[str, Any]]:
+def _parameter_table(results: Results, listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
     """Groups of rows by variable; a long group is folded away on the page."""
     groups: dict[str, list[list[str]]] = {}
     worst: dict[str, tuple[float, float]] = {}

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 CLOSED = 0.1  # gap |Σ A n|/Σ A up to which facets are taken to be those of a closed body
 STONE = (0.80, 0.81, 0.83)
-LIGHT = np.array([0.35, -0.45, 0.82])  # in the axes of the picture: right, up, to the reader
+LIGHT = np.array([-0.35, 0.45, 0.82])  # in the axes of the picture: right, up, to the reader
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,7 @@ def _picture(
     caption: str,
 ) -> Image:
     """Three views, two along the equator and one from the pole, all with the same light."""
+    from matplotlib import patheffects
     from matplotlib.collections import PolyCollection
 
     figure = gallery.figure(6.4, 2.5)
@@ -153,7 +154,7 @@ def _picture(
             for i in np.argsort([f[:, 2].mean() for f in turned])
             if not solid or normals[i][2] > 0
         ]
-        shade = [_shade(hues[i], normals[i]) for i in order]
+        shade = [_shade(hues[i], normals[i], 0.42 if solid else 0.8) for i in order]
         edge = "face" if solid else "#444444"
         if not solid:
             circle = np.linspace(0, 2 * np.pi, 80)
@@ -165,15 +166,19 @@ def _picture(
         )
         for number, where in enumerate(scene["labels"]):
             x, y, z = view @ np.array(where)
-            axes.text(x, y, str(number), ha="center", va="center", fontsize=8,
-                      alpha=1.0 if z > 0 else 0.35)  # fmt: skip
+            text = axes.text(x, y, str(number), ha="center", va="center", fontsize=8,
+                             alpha=1.0 if z > 0 else 0.45)  # fmt: skip
+            text.set_path_effects([patheffects.withStroke(linewidth=2, foreground="white")])
         axes.set_xlim(-reach, reach)
         axes.set_ylim(-reach, reach)
         axes.set_aspect("equal")
         axes.axis("off")
         axes.set_title(title, fontsize=8.5)
     return gallery.add(
-        figure, f"shape-{mode.index + 1}", f"Shape of {mode.name.lower()} from three sides.", caption
+        figure,
+        f"shape-{mode.index + 1}",
+        f"Shape of {mode.name.lower()} from three sides.",
+        caption,
     )
 
 
@@ -183,8 +188,11 @@ def _normal(face: Floats) -> Floats:
     return n / max(float(np.linalg.norm(n)), 1e-300)
 
 
-def _shade(hue: tuple[float, float, float], normal: Floats) -> tuple[float, float, float, float]:
+def _shade(
+    hue: tuple[float, float, float], normal: Floats, dim: float
+) -> tuple[float, float, float, float]:
+    """Colour of a face under the light; ``dim`` is what a face turned from it still shows."""
     towards = normal if normal[2] > 0 else -normal
-    light = 0.45 + 0.55 * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
+    light = dim + (1 - dim) * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
     r, g, b = (min(1.0, light * x) for x in hue)
     return (r, g, b, 1.0 if normal[2] > 0 else 0.35)

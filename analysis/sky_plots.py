@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.quantities import area_unit, facet_normals, lon_lat, spin
+from lcbayes.analysis.quantities import facet_normals, lon_lat, readable, spin
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 
 Floats = NDArray[np.float64]
@@ -146,7 +146,7 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         x, y = _place(_some(lon.values), _some(lat.values))
         axes.plot(x, y, ".", ms=3, color=colour(mode.index), alpha=0.4, mew=0, rasterized=True)
         x, y = _place(np.array(lon.mean), np.array(lat.mean))
-        axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4,
+        axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
                   label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3)
     caption = (
@@ -154,13 +154,11 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         "Clouds are draws; rings mark their means."
     )
     images = [gallery.add(figure, "spin-sky", "Map of the sky with the spin axes.", caption)]
-    images += [_enlarge(results, gallery, *cloud) for cloud in clouds[:4]]
+    images += [_enlarge(gallery, *cloud) for cloud in clouds[:4]]
     return images
 
 
-def _enlarge(
-    results: Results, gallery: Gallery, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
-) -> Image:
+def _enlarge(gallery: Gallery, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]) -> Image:
     """The cloud of one solution and how fast it turns."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
@@ -172,16 +170,10 @@ def _enlarge(
     left.set_ylabel(f"{lat.words.split(', ')[-1]} (deg)")
     left.locator_params(nbins=5)
     speed = known.get("period_h") or known["rate"]
-    values = speed.values.ravel()
-    # a period known to a millionth of itself is shown as the distance from its mean
-    fine = speed.sd < 1e-4 * abs(speed.mean)
-    power = int(np.floor(np.log10(speed.sd))) if fine and speed.sd > 0 else 0
-    shown = (values - speed.mean) / 10.0**power if fine and power else values
-    right.hist(shown, bins=40, color=hue, alpha=0.75, histtype="stepfilled")
-    label = f"{speed.words} ({speed.unit})"
-    if fine and power:
-        label = f"{speed.words} − {speed.mean:.{1 - power}f} (10$^{{{power}}}$ {speed.unit})"
-    right.set_xlabel(label)
+    centre, size, shift = readable(speed)
+    values = (speed.values.ravel() - centre) / size
+    right.hist(values, bins=40, color=hue, alpha=0.75, histtype="stepfilled")
+    right.set_xlabel(f"{speed.words} {shift}".strip())
     right.set_yticks([])
     right.spines["left"].set_visible(False)
     right.locator_params(axis="x", nbins=5)

@@ -82,7 +82,12 @@ class Gallery:
         code = base64.b64encode(text.encode()).decode()
         width, height = figure.get_size_inches()
         image = Image(
-            name, f"data:image/svg+xml;base64,{code}", alt, caption, int(96 * width), int(96 * height)
+            name,
+            f"data:image/svg+xml;base64,{code}",
+            alt,
+            caption,
+            int(96 * width),
+            int(96 * height),
         )
         self.images.append(image)
         return image

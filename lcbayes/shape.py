@@ -34,8 +34,8 @@ class Polyhedron:
     """
 
     vertices: Floats
-    faces: list[NDArray[np.int64]]
-    facet: NDArray[np.int64]
+    faces: list[NDArray[np.integer]]
+    facet: NDArray[np.integer]
     areas: Floats
     volume: float
 
@@ -71,8 +71,8 @@ def minkowski(
     ∂aᵢ/∂hⱼ = l_ij/sin θ_ij, ∂aᵢ/∂hᵢ = −Σⱼ l_ij cot θ_ij over the facets j that share with i an
     edge of length l_ij and enclose the angle θ_ij. At the minimum a ∝ A; a change of size does the
     rest. A step is halved until the gradient shrinks and no facet is lost, which makes the
-    iteration converge from the ball. Minkowski's theorem says that the body exists and is unique (up to a shift) exactly when
-    the facets close and do not lie in one plane.
+    iteration converge from the ball. Minkowski's theorem says that the body exists and is unique
+    (up to a shift) exactly when the facets close and do not lie in one plane.
 
     Parameters
     ----------
@@ -96,6 +96,8 @@ def minkowski(
     extended Gaussian images*. Kitagawa, Mérigot & Thibert 2019, *Convergence of a Newton algorithm
     for semi-discrete optimal transport* (the damping). Schneider, *Convex Bodies*, ch. 8.
     """
+    if np.any(areas < 0):
+        raise InputError(f"an area is negative ({np.min(areas):.3g}), so no convex body has it")
     gap = closure(normals, areas)
     if not gap <= 1e-6:
         raise InputError(
@@ -104,9 +106,9 @@ def minkowski(
         )
     kept = np.flatnonzero(areas > SMALLEST * np.mean(areas))
     n = normals[kept]
-    target = close(n, areas[kept])
-    if np.linalg.matrix_rank(n, tol=1e-6) < 3 or np.any(target <= 0):
-        raise InputError("facets lie in one plane or on one side, so no convex body has them")
+    if np.linalg.matrix_rank(n, tol=1e-6) < 3:
+        raise InputError("facets lie in one plane, so no convex body has them (Minkowski)")
+    target = close(n, areas[kept])  # the small ones left out have opened it a little
     target = target / target.sum()
 
     h = np.ones(len(n))
@@ -124,10 +126,9 @@ def minkowski(
             if np.all(trial > 0):
                 new = _cut(n, trial)
                 slope = np.linalg.norm(target - new.areas / new.volume)
-                if (
-                    np.min(new.areas / new.areas.sum()) >= least
-                    and slope <= (1.0 - 0.5 * size) * np.linalg.norm(gradient)
-                ):
+                if np.min(new.areas / new.areas.sum()) >= least and slope <= (
+                    1.0 - 0.5 * size
+                ) * np.linalg.norm(gradient):
                     break
             size *= 0.5
         else:
@@ -159,7 +160,7 @@ class _Cut:
     """
 
     corners: Floats
-    around: NDArray[np.int64]
+    around: NDArray[np.integer]
     areas: Floats
     volume: float
     centroid: Floats
@@ -208,7 +209,7 @@ def _newton_step(normals: Floats, body: _Cut, gradient: Floats) -> Floats:
     return -np.linalg.solve(hessian, gradient)
 
 
-def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.int64]]]:
+def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer]]]:
     """Distinct vertices, and for each facet its own, counter-clockwise seen from outside."""
     scale = np.max(np.abs(body.corners))
     _, first, same = np.unique(

@@ -1,7 +1,7 @@
 // Turns the shapes of this page: flat-shaded polygons on a 2D canvas, sorted from back to front.
 (function () {
   "use strict";
-  const LIGHT = unit([0.35, -0.45, 0.82].map((x, i) => (i === 1 ? -x : x)));  // right, up, towards
+  const LIGHT = unit([-0.35, 0.45, 0.82]);  // right, up, towards the reader
 
   function unit(v) { const n = Math.hypot(...v) || 1; return v.map((x) => x / n); }
   function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -25,7 +25,6 @@
     if (!pen) return;
     const start = { lon: 0.6, lat: 0.4 };
     let { lon, lat } = start;
-    let pending = false;
 
     function basis() {
       const right = [-Math.sin(lon), Math.cos(lon), 0];
@@ -35,7 +34,6 @@
     }
 
     function draw() {
-      pending = false;
       const ratio = window.devicePixelRatio || 1;
       const width = canvas.clientWidth, height = canvas.clientHeight;
       if (!width || !height) return;
@@ -75,7 +73,8 @@
         const front = n[2] > 0;
         if (scene.solid && !front) continue;
         const facing = front ? n : n.map((x) => -x);
-        const light = 0.45 + 0.55 * Math.max(0, dot(facing, LIGHT));
+        const dim = scene.solid ? 0.42 : 0.8;
+        const light = dim + (1 - dim) * Math.max(0, dot(facing, LIGHT));
         const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
         pen.beginPath();
         points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
@@ -96,7 +95,9 @@
       pen.textAlign = "center"; pen.textBaseline = "middle";
       scene.labels.forEach((where, i) => {
         const q = turn(where);
-        pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.4)";
+        pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
+        pen.strokeText(String(i), ...at(q));
+        pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
         pen.fillText(String(i), ...at(q));
       });
       const mark = at(tip.map((x) => 1.08 * x));
@@ -116,12 +117,11 @@
       return least;
     }
 
-    function soon() { if (!pending) { pending = true; requestAnimationFrame(draw); } }
     function rotate(dx, dy) {
       lon -= dx;
       lat = Math.max(-1.5707, Math.min(1.5707, lat + dy));
       canvas.dataset.view = `${lon.toFixed(3)} ${lat.toFixed(3)}`;
-      soon();
+      draw();
     }
 
     let last = null;
@@ -143,7 +143,7 @@
       rotate(...step);
     });
     figure.querySelector(".viewer").hidden = false;
-    new ResizeObserver(soon).observe(canvas);
+    new ResizeObserver(draw).observe(canvas);
     rotate(0, 0);
   }
 

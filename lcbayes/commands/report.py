@@ -11,7 +11,9 @@ HELP = "write report.html, figures/ and shape.obj of a results folder again"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", metavar="DIR", type=Path, help="a folder written by `lcbayes fit`")
+    parser.add_argument(
+        "folder", metavar="DIR", type=Path, help="a folder written by `lcbayes fit`"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
