@@ -40,7 +40,7 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
         return None
     chains, draws = few[0].values.shape
     figure = gallery.figure(5.4, 0.5 + 0.82 * len(few))
-    grid = figure.subplots(len(few), 2, squeeze=False, width_ratios=(1.5, 1), sharex="col")
+    grid = figure.subplots(len(few), 2, squeeze=False, width_ratios=(1.5, 1))
     bins = 20
     step = max(1, draws // 500)
     for (left, right), q in zip(grid, few, strict=True):
@@ -60,6 +60,11 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
         right.set_yticks([0, 1])
         left.set_title(label, loc="left", fontsize=8.5, pad=3)
         _sparse_ticks(left, "y")
+        left.set_xlim(0, draws)
+        right.set_xlim(0, 1)
+        if q is not few[-1]:
+            left.set_xticks([])
+            right.set_xticks([])
     grid[-1, 0].set_xlabel("draw")
     grid[-1, 1].set_xlabel("rank among all draws (0 to 1)")
     return gallery.add(
@@ -117,35 +122,34 @@ def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | Non
     shown = [_drawn(q, "\n") for q in few]
     values, labels = np.stack([v.ravel() for v, _ in shown]), [label for _, label in shown]
     step = max(1, values.shape[1] // DOTS)
+    margin = 0.06 * np.ptp(values, axis=1)
+    limits = np.stack([values.min(axis=1) - margin, values.max(axis=1) + margin], axis=1)
     figure = gallery.figure(0.7 + 0.82 * n, 0.6 + 0.78 * n)
-    grid = figure.subplots(n, n, squeeze=False, sharex="col")
+    grid = figure.add_gridspec(n, n)
     hue = colour(mode.index)
-    for row in range(n):
-        for col in range(n):
-            axes = grid[row, col]
-            if col > row:
-                axes.remove()
-                continue
-            if col == row:
-                axes.hist(values[row], bins=30, color=hue, alpha=0.75, histtype="stepfilled")
-                axes.set_yticks([])
-                axes.spines["left"].set_visible(False)
-            else:
-                across, upward = values[col, ::step], values[row, ::step]
-                axes.plot(across, upward, ".", ms=2, color=hue, alpha=0.35, mew=0, rasterized=True)
-                if bad.any():
-                    axes.plot(values[col, bad], values[row, bad], "x", ms=3.5, mew=0.8, color="k")
-            axes.tick_params(labelsize=7)
+    lower = [(row, col) for row in range(n) for col in range(row + 1)]
+    for row, col in lower:
+        axes = figure.add_subplot(grid[row, col])
+        axes.tick_params(labelsize=7)
+        if col == row:
+            axes.hist(values[row], bins=30, color=hue, alpha=0.75, histtype="stepfilled")
+            axes.spines["left"].set_visible(False)
+        else:
+            across, upward = values[col, ::step], values[row, ::step]
+            axes.plot(across, upward, ".", ms=2, color=hue, alpha=0.35, mew=0, rasterized=True)
+            axes.plot(values[col, bad], values[row, bad], "x", ms=3.5, mew=0.8, color="k")
+            axes.set_ylim(*limits[row])
+        axes.set_xlim(*limits[col])
+        if row == n - 1:  # only the outer edges carry numbers
+            axes.set_xlabel(labels[col], fontsize=7)
             _sparse_ticks(axes, "x", 2)
-            if col == 0 and row > 0:
-                axes.set_ylabel(labels[row], fontsize=7)
-                _sparse_ticks(axes, "y", 3)
-            elif col != row:
-                axes.tick_params(labelleft=False)
-            if row == n - 1:
-                axes.set_xlabel(labels[col], fontsize=7)
-            if row < n - 1:
-                axes.tick_params(labelbottom=False)
+        else:
+            axes.set_xticks([])
+        if col == 0 and row > 0:
+            axes.set_ylabel(labels[row], fontsize=7)
+            _sparse_ticks(axes, "y", 3)
+        else:
+            axes.set_yticks([])
     tail = " Black crosses are divergent draws." if bad.any() else ""
     return gallery.add(
         figure,
