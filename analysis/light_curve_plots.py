@@ -14,6 +14,7 @@ from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
+SPARSE = 3600.0  # s; points farther apart are not joined
 FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -124,18 +125,27 @@ def _draw_segment(
     quantiles: list[tuple[Mode, Floats | None]],
     sigma: Floats,
 ) -> None:
-    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
+    top = figure.add_subplot(grid[0])
     at = part.points
     t0 = results.t[at[0]]
     unit, size = _time_unit(float(np.ptp(results.t[at])))
     words, power = _label(results)
     x, y = (results.t[at] - t0) / size, results.brightness[at] / power
     drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
+    low = figure.add_subplot(grid[1], sharex=top) if drawn else None
+    # between single points days apart nothing is predicted
+    sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
     for rank, (mode, q) in enumerate(drawn):
         hue = colour(mode.index)
-        if rank == 0:
+        if rank == 0 and sparse:
+            top.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
+            top.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
+        elif rank == 0:
             top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0)
             top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0)
+        elif sparse:
+            top.plot(x, q[2], "_", color=hue, ms=6)
         else:
             top.plot(x, q[2], color=hue, lw=1.1, ls="--")
     error = results.error[at] / power
@@ -145,7 +155,8 @@ def _draw_segment(
     top.set_ylabel(words)
     if results.is_magnitude:
         top.invert_yaxis()
-    if drawn:
+    if low is not None:
+        top.tick_params(labelbottom=False)
         residual = y - drawn[0][1][2]
         scaled = np.isfinite(sigma[at]).all()
         low.axhline(0, color=FAINT, lw=0.7)
@@ -171,8 +182,8 @@ def _draw_segment(
     if np.unique(results.curve).size > 1:
         title = f"curve {part.curve + 1} · {title}"
     top.set_title(title, loc="left")
-    low.set_xlabel(f"time ({unit}) from the first point")
-    figure.align_ylabels([top, low])
+    (low or top).set_xlabel(f"time ({unit}) from the first point")
+    figure.align_ylabels()
 
 
 def draw_folded(results: Results, gallery: Gallery) -> Image | None:

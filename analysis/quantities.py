@@ -167,6 +167,7 @@ def table(all_of_them: list[Quantity]) -> list[Row]:
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
     """The few that matter most to a reader; of many facets those with most light."""
     rank = {name: i for i, name in enumerate(IMPORTANT)}
+    all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
     known = [q for q in all_of_them if q.name.split("[")[0] in rank]
     scalars = [q for q in known if "[" not in q.name or q.name.startswith("omega")]
     arrays = [q for q in known if q not in scalars]
@@ -177,7 +178,7 @@ def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
     chosen = sorted(scalars, key=lambda q: rank[q.name.split("[")[0]])[:most]
     chosen += [*areas[: max(1, most - 3)], *rest][: most - len(chosen)]
     if not chosen:
-        chosen = [q for q in all_of_them if np.ptp(q.values) > 0][:most]
+        chosen = all_of_them[:most]
     return chosen
 
 

@@ -148,17 +148,21 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         x, y = _place(np.array(lon.mean), np.array(lat.mean))
         axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
                   label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
-    figure.legend(loc="outside lower center", ncols=3)
+    several = len(results.modes) > 1
+    if several:
+        figure.legend(loc="outside lower center", ncols=3)
     caption = (
         f"Directions of the spin axis on the sky, {frame_words(results)}, longitude to the right. "
         "Clouds are draws; rings mark their means."
     )
     images = [gallery.add(figure, "spin-sky", "Map of the sky with the spin axes.", caption)]
-    images += [_enlarge(gallery, *cloud) for cloud in clouds[:4]]
+    images += [_enlarge(gallery, several, *cloud) for cloud in clouds[:4]]
     return images
 
 
-def _enlarge(gallery: Gallery, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]) -> Image:
+def _enlarge(
+    gallery: Gallery, several: bool, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
+) -> Image:
     """The cloud of one solution and how fast it turns."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
@@ -177,6 +181,7 @@ def _enlarge(gallery: Gallery, mode: Mode, lon: Any, lat: Any, known: dict[str, 
     right.set_yticks([])
     right.spines["left"].set_visible(False)
     right.locator_params(axis="x", nbins=5)
-    caption = f"{mode.name}, enlarged: direction of the spin axis and {speed.words}."
+    who = f"{mode.name}, enlarged" if several else "Enlarged"
+    caption = f"{who}: direction of the spin axis and {speed.words}."
     alt = f"Draws of the spin axis and {speed.words} of {mode.name.lower()}."
     return gallery.add(figure, f"spin-{mode.index + 1}", alt, caption)

@@ -265,3 +265,20 @@ def test_loo_pit_of_a_normal_mean_is_the_exact_one():
     assert pit.values[2:] == pytest.approx(exact[2:], abs=0.04)
     plain = np.mean(predicted[..., :2] < y[:2], axis=(0, 1))
     assert pit.values[:2] == pytest.approx(plain, abs=0.02)
+
+
+@pytest.mark.parametrize(("chains", "draws"), [(1, 2), (2, 12)])
+def test_very_short_runs_still_get_a_page(faceted, tmp_path, chains, draws):
+    with xr.open_datatree(faceted / "posterior.nc", engine="h5netcdf") as tree:
+        groups = {
+            path: group.to_dataset().isel(
+                {d: slice(n) for d, n in (("chain", chains), ("draw", draws)) if d in group.dims}
+            )
+            for path, group in tree.subtree_with_keys
+        }
+        groups["."].attrs = dict(tree.attrs)
+        short = xr.DataTree.from_dict(groups)
+        short.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    shutil.copy(faceted / "summary.json", tmp_path)
+    report.write(tmp_path)
+    assert "Key results" in page(tmp_path).text
