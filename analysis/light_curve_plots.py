@@ -52,11 +52,19 @@ def bands(mode: Mode) -> Floats | None:
 
 
 def sigmas(results: Results, best: Mode) -> Floats:
-    """Standard deviation of each point: from the file, else the inferred one, else NaN."""
+    """Standard deviation of each point: from the file, else the inferred one, else NaN.
+
+    An inferred level is relative to the mean of the curve for fluxes (see `lcbayes.noise`).
+    """
     sigma = results.error.copy()
     unknown = ~np.isfinite(sigma)
     if unknown.any() and "sigma" in best.draws and best.draws["sigma"].ndim == 2:
-        sigma[unknown] = float(best.draws["sigma"].mean())
+        unit = np.ones(sigma.size)
+        if not results.is_magnitude:
+            for c in np.unique(results.curve):
+                here = results.curve == c
+                unit[here] = np.mean(np.abs(results.brightness[here]))
+        sigma[unknown] = float(best.draws["sigma"].mean()) * unit[unknown]
     return sigma
 
 

@@ -39,7 +39,13 @@ IMPORTANT = (
     "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
     "phase_a", "phase_d", "phase_k", "sigma",
 )  # fmt: skip
-HIDDEN = ("mode", "normals")
+# Told by others: directions by angles, what is sampled by what it stands for.
+HIDDEN = ("mode", "normals", "expected", "flux", "omega_unit", "period_shift")
+
+
+def _shown(name: str, draws: xr.Dataset) -> bool:
+    sampled_only = name.endswith("_base") or (name.startswith("log_") and name[4:] in draws)
+    return not (name in HIDDEN or sampled_only or "time" in draws[name].dims)
 
 
 @dataclass(frozen=True)
@@ -116,13 +122,13 @@ def area_unit(results: Results) -> str:
 
 def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
     """Every scalar of a solution, in the order stored; arrays by element."""
-    names = [str(n) for n in mode.draws.data_vars if n not in HIDDEN]
+    names = [n for n in map(str, mode.draws.data_vars) if _shown(n, mode.draws)]
     for name in names:
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
-        if name == "sigma" and results.is_magnitude:
-            unit = "mag"
+        if name == "sigma":
+            unit = "mag" if results.is_magnitude else "of the mean flux"
         array = mode.draws[name].transpose("chain", "draw", ...)
         if array.dtype.kind not in "fiub":
             continue

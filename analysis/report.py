@@ -125,7 +125,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "sky": sky_plots.draw_sky(results, gallery),
         "frame": sky_plots.frame_words(results),
         "shapes": shapes,
-        "tables": [(m, _parameter_table(results, lists[m.index])) for m in drawn],
+        "tables": [(m, _parameter_table(lists[m.index])) for m in drawn],
         "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
         "diagnostics": [
             (
@@ -294,13 +294,15 @@ def _curve_cells(row: light_curve_plots.CurveRow) -> list[str]:
     return [str(row.number), row.begins, row.lasts, str(row.points), row.phase_angle, rms, inside]
 
 
-def _parameter_table(results: Results, listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
+def _parameter_table(listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
     """Groups of rows by variable; a long group is folded away on the page."""
     groups: dict[str, list[list[str]]] = {}
     worst: dict[str, tuple[float, float]] = {}
+    meaning: dict[str, tuple[str, str]] = {}
     for row in quantities.table(listed):
         q = row.quantity
         base = q.name.split("[")[0]
+        meaning[base] = (q.words, q.unit)
         cells = [q.name, *(show(x, row.sd) for x in (row.mean, row.sd, *row.quantiles))]
         cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]
         cells += ["–" if not np.isfinite(x) else f"{x:.0f}" for x in (row.ess_bulk, row.ess_tail)]
@@ -309,9 +311,7 @@ def _parameter_table(results: Results, listed: list[quantities.Quantity]) -> lis
         worst[base] = (np.nanmax([high, row.rhat]), np.nanmin([low, row.ess_bulk]))
     out = []
     for base, rows in groups.items():
-        words, unit, _ = quantities.KNOWN.get(base, (base.replace("_", " "), "", 0.0))
-        if base == "albedo_area":
-            unit = quantities.area_unit(results)
+        words, unit = meaning[base]
         high, low = worst[base]
         out.append(
             {

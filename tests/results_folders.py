@@ -153,6 +153,7 @@ def faceted(
                 "phi": (p, ("facet",)),
                 "g": (gg, ("facet",)),
                 "omega": (spin, ("xyz",)),
+                "omega_unit": (spin / 0.02, ("xyz",)),  # what is sampled: not for the reader
                 "glitter": (rng.normal(0.3, 0.01, (CHAINS, DRAWS)), ()),  # nobody knows it
             }
         )
@@ -235,6 +236,8 @@ def asteroid(
                 "phase_d": (0.1 + 0.02 * np.abs(rng.normal(size=shape)), ()),
                 "phase_k": (-0.5 + 0.03 * rng.normal(size=shape), ()),
                 "sigma": (0.014 + 3e-4 * rng.normal(size=shape), ()),
+                "log_sigma": (np.log(0.014) + 0.02 * rng.normal(size=shape), ()),
+                "expected": (np.ones((*shape, t.size)), ("time",)),
             }
         )
 

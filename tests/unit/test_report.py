@@ -108,7 +108,10 @@ def test_solutions_are_side_by_side_and_not_averaged(faceted):
 
 
 def test_unknown_parameters_are_listed_and_angles_do_not_wrap(faceted):
-    assert "glitter" in page(faceted).text
+    text = page(faceted).text
+    assert "glitter" in text
+    assert "omega[x]" in text
+    assert "omega_unit" not in text
     results = contents.read(faceted)
     rows = {q.name: q for q in quantities.quantities(results, results.modes[0])}
     assert rows["phi[0]"].mean == pytest.approx(0.1, abs=0.01)  # some draws are below zero
@@ -146,6 +149,8 @@ def test_asteroid_gets_a_body_and_both_poles(asteroid):
         assert (words in text) == (words != "300 values")
     assert "The 12 of 14 stretches" in text
     assert "The convex body" in text
+    assert "log_sigma" not in text
+    assert "expected[" not in text
 
 
 def test_folder_without_solutions_apart(faceted, tmp_path):
