@@ -20,14 +20,14 @@ from lcbayes.analysis import (
     shape_plots,
     sky_plots,
     style,
+    tables,
 )
-from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.errors import InputError
 
 TEMPLATES = Path(__file__).parent / "templates"
 MOST_MODES = 3  # solutions drawn in full; the others are listed
-LONG_TABLE = 24
 
 
 def write(folder: Path | str) -> Path:
@@ -103,7 +103,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
     panels, panel_note = light_curve_plots.draw_panels(results, gallery)
     shapes = [s for m in drawn if (s := shape_plots.build(results, m, gallery)) is not None]
     overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
-    curves = light_curve_plots.curve_table(results)
+    curves = tables.curve_table(results)
     values: dict[str, Any] = {
         "title": Path(str(results.attrs.get("source_file") or results.folder.resolve())).name,
         "attrs": results.attrs,
@@ -112,7 +112,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "several": len(results.modes) > 1,
         "modes": results.modes,
         "drawn": drawn,
-        "key": _key_table(results, drawn),
+        "key": tables.key_table(results, drawn),
         "observed": _observed(results),
         "assumptions": _assumptions(results),
         "coverage": _coverage(results),
@@ -120,12 +120,12 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "legend": _legend(results),
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
-        "curves": [_curve_cells(c) for c in curves] if len(curves) > 1 else [],
+        "curves": curves if len(curves) > 1 else [],
         "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
         "sky": sky_plots.draw_sky(results, gallery),
         "frame": sky_plots.frame_words(results),
         "shapes": shapes,
-        "tables": [(m, _parameter_table(lists[m.index])) for m in drawn],
+        "tables": [(m, tables.parameter_table(lists[m.index])) for m in drawn],
         "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
         "diagnostics": [
             (
@@ -171,7 +171,7 @@ def _verdict(results: Results) -> dict[str, Any]:
         head = f"{count} solutions explain the data; the chains of each agree."
     notes = list(reasons)
     if count > 1:
-        shares = ", ".join(f"{m.name} {_weight(m)}" for m in results.modes)
+        shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)
         notes.insert(
             0,
             f"They are shown side by side and never averaged. Their posterior weights: {shares}.",
@@ -183,30 +183,6 @@ def _verdict(results: Results) -> dict[str, Any]:
             f"{least:.0f} (400 or more is good), {summary.get('divergences', 0)} divergences."
         )
     return {"good": True, "head": head, "reasons": notes}
-
-
-def _weight(mode: Mode) -> str:
-    text = percent(mode.weight)
-    return text if mode.weight_sd is None else f"{text} ± {percent(mode.weight_sd)}"
-
-
-def _key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
-    """Rows of the short table; one pair of cells, mean and 90 % interval, for each solution."""
-    by_mode = [{q.words: q for q in quantities.key_results(results, m)} for m in drawn]
-    names = list(dict.fromkeys(name for one in by_mode for name in one))
-    rows = []
-    for name in names:
-        cells, unit = [], ""
-        for one in by_mode:
-            q = one.get(name)
-            if q is None:
-                cells.append(("–", ""))
-                continue
-            unit = q.unit
-            low, high = (show(q.quantile(p), q.sd) for p in (0.05, 0.95))
-            cells.append((show(q.mean, q.sd), f"{low} to {high}"))
-        rows.append({"name": name, "unit": unit, "cells": cells})
-    return {"heads": [(m.name, _weight(m)) for m in drawn], "rows": rows}
 
 
 def _observed(results: Results) -> list[tuple[str, str]]:
@@ -229,7 +205,10 @@ def _observed(results: Results) -> list[tuple[str, str]]:
     known = np.isfinite(results.error)
     if known.all():
         facts.append(
-            ("Errors", f"given with the data, median {_three(float(np.median(results.error)))}")
+            (
+                "Errors",
+                f"given with the data, median {tables.three(float(np.median(results.error)))}",
+            )
         )
     else:
         facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
@@ -268,7 +247,7 @@ def _coverage(results: Results) -> str:
         )  # fmt: skip
     if fit.get("rms") is not None:
         unit = " mag" if results.is_magnitude else ""
-        parts.append(f"The rms of the residuals is {_three(fit['rms'])}{unit}.")
+        parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")
     return " ".join(parts)
 
 
@@ -281,48 +260,6 @@ def _legend(results: Results) -> dict[str, Any]:
         "others": [(m.name, style.colour(m.index)) for m in shown[1:]],
         "scaled": bool(np.isfinite(sigma).all()),
     }
-
-
-def _three(value: float) -> str:
-    """A number whose own size sets its digits: three of them."""
-    return show(value, abs(value) / 10)
-
-
-def _curve_cells(row: light_curve_plots.CurveRow) -> list[str]:
-    inside = "–" if row.inside is None else percent(row.inside)
-    rms = _three(row.rms)
-    return [str(row.number), row.begins, row.lasts, str(row.points), row.phase_angle, rms, inside]
-
-
-def _parameter_table(listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
-    """Groups of rows by variable; a long group is folded away on the page."""
-    groups: dict[str, list[list[str]]] = {}
-    worst: dict[str, tuple[float, float]] = {}
-    meaning: dict[str, tuple[str, str]] = {}
-    for row in quantities.table(listed):
-        q = row.quantity
-        base = q.name.split("[")[0]
-        meaning[base] = (q.words, q.unit)
-        cells = [q.name, *(show(x, row.sd) for x in (row.mean, row.sd, *row.quantiles))]
-        cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]
-        cells += ["–" if not np.isfinite(x) else f"{x:.0f}" for x in (row.ess_bulk, row.ess_tail)]
-        groups.setdefault(base, []).append(cells)
-        high, low = worst.get(base, (0.0, np.inf))
-        worst[base] = (np.nanmax([high, row.rhat]), np.nanmin([low, row.ess_bulk]))
-    out = []
-    for base, rows in groups.items():
-        words, unit = meaning[base]
-        high, low = worst[base]
-        out.append(
-            {
-                "words": words,
-                "unit": unit,
-                "rows": rows,
-                "long": len(rows) > LONG_TABLE,
-                "worst": f"largest R-hat {high:.3f}, smallest bulk ESS {low:.0f}",
-            }
-        )
-    return out
 
 
 def _timing(results: Results) -> str:

@@ -12,7 +12,14 @@ import results_folders
 import xarray as xr
 from scipy.stats import norm
 
-from lcbayes.analysis import contents, diagnostics_plots, light_curve_plots, quantities, report
+from lcbayes.analysis import (
+    contents,
+    diagnostics_plots,
+    light_curve_plots,
+    quantities,
+    report,
+    tables,
+)
 from lcbayes.analysis.numerals import date, duration, show
 from lcbayes.commands import report as command
 from lcbayes.errors import InputError
@@ -96,7 +103,7 @@ def test_sections_come_in_order(faceted):
 def test_solutions_are_side_by_side_and_not_averaged(faceted):
     tree = xr.open_datatree(faceted / "posterior.nc", engine="h5netcdf")
     results = contents.read(faceted)
-    table = report._key_table(results, results.modes)
+    table = tables.key_table(results, results.modes)
     by_name = {row["name"]: row["cells"] for row in table["rows"]}
     for k in range(2):
         g = tree[f"modes/{k}/posterior/g"].to_numpy()[..., 1]
