@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpyro.distributions as dist
 from jax.flatten_util import ravel_pytree
 from numpyro import handlers
 from numpyro.distributions import biject_to
+from numpyro.distributions.transforms import Transform
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -39,6 +40,9 @@ class Problem:
         NumPyro model ``model(data)``; options already bound.
     data : Epochs
         Used for its shapes and to draw a first trace.
+    coordinates : mapping, optional
+        Transform from unconstrained to constrained values for the sites named, in place of
+        NumPyro's own: coordinates in which the posterior is easier to sample.
 
     Raises
     ------
@@ -47,7 +51,12 @@ class Problem:
         discrete or data-dependent sites.
     """
 
-    def __init__(self, model: Callable[[Epochs], Any], data: Epochs) -> None:
+    def __init__(
+        self,
+        model: Callable[[Epochs], Any],
+        data: Epochs,
+        coordinates: Mapping[str, Transform] | None = None,
+    ) -> None:
         self.model = model
         trace = handlers.trace(handlers.seed(model, jax.random.key(0))).get_trace(data)
         latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
@@ -66,6 +75,7 @@ class Problem:
             if site["fn"].support.is_discrete:
                 raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
         self._transforms = {k: biject_to(v["fn"].support) for k, v in latent.items()}
+        self._transforms |= coordinates or {}
         template = {k: self._transforms[k].inv(v["value"]) for k, v in latent.items()}
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
@@ -79,7 +89,9 @@ class Problem:
         sites, log_det = {}, jnp.zeros(())
         for name, transform in self._transforms.items():
             sites[name] = transform(free[name])
-            log_det += jnp.sum(transform.log_abs_det_jacobian(free[name], sites[name]))
+            log_det += jnp.sum(
+                transform.log_abs_det_jacobian(free[name], sites[name])
+            )
         return sites, log_det
 
     def _trace(self, z: jax.Array | Sites, data: Epochs):

@@ -1,0 +1,263 @@
+"""The light curve against what the model predicts, by night or pass, folded, and its residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.numerals import date, duration
+from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+
+Floats = NDArray[np.float64]
+MOST_PANELS = 12
+SPARSE = 3600.0  # s; points farther apart are not joined
+FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
+BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Points of one curve without a long gap: a night, a pass."""
+
+    points: NDArray[np.int64]
+    curve: int
+
+
+def segments(results: Results) -> list[Segment]:
+    """Split the light curve by `curve` and at long gaps; lone points stay with their curve."""
+    whole, split = [], []
+    for c in np.unique(results.curve):
+        points = np.flatnonzero(results.curve == c)
+        whole.append(Segment(points, int(c)))
+        steps = np.diff(results.t[points])
+        if steps.size == 0:
+            split.append(whole[-1])
+            continue
+        gaps = np.flatnonzero(steps > max(30 * float(np.median(steps)), 1800.0)) + 1
+        split += [Segment(part, int(c)) for part in np.split(points, gaps)]
+    mean_size = results.t.size / len(split)
+    chosen = whole if len(split) > len(whole) and mean_size < 5 else split
+    return sorted(chosen, key=lambda s: results.t[s.points[0]])
+
+
+def bands(mode: Mode) -> Floats | None:
+    """Quantiles `BAND` of the predicted brightness, (5, T); None if there are too few draws."""
+    if len(mode.predicted) < 20:
+        return None
+    return np.quantile(mode.predicted, BAND, axis=0)
+
+
+def sigmas(results: Results, best: Mode) -> Floats:
+    """Standard deviation of each point: from the file, else the inferred one, else NaN.
+
+    An inferred level is relative to the mean of the curve for fluxes (see `lcbayes.noise`).
+    """
+    sigma = results.error.copy()
+    unknown = ~np.isfinite(sigma)
+    if unknown.any() and "sigma" in best.draws and best.draws["sigma"].ndim == 2:
+        unit = np.ones(sigma.size)
+        if not results.is_magnitude:
+            for c in np.unique(results.curve):
+                here = results.curve == c
+                unit[here] = np.mean(np.abs(results.brightness[here]))
+        sigma[unknown] = float(best.draws["sigma"].mean()) * unit[unknown]
+    return sigma
+
+
+def _time_unit(span: float) -> tuple[str, float]:
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if span >= 2.5 * size:
+            return unit, size
+    return "s", 1.0
+
+
+def _label(results: Results) -> tuple[str, float]:
+    """Words for the axis of brightness, and the power of ten taken out of its numbers."""
+    if results.is_magnitude:
+        return "magnitude", 1.0
+    words, unit = "flux at unit distance", ""
+    if "range_km" in results.constant:
+        words, unit = "flux", "W/m²"
+    elif results.normals is not None:
+        words = "relative flux"
+    power = int(np.floor(np.log10(max(float(np.max(np.abs(results.brightness))), 1e-300))))
+    if -2 <= power <= 3:
+        return f"{words} ({unit})" if unit else words, 1.0
+    return f"{words} (10$^{{{power}}}$ {unit})".replace(" )", ")"), 10.0**power
+
+
+def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
+    """One figure for each segment, or for the most informative dozen; and what was left out."""
+    parts = segments(results)
+    note = ""
+    if len(parts) > MOST_PANELS:
+        worth = [_worth(results, s) for s in parts]
+        keep = sorted(np.argsort(worth)[::-1][:MOST_PANELS])
+        note = (
+            f"The {MOST_PANELS} of {len(parts)} stretches of data that tell most (many points, "
+            "large variation) are shown; the table below lists all of them."
+        )
+        parts = [parts[i] for i in keep]
+    big = len(parts) <= 2
+    quantiles = [(m, bands(m)) for m in results.modes]
+    sigma = sigmas(results, results.modes[0])
+    images = []
+    for number, part in enumerate(parts):
+        figure = gallery.figure(*((5.4, 3.7) if big else (3.6, 2.7)))
+        _draw_segment(figure, results, part, quantiles, sigma)
+        epoch = results.attrs.get("epoch_jd")
+        start = results.t[part.points[0]]
+        when = f" from {date(epoch + start / 86400, clock=True)}" if epoch else ""
+        alt = (
+            f"Light curve {part.curve + 1}{when}: {part.points.size} observed points over the "
+            "50 % and 90 % bands of the prediction, residuals below."
+        )
+        images.append(gallery.add(figure, f"light-curve-{number + 1:02d}", alt))
+    return images, note
+
+
+def _worth(results: Results, part: Segment) -> float:
+    y = results.brightness[part.points]
+    scale = 1.0 if results.is_magnitude else max(abs(float(np.mean(y))), 1e-300)
+    return float(np.sqrt(y.size) * np.std(y) / scale)
+
+
+def _draw_segment(
+    figure: Any,
+    results: Results,
+    part: Segment,
+    quantiles: list[tuple[Mode, Floats | None]],
+    sigma: Floats,
+) -> None:
+    grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
+    top = figure.add_subplot(grid[0])
+    at = part.points
+    t0 = results.t[at[0]]
+    unit, size = _time_unit(float(np.ptp(results.t[at])))
+    words, power = _label(results)
+    x, y = (results.t[at] - t0) / size, results.brightness[at] / power
+    drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
+    low = figure.add_subplot(grid[1], sharex=top) if drawn else None
+    # between single points days apart nothing is predicted
+    sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
+    for rank, (mode, q) in enumerate(drawn):
+        hue = colour(mode.index)
+        if rank == 0 and sparse:
+            top.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
+            top.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
+        elif rank == 0:
+            top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0)
+            top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0)
+        elif sparse:
+            top.plot(x, q[2], "_", color=hue, ms=6)
+        else:
+            top.plot(x, q[2], color=hue, lw=1.1, ls="--")
+    error = results.error[at] / power
+    if np.isfinite(error).all():
+        top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)
+    top.plot(x, y, "o", ms=2.6, color=DATA, zorder=4)
+    top.set_ylabel(words)
+    if results.is_magnitude:
+        top.invert_yaxis()
+    if low is not None:
+        top.tick_params(labelbottom=False)
+        residual = y - drawn[0][1][2]
+        scaled = np.isfinite(sigma[at]).all()
+        low.axhline(0, color=FAINT, lw=0.7)
+        if scaled:
+            residual = residual * power / sigma[at]
+            low.axhspan(-1.645, 1.645, color=colour(drawn[0][0].index), alpha=0.14, lw=0)
+            largest = float(np.clip(1.1 * np.max(np.abs(residual)), 3.2, FARTHEST))
+            low.set_ylim(-largest, largest)
+            out = np.abs(residual) > largest
+            for side, mark in ((residual > 0, "^"), (residual < 0, "v")):
+                mark = {"^": "v", "v": "^"}[mark] if results.is_magnitude else mark
+                edge = np.sign(residual) * 0.9 * largest
+                low.plot(x[out & side], edge[out & side], mark, ms=4, color="#b3391a")
+            x, residual = x[~out], residual[~out]
+        low.plot(x, residual, "o", ms=2.4, color=DATA)
+        low.set_ylabel("resid. (σ)" if scaled else "residual")
+        if results.is_magnitude:
+            low.invert_yaxis()
+    epoch = results.attrs.get("epoch_jd")
+    title = f"{at.size} points"
+    if results.attrs.get("epoch_jd"):
+        title = f"{date(float(epoch) + t0 / 86400)} · {title}"
+    if np.unique(results.curve).size > 1:
+        title = f"curve {part.curve + 1} · {title}"
+    top.set_title(title, loc="left")
+    (low or top).set_xlabel(f"time ({unit}) from the first point")
+    figure.align_ylabels()
+
+
+def draw_folded(results: Results, gallery: Gallery) -> Image | None:
+    """All points against the rotational phase, each curve brought to the same mean."""
+    best = results.modes[0]
+    if "period_h" not in best.draws or results.t.size < 50:
+        return None
+    period = float(best.draws["period_h"].mean()) * 3600
+    if results.span_s < 10 * abs(period):
+        return None
+    y = results.brightness.copy()
+    for c in np.unique(results.curve):
+        here = results.curve == c
+        if results.is_magnitude:
+            y[here] -= np.mean(y[here])
+        else:
+            y[here] /= np.mean(y[here])
+    figure = gallery.figure(5.4, 3.4)
+    axes = figure.subplots()
+    turns = results.t / period % 1.0
+    dots = axes.scatter(turns, y, c=results.phase_angle_deg, s=5, cmap="viridis", rasterized=True)
+    axes.set_xlim(0, 1)
+    axes.set_xlabel("rotational phase (turns)")
+    axes.set_ylabel("magnitude − mean" if results.is_magnitude else "flux ÷ mean of its curve")
+    if results.is_magnitude:
+        axes.invert_yaxis()
+    figure.colorbar(dots, ax=axes, label="phase angle (deg)", pad=0.02)
+    return gallery.add(
+        figure,
+        "light-curve-folded",
+        f"All {y.size} points against the rotational phase, coloured by phase angle.",
+        f"All points folded with the period of {best.name.lower()}. Over "
+        f"{duration(results.span_s)} the object was seen from many sides, so the curves need not "
+        "coincide.",
+    )
+
+
+def draw_residuals(results: Results, gallery: Gallery) -> Image | None:
+    """Residuals of all points against time."""
+    best = results.modes[0]
+    q = bands(best)
+    if q is None or len(segments(results)) <= 2:
+        return None
+    sigma = sigmas(results, best)
+    residual = results.brightness - q[2]
+    scaled = np.isfinite(sigma).all()
+    residual = residual / sigma if scaled else residual
+    figure = gallery.figure(5.4, 3.4)
+    axes = figure.subplots()
+    epoch = results.attrs.get("epoch_jd")
+    if epoch and results.span_s > 3 * 365.25 * 86400:
+        x = 2000.0 + (float(epoch) + results.t / 86400 - 2451545.0) / 365.25
+        axes.set_xlabel("year")
+    else:
+        unit, size = _time_unit(results.span_s)
+        x = (results.t - results.t[0]) / size
+        axes.set_xlabel(f"time ({unit}) from the first point")
+    if scaled:
+        axes.axhspan(-1.645, 1.645, color=colour(best.index), alpha=0.14, lw=0)
+    axes.axhline(0, color=FAINT, lw=0.7)
+    axes.plot(x, residual, "o", ms=2, color=DATA, alpha=0.6, rasterized=True)
+    axes.set_ylabel("residual (σ)" if scaled else "residual")
+    return gallery.add(
+        figure,
+        "residuals",
+        "Residuals of all points against time.",
+        f"What is left after the median prediction of {best.name.lower()}"
+        + ("; nine in ten points should lie in the shaded band." if scaled else "."),
+    )

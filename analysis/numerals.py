@@ -1,0 +1,62 @@
+"""Numbers as people read them: the uncertainty decides the digits."""
+
+from __future__ import annotations
+
+import datetime
+import math
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def digits(value: float, spread: float) -> int:
+    """Decimals to show, so that two digits of ``spread`` are seen (may be negative)."""
+    if math.isfinite(spread) and spread > 0:
+        return 1 - math.floor(math.log10(spread))
+    if math.isfinite(value) and value != 0:
+        return 3 - math.floor(math.log10(abs(value)))
+    return 2
+
+
+def show(value: float | None, spread: float = math.nan) -> str:
+    """A number with as many digits as its uncertainty ``spread`` allows; “–” if there is none.
+
+    Without a spread four digits are shown. Very large and very small ones get a power of ten.
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    decimals = digits(value, spread)
+    largest = max(abs(value), spread if math.isfinite(spread) else 0.0)
+    if largest != 0 and not 1e-3 <= largest < 1e6:
+        power = math.floor(math.log10(largest))
+        mantissa = value / 10.0**power
+        text = f"{mantissa:.{min(max(decimals + power, 0), 9)}f}"
+        return _minus(f"{text}×10{str(power).translate(_SUPERSCRIPT)}")
+    if decimals < 0:
+        value, decimals = round(value, decimals), 0
+    text = f"{value:.{min(decimals, 9)}f}"
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return _minus(text)
+
+
+def _minus(text: str) -> str:
+    return "−" + text[1:] if text.startswith("-") else text
+
+
+def percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %"
+
+
+def duration(seconds: float) -> str:
+    """A length of time in the unit people would use."""
+    year = 365.25 * 86400
+    for unit, size in (("years", year), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def date(julian: float, clock: bool = False) -> str:
+    """Calendar date of a Julian date, with hours and minutes if asked."""
+    moment = datetime.datetime(2000, 1, 1, 12) + datetime.timedelta(days=julian - 2451545.0)
+    return moment.strftime("%Y-%m-%d %H:%M" if clock else "%Y-%m-%d")

@@ -1,0 +1,259 @@
+"""The numbers of a report: parameters with their diagnostics, and the few that matter most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from lcbayes.analysis.contents import Mode, Results
+
+Floats = NDArray[np.float64]
+
+# name: (words, unit, period of the circle it lives on)
+KNOWN: dict[str, tuple[str, str, float]] = {
+    "albedo_area": ("albedo-area α", "m²", 0.0),
+    "phi": ("azimuth φ of the normal", "rad", 2 * np.pi),
+    "g": ("cosine g of the polar angle of the normal", "", 0.0),
+    "omega": ("angular velocity ω", "rad/s", 0.0),
+    "pole_lon_deg": ("pole longitude", "deg", 360.0),
+    "pole_lat_deg": ("pole latitude", "deg", 0.0),
+    "period_h": ("sidereal period", "h", 0.0),
+    "phase0_deg": ("rotational phase at t = 0", "deg", 360.0),
+    "phase_a": ("phase law: height a", "", 0.0),
+    "phase_d": ("phase law: width d", "rad", 0.0),
+    "phase_k": ("phase law: slope k", "1/rad", 0.0),
+    "lambert_c": ("weight c of the Lambert term", "", 0.0),
+    "sigma": ("noise σ", "", 0.0),
+    "scale": ("scale of a curve", "", 0.0),
+    "coefficients": ("coefficient of the log albedo-areas", "", 0.0),
+    "r_spec": ("specular reflectance", "", 0.0),
+    "r_diff": ("diffuse reflectance", "", 0.0),
+    "nu": ("specular exponent", "", 0.0),
+}
+# What a reader asks for first; used where only a few can be shown.
+IMPORTANT = (
+    "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
+    "phase_a", "phase_d", "phase_k", "sigma",
+)  # fmt: skip
+# Told by others: directions by angles, what is sampled by what it stands for.
+HIDDEN = ("mode", "normals", "expected", "flux", "omega_unit", "period_shift")
+
+
+def _shown(name: str, draws: xr.Dataset) -> bool:
+    sampled_only = name.endswith("_base") or (name.startswith("log_") and name[4:] in draws)
+    return not (name in HIDDEN or sampled_only or "time" in draws[name].dims)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One scalar, its draws by chain (chain, draw), unwrapped if it lives on a circle."""
+
+    name: str
+    words: str
+    unit: str
+    values: Floats
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean(self.values))
+
+    @property
+    def sd(self) -> float:
+        return float(np.std(self.values, ddof=1)) if self.values.size > 1 else np.nan
+
+    def quantile(self, q: float) -> float:
+        return float(np.quantile(self.values, q))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table of parameters."""
+
+    quantity: Quantity
+    mean: float
+    sd: float
+    quantiles: tuple[float, float, float]  # 5, 50, 95 %
+    rhat: float
+    ess_bulk: float
+    ess_tail: float
+
+
+def unwrap(values: Floats, period: float) -> Floats:
+    """Angles moved by whole turns to lie within half a turn of their circular mean.
+
+    The mean itself is brought to [0, period), so that quantiles and means of angles near zero
+    make sense. Draws spread over the whole circle stay spread over one turn.
+    """
+    turns = 2 * np.pi * values / period
+    centre = np.angle(np.mean(np.exp(1j * turns))) / (2 * np.pi) % 1.0 * period
+    return centre + (values - centre + period / 2) % period - period / 2
+
+
+def readable(q: Quantity) -> tuple[float, float, str]:
+    """Centre and power of ten to take off, so that an axis has short numbers; and its words.
+
+    A period known to a millionth of itself is drawn as the distance from its mean.
+    """
+    unit = "" if q.unit == "relative" else q.unit
+    spread = q.sd
+    if not (np.isfinite(spread) and spread > 0):
+        return 0.0, 1.0, f"({unit})" if unit else ""
+    largest = max(abs(q.mean), spread)
+    if spread < 1e-3 * largest:
+        power = int(np.floor(np.log10(spread)))
+        centre = round(q.mean, -power)
+        sign, shown = ("−", centre) if centre > 0 else ("+", -centre)
+        return centre, 10.0**power, f"{sign} {shown:.{max(0, -power)}f} (10$^{{{power}}}$ {unit})"
+    power = int(np.floor(np.log10(largest)))
+    if -2 <= power <= 3:
+        return 0.0, 1.0, f"({unit})" if unit else ""
+    return 0.0, 10.0**power, f"(10$^{{{power}}}$ {unit})".replace(" )", ")")
+
+
+def area_unit(results: Results) -> str:
+    """m², or nothing where the brightness has no absolute scale."""
+    absolute = "range_km" in results.constant or results.normals is None
+    return "m²" if absolute else "relative"
+
+
+def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
+    """Every scalar of a solution, in the order stored; arrays by element."""
+    names = [n for n in map(str, mode.draws.data_vars) if _shown(n, mode.draws)]
+    for name in names:
+        words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
+        if name == "albedo_area":
+            unit = area_unit(results)
+        if name == "sigma":
+            unit = "mag" if results.is_magnitude else "of the mean flux"
+        array = mode.draws[name].transpose("chain", "draw", ...)
+        if array.dtype.kind not in "fiub":
+            continue
+        values = array.to_numpy().astype(float)
+        shape = values.shape[2:]
+        for index in np.ndindex(*shape):
+            one = values[(..., *index)]
+            label = name + (f"[{', '.join(_coordinate(array, index))}]" if shape else "")
+            yield Quantity(label, words, unit, unwrap(one, period) if period else one)
+
+
+def _coordinate(array: xr.DataArray, index: tuple[int, ...]) -> list[str]:
+    """xyz for components of vectors, else the number counted from 0 as in posterior.nc."""
+    dims = array.dims[2:]
+    return ["xyz"[i] if d == "xyz" and i < 3 else str(i) for d, i in zip(dims, index, strict=True)]
+
+
+def table(all_of_them: list[Quantity]) -> list[Row]:
+    """R-hat (rank-normalised, split) and effective sample sizes of each, by ArviZ."""
+    import arviz
+
+    if not all_of_them:
+        return []
+    stack = np.stack([q.values for q in all_of_them])
+    moving = np.ptp(stack, axis=(1, 2)) > 0
+    figures = np.full((3, len(stack)), np.nan)
+    if moving.any() and stack.shape[2] >= 4:
+        axes = {"chain_axis": 1, "draw_axis": 2}
+        some = stack[moving]
+        if stack.shape[1] > 1:
+            figures[0, moving] = arviz.rhat(some, **axes)
+        figures[1, moving] = arviz.ess(some, method="bulk", **axes)
+        figures[2, moving] = arviz.ess(some, method="tail", prob=(0.05, 0.95), **axes)
+    mean, sd = stack.mean(axis=(1, 2)), stack.std(axis=(1, 2), ddof=1)
+    quantiles = np.quantile(stack, (0.05, 0.5, 0.95), axis=(1, 2)).T
+    return [
+        Row(q, mean[i], sd[i], tuple(quantiles[i]), *figures[:, i])
+        for i, q in enumerate(all_of_them)
+    ]
+
+
+def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
+    """The few that matter most to a reader; of many facets those with most light."""
+    rank = {name: i for i, name in enumerate(IMPORTANT)}
+    all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
+    known = [q for q in all_of_them if q.name.split("[")[0] in rank]
+    scalars = [q for q in known if "[" not in q.name or q.name.startswith("omega")]
+    arrays = [q for q in known if q not in scalars]
+    if len(arrays) > 60:  # a grid of facets: no single one means much
+        arrays = []
+    areas = sorted((q for q in arrays if q.name.startswith("albedo_area")), key=lambda q: -q.mean)
+    rest = [q for q in arrays if q not in areas]
+    chosen = sorted(scalars, key=lambda q: rank[q.name.split("[")[0]])[:most]
+    chosen += [*areas[: max(1, most - 3)], *rest][: most - len(chosen)]
+    if not chosen:
+        chosen = all_of_them[:most]
+    return chosen
+
+
+def spin(results: Results, mode: Mode) -> list[Quantity]:
+    """What the solution says of the spin, in units people use."""
+    draws = mode.draws
+    found = []
+    if "omega" in draws:
+        omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
+        rate = np.degrees(np.linalg.norm(omega, axis=-1))
+        lon, lat = lon_lat(omega)
+        names = ("right ascension", "declination")
+        if results.frame != "icrs":
+            names = ("longitude", "latitude")
+        found.append(Quantity("rate", "rotation rate", "deg/s", rate))
+        if np.std(rate) < 0.2 * np.mean(rate):
+            found.append(Quantity("turn", "one turn takes", "s", 360.0 / rate))
+        found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrap(lon, 360.0)))
+        found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
+    for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):
+        found += [q for q in quantities(results, mode) if q.name == name] if name in draws else []
+    return found
+
+
+def lon_lat(vectors: Floats) -> tuple[Floats, Floats]:
+    """Longitude in [0, 360) and latitude, degrees, of vectors (..., 3)."""
+    lon = np.degrees(np.arctan2(vectors[..., 1], vectors[..., 0])) % 360.0
+    lat = np.degrees(np.arctan2(vectors[..., 2], np.hypot(vectors[..., 0], vectors[..., 1])))
+    return lon, lat
+
+
+def facet_normals(mode: Mode) -> Floats | None:
+    """Draws of the facet normals, body frame (chain, draw, facet, 3); None on a fixed grid."""
+    draws = mode.draws
+    if "normals" in draws:
+        return draws["normals"].transpose("chain", "draw", "facet", ...).to_numpy()
+    if "phi" in draws and "g" in draws:
+        phi, g = (draws[k].transpose("chain", "draw", ...).to_numpy() for k in ("phi", "g"))
+        s = np.sqrt(np.maximum(1.0 - g**2, 0.0))
+        return np.stack([s * np.cos(phi), s * np.sin(phi), g], axis=-1)
+    return None
+
+
+def facets(results: Results, mode: Mode) -> list[list[Quantity]]:
+    """For each facet of a faceted model: albedo-area, azimuth and polar angle in degrees."""
+    normals = facet_normals(mode)
+    if normals is None or "albedo_area" not in mode.draws:
+        return []
+    areas = mode.draws["albedo_area"].transpose("chain", "draw", ...).to_numpy()
+    lon, lat = lon_lat(normals)
+    unit = area_unit(results)
+    return [
+        [
+            Quantity(f"facet {i}", "albedo-area", unit, areas[..., i]),
+            Quantity(f"facet {i}", "azimuth of its normal", "deg", unwrap(lon[..., i], 360.0)),
+            Quantity(f"facet {i}", "polar angle of its normal", "deg", 90.0 - lat[..., i]),
+        ]
+        for i in range(areas.shape[-1])
+    ]
+
+
+def key_results(results: Results, mode: Mode) -> list[Quantity]:
+    """The rows of the short table at the top: spin, then facets (few) or surface and noise."""
+    rows = spin(results, mode)
+    by_facet = facets(results, mode)
+    if len(by_facet) <= 10:
+        rows += [
+            Quantity(q.name, f"{q.name}: {q.words}", q.unit, q.values) for f in by_facet for q in f
+        ]
+    shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
+    rows += [q for q in quantities(results, mode) if q.name in shown]
+    return rows

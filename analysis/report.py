@@ -1,0 +1,271 @@
+"""The report: everything a results folder says, on one page that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import (
+    contents,
+    diagnostics_plots,
+    light_curve_plots,
+    quantities,
+    shape_plots,
+    sky_plots,
+    style,
+    tables,
+)
+from lcbayes.analysis.contents import Results
+from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.errors import InputError
+
+TEMPLATES = Path(__file__).parent / "templates"
+MOST_MODES = 3  # solutions drawn in full; the others are listed
+
+
+def write(folder: Path | str) -> Path:
+    """Write `report.html`, `figures/` and `shape.obj` into a results folder, from it alone.
+
+    Each is put in place when it is complete; an older one is never half-overwritten.
+
+    Parameters
+    ----------
+    folder : path
+        What `lcbayes fit -o` wrote.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    lcbayes.errors.InputError
+        If the folder is none of lcbayes, or is damaged.
+    """
+    import matplotlib
+
+    folder = Path(folder)
+    results = contents.read(folder)
+    try:
+        scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
+    except OSError as fault:
+        raise InputError(f"cannot write into {folder}: {fault.strerror}") from fault
+    try:
+        scratch.chmod(0o755)
+        figures = scratch / "figures"
+        figures.mkdir()
+        with matplotlib.rc_context(style.RC), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            page, shapes = _compose(results, style.Gallery(figures))
+        (scratch / "report.html").write_text(page, encoding="utf-8")
+        _write_shapes(scratch, shapes)
+        _put_in_place(scratch, folder)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return folder / "report.html"
+
+
+def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
+    """The heaviest solution is `shape.obj`, the others `shape-2.obj` and so on."""
+    for shape in shapes:
+        if shape.body is not None:
+            tail = "" if shape is shapes[0] else f"-{shape.mode.index + 1}"
+            text = shape.body.obj(f"{shape.mode.name}, made by lcbayes\n{shape.caption}")
+            (scratch / f"shape{tail}.obj").write_text(text, encoding="utf-8")
+
+
+def _put_in_place(scratch: Path, folder: Path) -> None:
+    old = scratch / "old"
+    if (folder / "figures").exists():
+        (folder / "figures").rename(old)
+    (scratch / "figures").rename(folder / "figures")
+    for stale in folder.glob("shape*.obj"):
+        if not (scratch / stale.name).exists():
+            stale.unlink()
+    for new in [*scratch.glob("shape*.obj"), scratch / "report.html"]:
+        os.replace(new, folder / new.name)
+
+
+def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:
+    import jinja2
+
+    drawn = results.modes[:MOST_MODES]
+    lists = {m.index: list(quantities.quantities(results, m)) for m in drawn}
+    few = {m.index: quantities.important(lists[m.index]) for m in drawn}
+    panels, panel_note = light_curve_plots.draw_panels(results, gallery)
+    shapes = [s for m in drawn if (s := shape_plots.build(results, m, gallery)) is not None]
+    overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
+    curves = tables.curve_table(results)
+    values: dict[str, Any] = {
+        "title": Path(str(results.attrs.get("source_file") or results.folder.resolve())).name,
+        "attrs": results.attrs,
+        "summary": results.summary,
+        "verdict": _verdict(results),
+        "several": len(results.modes) > 1,
+        "modes": results.modes,
+        "drawn": drawn,
+        "key": tables.key_table(results, drawn),
+        "observed": _observed(results),
+        "assumptions": _assumptions(results),
+        "coverage": _coverage(results),
+        "panels": panels,
+        "legend": _legend(results),
+        "panel_note": panel_note,
+        "overview": [i for f in overview if (i := f(results, gallery)) is not None],
+        "curves": curves if len(curves) > 1 else [],
+        "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
+        "sky": sky_plots.draw_sky(results, gallery),
+        "frame": sky_plots.frame_words(results),
+        "shapes": shapes,
+        "tables": [(m, tables.parameter_table(lists[m.index])) for m in drawn],
+        "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
+        "diagnostics": [
+            (
+                m,
+                [
+                    image
+                    for image in (
+                        diagnostics_plots.draw_traces(m, few[m.index], gallery),
+                        diagnostics_plots.draw_energy(m, gallery),
+                        diagnostics_plots.draw_pairs(m, few[m.index], gallery),
+                    )
+                    if image is not None
+                ],
+            )
+            for m in drawn
+        ],
+        "run_toml": results.run_toml,
+        "timing": _timing(results),
+    }
+    loader = jinja2.FileSystemLoader(TEMPLATES)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    environment.globals["show"] = show
+    environment.filters["percent"] = percent
+    return environment.get_template("report.html.j2").render(values), shapes
+
+
+def _verdict(results: Results) -> dict[str, Any]:
+    """What to think of the result, in words, before any number."""
+    summary, count = results.summary, len(results.modes)
+    reasons = [str(r) for r in summary.get("reasons") or []]
+    if not summary.get("converged"):
+        return {
+            "good": False,
+            "head": "Do not trust these numbers: the run did not converge.",
+            "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
+        }
+    if count == 1:
+        head = "One solution explains the data; the chains agree on it."
+    else:
+        head = f"{count} solutions explain the data; the chains of each agree."
+    notes = list(reasons)
+    if count > 1:
+        shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)
+        notes.insert(
+            0,
+            f"They are shown side by side and never averaged. Their posterior weights: {shares}.",
+        )
+    worst, least = summary.get("max_rhat"), summary.get("min_ess_bulk")
+    if worst is not None and least is not None:
+        notes.append(
+            f"Largest R-hat {worst:.3f} (1.01 or less is good), smallest effective sample size "
+            f"{least:.0f} (400 or more is good), {summary.get('divergences', 0)} divergences."
+        )
+    return {"good": True, "head": head, "reasons": notes}
+
+
+def _observed(results: Results) -> list[tuple[str, str]]:
+    """What went in, as pairs of words."""
+    angle = results.phase_angle_deg
+    count = np.unique(results.curve).size
+    kind = "apparent magnitudes" if results.is_magnitude else "fluxes"
+    facts = [("Points", f"{results.t.size} {kind} in {count} curve{'s' * (count > 1)}")]
+    epoch = results.attrs.get("epoch_jd")
+    span = duration(results.span_s)
+    if epoch:
+        first, last = (float(epoch) + x / 86400 for x in (results.t.min(), results.t.max()))
+        clock = results.span_s < 20 * 86400
+        span = f"{date(first, clock)} to {date(last, clock)} ({span})"
+    facts.append(("Time", span))
+    facts.append(("Phase angle", f"{angle.min():.1f}° to {angle.max():.1f}°"))
+    if "range_km" in results.constant:
+        reach = results.constant["range_km"].to_numpy()
+        facts.append(("Range", f"{reach.min():.0f} to {reach.max():.0f} km"))
+    known = np.isfinite(results.error)
+    if known.all():
+        facts.append(
+            (
+                "Errors",
+                f"given with the data, median {tables.three(float(np.median(results.error)))}",
+            )
+        )
+    else:
+        facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
+    for name, words in (("site", "Sites"), ("band", "Bands")):
+        found = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
+        listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
+        facts += [(words, listed)] if found else []
+    facts.append(("Directions in", sky_plots.frame_words(results)))
+    return facts
+
+
+def _assumptions(results: Results) -> list[str]:
+    text = results.attrs.get("assumptions") or "[]"
+    try:
+        found = json.loads(text) if isinstance(text, str) else list(text)
+    except json.JSONDecodeError:
+        found = [text]
+    return [str(s) for s in (found if isinstance(found, list) else [found])]
+
+
+def _coverage(results: Results) -> str:
+    """How well the prediction agrees with the data, in a sentence."""
+    parts = []
+    q = light_curve_plots.bands(results.modes[0])
+    if q is not None:
+        inside = np.mean((results.brightness >= q[0]) & (results.brightness <= q[4]))
+        parts.append(f"{percent(float(inside))} of the points lie inside the 90 % band.")
+    fit = results.summary.get("fit") or {}
+    chi2, dof = fit.get("chi2"), fit.get("dof")
+    if chi2 is not None and dof:
+        ratio = chi2 / dof
+        parts.append(f"χ² is {show(chi2, chi2 / 30)} for {dof} degrees of freedom")
+        parts[-1] += (
+            ": the scatter is larger than the errors explain." if ratio > 1.5
+            else ": the errors look too large." if ratio < 0.5 else "."
+        )  # fmt: skip
+    if fit.get("rms") is not None:
+        unit = " mag" if results.is_magnitude else ""
+        parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")
+    return " ".join(parts)
+
+
+def _legend(results: Results) -> dict[str, Any]:
+    """Colours of the light-curve panels: the bands are those of the heaviest solution shown."""
+    shown = [m for m in results.modes if light_curve_plots.bands(m) is not None]
+    sigma = light_curve_plots.sigmas(results, results.modes[0])
+    return {
+        "bands": style.colour(shown[0].index) if shown else None,
+        "others": [(m.name, style.colour(m.index)) for m in shown[1:]],
+        "scaled": bool(np.isfinite(sigma).all()),
+    }
+
+
+def _timing(results: Results) -> str:
+    timing = results.summary.get("timing") or {}
+    words = {"compile_s": "compiling", "warmup_s": "warm-up", "sampling_s": "sampling"}
+    parts = [f"{w} {duration(timing[k])}" for k, w in words.items() if timing.get(k) is not None]
+    if timing.get("gradients"):
+        parts.append(f"{timing['gradients']:,} gradients".replace(",", " "))
+    return ", ".join(parts)

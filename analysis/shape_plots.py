@@ -1,0 +1,198 @@
+"""The shape: a convex polyhedron where the facets close, else each facet as a disc on a sphere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.quantities import facet_normals
+from lcbayes.analysis.style import FAINT, Gallery, Image, colour
+from lcbayes.errors import InputError
+from lcbayes.shape import Polyhedron, close, closure, minkowski
+
+Floats = NDArray[np.float64]
+
+CLOSED = 0.1  # gap |Σ A n|/Σ A up to which facets are taken to be those of a closed body
+STONE = (0.80, 0.81, 0.83)
+LIGHT = np.array([-0.35, 0.45, 0.82])  # in the axes of the picture: right, up, to the reader
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the page shows: ``scene`` goes to the viewer as JSON, ``image`` to paper."""
+
+    mode: Mode
+    image: Image
+    scene: dict[str, Any]
+    body: Polyhedron | None
+    caption: str
+
+
+def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
+    """The shape of a solution, from the posterior mean of its albedo-areas and normals."""
+    if "albedo_area" not in mode.draws:
+        return None
+    areas = mode.draws["albedo_area"].mean(("chain", "draw")).to_numpy()
+    normals, known = results.normals, facet_normals(mode)
+    if known is not None:
+        mean = known.mean(axis=(0, 1))
+        normals = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
+    if normals is None or areas.ndim != 1:
+        return None
+    body, why = _polyhedron(normals, areas)
+    if body is not None:
+        size = float(np.max(np.linalg.norm(body.vertices, axis=1)))
+        faces = [body.vertices[f] / size for f in body.faces]
+        hues = [STONE] * len(faces)
+        extent = _proportions(body)
+        caption = (
+            "The convex body whose facets have the posterior mean albedo-areas, on the assumption "
+            f"that all of it reflects alike. Longest, middle and shortest extent are as {extent}."
+        )
+    else:
+        faces, hues = _discs(normals, areas)
+        caption = (
+            f"{why} Each facet is drawn as a disc on a sphere, turned to where it faces, with an "
+            "area in proportion to its albedo-area."
+        )
+    scene = {
+        "polygons": [
+            {"p": np.round(f, 4).tolist(), "c": [round(float(x), 3) for x in h]}
+            for f, h in zip(faces, hues, strict=True)
+        ],
+        "solid": body is not None,
+        "labels": [] if body is not None else np.round(1.25 * normals, 4).tolist(),
+        "axis": _axis(mode),
+    }
+    image = _picture(faces, hues, scene, mode, gallery, caption)
+    return Shape(mode, image, scene, body, caption)
+
+
+def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]:
+    """The body, or in words why there is none."""
+    if len(areas) < 4:
+        return None, f"{len(areas)} facet{'s' * (len(areas) > 1)} cannot enclose a body."
+    gap = closure(normals, areas)
+    if gap > CLOSED:
+        return None, (
+            f"The facets do not close (gap {gap:.2f} of their total area, at most {CLOSED} is "
+            "needed), so no convex body has them."
+        )
+    closed = close(normals, areas)
+    if np.any(closed < 0):
+        return None, "The facets do not close, so no convex body has them."
+    try:
+        return minkowski(normals, closed), ""
+    except InputError as fault:
+        return None, f"No convex body was found ({fault})."
+
+
+def _proportions(body: Polyhedron) -> str:
+    """Extents along the principal axes of the vertices, shortest = 1."""
+    _, _, axes = np.linalg.svd(body.vertices - body.vertices.mean(axis=0), full_matrices=False)
+    extent = np.sort(np.ptp(body.vertices @ axes.T, axis=0))[::-1]
+    return " : ".join(f"{x / extent[-1]:.2f}" for x in extent)
+
+
+def _discs(normals: Floats, areas: Floats) -> tuple[list[Floats], list[tuple[float, float, float]]]:
+    from matplotlib.colors import to_rgb
+
+    turn = np.linspace(0, 2 * np.pi, 28, endpoint=False)
+    radius = 0.62 * np.sqrt(areas / areas.max())
+    discs = []
+    for n, r in zip(normals, radius, strict=True):
+        helper = np.eye(3)[np.argmin(np.abs(n))]
+        u = np.cross(n, helper)
+        u /= np.linalg.norm(u)
+        v = np.cross(n, u)
+        discs.append(n + r * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v))
+    return discs, [to_rgb(colour(i)) for i in range(len(areas))]
+
+
+def _axis(mode: Mode) -> list[float]:
+    """Spin axis in the body frame: z for a pole, ω at t = 0 otherwise (there A is the identity)."""
+    if "omega" in mode.draws:
+        omega = mode.draws["omega"].mean(("chain", "draw")).to_numpy()
+        return np.round(omega / max(float(np.linalg.norm(omega)), 1e-300), 4).tolist()
+    return [0.0, 0.0, 1.0]
+
+
+def _view(lon: float, lat: float) -> Floats:
+    """Rows: right, up and towards the reader, of a reader at this longitude and latitude."""
+    a, b = np.radians([lon, lat])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    towards = np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def _picture(
+    faces: list[Floats],
+    hues: list[tuple[float, float, float]],
+    scene: dict[str, Any],
+    mode: Mode,
+    gallery: Gallery,
+    caption: str,
+) -> Image:
+    """Three views, two along the equator and one from the pole, all with the same light."""
+    from matplotlib import patheffects
+    from matplotlib.collections import PolyCollection
+
+    figure = gallery.figure(6.4, 2.5)
+    solid = scene["solid"]
+    reach = 1.05 if solid else 1.45
+    views = ((0, 0, "from longitude 0°"), (90, 0, "from longitude 90°"), (0, 90, "from the pole"))
+    for axes, (lon, lat, title) in zip(figure.subplots(1, 3), views, strict=True):
+        view = _view(lon, lat)
+        turned = [f @ view.T for f in faces]
+        normals = [_normal(f) for f in turned]
+        order = [
+            i
+            for i in np.argsort([f[:, 2].mean() for f in turned])
+            if not solid or normals[i][2] > 0
+        ]
+        shade = [_shade(hues[i], normals[i], 0.42 if solid else 0.8) for i in order]
+        edge = "face" if solid else "#444444"
+        if not solid:
+            circle = np.linspace(0, 2 * np.pi, 80)
+            axes.plot(np.cos(circle), np.sin(circle), color=FAINT, lw=0.7, zorder=0)
+        axes.add_collection(
+            PolyCollection(
+                [turned[i][:, :2] for i in order], facecolors=shade, edgecolors=edge, linewidths=0.4
+            )
+        )
+        for number, where in enumerate(scene["labels"]):
+            x, y, z = view @ np.array(where)
+            text = axes.text(x, y, str(number), ha="center", va="center", fontsize=8,
+                             alpha=1.0 if z > 0 else 0.45)  # fmt: skip
+            text.set_path_effects([patheffects.withStroke(linewidth=2, foreground="white")])
+        axes.set_xlim(-reach, reach)
+        axes.set_ylim(-reach, reach)
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.set_title(title, fontsize=8.5)
+    return gallery.add(
+        figure,
+        f"shape-{mode.index + 1}",
+        f"Shape of {mode.name.lower()} from three sides.",
+        caption,
+    )
+
+
+def _normal(face: Floats) -> Floats:
+    """Unit normal of a plane polygon, by Newell's formula."""
+    n = np.sum(np.cross(face, np.roll(face, -1, axis=0)), axis=0)
+    return n / max(float(np.linalg.norm(n)), 1e-300)
+
+
+def _shade(
+    hue: tuple[float, float, float], normal: Floats, dim: float
+) -> tuple[float, float, float, float]:
+    """Colour of a face under the light; ``dim`` is what a face turned from it still shows."""
+    towards = normal if normal[2] > 0 else -normal
+    light = dim + (1 - dim) * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
+    r, g, b = (min(1.0, light * x) for x in hue)
+    return (r, g, b, 1.0 if normal[2] > 0 else 0.35)

@@ -1,0 +1,187 @@
+"""Maps of directions: facets on the body, spin axes on the sky."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.quantities import facet_normals, lon_lat, readable, spin
+from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+
+Floats = NDArray[np.float64]
+CLOUD = 400
+
+FRAMES = {
+    "icrs": "ICRS (equatorial, J2000)",
+    "ecliptic-j2000": "ecliptic J2000",
+    "inertial": "the inertial axes of the input file",
+}
+
+
+def frame_words(results: Results) -> str:
+    return FRAMES.get(results.frame, results.frame)
+
+
+def _mollweide(figure: Any, position: Any = 111) -> Any:
+    """An equal-area map with longitude 0 in the middle, east to the right, in degrees."""
+    axes = figure.add_subplot(position, projection="mollweide")
+    axes.grid(color="#d5d8dd", lw=0.5)
+    axes.set_axisbelow(True)
+    ticks = np.arange(-120, 121, 60)
+    axes.set_xticks(np.radians(ticks), [f"{t % 360}°" for t in ticks], fontsize=7.5, color=FAINT)
+    axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
+    axes.tick_params(axis="y", labelsize=7.5, labelcolor=FAINT)
+    return axes
+
+
+def _place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
+    """Degrees to the map's radians, longitude in [−π, π)."""
+    return np.radians((np.asarray(lon) + 180.0) % 360.0 - 180.0), np.radians(lat)
+
+
+def _some(array: Floats) -> Floats:
+    """At most `CLOUD` draws, evenly taken, chains joined: (S, ...)."""
+    flat = array.reshape(-1, *array.shape[2:])
+    return flat[:: max(1, len(flat) // CLOUD)]
+
+
+def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
+    """Where the facets face, with their uncertainty; a colour map where the grid is fixed."""
+    if "albedo_area" not in mode.draws:
+        return []
+    areas = mode.draws["albedo_area"].transpose("chain", "draw", ...).to_numpy()
+    normals = facet_normals(mode)
+    if normals is None and results.normals is not None:
+        return _draw_grid(results, mode, areas, gallery)
+    if normals is None:
+        return []
+    figure = gallery.figure(5.4, 2.9)
+    axes = _mollweide(figure)
+    largest = float(np.mean(areas, axis=(0, 1)).max())
+    for i in range(areas.shape[-1]):
+        hue = colour(i)
+        lon, lat = _place(*lon_lat(_some(normals[:, :, i])))
+        axes.plot(lon, lat, ".", ms=2.2, color=hue, alpha=0.35, mew=0, rasterized=True)
+    for i in range(areas.shape[-1]):
+        middle = normals[:, :, i].mean(axis=(0, 1))
+        lon, lat = _place(*lon_lat(middle))
+        size = 330 * float(np.mean(areas[..., i])) / largest
+        axes.scatter(lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4)
+        _number(axes, float(lon), float(lat), str(i))
+    name = f"facets-{mode.index + 1}"
+    caption = (
+        f"{_prefix(results, mode)}Where each facet faces, in the body frame (azimuth to the right, "
+        "pole of the body axes at the top). A cloud is what the data allow; the area of a ring is "
+        "the mean albedo-area of the facet, numbered as in posterior.nc."
+    )
+    alt = f"Map of the body frame with draws of {areas.shape[-1]} facet normals."
+    return [gallery.add(figure, name, alt, caption)]
+
+
+def _number(axes: Any, lon: float, lat: float, text: str) -> None:
+    from matplotlib import patheffects
+
+    label = axes.text(lon, lat, text, ha="center", va="center", fontsize=9, weight="bold", zorder=5)
+    label.set_path_effects([patheffects.withStroke(linewidth=2.5, foreground="white")])
+
+
+def _prefix(results: Results, mode: Mode) -> str:
+    return f"{mode.name}. " if len(results.modes) > 1 else ""
+
+
+def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) -> list[Image]:
+    from scipy.spatial import cKDTree
+
+    grid = results.normals
+    assert grid is not None
+    lon_edges, lat_edges = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
+    lon, lat = np.meshgrid(
+        np.radians(0.5 * (lon_edges[1:] + lon_edges[:-1])),
+        np.radians(0.5 * (lat_edges[1:] + lat_edges[:-1])),
+    )
+    pixels = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+    nearest = cKDTree(grid).query(pixels)[1]
+    mean = areas.mean(axis=(0, 1))
+    spread = areas.std(axis=(0, 1)) / np.maximum(mean, 1e-300)
+    images = []
+    maps = (
+        ("mean", mean / mean.mean(), "albedo-area ÷ mean facet", "viridis",
+         "Albedo-area facing each direction of the body frame, posterior mean; the spin axis is at "
+         "the top. Broad sides of the body are bright here."),
+        ("sd", 100 * spread, "standard deviation (%)", "magma_r",
+         "How well each of them is known: its standard deviation in per cent of its mean."),
+    )  # fmt: skip
+    for key, values, label, cmap, caption in maps:
+        figure = gallery.figure(5.4, 2.55)
+        axes = _mollweide(figure)
+        picture = axes.pcolormesh(
+            np.radians(lon_edges), np.radians(lat_edges), values[nearest], cmap=cmap,
+            rasterized=True,
+        )  # fmt: skip
+        axes.tick_params(axis="x", labelcolor="white")
+        figure.colorbar(picture, ax=axes, label=label, shrink=0.85, pad=0.03)
+        name = f"facets-{mode.index + 1}-{key}"
+        alt = f"Map of the body frame, {len(grid)} facets coloured by {label}."
+        images.append(gallery.add(figure, name, alt, _prefix(results, mode) + caption))
+    return images
+
+
+def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
+    """Spin axes of all solutions on one map of the sky, and each of them enlarged."""
+    clouds = []
+    for mode in results.modes:
+        known = {q.name: q for q in spin(results, mode)}
+        for pair in (("pole_lon_deg", "pole_lat_deg"), ("axis_lon", "axis_lat")):
+            if pair[0] in known and pair[1] in known:
+                clouds.append((mode, known[pair[0]], known[pair[1]], known))
+                break
+    if not clouds:
+        return []
+    figure = gallery.figure(5.4, 3.3)
+    axes = _mollweide(figure)
+    for mode, lon, lat, _ in clouds:
+        x, y = _place(_some(lon.values), _some(lat.values))
+        axes.plot(x, y, ".", ms=3, color=colour(mode.index), alpha=0.4, mew=0, rasterized=True)
+        x, y = _place(np.array(lon.mean), np.array(lat.mean))
+        axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
+                  label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
+    several = len(results.modes) > 1
+    if several:
+        figure.legend(loc="outside lower center", ncols=3)
+    caption = (
+        f"Directions of the spin axis on the sky, {frame_words(results)}, longitude to the right. "
+        "Clouds are draws; rings mark their means."
+    )
+    images = [gallery.add(figure, "spin-sky", "Map of the sky with the spin axes.", caption)]
+    images += [_enlarge(gallery, several, *cloud) for cloud in clouds[:4]]
+    return images
+
+
+def _enlarge(
+    gallery: Gallery, several: bool, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
+) -> Image:
+    """The cloud of one solution and how fast it turns."""
+    figure = gallery.figure(5.4, 2.7)
+    left, right = figure.subplots(1, 2)
+    figure.get_layout_engine().set(wspace=0.09)
+    hue = colour(mode.index)
+    left.plot(_some(lon.values), _some(lat.values), ".", ms=3, color=hue, alpha=0.4, mew=0)
+    left.plot(lon.mean, lat.mean, "+", ms=9, color=DATA)
+    left.set_xlabel(f"{lon.words.split(', ')[-1]} (deg)")
+    left.set_ylabel(f"{lat.words.split(', ')[-1]} (deg)")
+    left.locator_params(nbins=5)
+    speed = known.get("period_h") or known["rate"]
+    centre, size, shift = readable(speed)
+    values = (speed.values.ravel() - centre) / size
+    right.hist(values, bins=40, color=hue, alpha=0.75, histtype="stepfilled")
+    right.set_xlabel(f"{speed.words} {shift}".strip())
+    right.set_yticks([])
+    right.spines["left"].set_visible(False)
+    right.locator_params(axis="x", nbins=5)
+    who = f"{mode.name}, enlarged" if several else "Enlarged"
+    caption = f"{who}: direction of the spin axis and {speed.words}."
+    alt = f"Draws of the spin axis and {speed.words} of {mode.name.lower()}."
+    return gallery.add(figure, f"spin-{mode.index + 1}", alt, caption)

@@ -1,0 +1,94 @@
+"""The tables of a report, as text ready to be shown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import quantities
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.light_curve_plots import bands, segments
+from lcbayes.analysis.numerals import date, duration, percent, show
+
+LONG = 24  # rows from which a group is folded away
+
+
+def weight(mode: Mode) -> str:
+    text = percent(mode.weight)
+    return text if mode.weight_sd is None else f"{text} ± {percent(mode.weight_sd)}"
+
+
+def three(value: float) -> str:
+    """A number whose own size sets its digits: three of them."""
+    return show(value, abs(value) / 10)
+
+
+def key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
+    """Rows of the short table; one pair of cells, mean and 90 % interval, for each solution."""
+    by_mode = [{q.words: q for q in quantities.key_results(results, m)} for m in drawn]
+    names = list(dict.fromkeys(name for one in by_mode for name in one))
+    rows = []
+    for name in names:
+        cells, unit = [], ""
+        for one in by_mode:
+            q = one.get(name)
+            if q is None:
+                cells.append(("–", ""))
+                continue
+            unit = q.unit
+            low, high = (show(q.quantile(p), q.sd) for p in (0.05, 0.95))
+            cells.append((show(q.mean, q.sd), f"{low} to {high}"))
+        rows.append({"name": name, "unit": unit, "cells": cells})
+    return {"heads": [(m.name, weight(m)) for m in drawn], "rows": rows}
+
+
+def parameter_table(listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
+    """Groups of rows by variable; a long group is folded away on the page."""
+    groups: dict[str, list[list[str]]] = {}
+    worst: dict[str, tuple[float, float]] = {}
+    meaning: dict[str, tuple[str, str]] = {}
+    for row in quantities.table(listed):
+        q = row.quantity
+        base = q.name.split("[")[0]
+        meaning[base] = (q.words, q.unit)
+        cells = [q.name, *(show(x, row.sd) for x in (row.mean, row.sd, *row.quantiles))]
+        cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]
+        cells += ["–" if not np.isfinite(x) else f"{x:.0f}" for x in (row.ess_bulk, row.ess_tail)]
+        groups.setdefault(base, []).append(cells)
+        high, low = worst.get(base, (0.0, np.inf))
+        worst[base] = (np.nanmax([high, row.rhat]), np.nanmin([low, row.ess_bulk]))
+    out = []
+    for base, rows in groups.items():
+        words, unit = meaning[base]
+        high, low = worst[base]
+        out.append(
+            {
+                "words": words,
+                "unit": unit,
+                "rows": rows,
+                "long": len(rows) > LONG,
+                "worst": f"largest R-hat {high:.3f}, smallest bulk ESS {low:.0f}",
+            }
+        )
+    return out
+
+
+def curve_table(results: Results) -> list[list[str]]:
+    """Each stretch of data with the scatter of its residuals and its share in the 90 % band."""
+    q = bands(results.modes[0])
+    angle = results.phase_angle_deg
+    epoch = results.attrs.get("epoch_jd")
+    rows = []
+    for part in segments(results):
+        at = part.points
+        start, y = results.t[at[0]], results.brightness[at]
+        rms = inside = "–"
+        if q is not None:
+            rms = three(float(np.sqrt(np.mean((y - q[2, at]) ** 2))))
+            inside = percent(float(np.mean((y >= q[0, at]) & (y <= q[4, at]))))
+        begins = date(float(epoch) + start / 86400, clock=True) if epoch else f"{start:.6g} s"
+        lasts = duration(float(np.ptp(results.t[at])))
+        where = f"{np.mean(angle[at]):.1f}"
+        rows.append([str(part.curve + 1), begins, lasts, str(at.size), where, rms, inside])
+    return rows

@@ -1,0 +1,151 @@
+// Turns the shapes of this page: flat-shaded polygons on a 2D canvas, sorted from back to front.
+(function () {
+  "use strict";
+  const LIGHT = unit([-0.35, 0.45, 0.82]);  // right, up, towards the reader
+
+  function unit(v) { const n = Math.hypot(...v) || 1; return v.map((x) => x / n); }
+  function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+  // Newell's formula: good for any plane polygon
+  function normal(points) {
+    const n = [0, 0, 0];
+    points.forEach((a, i) => {
+      const b = points[(i + 1) % points.length];
+      n[0] += (a[1] - b[1]) * (a[2] + b[2]);
+      n[1] += (a[2] - b[2]) * (a[0] + b[0]);
+      n[2] += (a[0] - b[0]) * (a[1] + b[1]);
+    });
+    return unit(n);
+  }
+
+  function viewer(figure) {
+    const scene = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
+    const canvas = figure.querySelector("canvas");
+    const pen = canvas.getContext("2d");
+    if (!pen) return;
+    const start = { lon: 0.6, lat: 0.4 };
+    let { lon, lat } = start;
+
+    function basis() {
+      const right = [-Math.sin(lon), Math.cos(lon), 0];
+      const towards = [Math.cos(lat) * Math.cos(lon), Math.cos(lat) * Math.sin(lon), Math.sin(lat)];
+      const up = [-Math.sin(lat) * Math.cos(lon), -Math.sin(lat) * Math.sin(lon), Math.cos(lat)];
+      return [right, up, towards];
+    }
+
+    function draw() {
+      const ratio = window.devicePixelRatio || 1;
+      const width = canvas.clientWidth, height = canvas.clientHeight;
+      if (!width || !height) return;
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+      pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+      pen.clearRect(0, 0, width, height);
+      const scale = Math.min(width, height) / (scene.solid ? 2.7 : 3.1);
+      const view = basis();
+      const turn = (p) => view.map((axis) => dot(axis, p));
+      const at = (q) => [width / 2 + scale * q[0], height / 2 - scale * q[1]];
+
+      const line = (from, to, colour, thick) => {
+        pen.beginPath();
+        pen.moveTo(...at(from)); pen.lineTo(...at(to));
+        pen.strokeStyle = colour; pen.lineWidth = thick; pen.stroke();
+      };
+      // spin axis: the half that is farther away goes behind the body
+      const tip = turn(scene.axis.map((x) => 1.25 * x)), tail = tip.map((x) => -x);
+      const axis = (end) => line([0, 0, 0], end, "#0072B2", end === tip ? 2.2 : 1.4);
+      const ends = [tip, tail].sort((a, b) => a[2] - b[2]);
+      axis(ends[0]);
+      if (!scene.solid) {
+        pen.beginPath();
+        pen.arc(width / 2, height / 2, scale, 0, 2 * Math.PI);
+        pen.fillStyle = "rgba(255,255,255,0.6)"; pen.fill();
+        pen.strokeStyle = "#c3c9d1"; pen.lineWidth = 1; pen.stroke();
+        axis(ends[1]);
+      }
+      const polygons = scene.polygons.map((polygon) => {
+        const points = polygon.p.map(turn);
+        return { points, colour: polygon.c, normal: normal(points),
+                 depth: points.reduce((sum, q) => sum + q[2], 0) / points.length };
+      });
+      polygons.sort((a, b) => a.depth - b.depth);
+      for (const { points, colour, normal: n } of polygons) {
+        const front = n[2] > 0;
+        if (scene.solid && !front) continue;
+        const facing = front ? n : n.map((x) => -x);
+        const dim = scene.solid ? 0.42 : 0.8;
+        const light = dim + (1 - dim) * Math.max(0, dot(facing, LIGHT));
+        const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
+        pen.beginPath();
+        points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
+        pen.closePath();
+        pen.fillStyle = `rgba(${rgb},${front ? 1 : 0.35})`;
+        pen.fill();
+        pen.strokeStyle = scene.solid ? `rgba(${rgb},1)` : "rgba(60,60,60,0.7)";
+        pen.lineWidth = scene.solid ? 0.8 : 0.7;
+        pen.stroke();
+      }
+      if (scene.solid) {
+        const inside = ends[1];
+        // only what sticks out of the body towards the reader: hide the stretch within it
+        const reach = support(view, inside);
+        line(inside.map((x) => x * reach), inside, "#0072B2", inside === tip ? 2.2 : 1.4);
+      }
+      pen.font = "12px system-ui, sans-serif";
+      pen.textAlign = "center"; pen.textBaseline = "middle";
+      scene.labels.forEach((where, i) => {
+        const q = turn(where);
+        pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
+        pen.strokeText(String(i), ...at(q));
+        pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
+        pen.fillText(String(i), ...at(q));
+      });
+      const mark = at(tip.map((x) => 1.08 * x));
+      pen.fillStyle = "#0072B2";
+      pen.fillText("spin", ...mark);
+    }
+
+    // fraction of a ray from the centre at which it leaves the convex body
+    function support(view, ray) {
+      let least = 1;
+      for (const polygon of scene.polygons) {
+        const points = polygon.p.map((p) => view.map((axis) => dot(axis, p)));
+        const n = normal(points);
+        const along = dot(n, ray);
+        if (along > 1e-9) least = Math.min(least, dot(n, points[0]) / along);
+      }
+      return least;
+    }
+
+    function rotate(dx, dy) {
+      lon -= dx;
+      lat = Math.max(-1.5707, Math.min(1.5707, lat + dy));
+      canvas.dataset.view = `${lon.toFixed(3)} ${lat.toFixed(3)}`;
+      draw();
+    }
+
+    let last = null;
+    canvas.addEventListener("pointerdown", (e) => {
+      last = [e.clientX, e.clientY];
+      try { canvas.setPointerCapture(e.pointerId); } catch (_) { /* a pointer that is gone */ }
+    });
+    canvas.addEventListener("pointermove", (e) => {
+      if (!last) return;
+      rotate((e.clientX - last[0]) / 120, (e.clientY - last[1]) / 120);
+      last = [e.clientX, e.clientY];
+    });
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+    canvas.addEventListener("dblclick", () => { ({ lon, lat } = start); rotate(0, 0); });
+    canvas.addEventListener("keydown", (e) => {
+      const step = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, 0.12], ArrowDown: [0, -0.12] }[e.key];
+      if (!step) return;
+      e.preventDefault();
+      rotate(...step);
+    });
+    figure.querySelector(".viewer").hidden = false;
+    new ResizeObserver(draw).observe(canvas);
+    rotate(0, 0);
+  }
+
+  document.querySelectorAll("figure.shape").forEach(viewer);
+})();
