@@ -1,1 +1,32 @@
-"""TODO"""
+"""lcbayes: Bayesian inversion of light curves of unresolved space objects.
+
+``read`` a light curve, ``fit`` a model to it, look at the posterior; see the README.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lcbayes.errors import InputError as InputError
+    from lcbayes.fitting import Fit as Fit
+    from lcbayes.fitting import fit as fit
+    from lcbayes.io import read as read
+    from lcbayes.io import write as write
+    from lcbayes.lightcurve import LightCurve as LightCurve
+
+_HOMES = {
+    "Fit": "lcbayes.fitting",
+    "InputError": "lcbayes.errors",
+    "LightCurve": "lcbayes.lightcurve",
+    "fit": "lcbayes.fitting",
+    "read": "lcbayes.io",
+    "write": "lcbayes.io",
+}
+__all__ = ["Fit", "InputError", "LightCurve", "fit", "read", "write"]  # noqa: F822 - looked up below
+
+
+def __getattr__(name: str) -> Any:
+    """Names are looked up when asked for, so that `import lcbayes` loads no JAX."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'lcbayes' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

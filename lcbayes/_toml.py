@@ -83,6 +83,11 @@ class Table:
         self.path, self._data, self._place, self._lines = path, data, place, lines
         self._asked: set[str] = set()
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """What the table holds, as plain Python, for a file that this package wrote itself."""
+        return dict(self._data)
+
     def __contains__(self, key: str) -> bool:
         return key in self._data
 

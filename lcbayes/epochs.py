@@ -8,10 +8,7 @@ import numpy as np
 
 from lcbayes._jax import jax, jnp
 from lcbayes.lightcurve import LightCurve
-
-SOLAR_FLUX_VISIBLE = 455.0  # W/m², Linares & Crassidis, below eq. (5)
-SUN_MAGNITUDE_V = -26.76  # Vega, Willmer 2018, ApJS 236, 47
-
+from lcbayes.physics import photometry
 
 def _static(default):
     return field(default=default, metadata={"static": True})
@@ -25,7 +22,10 @@ class Epochs:
     Attributes
     ----------
     t : (T,) s
-        Time since the light curve's epoch.
+        Time since the first measurement of the curve that is fitted.
+    t_middle, t_span : s
+        Middle and length of the fitted curve. They are carried over to other epochs that are
+        predicted, as ``t`` is, so that a model means the same thing there.
     sun, obs : (T, 3)
         Unit vectors body→Sun and body→observer, inertial.
     phase_angle : (T,) rad
@@ -46,12 +46,14 @@ class Epochs:
         Group of the point.
     exposure_s : (T,) s
     kind : "flux" or "mag"
-    has_error : bool
+    has_error, has_exposure : bool
     free_scale : (C,) bools
         Whether the group's brightness carries an unknown factor.
     """
 
     t: jax.Array
+    t_middle: jax.Array
+    t_span: jax.Array
     sun: jax.Array
     obs: jax.Array
     phase_angle: jax.Array
@@ -65,18 +67,34 @@ class Epochs:
     exposure_s: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
+    has_exposure: bool = _static(False)
     free_scale: tuple[bool, ...] = _static(())
 
     @classmethod
-    def of(cls, curve: LightCurve) -> Epochs:
-        """The device arrays of a light curve."""
-        assert curve.curve is not None and curve.free_scale is not None
+    def of(cls, curve: LightCurve, fitted: LightCurve | None = None) -> Epochs:
+        """The device arrays of a light curve.
+
+        Parameters
+        ----------
+        curve : LightCurve
+        fitted : LightCurve, optional
+            The curve whose posterior is to be evaluated at the epochs of ``curve``: it sets the
+            origin of time. Default: ``curve`` itself.
+        """
+        fitted = curve if fitted is None else fitted
+        t = curve.t - fitted.t.min()
+        if curve.epoch_jd is not None and fitted.epoch_jd is not None:
+            t = t + (curve.epoch_jd - fitted.epoch_jd) * 86400.0
+        span = np.ptp(fitted.t)
         n = curve.n_obs
         dilution = np.ones(n)
         if curve.range_km is not None:
-            irradiance = SOLAR_FLUX_VISIBLE if curve.kind == "flux" else 1.0
+            irradiance = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
             dilution = irradiance / (1e3 * curve.range_km) ** 2
-        zero_point = np.full(n, SUN_MAGNITUDE_V)
+        # A band without a tabled Sun (an unfiltered camera, say) is taken for V; reports say so.
+        sun_v = photometry.sun_magnitude("V")
+        bands, inverse = np.unique(curve.band, return_inverse=True)
+        zero_point = np.array([photometry.SUN_MAGNITUDE.get(str(b), sun_v) for b in bands])[inverse]
         linear = curve.brightness
         if curve.kind == "mag":
             linear = 10 ** (-0.4 * (curve.brightness - zero_point))
@@ -88,7 +106,9 @@ class Epochs:
             if curve.kind == "flux":
                 noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
         return cls(
-            t=jnp.asarray(curve.t),
+            t=jnp.asarray(t),
+            t_middle=jnp.asarray(0.5 * span),
+            t_span=jnp.asarray(span),
             sun=jnp.asarray(curve.sun),
             obs=jnp.asarray(curve.obs),
             phase_angle=jnp.asarray(curve.phase_angle),
@@ -100,7 +120,8 @@ class Epochs:
             noise_unit=jnp.asarray(noise_unit),
             curve=jnp.asarray(curve.curve),
             exposure_s=jnp.asarray(curve.exposure_s),
-            kind=curve.kind,
+            kind=fitted.kind,
             has_error=curve.error is not None,
+            has_exposure=bool(np.any(curve.exposure_s > 0)),
             free_scale=tuple(bool(x) for x in curve.free_scale),
         )

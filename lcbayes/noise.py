@@ -68,6 +68,7 @@ def observe(data: Epochs, flux: jax.Array, noise: str = "gaussian") -> None:
     ----------
     Linares & Crassidis, eqs. (1), (10), the normalisation to the power m.
     """
+    numpyro.deterministic("flux", flux)
     scale = curve_scales(data, flux)
     mean = numpyro.deterministic("expected", expected(data, flux, scale))
     if data.has_error:

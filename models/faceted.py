@@ -1,11 +1,11 @@
 """N diffuse facets on a body that turns at a constant rate (Linares & Crassidis, eqs. 4-9)."""
 
-import numpyro
-
 from lcbayes import noise, priors
+from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
-from lcbayes.physics import attitude, brightness
+from lcbayes.physics import attitude, brightness, photometry
 
+FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant angular velocity: albedo-areas, normals, omega"
 
 
@@ -40,14 +40,20 @@ def model(
     noise_law
         gaussian or student-t.
     """
-    sun, obs = data.sun, data.obs
-    if spin == "free":
-        rotation = attitude.constant_rate(data.t, priors.angular_velocity(omega_sd))
-        sun, obs = attitude.to_body(rotation, sun), attitude.to_body(rotation, obs)
+    omega = priors.angular_velocity(omega_sd) if spin == "free" else jnp.zeros(3)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
         priors.sparse_area(area, sparsity)
+
+    def directions(t):
+        rotation = attitude.constant_rate(t, omega)
+        return attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
+
+    def instantaneous(t):
+        return brightness.flux(*directions(t), normals, area, law)
+
+    sun, obs = directions(data.t)
     priors.lit_and_seen(sun @ normals.T, obs @ normals.T)
-    numpyro.deterministic("flux", brightness.flux(sun, obs, normals, area, law))
-    noise.observe(data, brightness.flux(sun, obs, normals, area, law), noise_law)
+    mean = photometry.exposed(instantaneous, data.exposure_s)
+    noise.observe(data, (mean if data.has_exposure else instantaneous)(data.t), noise_law)

@@ -9,10 +9,13 @@ if TYPE_CHECKING:
     from lcbayes.lightcurve import LightCurve
 
 
-def add_reading_arguments(parser: ArgumentParser) -> None:
+def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> None:
     """Add the light curve and what may have to be said about it."""
     parser.add_argument(
-        "curve", metavar="CURVE", help="light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
+        "curve",
+        metavar="CURVE",
+        nargs="?" if optional else None,
+        help="light curve: CSV, ECSV, DAMIT, MMT-9, SCORE",
     )
     parser.add_argument("--format", help="format of the file (default: told from its content)")
     parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")

@@ -99,15 +99,6 @@ class Problem:
         model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
         return handlers.trace(model).get_trace(data), log_det
 
-    def log_prior(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Log prior density of z, every factor of the model but the likelihood included."""
-        trace, log_det = self._trace(z, data)
-        return log_det + sum(
-            jnp.sum(v["fn"].log_prob(v["value"]))
-            for k, v in trace.items()
-            if v["type"] == "sample" and k != OBSERVED
-        )
-
     def potential(self, z: jax.Array, data: Epochs) -> jax.Array:
         """−log p(y, z) with respect to z."""
         trace, log_det = self._trace(z, data)
@@ -117,9 +108,16 @@ class Problem:
 
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
-        fn = _base(self._trace(z, data)[0][OBSERVED]["fn"])
-        shape = data.brightness.shape
-        return Moments(jnp.broadcast_to(fn.loc, shape), jnp.broadcast_to(fn.scale, shape))
+        return _moments(self._trace(z, data)[0][OBSERVED])
+
+    def _conditions(self, free: Sites, data: Epochs) -> Moments:
+        """Centres and widths of every observed site, the brightness among them, end to end.
+
+        A model may condition on more than the brightness, such as areas that close.
+        """
+        trace, _ = self._trace(free, data)
+        parts = [_moments(v) for v in trace.values() if _is_condition(v)]
+        return Moments(*(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True)))
 
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Pointwise, (T,)."""
@@ -132,49 +130,54 @@ class Problem:
         return {
             k: v["value"]
             for k, v in trace.items()
-            if v["type"] in ("sample", "deterministic") and k != OBSERVED
+            if v["type"] == "deterministic" or (v["type"] == "sample" and not v["is_observed"])
         }
+
+    def flux(self, sites: Sites, data: Epochs) -> jax.Array:
+        """The flux a model hands to `noise.observe` for constrained values of its sites, (T,)."""
+        model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
+        return handlers.trace(model).get_trace(data)["flux"]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
         """One draw of the data given z: posterior predictive, (T,)."""
         return self._trace(z, data)[0][OBSERVED]["fn"].sample(key)
 
-    def jacobian(self, z: jax.Array, data: Epochs) -> Moments:
-        """∂moments/∂z, (T, D) each, forward mode, one latent site at a time.
+    def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Expected information of all that is conditioned on, plus the prior's, (D, D).
 
-        A site at a time, because a tangent that is known to be absent costs nothing: the shape
-        does not turn the body, the scale of a curve moves neither.
+        F = Jᵀ diag(w/σ²) J + 2 Kᵀ diag(v) K + P with J = ∂mean/∂z, K = ∂ln sd/∂z and P the
+        positive part of the Hessian of −ln prior; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t and 1
+        for Normal. Factors of the model that are no distributions do not enter.
+
+        The Jacobian goes one latent site at a time, because a tangent that is known to be absent
+        costs nothing: the shape does not turn the body, the scale of a curve moves neither.
         """
         free = self.unravel(z)
+        trace, _ = self._trace(free, data)
+        weights = [_weights(v) for v in trace.values() if _is_condition(v)]
+        w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
+        sd = self._conditions(free, data).sd
         blocks = []
         for name in free:  # the order of ravel_pytree
 
             def along(value, name=name):
-                return self.moments({**free, name: value}, data)
+                return self._conditions({**free, name: value}, data)
 
             block = jax.jacfwd(along)(free[name])
-            blocks.append(jax.tree.map(lambda b: b.reshape(b.shape[0], -1), block))
-        return Moments(*(jnp.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True)))
-
-    def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Expected information of the data plus the prior's curvature, (D, D).
-
-        F = Jᵀ diag(w/σ²) J + 2 v Kᵀ K + P with J = ∂mean/∂z, K = ∂ln sd/∂z, and P the positive
-        part of the prior's Hessian; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t, 1 for Normal.
-        """
-        jac = self.jacobian(z, data)
-        sd = self.moments(z, data).sd
-        fn = _base(self._trace(z, data)[0][OBSERVED]["fn"])
-        w, v = 1.0, 1.0
-        if isinstance(fn, dist.StudentT):
-            w, v = (fn.df + 1) / (fn.df + 3), fn.df / (fn.df + 3)
-        mean = jac.mean * (jnp.sqrt(w) / sd)[:, None]
-        log_sd = jac.sd / sd[:, None]
-        return mean.T @ mean + 2 * v * log_sd.T @ log_sd + self.prior_precision(z, data)
+            blocks.append([b.reshape(b.shape[0], -1) for b in block])
+        mean, log_sd = (jnp.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
+        mean = mean * (jnp.sqrt(w) / sd)[:, None]
+        log_sd = log_sd * (jnp.sqrt(2 * v) / sd)[:, None]
+        return mean.T @ mean + log_sd.T @ log_sd + self.prior_precision(z, data)
 
     def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """−∂² log prior / ∂z² with its negative directions dropped, (D, D)."""
-        hessian = -jax.hessian(self.log_prior)(z, data)
+        """Hessian of −ln prior of the latent sites, its negative directions dropped, (D, D)."""
+
+        def log_prior(z):
+            trace, log_det = self._trace(z, data)
+            return log_det + sum(jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"])) for k in self.names)
+
+        hessian = -jax.hessian(log_prior)(z)
         values, vectors = jnp.linalg.eigh(0.5 * (hessian + hessian.T))
         return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
 
@@ -190,5 +193,20 @@ def _base(fn: Any) -> Any:
     return fn
 
 
-def as_numpy(sites: Sites) -> dict[str, np.ndarray]:
-    return {k: np.asarray(v) for k, v in sites.items()}
+def _is_condition(site: dict[str, Any]) -> bool:
+    observed = site["type"] == "sample" and site["is_observed"]
+    return observed and isinstance(_base(site["fn"]), dist.Normal | dist.StudentT)
+
+
+def _moments(site: dict[str, Any]) -> Moments:
+    fn, shape = _base(site["fn"]), jnp.shape(site["value"])
+    return Moments(jnp.broadcast_to(fn.loc, shape), jnp.broadcast_to(fn.scale, shape))
+
+
+def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
+    """Information on location and on log scale, per 1/σ², of one observed site, flat."""
+    fn, shape = _base(site["fn"]), (jnp.size(site["value"]),)
+    if isinstance(fn, dist.StudentT):
+        df = jnp.ravel(fn.df)[0]
+        return jnp.full(shape, (df + 1) / (df + 3)), jnp.full(shape, df / (df + 3))
+    return jnp.ones(shape), jnp.ones(shape)

@@ -1,0 +1,69 @@
+"""What a run has done so far, on disk, so that a killed one goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Arrays = dict[str, np.ndarray]
+
+
+def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` make a file beside ``path``, then put it in its place in one step."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    scratch = Path(name)
+    try:
+        write(scratch)
+        os.chmod(scratch, 0o644)
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+class Checkpoint:
+    """Named sets of arrays in a folder that belongs to one exact run.
+
+    ``identity`` is what decides the numbers: data, model, options, seed, versions. A folder left
+    by another identity, or by a run that ended, is emptied first. Without a folder nothing is
+    stored.
+    """
+
+    def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
+        self.folder = folder
+        if folder is None:
+            return
+        stamp = folder / "identity.json"
+        text = json.dumps(identity, sort_keys=True, indent=1)
+        if not (stamp.is_file() and stamp.read_text() == text):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            write_atomic(stamp, lambda p: p.write_text(text) and None)
+
+    @property
+    def resumed(self) -> bool:
+        """Whether an earlier run left something to go on from."""
+        return self.folder is not None and any(self.folder.glob("*.npz"))
+
+    def load(self, name: str) -> Arrays | None:
+        if self.folder is None or not (path := self.folder / f"{name}.npz").is_file():
+            return None
+        with np.load(path, allow_pickle=False) as stored:
+            return dict(stored)
+
+    def save(self, name: str, arrays: Arrays) -> None:
+        if self.folder is not None:
+            write_atomic(self.folder / f"{name}.npz", lambda p: np.savez(p, **arrays))
+
+    def finish(self) -> None:
+        """The results are written: the next run starts afresh."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,78 @@
+"""The command `lcbayes`: subcommands, exit status, and faults in one line."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
+
+COMMANDS = ("simulate", "fit", "predict", "report", "convert", "models", "doctor")
+
+EPILOG = """\
+examples:
+  lcbayes fit pass.csv -o out --n-facets 3
+  lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
+  lcbayes predict out tomorrow.csv -o brightness.csv
+
+exit status: 0 done; 2 the input is at fault; 3 done, but the result must not be
+trusted (the report says why); 130 interrupted
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="lcbayes",
+        description="Facets, spin and surface of an unresolved space object from its light curve.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    for name in COMMANDS:
+        module = import_module(f"lcbayes.commands.{name}")
+        sub = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.HELP[0].upper() + module.HELP[1:] + ".",
+            epilog=getattr(module, "EPILOG", None),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(sub)
+        sub.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit status."""
+    parser = _parser()
+    try:
+        args = parser.parse_args(argv)
+    except SystemExit as stop:  # argparse has said what is wrong
+        return int(stop.code or 0)
+    if args.version:
+        from importlib.metadata import version
+
+        print(f"lcbayes {version('lcbayes')}")
+        return 0
+    if args.command is None:
+        parser.print_help()
+        return EXIT_BAD_INPUT
+    try:
+        return args.run(args)
+    except InputError as fault:
+        print(f"lcbayes {args.command}: {fault}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("\nlcbayes: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""`lcbayes fit CURVE -o DIR`: posterior and report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+
+HELP = "posterior over shape, spin and surface of one object, with a report"
+EPILOG = """\
+examples:
+  lcbayes fit pass.csv -o out --n-facets 3 --seed 1
+  lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
+  lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
+  lcbayes fit --config out/run.toml -o again        the same numbers
+
+A run that was stopped goes on when the same command is given again.
+`lcbayes models NAME` lists the options of a model.
+"""
+# Options of models that have a flag of their own; --set gives any other.
+FLAGS = {
+    "n_facets": (int, "N", "number of facets (of grid normals for convex-grid)"),
+    "period": (float, "HOURS", "sidereal period, about"),
+    "law": (str, "NAME", "reflectance law"),
+    "noise_law": (str, "NAME", "gaussian or student-t"),
+    "spin": (str, "KIND", "free, or none for a body that does not turn"),
+}
+READING = ("format", "tle", "site", "error", "error_floor")
+SETTINGS = {
+    "seed": "of every random number (default 0)",
+    "num_warmup": "warm-up draws per chain (default 400)",
+    "num_samples": "draws kept per chain (default 500)",
+    "num_chains": "chains per solution (default 4)",
+    "num_starts": "starts of the search (default: by the number of parameters)",
+    "max_modes": "solutions to sample at most (default 4)",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_reading_arguments(parser, optional=True)
+    parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="run.toml of an earlier fit")
+    parser.add_argument(
+        "--model", metavar="NAME", help="faceted (default), faceted-brdf, convex-grid, or a file"
+    )
+    parser.add_argument("--sampler", metavar="NAME", help="nuts (default)")
+    for name, (kind, letter, text) in FLAGS.items():
+        flag = "--noise" if name == "noise_law" else "--" + name.replace("_", "-")
+        parser.add_argument(flag, dest=name, type=kind, metavar=letter, help=text)
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the model"
+    )
+    for name, text in SETTINGS.items():
+        parser.add_argument(
+            "--" + name.replace("_", "-"), dest=name, type=int, metavar="N", help=text
+        )
+    parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
+    parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    keywords = _configured(args)
+    if args.out is None:
+        raise InputError("where shall the results go? give a folder with -o DIR")
+    for name in ("model", "sampler", *SETTINGS):
+        if getattr(args, name) is not None:
+            keywords[name] = getattr(args, name)
+    keywords |= {k: getattr(args, k) for k in FLAGS if getattr(args, k) is not None}
+    for pair in args.set:
+        name, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"--set {pair}: expected NAME=VALUE, such as --set omega_sd=0.2")
+        keywords[name.strip().replace("-", "_")] = value.strip()
+    if args.curve is None:
+        raise InputError("give a light curve, or --config run.toml")
+    curve = read_from(args)
+
+    from lcbayes.fitting import fit
+    from lcbayes.progress import Console, Silent
+
+    progress = Silent() if args.json else Console()
+    reading = {k: getattr(args, k) for k in READING if getattr(args, k) is not None}
+    found = fit(curve, out=args.out, progress=progress, reading=reading, **keywords)
+    summary = found.summary()
+    if not args.no_report:
+        from lcbayes.analysis import report
+
+        path = report.write(args.out)
+    if args.json:
+        json.dump(json.loads((args.out / "summary.json").read_text()), sys.stdout, indent=1)
+        print()
+    else:
+        _tell(summary)
+        print(f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}")
+    return EXIT_DONE if summary["converged"] else EXIT_NOT_TRUSTED
+
+
+def _configured(args: argparse.Namespace) -> dict[str, Any]:
+    """Keywords from --config; its light curve and reading options become those of ``args``."""
+    if args.config is None:
+        return {}
+    from lcbayes._toml import read_toml
+    from lcbayes.inference.settings import Settings
+
+    table = read_toml(args.config)
+    content = table.values
+    keywords = {
+        k: content[k]
+        for k in ("model", *(f.name for f in dataclasses.fields(Settings)))
+        if k in content
+    }
+    keywords |= content.get("options", {})
+    if args.curve is None:
+        args.curve = content.get("curve")
+        for name, value in content.get("reading", {}).items():
+            setattr(args, name, value)
+    return keywords
+
+
+def _tell(summary: dict[str, Any]) -> None:
+    """The result in a few lines on standard output."""
+    if not summary["converged"]:
+        print("DO NOT TRUST THIS RESULT:")
+        for reason in summary["reasons"]:
+            print(f"  - {reason}")
+    for i, mode in enumerate(summary["modes"]):
+        print(f"solution {i + 1}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g}")
+        rows = [
+            (k, v)
+            for k, v in mode["parameters"].items()
+            if not k.startswith(("coefficients", "scale", "log_"))
+        ]
+        for name, row in rows[:14]:
+            print(f"  {name:22s} {row['mean']:12.6g} ± {row['sd']:.2g}")
+        if len(rows) > 14:
+            print(f"  … and {len(rows) - 14} more in summary.json")

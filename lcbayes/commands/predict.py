@@ -1,0 +1,69 @@
+"""`lcbayes predict DIR GEOMETRY -o out.csv`: brightness for other epochs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from lcbayes.errors import EXIT_DONE, InputError
+
+HELP = "brightness that a fit predicts for the epochs and geometry in a file"
+EPILOG = """\
+example:
+  lcbayes predict out tomorrow.csv -o brightness.csv
+
+The file is a light curve whose brightness may be missing. Columns out: those of
+the time and curve, and mag_mean, mag_q05, mag_q25, mag_q75, mag_q95 (or flux_...):
+mean, central 50 % and 90 % of what would be recorded, noise included.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a fit")
+    parser.add_argument("geometry", metavar="GEOMETRY", help="file with epochs and geometry")
+    parser.add_argument("-o", "--out", metavar="FILE", type=Path, required=True, help="CSV to write")
+    parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")
+    parser.add_argument("--site", metavar="LAT,LON,H", help="observer: degrees, degrees, metres")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise in the intervals")
+
+
+def run(args: argparse.Namespace) -> int:
+    from lcbayes.checkpoint import write_atomic
+    from lcbayes.io import read, read_geometry
+    from lcbayes.predict import load, predict
+
+    posterior, config = load(args.folder)
+    try:
+        fitted = read(config["curve"], **config.get("reading", {}))
+    except InputError as fault:
+        raise InputError(f"the light curve of {args.folder} is needed again: {fault}") from None
+    wanted_hash = config.get("input", {}).get("sha256")
+    if wanted_hash and fitted.source.get("sha256") != wanted_hash:
+        raise InputError(
+            f"{config['curve']} has changed since it was fitted; fit it again, then predict"
+        )
+    wanted = read_geometry(args.geometry, tle=args.tle, site=args.site)
+    columns, notes = predict(
+        posterior, fitted, wanted, config["model"], config.get("options", {}), args.seed
+    )
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    times = {"t": wanted.t} if wanted.epoch_jd is None else {"jd": wanted.epoch_jd + wanted.t / 86400}
+    table = {**times, "curve": [wanted.curve_names[i] for i in wanted.curve], **columns}
+    rows = zip(*table.values(), strict=True)
+    lines = [",".join(table), *(",".join(_cell(v) for v in row) for row in rows)]
+
+    def write(path: Path) -> None:
+        path.write_text("\n".join(lines) + "\n")
+
+    try:
+        write_atomic(args.out, write)
+    except OSError as fault:
+        raise InputError(f"{args.out} cannot be written ({fault.strerror}); choose another") from None
+    print(args.out)
+    return EXIT_DONE
+
+
+def _cell(value: object) -> str:
+    return value if isinstance(value, str) else repr(float(value))  # type: ignore[arg-type]

@@ -1,0 +1,292 @@
+"""`lcbayes.fit` and what it returns: the front door for Python."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+from lcbayes.progress import Silent
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class Fit:
+    """A posterior with its summary.
+
+    Attributes
+    ----------
+    tree : xarray.DataTree
+        Groups as ArviZ names them, and ``modes/0``, ``modes/1``, … with each solution's chains.
+    """
+
+    def __init__(self, tree: xr.DataTree, summary: dict[str, Any], run: Mapping[str, Any]) -> None:
+        self.tree = tree
+        self._summary = summary
+        self._run = dict(run)
+
+    @property
+    def posterior(self) -> xr.Dataset:
+        """Equally weighted draws; the variable ``mode`` says to which solution each belongs."""
+        return self.tree["posterior"].to_dataset()
+
+    @property
+    def converged(self) -> bool:
+        return self._summary["converged"]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the result must not be trusted, in words; empty where it may be."""
+        return self._summary["reasons"]
+
+    def summary(self) -> dict[str, Any]:
+        """The content of ``summary.json``."""
+        return self._summary
+
+    def save(self, folder: str | Path) -> Path:
+        """Write posterior.nc, summary.json and run.toml."""
+        from lcbayes.results import save_json, save_tree
+
+        folder = make_folder(folder)
+        save_tree(self.tree, folder / "posterior.nc")
+        save_json(self._summary, folder / "summary.json")
+        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)) and None)
+        return folder
+
+    def report(self, folder: str | Path) -> Path:
+        """Write everything `save` does, the report, its figures and the shape."""
+        from lcbayes.analysis import report
+
+        return report.write(self.save(folder))
+
+    def __repr__(self) -> str:
+        s = self._summary
+        trust = "converged" if s["converged"] else "NOT to be trusted: " + "; ".join(s["reasons"])
+        return f"Fit({s['model']}, {s['n_obs']} points, {len(s['modes'])} solution(s), {trust})"
+
+
+def fit(
+    curve: LightCurve,
+    model: str = "faceted",
+    *,
+    sampler: str = "nuts",
+    seed: int = 0,
+    num_warmup: int = 400,
+    num_samples: int = 500,
+    num_chains: int = 4,
+    num_starts: int = 0,
+    max_modes: int = 4,
+    out: str | Path | None = None,
+    progress: Silent | None = None,
+    reading: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> Fit:
+    """Posterior over shape, spin and surface from a light curve.
+
+    A search from many starts finds the solutions; each is sampled by its own chains; their weights
+    are their shares of the evidence.
+
+    Parameters
+    ----------
+    curve : LightCurve
+        From `lcbayes.read`.
+    model : str
+        "faceted", "faceted-brdf", "convex-grid", or the path of a model file.
+    sampler : str
+        "nuts".
+    seed : int
+        The same input, version, seed and device give the same numbers.
+    num_warmup, num_samples, num_chains : int
+        Per solution.
+    num_starts : int
+        Starts of the search where the model has no own; 0 chooses by the number of parameters.
+    max_modes : int
+        Solutions to sample at most.
+    out : path, optional
+        Folder for the results and for a checkpoint, with which a killed run resumes to the same
+        numbers.
+    reading : mapping, optional
+        Options with which the curve was read, to be kept in run.toml.
+    progress : optional
+        `lcbayes.progress.Console()` shows how far it is.
+    **options
+        Of the model, such as ``n_facets``; `lcbayes models NAME` lists them.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        If the curve, an option or a setting is at fault.
+
+    Examples
+    --------
+    >>> curve = lcbayes.read("pass.csv")                            # doctest: +SKIP
+    >>> found = lcbayes.fit(curve, n_facets=3, seed=1, out="out")   # doctest: +SKIP
+    >>> found.report("out")                                         # doctest: +SKIP
+    """
+    from lcbayes import gallery, results
+    from lcbayes.inference import fit as engine
+    from lcbayes.inference.settings import Settings
+    from lcbayes.summary import summarise
+
+    progress = progress or Silent()
+    settings = Settings(sampler, seed, num_warmup, num_samples, num_chains, num_starts, max_modes)
+    entry = gallery.find(model)
+    checked = entry.check(options)
+    if curve.geometry_only:
+        raise InputError("the curve has no brightness to fit; add a column flux or mag")
+    if curve.n_obs < 3:
+        raise InputError(f"the curve has {curve.n_obs} points; at least 3 are needed to fit")
+    identity = engine.identity(curve, entry, checked, settings, _version())
+    with _alone_in(out) as folder:
+        checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
+        if checkpoint.resumed:
+            progress.say(f"resuming the run that stopped in {folder}")
+        posterior = engine.run(curve, entry, checked, settings, checkpoint, progress)
+        tree = results.tree(posterior, curve, entry, checked, seed)
+        summary = summarise(posterior, tree, curve, identity, seed)
+        tree.attrs = _attributes(curve, summary, entry.name, seed, checked)
+        run = {
+            "curve": os.path.abspath(curve.source["file"]) if curve.source.get("file") else "",
+            "model": str(Path(model).resolve()) if model.endswith(".py") else model,
+            **settings.as_dict(),
+            "options": checked,
+            "reading": dict(reading or {}),
+            "input": {
+                k: curve.source[k] for k in ("format", "sha256") if k in curve.source
+            },
+            "version": _version(),
+        }
+        found = Fit(tree, summary, run)
+        if folder is not None:
+            found.save(folder)
+            checkpoint.finish()
+    return found
+
+
+def _version() -> str:
+    try:
+        return version("lcbayes")
+    except PackageNotFoundError:  # an uninstalled checkout
+        return "0+checkout"
+
+
+def _attributes(curve: LightCurve, summary, model: str, seed: int, options) -> dict[str, Any]:
+    epoch = {}
+    if curve.epoch_jd is not None:
+        epoch["epoch_jd"] = curve.epoch_jd + curve.t.min() / 86400.0
+    return epoch | {
+        "model": model,
+        "kind": curve.kind,
+        "frame": curve.frame,
+        "n_facets": summary["n_facets"],
+        "seed": seed,
+        "version": _version(),
+        "command": "lcbayes fit --config run.toml",
+        "source_file": str(curve.source.get("file", "")),
+        "assumptions": json.dumps(_assumptions(curve, model, options)),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> list[str]:
+    """What the numbers rest on, in sentences."""
+    from lcbayes.physics.photometry import SUN_MAGNITUDE
+
+    said = []
+    if model == "faceted":
+        turns = options.get("spin", "free") != "none"
+        said.append("The body is flat facets that reflect diffusely and do not shade one another.")
+        said.append(
+            "It turns at a constant angular velocity; its axes are those of "
+            f"{curve.frame} at the first point."
+            if turns
+            else f"It does not turn in the axes of {curve.frame}."
+        )
+    elif model == "faceted-brdf":
+        said.append("The body is flat facets that do not shade one another.")
+    elif model == "convex-grid":
+        said.append("The body is convex, and spins about a fixed axis of its own.")
+        said.append(
+            f"Its sidereal period is near {options['period']} h; other periods were not searched."
+        )
+    if options:
+        said.append("Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + ".")
+    if np.any(curve.free_scale):
+        n = int(np.sum(curve.free_scale))
+        said.append(f"The scale of {n} of {curve.n_curves} curves is unknown and inferred.")
+    said.append(
+        "The errors of the file are taken as they are, independent and Gaussian."
+        if curve.error is not None
+        else "The file has no errors; one noise level is inferred for all points."
+    )
+    unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
+    if curve.kind == "mag" and unknown:
+        said.append(f"The Sun's V magnitude was used for the band {', '.join(unknown)}.")
+    if notes := curve.source.get("notes"):
+        said.append(str(notes))
+    return said
+
+
+def make_folder(folder: str | Path) -> Path:
+    """The folder, made if need be; an InputError where it cannot be written."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise InputError(
+            f"the folder {folder} cannot be made ({fault.strerror}); choose another with -o"
+        ) from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"the folder {folder} cannot be written; choose another with -o")
+    return folder
+
+
+@contextlib.contextmanager
+def _alone_in(out: str | Path | None) -> Iterator[Path | None]:
+    """The results folder, kept from a second run for as long as this one lasts."""
+    if out is None:
+        yield None
+        return
+    folder = make_folder(out)
+    import fcntl
+
+    with open(folder / ".lock", "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"another run is writing into {folder}; wait for it or choose another with -o"
+            ) from None
+        yield folder
+
+
+def to_toml(content: Mapping[str, Any]) -> str:
+    """TOML of a table of scalars and one level of tables."""
+    lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
+    for name, table in content.items():
+        if isinstance(table, Mapping):
+            lines += ["", f"[{name}]", *(f"{k} = {_toml_value(v)}" for k, v in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    return json.dumps(str(value), ensure_ascii=False)

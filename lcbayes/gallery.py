@@ -1,0 +1,180 @@
+"""Models by name or from a user's file, and the contract that both keep.
+
+A model file is Python. It defines::
+
+    SUMMARY = "one line for `lcbayes models`"
+
+    def model(data, *, option: type = default, ...):
+        ...                                  # NumPyro sites
+        noise.observe(data, flux)            # conditions on the brightness
+
+``data`` is an `lcbayes.epochs.Epochs`; ``flux`` (T,) is at unit distance under unit irradiance.
+Options are keyword-only, with a type and a default; one without a default must be given. Sites
+whose names the report knows (``albedo_area``, ``normals``, ``omega``, ``pole_lon_deg`` …) are
+shown as what they are. A file may also define:
+
+``FACET_SITES``
+    Names of the sampled sites whose first axis is the facet, so that facets can be put in order.
+``starts(data, key, **options)``
+    Constrained values of the sampled sites from which to search, a list of dicts; otherwise the
+    search starts from the prior.
+``coordinates(data, **options)``
+    Transforms for sampled sites in which the posterior is easier to sample, {site: Transform}.
+``constants(data, **options)``
+    Arrays to store with the result, such as a fixed grid of normals.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from lcbayes.errors import InputError
+
+BUILT_IN = ("faceted", "faceted-brdf", "convex-grid")
+
+
+@dataclass(frozen=True)
+class Option:
+    """A keyword of a model."""
+
+    name: str
+    type: type
+    default: Any  # inspect.Parameter.empty where it must be given
+
+    @property
+    def required(self) -> bool:
+        return self.default is inspect.Parameter.empty
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model with its module."""
+
+    name: str
+    module: ModuleType
+
+    @property
+    def model(self) -> Callable[..., Any]:
+        return self.module.model
+
+    @property
+    def summary(self) -> str:
+        return getattr(self.module, "SUMMARY", "")
+
+    @property
+    def facet_sites(self) -> tuple[str, ...]:
+        return tuple(getattr(self.module, "FACET_SITES", ()))
+
+    def hook(self, name: str) -> Callable[..., Any] | None:
+        return getattr(self.module, name, None)
+
+    @property
+    def options(self) -> dict[str, Option]:
+        found = {}
+        for p in inspect.signature(self.model, eval_str=True).parameters.values():
+            if p.kind is inspect.Parameter.KEYWORD_ONLY:
+                kind = p.annotation if isinstance(p.annotation, type) else type(p.default)
+                found[p.name] = Option(p.name, kind, p.default)
+        return found
+
+    def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """The options given, converted to their types.
+
+        Raises
+        ------
+        InputError
+            If one is unknown, has the wrong type, or is missing.
+        """
+        known, checked = self.options, {}
+        for name, value in given.items():
+            if name not in known:
+                listed = ", ".join(known) or "none"
+                raise InputError(f"model {self.name!r} has no option {name!r}; available: {listed}")
+            checked[name] = _convert(self.name, known[name], value)
+        for option in known.values():
+            if option.required and option.name not in checked:
+                flag = option.name.replace("_", "-")
+                raise InputError(
+                    f"model {self.name!r} needs {option.name!r}; give it with --{flag} "
+                    f"(see `lcbayes models {self.name}`)"
+                )
+        return checked
+
+    def bind(self, options: Mapping[str, Any]) -> Callable[[Any], Any]:
+        return partial(self.model, **options)
+
+
+def _convert(model: str, option: Option, value: Any) -> Any:
+    try:
+        if option.type is bool and isinstance(value, str):
+            return {"true": True, "false": False}[value.lower()]
+        if option.type is int and float(value) != int(float(value)):
+            raise ValueError
+        return option.type(float(value)) if option.type is int else option.type(value)
+    except (TypeError, ValueError, KeyError):
+        raise InputError(
+            f"option {option.name!r} of model {model!r} is {value!r}; "
+            f"expected {option.type.__name__}"
+        ) from None
+
+
+def find(name: str) -> Entry:
+    """A built-in model by its name, or the model in the file at that path.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the file breaks the contract.
+    """
+    if name in BUILT_IN:
+        return Entry(name, importlib.import_module(f"lcbayes.models.{name.replace('-', '_')}"))
+    path = Path(name)
+    if path.suffix != ".py" and not path.exists():
+        raise InputError(
+            f"unknown model {name!r}; available: {', '.join(BUILT_IN)}; "
+            "or give a file: --model ./mine.py"
+        )
+    if not path.is_file():
+        raise InputError(f"model file {name} does not exist; give the path of a Python file")
+    spec = importlib.util.spec_from_file_location(f"lcbayes_user_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as fault:  # a user's file may fail in any way
+        line = getattr(fault, "lineno", None) or _last_line(fault, path)
+        raise InputError(
+            f"{name}, line {line}: {type(fault).__name__}: {fault}; the file must run as it is"
+        ) from fault
+    function = getattr(module, "model", None)
+    if not callable(function):
+        raise InputError(
+            f"{name} defines no function model(data, *, ...); see `lcbayes models --contract`"
+        )
+    kinds = [p.kind for p in inspect.signature(function).parameters.values()]
+    if kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) != 1:
+        raise InputError(
+            f"{name}: model{inspect.signature(function)} must take data alone by position and its "
+            "options by keyword: def model(data, *, option=default)"
+        )
+    return Entry(name, module)
+
+
+def _last_line(fault: BaseException, path: Path) -> int:
+    trace, line = fault.__traceback__, 0
+    while trace is not None:
+        if Path(trace.tb_frame.f_code.co_filename) == path:
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return line

@@ -1,0 +1,51 @@
+"""Facets have no names: the same body in another order is the same solution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from lcbayes.inference.problem import Problem
+
+Floats = NDArray[np.float64]
+
+
+class FacetOrder:
+    """Puts the facets of a vector z in the order of a reference.
+
+    Parameters
+    ----------
+    problem : Problem
+    sites : names of the sampled sites whose first axis is the facet, those that the model draws.
+    """
+
+    def __init__(self, problem: Problem, sites: Sequence[str]) -> None:
+        index = problem.unravel(np.arange(float(problem.dim)))
+        self._rows = [np.asarray(index[s], int).reshape(len(index[s]), -1) for s in sites if s in index]
+        self.n_facets = len(self._rows[0]) if self._rows else 0
+
+    def _features(self, z: Floats) -> Floats:
+        return np.concatenate([z[rows] for rows in self._rows], axis=1)
+
+    def _permuted(self, z: Floats, order: NDArray[np.int64]) -> Floats:
+        z = z.copy()
+        for rows in self._rows:
+            z[rows] = z[rows[order]]
+        return z
+
+    def like(self, z: Floats, reference: Floats) -> Floats:
+        """z (D,) with its facets matched to those of the reference (D,) by least distance."""
+        if self.n_facets < 2:
+            return z
+        a, b = self._features(reference), self._features(z)
+        cost = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
+        return self._permuted(z, linear_sum_assignment(cost)[1])
+
+    def by_size(self, z: Floats, size: Floats) -> Floats:
+        """z with its facets by falling ``size`` (N,)."""
+        if self.n_facets < 2:
+            return z
+        return self._permuted(z, np.argsort(-size, kind="stable"))

@@ -1,0 +1,237 @@
+"""The main job: search, sample each solution, weigh them, and say whether to trust it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes._jax import jax, jnp
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.gallery import Entry
+from lcbayes.inference import evidence, search, solutions
+from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.problem import Problem, Sites
+from lcbayes.inference.sample import Sampler, Timing
+from lcbayes.inference.settings import Settings
+from lcbayes.lightcurve import LightCurve
+from lcbayes.progress import Silent
+
+Floats = NDArray[np.float64]
+SMALLEST_ESS = 50.0  # assumed for a chain whose own estimate is not to be had
+
+
+@dataclass
+class Mode:
+    """One solution of the posterior, as sampled."""
+
+    solution: solutions.Solution
+    z: Floats  # (C, S, D), facets in one order
+    stats: dict[str, NDArray]
+    log_evidence: evidence.LogEvidence
+    weight: float = 0.0
+    weight_sd: float = 0.0
+
+
+@dataclass
+class Posterior:
+    """Everything a fit finds, before it is put into words and files."""
+
+    problem: Problem  # in the coordinates of z
+    data: Epochs
+    modes: list[Mode]
+    n_starts: int
+    timing: Timing = field(default_factory=Timing)
+
+    def mixture(self, seed: int) -> tuple[Floats, NDArray[np.int64]]:
+        """Equally weighted draws z (C, S, D) and the mode (C, S) each belongs to.
+
+        Each mode gives a number of draws in proportion to its weight, taken evenly from its own
+        chains; their order is random, so that every stretch holds every mode.
+        """
+        shape = self.modes[0].z.shape[:2]
+        total = shape[0] * shape[1]
+        rng = np.random.default_rng(seed)
+        edges = np.round(np.cumsum([m.weight for m in self.modes]) * total).astype(int)
+        edges[-1] = total
+        counts = np.diff(edges, prepend=0)
+        z, label = [], []
+        for i, (mode, n) in enumerate(zip(self.modes, counts, strict=True)):
+            flat = mode.z.reshape(-1, mode.z.shape[-1])
+            z.append(flat[np.linspace(0, len(flat) - 1, n).round().astype(int)])
+            label.append(np.full(n, i))
+        if len(self.modes) == 1:
+            return self.modes[0].z, np.zeros(shape, int)
+        shuffle = rng.permutation(total)
+        return (
+            np.concatenate(z)[shuffle].reshape(*shape, -1),
+            np.concatenate(label)[shuffle].reshape(shape),
+        )
+
+
+def run(
+    curve: LightCurve,
+    entry: Entry,
+    options: Mapping[str, Any],
+    settings: Settings,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Posterior:
+    """Fit a model to a light curve.
+
+    Raises
+    ------
+    InputError
+        If no start of the search reaches a finite posterior density.
+    """
+    data = Epochs.of(curve)
+    model = entry.bind(options)
+    plain = Problem(model, data)
+    hook = entry.hook("coordinates")
+    problem = Problem(model, data, hook(data, **options)) if hook else plain
+    workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
+    timing = Timing()
+    key_start, key_chains = jax.random.split(jax.random.key(settings.seed))
+
+    begun = time.monotonic()
+    starts = _starts(entry, options, plain, data, key_start, settings.num_starts)
+    stored = checkpoint.load("search")
+    if stored is None:
+        ends = search.race(plain, data, starts, workers, progress)
+        checkpoint.save("search", ends._asdict())
+    else:
+        ends = search.SearchState(**stored)
+    order = FacetOrder(plain, entry.facet_sites)
+    found = solutions.distinct(plain, data, ends, order, settings.max_modes)
+    if not found:
+        raise InputError(
+            "no start of the search has a finite posterior density; check the errors and the "
+            "geometry, or widen the priors"
+        )
+    timing.search_s = time.monotonic() - begun
+
+    sampler = Sampler(problem, settings, workers)
+    modes: list[Mode] = []
+    draws_in_all = len(found) * settings.num_chains * sum(sampler.n_blocks) * 50
+    with progress.stage("sampling", draws_in_all, "draws") as track:
+        for i, solution in enumerate(found):
+            z0 = np.asarray(_translate(plain, problem, solution.z, data))
+            key = jax.random.fold_in(key_chains, i)
+            z, stats, whitening = sampler.run(
+                f"mode-{i}", z0, data, key, checkpoint, timing, track
+            )
+            z = _in_order(problem, entry.facet_sites, z, z0, data)
+            if any(_same(z, mode.z) for mode in modes):
+                continue  # it ran into a solution that is already there
+            rng = np.random.default_rng([settings.seed, i])
+            y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(-1, z.shape[-1]).T)
+            log_z = evidence.bridge(
+                y.T.reshape(z.shape), _potential(problem, whitening, data), SMALLEST_ESS * 4, rng
+            )
+            shift = np.linalg.slogdet(whitening.factor)[1]
+            log_z = evidence.LogEvidence(log_z.value + shift, log_z.se)
+            modes.append(Mode(solution, z, stats, log_z))
+    _weigh(modes)
+    modes.sort(key=lambda m: -m.weight)
+    return Posterior(problem, data, modes, len(starts), timing)
+
+
+def identity(
+    curve: LightCurve, entry: Entry, options: Mapping[str, Any], settings: Settings, version: str
+) -> dict[str, Any]:
+    """What decides the numbers of a run, for its checkpoint."""
+    digest = hashlib.sha256()
+    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
+                 "exposure_s"):  # fmt: skip
+        value = getattr(curve, name)
+        digest.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
+    digest.update("".join(map(str, curve.band)).encode())
+    source = entry.module.__file__
+    if source is not None:
+        with open(source, "rb") as file:
+            digest.update(file.read())
+    return {
+        "input": digest.hexdigest(),
+        "model": entry.name,
+        "options": {k: repr(v) for k, v in sorted(options.items())},
+        "settings": settings.as_dict(),
+        "version": version,
+        "jax": jax.__version__,
+        "device": jax.default_backend(),
+    }
+
+
+def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
+    hook = entry.hook("starts")
+    n = n or min(24 * problem.dim, 480)
+    if hook is None:
+        draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
+        return draw(jax.random.split(key, n), data)
+    return jnp.stack([problem.ravel(sites) for sites in hook(data, key, **options)])
+
+
+def _translate(source: Problem, target: Problem, z: Floats, data: Epochs) -> jax.Array:
+    if source is target:
+        return jnp.asarray(z)
+    return target.ravel(source.constrain(jnp.asarray(z), data))
+
+
+def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> Floats:
+    """Facets of every draw matched to the centre's, then all by falling size."""
+    order = FacetOrder(problem, facet_sites)
+    if order.n_facets < 2:
+        return z
+    flat = np.array([order.like(row, centre) for row in z.reshape(-1, z.shape[-1])])
+    sizes = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"]))(flat)
+    mean = np.asarray(sizes).mean(axis=0)
+    return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
+
+
+def _same(a: Floats, b: Floats) -> bool:
+    """Whether the chains a and b (C, S, D) explore one solution: their means agree."""
+    a, b = a.reshape(-1, a.shape[-1]), b.reshape(-1, b.shape[-1])
+    gap = np.abs(a.mean(0) - b.mean(0))
+    return bool(np.all(gap < 0.5 * np.sqrt(0.5 * (a.var(0) + b.var(0)))))
+
+
+def _potential(problem: Problem, whitening, data: Epochs):
+    batched = jax.jit(
+        lambda y, w, d: jax.lax.map(lambda row: problem.potential(w(row), d), y)
+    )
+    return lambda y: np.asarray(batched(y, whitening, data))
+
+
+def _weigh(modes: list[Mode]) -> None:
+    """Weights by evidence; their errors by propagation of the evidences' own."""
+    log_z = np.array([m.log_evidence.value for m in modes])
+    w = np.exp(log_z - log_z.max())
+    w /= w.sum()
+    se = np.array([m.log_evidence.se for m in modes])
+    for i, mode in enumerate(modes):
+        mode.weight = float(w[i])
+        slope = w[i] * (np.eye(len(modes))[i] - w)
+        mode.weight_sd = float(np.sqrt(np.sum((slope * se) ** 2)))
+
+
+def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
+    """Every site at draws z (C, S, D), without those that repeat the epochs."""
+
+    def one(row: jax.Array) -> Sites:
+        sites = problem.constrain(row, data)
+        return {k: v for k, v in sites.items() if k not in ("expected", "flux")}
+
+    flat = jax.jit(lambda rows: jax.lax.map(one, rows, batch_size=32))(
+        z.reshape(-1, z.shape[-1])
+    )
+    return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
+
+
+__all__ = ["Mode", "Posterior", "constrain_draws", "identity", "run"]

@@ -1,0 +1,160 @@
+"""Chains of one solution, in blocks, on the local cores, each block stored."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes._jax import jax, jnp
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.epochs import Epochs
+from lcbayes.inference import chains
+from lcbayes.inference.problem import Problem
+from lcbayes.inference.settings import Settings
+from lcbayes.progress import Track
+
+Floats = NDArray[np.float64]
+BLOCK = 50
+
+
+@dataclass
+class Timing:
+    """Where the seconds of a run went, and its count of gradients."""
+
+    search_s: float = 0.0
+    compile_s: float = 0.0
+    warmup_s: float = 0.0
+    sampling_s: float = 0.0
+    gradients: int = 0
+
+
+class Sampler:
+    """One compiled kernel for all solutions of a problem."""
+
+    def __init__(self, problem: Problem, settings: Settings, workers: int) -> None:
+        self.problem = problem
+        self.settings = settings
+        self.workers = workers
+        self.kernel = chains.nuts(problem)
+        self._whiten = jax.jit(lambda z, data: chains.Whitening.at(problem, z, data))
+        self._compiled: tuple | None = None
+
+    @property
+    def n_blocks(self) -> tuple[int, int]:
+        """Blocks of warm-up and of sampling."""
+        s = self.settings
+        return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
+
+    def run(
+        self,
+        name: str,
+        z: Floats,
+        data: Epochs,
+        key: jax.Array,
+        checkpoint: Checkpoint,
+        timing: Timing,
+        track: Track,
+    ) -> tuple[Floats, dict[str, NDArray], chains.Whitening]:
+        """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S)."""
+        whitening = jax.tree.map(np.asarray, self._whiten(jnp.asarray(z), data))
+        warmup_blocks, sample_blocks = self.n_blocks
+        num_warmup = warmup_blocks * BLOCK
+        start, advance = self._compile(key, num_warmup, whitening, data, timing)
+        keys = jax.random.split(key, self.settings.num_chains)
+        with ThreadPoolExecutor(self.workers) as pool:
+            states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
+            blocks = []
+            for i in range(warmup_blocks + sample_blocks):
+                stored = checkpoint.load(f"{name}-{i:04d}")
+                if stored is None:
+                    begun = time.monotonic()
+                    out = list(
+                        pool.map(lambda s: _to_host(advance(_to_device(s), whitening, data)), states)
+                    )
+                    stored = _pack(out)
+                    checkpoint.save(f"{name}-{i:04d}", stored)
+                    took = time.monotonic() - begun
+                    if i < warmup_blocks:
+                        timing.warmup_s += took
+                    else:
+                        timing.sampling_s += took
+                states = _unpack(stored, states)
+                timing.gradients += int(stored["num_steps"].sum())
+                blocks.append(stored)
+                diverging = int(sum(b["diverging"].sum() for b in blocks[warmup_blocks:]))
+                track.advance(
+                    self.settings.num_chains * BLOCK,
+                    f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
+                )
+        kept = blocks[warmup_blocks:]
+        n = self.settings.num_samples
+        draws = np.concatenate([b["z"] for b in kept], axis=1)[:, :n]
+        stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
+        return draws, stats, whitening
+
+    def _compile(self, key, num_warmup, whitening, data, timing: Timing):
+        if self._compiled is None:
+            begun = time.monotonic()
+            first = chains.start.lower(self.kernel, key, num_warmup, whitening, data).compile()
+            shapes = jax.eval_shape(
+                lambda k, w, d: chains.start(self.kernel, k, num_warmup, w, d),
+                key, whitening, data,
+            )  # fmt: skip
+            step = chains.advance.lower(self.kernel, BLOCK, shapes, whitening, data).compile()
+            self._compiled = first, step
+            timing.compile_s += time.monotonic() - begun
+        return self._compiled
+
+
+def _is_key(x) -> bool:
+    return jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def _to_host(tree):
+    """The same tree with NumPy leaves: what a checkpoint can hold, and what a run goes on from."""
+    return jax.tree.map(lambda x: _Key(x) if _is_key(x) else np.asarray(x), tree)
+
+
+def _to_device(tree):
+    return jax.tree.map(
+        lambda x: jax.random.wrap_key_data(x.data) if isinstance(x, _Key) else x,
+        tree,
+        is_leaf=lambda x: isinstance(x, _Key),
+    )
+
+
+class _Key:
+    """A random key as plain integers."""
+
+    def __init__(self, key: jax.Array | None = None, data: np.ndarray | None = None) -> None:
+        self.data = np.asarray(jax.random.key_data(key)) if data is None else data
+
+
+def _leaves(state):
+    return jax.tree.flatten(state, is_leaf=lambda x: isinstance(x, _Key))
+
+
+def _pack(out: list) -> dict[str, np.ndarray]:
+    """Draws, statistics and states of all chains after a block as one set of arrays."""
+    packed = {"z": np.stack([z for _, z, _ in out])}
+    packed |= {k: np.stack([stats[k] for *_, stats in out]) for k in chains.FIELDS}
+    for c, (state, _, _) in enumerate(out):
+        for i, leaf in enumerate(_leaves(state)[0]):
+            packed[f"state-{c}-{i}"] = leaf.data if isinstance(leaf, _Key) else leaf
+    return packed
+
+
+def _unpack(packed: dict[str, np.ndarray], like: list) -> list:
+    states = []
+    for c, state in enumerate(like):
+        old, tree = _leaves(state)
+        new = [
+            _Key(data=packed[f"state-{c}-{i}"]) if isinstance(leaf, _Key) else packed[f"state-{c}-{i}"]
+            for i, leaf in enumerate(old)
+        ]
+        states.append(jax.tree.unflatten(tree, new))
+    return states

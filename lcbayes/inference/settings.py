@@ -1,0 +1,51 @@
+"""How a fit is run: what the user may turn, with defaults that serve."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from lcbayes.errors import InputError
+
+SAMPLERS = ("nuts",)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers of a run.
+
+    Attributes
+    ----------
+    sampler : name of the kernel
+    seed : of every random number drawn
+    num_warmup, num_samples : per chain
+    num_chains : per solution
+    num_starts : of the search, where the model does not choose its own; 0 chooses by dimension
+    max_modes : solutions that are sampled, at most
+    """
+
+    sampler: str = "nuts"
+    seed: int = 0
+    num_warmup: int = 400
+    num_samples: int = 500
+    num_chains: int = 4
+    num_starts: int = 0
+    max_modes: int = 4
+
+    def __post_init__(self) -> None:
+        if self.sampler not in SAMPLERS:
+            raise InputError(
+                f"unknown sampler {self.sampler!r}; available: {', '.join(SAMPLERS)}"
+            )
+        least = {
+            "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
+            "max_modes": 1, "seed": 0,
+        }  # fmt: skip
+        for name, low in least.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < low:
+                flag = name.replace("_", "-")
+                raise InputError(f"--{flag} is {value!r}; give a whole number >= {low}")
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)

@@ -1,0 +1,179 @@
+"""Brightness that a posterior predicts for other epochs and geometries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from lcbayes import gallery
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.inference.problem import Problem
+from lcbayes.lightcurve import LightCurve
+from lcbayes.noise import expected
+
+Floats = NDArray[np.float64]
+QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
+MOST_DRAWS = 1000
+CHUNK = 2048  # epochs at a time, so that memory stays bounded
+
+
+def predict(
+    posterior: xr.Dataset,
+    fitted: LightCurve,
+    wanted: LightCurve,
+    model: str,
+    options: Mapping[str, Any],
+    seed: int = 0,
+) -> tuple[dict[str, Floats], list[str]]:
+    """Mean and central 50 % and 90 % intervals of the brightness to be recorded.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        Group ``posterior`` of a fit.
+    fitted : LightCurve
+        The curve it was fitted to; it fixes the origin of time and the unit of brightness.
+    wanted : LightCurve
+        Epochs and geometry; its brightness is not looked at.
+    model, options
+        As fitted.
+    seed : int
+        Of the noise in the intervals.
+
+    Returns
+    -------
+    columns : dict
+        ``mag_mean``, ``mag_q05`` … or the same with ``flux_``, each (T,).
+    notes : list of str
+        What a reader of the numbers must know.
+
+    Notes
+    -----
+    Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
+    error; where they were inferred, ``sigma``. A curve of unknown scale is predicted with the
+    scale of the fitted curve of the same name; without one, relative to its own mean.
+    """
+    if (fitted.range_km is None) != (wanted.range_km is None):
+        raise InputError(
+            "ranges are known for only one of the fitted curve and the epochs to predict; give "
+            "range_km in both or in neither"
+        )
+    if wanted.frame != fitted.frame:
+        raise InputError(
+            f"the epochs to predict are in the frame {wanted.frame}, the fit in {fitted.frame}; "
+            "give both in one frame"
+        )
+    if (wanted.epoch_jd is None) != (fitted.epoch_jd is None):
+        raise InputError(
+            "only one of the fitted curve and the epochs to predict has absolute times; give utc "
+            "or jd in both, or t (s) from the same origin in both"
+        )
+    entry = gallery.find(model)
+    problem = Problem(entry.bind(options), Epochs.of(fitted))
+    sites = {k: posterior[k].values for k in problem.names}
+    count = posterior.sizes["chain"] * posterior.sizes["draw"]
+    pick = np.unique(np.linspace(0, count - 1, min(count, MOST_DRAWS)).round().astype(int))
+    sites = {k: v.reshape(count, *v.shape[2:])[pick] for k, v in sites.items()}
+
+    scale, notes, own_level = _scales(posterior, fitted, wanted, pick)
+    parts = []
+    for start in range(0, wanted.n_obs, CHUNK):
+        rows = np.arange(start, min(start + CHUNK, wanted.n_obs))
+        parts.append(_means(problem, sites, wanted.select(rows), fitted, scale[:, wanted.curve[rows]]))
+    mean = np.concatenate(parts, axis=1)
+    if own_level.any():
+        mean = _relative(mean, wanted, own_level)
+    sd = _noise(posterior, fitted, wanted, pick, mean)
+    rng = np.random.default_rng(seed)
+    drawn = mean + sd * rng.standard_normal(mean.shape)
+    name = fitted.kind
+    columns = {f"{name}_mean": mean.mean(axis=0)}
+    for label, q in zip(QUANTILES, np.quantile(drawn, list(QUANTILES.values()), axis=0), strict=True):
+        columns[f"{name}_{label}"] = q
+    return columns, notes
+
+
+def _means(problem: Problem, sites, wanted: LightCurve, fitted: LightCurve, scale: Floats) -> Floats:
+    """Noise-free brightness of every draw, (S, T)."""
+    from dataclasses import replace
+
+    data = Epochs.of(wanted, fitted)
+    each = jnp.arange(wanted.n_obs)
+    # One curve per epoch, of known scale: the scales of the draws are put in as they are.
+    data = replace(
+        data,
+        curve=each,
+        level=jnp.ones(wanted.n_obs),
+        noise_unit=jnp.ones(wanted.n_obs),
+        free_scale=(False,) * wanted.n_obs,
+    )
+
+    def one(args):
+        draw, s = args
+        return expected(data, problem.flux(draw, data), s)
+
+    return np.asarray(jax.jit(lambda a: jax.lax.map(one, a))((sites, scale)))
+
+
+def _scales(posterior, fitted: LightCurve, wanted: LightCurve, pick) -> tuple[Floats, list[str], Any]:
+    """Factor on the flux per draw and curve of ``wanted``, notes, and which curves have none."""
+    levels = np.asarray(Epochs.of(fitted).level)
+    scale = np.ones((len(pick), wanted.n_curves))
+    own = np.zeros(wanted.n_curves, bool)
+    if not np.any(fitted.free_scale):
+        return scale, [], own
+    known = posterior["scale"].values.reshape(-1, fitted.n_curves)[pick]
+    names = {n: i for i, n in enumerate(fitted.curve_names)}
+    missing = []
+    for j, name in enumerate(wanted.curve_names):
+        i = names.get(name)
+        if i is not None and (fitted.n_curves > 1 or wanted.n_curves == 1):
+            scale[:, j] = known[:, i] * levels[i]
+        elif not np.all(fitted.free_scale):
+            pass  # calibrated curves fix the body's size, so the flux is absolute
+        else:
+            own[j] = True
+            missing.append(name)
+    notes = []
+    if missing:
+        listed = ", ".join(missing[:5]) + (" …" if len(missing) > 5 else "")
+        notes.append(f"no fitted curve is named {listed}: relative to the mean of each curve")
+    return scale, notes, own
+
+
+def _relative(mean: Floats, wanted: LightCurve, own) -> Floats:
+    mean = mean.copy()
+    for j in np.flatnonzero(own):
+        here = wanted.curve == j
+        mean[:, here] /= mean[:, here].mean(axis=1, keepdims=True)
+    return mean
+
+
+def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, mean: Floats) -> Floats:
+    if wanted.error is not None:
+        return np.broadcast_to(wanted.error, mean.shape)
+    if fitted.error is not None:
+        return np.full(mean.shape, np.median(fitted.error))
+    sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
+    return sigma * (np.abs(mean) if fitted.kind == "flux" else np.ones_like(mean))
+
+
+def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Posterior and run.toml of a results folder."""
+    from lcbayes._toml import read_toml
+
+    path = folder / "posterior.nc"
+    if not path.is_file():
+        raise InputError(
+            f"{folder} holds no posterior.nc; give the folder that `lcbayes fit -o` wrote"
+        )
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        posterior = tree["posterior"].to_dataset().load()
+    return posterior, read_toml(folder / "run.toml").values

@@ -1,0 +1,90 @@
+"""Progress of long work on standard error: a bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+
+class Track(Protocol):
+    """What a running stage is told."""
+
+    def advance(self, n: int, note: str = "") -> None: ...
+
+
+class Silent:
+    """No progress at all: the default of the Python interface."""
+
+    def say(self, text: str) -> None:
+        pass
+
+    @contextmanager
+    def stage(self, title: str, total: int, unit: str) -> Iterator[Track]:  # noqa: ARG002
+        yield _Nothing()
+
+
+class _Nothing:
+    def advance(self, n: int, note: str = "") -> None:
+        pass
+
+
+class Console(Silent):
+    """On a terminal a bar with rate and time left; otherwise a line at most every ten seconds."""
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    @contextmanager
+    def stage(self, title: str, total: int, unit: str) -> Iterator[Track]:
+        if not sys.stderr.isatty():
+            yield _Lines(title, total, unit)
+            return
+        from rich.console import Console as RichConsole
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from rich.progress import TimeRemainingColumn as Remaining
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn(f"{unit}, {{task.fields[rate]}}/s"),
+            Remaining(),
+            TextColumn("{task.fields[note]}"),
+        )
+        with Progress(*columns, console=RichConsole(stderr=True)) as bars:
+            task = bars.add_task(title, total=total, note="", rate="?")
+            started = time.monotonic()
+            done = 0
+
+            class Bar:
+                def advance(self, n: int, note: str = "") -> None:
+                    nonlocal done
+                    done += n
+                    rate = done / max(time.monotonic() - started, 1e-9)
+                    bars.update(task, advance=n, note=note, rate=f"{rate:.3g}")
+
+            yield Bar()
+
+
+class _Lines:
+    def __init__(self, title: str, total: int, unit: str) -> None:
+        self.title, self.total, self.unit = title, total, unit
+        self.done, self.started, self.said = 0, time.monotonic(), 0.0
+
+    def advance(self, n: int, note: str = "") -> None:
+        self.done += n
+        elapsed = time.monotonic() - self.started
+        if elapsed - self.said < 10 and self.done < self.total:
+            return
+        self.said = elapsed
+        rate = self.done / max(elapsed, 1e-9)
+        left = (self.total - self.done) / rate if rate > 0 else float("inf")
+        print(
+            f"{self.title}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, "
+            f"{left:.0f} s left{'; ' + note if note else ''}",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -1,0 +1,230 @@
+"""The summary of a fit: numbers per parameter and mode, and whether to trust them, in words."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import chi2 as chi2_distribution
+
+from lcbayes.inference.fit import Posterior
+from lcbayes.lightcurve import LightCurve
+from lcbayes.results import dataset, reported
+
+Floats = NDArray[np.float64]
+
+# Bounds of what is trusted, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
+MAX_RHAT = 1.01
+MIN_ESS = 400.0
+MAX_DIVERGING = 0.005  # share of the draws
+MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
+CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
+
+
+def unwrapped(name: str, values: Floats) -> Floats:
+    """Draws of a quantity on a circle, cut opposite their circular mean."""
+    turn = CIRCLES.get(name)
+    if turn is None:
+        return values
+    angle = 2 * np.pi * values / turn
+    middle = np.arctan2(np.sin(angle).mean((0, 1)), np.cos(angle).mean((0, 1)))
+    apart = (angle - middle + np.pi) % (2 * np.pi) - np.pi
+    return (np.mod(middle, 2 * np.pi) + apart) * turn / (2 * np.pi)
+
+
+def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
+    """Mean, sd, quantiles, R-hat and effective sizes of each scalar, by ``name`` or ``name[i]``."""
+    import arviz as az
+
+    shown = {k: unwrapped(k, np.asarray(draws[k], float)) for k in reported(draws)}
+    data = dataset(shown)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # constant draws give NaN, which the caller reads
+        rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
+    found = {}
+    for name, values in shown.items():
+        quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
+        for index in np.ndindex(values.shape[2:]):
+            at = (slice(None), slice(None), *index)
+            found[_label(name, index)] = {
+                "mean": float(values[at].mean()),
+                "sd": float(values[at].std(ddof=1)),
+                "q05": float(quantiles[(0, *index)]),
+                "q50": float(quantiles[(1, *index)]),
+                "q95": float(quantiles[(2, *index)]),
+                "rhat": float(rhat[name].values[index]),
+                "ess_bulk": float(bulk[name].values[index]),
+                "ess_tail": float(tail[name].values[index]),
+            }
+    return found
+
+
+def _label(name: str, index: tuple[int, ...]) -> str:
+    if not index:
+        return name
+    if name == "omega":
+        return f"omega_{'xyz'[index[0]]}_rad_s"
+    return f"{name}[{','.join(map(str, index))}]"
+
+
+def summarise(
+    posterior: Posterior,
+    found: xr.DataTree,
+    curve: LightCurve,
+    identity: Mapping[str, Any],
+    seed: int,
+) -> dict[str, Any]:
+    """The content of ``summary.json``."""
+    modes = []
+    for i, mode in enumerate(posterior.modes):
+        draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
+        table = parameters(draws)
+        modes.append(
+            {
+                "weight": mode.weight,
+                "weight_sd": mode.weight_sd,
+                "log_evidence": mode.log_evidence.value,
+                "log_evidence_se": mode.log_evidence.se,
+                "rms": mode.solution.rms,
+                "hits": mode.solution.hits,
+                "divergences": int(mode.stats["diverging"].sum()),
+                "max_rhat": _extreme(table, "rhat", np.max),
+                "min_ess_bulk": _extreme(table, "ess_bulk", np.min),
+                "min_ess_tail": _extreme(table, "ess_tail", np.min),
+                **{k: table[k]["mean"] for k in _HEADLINES if k in table},
+                "parameters": table,
+            }
+        )
+    fit = _fit(posterior, found, curve)
+    reasons = list(_reasons(posterior, modes, fit))
+    timing = posterior.timing
+    return {
+        "model": identity["model"],
+        "n_facets": int(found["posterior"].sizes.get("facet", 0)),
+        "n_obs": curve.n_obs,
+        "seed": seed,
+        "converged": not reasons,
+        "reasons": reasons,
+        "max_rhat": max(m["max_rhat"] for m in modes),
+        "min_ess_bulk": min(m["min_ess_bulk"] for m in modes),
+        "min_ess_tail": min(m["min_ess_tail"] for m in modes),
+        "divergences": sum(m["divergences"] for m in modes),
+        # of the heaviest mode: a mean across solutions would describe none of them
+        "parameters": modes[0]["parameters"],
+        "modes": modes,
+        "fit": fit,
+        "timing": {
+            "search_s": timing.search_s,
+            "compile_s": timing.compile_s,
+            "warmup_s": timing.warmup_s,
+            "sampling_s": timing.sampling_s,
+            "gradients": timing.gradients,
+        },
+        "n_starts": posterior.n_starts,
+        "notes": str(curve.source.get("notes", "")),
+        "identity": dict(identity),
+    }
+
+
+_HEADLINES = (
+    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
+)  # fmt: skip
+
+
+def _extreme(table, key: str, pick) -> float:
+    values = [row[key] for row in table.values() if np.isfinite(row[key])]
+    return float(pick(values)) if values else float("nan")
+
+
+def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
+    best = posterior.modes[0]
+    log_z = np.array([m.log_evidence.value for m in posterior.modes])
+    total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
+    se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
+    elpd, elpd_se, khat = _loo(found)
+    chi2 = None
+    if curve.error is not None:
+        mean = posterior.problem.moments(
+            np.asarray(best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]),
+            posterior.data,
+        ).mean
+        chi2 = float(np.sum(((curve.brightness - np.asarray(mean)) / curve.error) ** 2))
+    return {
+        "rms": best.solution.rms,
+        "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
+        "chi2": chi2,
+        "dof": curve.n_obs - posterior.problem.dim,
+        "elpd_loo": elpd,
+        "elpd_se": elpd_se,
+        "max_pareto_k": khat,
+        "log_evidence": float(total),
+        "log_evidence_se": float(se),
+    }
+
+
+def _loo(found: xr.DataTree) -> tuple[float, float, float]:
+    """PSIS-LOO; epochs whose likelihood no draw changes (dark ones) count as they are."""
+    import arviz as az
+
+    pointwise = found["log_likelihood"]["brightness"]
+    values = pointwise.values
+    constant = np.ptp(values, axis=(0, 1)) < 1e-12
+    fixed = values[0, 0, constant]
+    free = xr.DataTree.from_dict(
+        {
+            "posterior": found["posterior"].to_dataset(),
+            "log_likelihood": xr.Dataset({"brightness": pointwise.isel(time=~constant)}),
+        }
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # k-hat is reported in words
+        try:
+            loo = az.loo(free, pointwise=True, reff=1.0)
+        except ValueError:
+            return float("nan"), float("nan"), float("nan")
+    each = np.concatenate([np.ravel(loo.elpd_i), fixed])
+    return float(each.sum()), float(np.sqrt(each.size * each.var())), float(np.max(loo.pareto_k))
+
+
+def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) -> Iterator[str]:
+    for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
+        # A solution without weight is shown, but the result does not stand or fall with it.
+        if mode.weight < 1e-3 and i:
+            continue
+        of = f"solution {i + 1}: " if len(modes) > 1 else ""
+        draws = mode.stats["diverging"].size
+        if not entry["max_rhat"] <= MAX_RHAT:
+            yield (
+                f"{of}the chains disagree (R-hat {entry['max_rhat']:.3f}, at most {MAX_RHAT} is "
+                "trusted): they have not found one common distribution"
+            )
+        for kind in ("bulk", "tail"):
+            size = entry[f"min_ess_{kind}"]
+            if not size >= MIN_ESS:
+                yield (
+                    f"{of}the draws are worth only {size:.0f} independent ones ({kind}; at least "
+                    f"{MIN_ESS:.0f} are needed): take more with --num-samples"
+                )
+        if entry["divergences"] > MAX_DIVERGING * draws:
+            yield (
+                f"{of}{entry['divergences']} of {draws} trajectories diverged: parts of the "
+                "posterior were not reached"
+            )
+        if mode.log_evidence.se > 0.5 and len(modes) > 1:
+            yield f"{of}its weight is uncertain (evidence ± {mode.log_evidence.se:.1f} nats)"
+    if posterior.n_starts > 1 and posterior.modes[0].solution.hits < 2:
+        yield (
+            f"only one of {posterior.n_starts} starts of the search ended at the best solution: "
+            "there may be better ones; search longer with --num-starts"
+        )
+    if fit["chi2"] is not None and fit["dof"] > 0:
+        p = chi2_distribution.sf(fit["chi2"], fit["dof"])
+        if p < MIN_FIT:
+            yield (
+                f"the model does not explain the data: chi2 is {fit['chi2']:.0f} for "
+                f"{fit['dof']} degrees of freedom; try more facets, another law, or --noise student-t"
+            )
