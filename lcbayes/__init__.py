@@ -22,7 +22,7 @@ _HOMES = {
     "read": "lcbayes.io",
     "write": "lcbayes.io",
 }
-__all__ = ["Fit", "InputError", "LightCurve", "fit", "read", "write"]  # noqa: F822 - looked up below
+__all__ = ["Fit", "InputError", "LightCurve", "fit", "read", "write"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,6 +10,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import photometry
 
+
 def _static(default):
     return field(default=default, metadata={"static": True})
 

@@ -166,9 +166,7 @@ def fit(
             **settings.as_dict(),
             "options": checked,
             "reading": dict(reading or {}),
-            "input": {
-                k: curve.source[k] for k in ("format", "sha256") if k in curve.source
-            },
+            "input": {k: curve.source[k] for k in ("format", "sha256") if k in curve.source},
             "version": _version(),
         }
         found = Fit(tree, summary, run)

@@ -86,7 +86,9 @@ def predict(
     parts = []
     for start in range(0, wanted.n_obs, CHUNK):
         rows = np.arange(start, min(start + CHUNK, wanted.n_obs))
-        parts.append(_means(problem, sites, wanted.select(rows), fitted, scale[:, wanted.curve[rows]]))
+        parts.append(
+            _means(problem, sites, wanted.select(rows), fitted, scale[:, wanted.curve[rows]])
+        )
     mean = np.concatenate(parts, axis=1)
     if own_level.any():
         mean = _relative(mean, wanted, own_level)
@@ -95,12 +97,16 @@ def predict(
     drawn = mean + sd * rng.standard_normal(mean.shape)
     name = fitted.kind
     columns = {f"{name}_mean": mean.mean(axis=0)}
-    for label, q in zip(QUANTILES, np.quantile(drawn, list(QUANTILES.values()), axis=0), strict=True):
+    for label, q in zip(
+        QUANTILES, np.quantile(drawn, list(QUANTILES.values()), axis=0), strict=True
+    ):
         columns[f"{name}_{label}"] = q
     return columns, notes
 
 
-def _means(problem: Problem, sites, wanted: LightCurve, fitted: LightCurve, scale: Floats) -> Floats:
+def _means(
+    problem: Problem, sites, wanted: LightCurve, fitted: LightCurve, scale: Floats
+) -> Floats:
     """Noise-free brightness of every draw, (S, T)."""
     from dataclasses import replace
 
@@ -122,7 +128,9 @@ def _means(problem: Problem, sites, wanted: LightCurve, fitted: LightCurve, scal
     return np.asarray(jax.jit(lambda a: jax.lax.map(one, a))((sites, scale)))
 
 
-def _scales(posterior, fitted: LightCurve, wanted: LightCurve, pick) -> tuple[Floats, list[str], Any]:
+def _scales(
+    posterior, fitted: LightCurve, wanted: LightCurve, pick
+) -> tuple[Floats, list[str], Any]:
     """Factor on the flux per draw and curve of ``wanted``, notes, and which curves have none."""
     levels = np.asarray(Epochs.of(fitted).level)
     scale = np.ones((len(pick), wanted.n_curves))

@@ -28,10 +28,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "normals": ("facet", "xyz"), "normals_base": ("facet", "xyz"),
     "omega": ("axis",), "omega_unit": ("axis",), "scale": ("curve",), "log_level": ("level",),
     "coefficients": ("coefficient",),
-    **{
-        k: ("facet",)
-        for k in ("area", "r_diff", "r_spec", "w", "nu", "n", "m", "log_nu", "log_n", "log_m")
-    },
+    **dict.fromkeys(("area", "r_diff", "r_spec", "w", "nu", "n", "m", "log_nu", "log_n", "log_m"), ("facet",)),
 }  # fmt: skip
 STATS = {
     "potential_energy": "lp", "accept_prob": "acceptance_rate", "num_steps": "n_steps",

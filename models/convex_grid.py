@@ -33,7 +33,9 @@ def model(
     degree: int = 6,
     closure_sd: float = 0.02,
     noise_law: str = "gaussian",
-    link: str = "exp", soft: float = 0.2, power: float = 2.0,
+    link: str = "exp",
+    soft: float = 0.2,
+    power: float = 2.0,
 ):
     """ln α(u) = smooth field on the sphere; f(t) = Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ]."""
     normals, harmonics, degrees = grid(n_facets, degree)
@@ -50,7 +52,7 @@ def model(
     rotation = attitude.principal_axis(data.t - middle, lon, lat, period_s, 0.0)
     roughness = jnp.exp(numpyro.sample("log_roughness", dist.Normal(jnp.log(2.0), 0.7)))
     coefficients = numpyro.sample(
-        "coefficients", dist.Normal(0.0, roughness * (2/(degrees+1))**power).to_event(1)
+        "coefficients", dist.Normal(0.0, roughness * (2 / (degrees + 1)) ** power).to_event(1)
     )
     if link == "exp":
         area = jnp.exp(harmonics @ coefficients)
@@ -66,8 +68,8 @@ def model(
         f = 1 + harmonics @ coefficients
         area = 0.5 * (f + jnp.sqrt(f**2 + soft**2))
     elif link == "square":
-        area = (1 + harmonics @ coefficients)**2
-    area = area * (1 / (0.5*np.pi)) * (4 * np.pi / n_facets)
+        area = (1 + harmonics @ coefficients) ** 2
+    area = area * (1 / (0.5 * np.pi)) * (4 * np.pi / n_facets)
     numpyro.deterministic("albedo_area", area)
     closure = normals.T @ area / jnp.sum(area)
     numpyro.factor("closure", dist.Normal(0.0, closure_sd).log_prob(closure).sum())

@@ -97,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
         print()
     else:
         _tell(summary)
-        print(f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}")
+        print(
+            f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}"
+        )
     return EXIT_DONE if summary["converged"] else EXIT_NOT_TRUSTED
 
 

@@ -22,7 +22,9 @@ mean, central 50 % and 90 % of what would be recorded, noise included.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a fit")
     parser.add_argument("geometry", metavar="GEOMETRY", help="file with epochs and geometry")
-    parser.add_argument("-o", "--out", metavar="FILE", type=Path, required=True, help="CSV to write")
+    parser.add_argument(
+        "-o", "--out", metavar="FILE", type=Path, required=True, help="CSV to write"
+    )
     parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")
     parser.add_argument("--site", metavar="LAT,LON,H", help="observer: degrees, degrees, metres")
     parser.add_argument("--seed", type=int, default=0, help="of the noise in the intervals")
@@ -49,7 +51,9 @@ def run(args: argparse.Namespace) -> int:
     )
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
-    times = {"t": wanted.t} if wanted.epoch_jd is None else {"jd": wanted.epoch_jd + wanted.t / 86400}
+    times = (
+        {"t": wanted.t} if wanted.epoch_jd is None else {"jd": wanted.epoch_jd + wanted.t / 86400}
+    )
     table = {**times, "curve": [wanted.curve_names[i] for i in wanted.curve], **columns}
     rows = zip(*table.values(), strict=True)
     lines = [",".join(table), *(",".join(_cell(v) for v in row) for row in rows)]
@@ -60,7 +64,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         write_atomic(args.out, write)
     except OSError as fault:
-        raise InputError(f"{args.out} cannot be written ({fault.strerror}); choose another") from None
+        raise InputError(
+            f"{args.out} cannot be written ({fault.strerror}); choose another"
+        ) from None
     print(args.out)
     return EXIT_DONE
 

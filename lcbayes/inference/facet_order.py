@@ -24,7 +24,9 @@ class FacetOrder:
 
     def __init__(self, problem: Problem, sites: Sequence[str]) -> None:
         index = problem.unravel(np.arange(float(problem.dim)))
-        self._rows = [np.asarray(index[s], int).reshape(len(index[s]), -1) for s in sites if s in index]
+        self._rows = [
+            np.asarray(index[s], int).reshape(len(index[s]), -1) for s in sites if s in index
+        ]
         self.n_facets = len(self._rows[0]) if self._rows else 0
 
     def _features(self, z: Floats) -> Floats:

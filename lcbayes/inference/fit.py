@@ -125,9 +125,7 @@ def run(
         for i, solution in enumerate(found):
             z0 = np.asarray(_translate(plain, problem, solution.z, data))
             key = jax.random.fold_in(key_chains, i)
-            z, stats, whitening = sampler.run(
-                f"mode-{i}", z0, data, key, checkpoint, timing, track
-            )
+            z, stats, whitening = sampler.run(f"mode-{i}", z0, data, key, checkpoint, timing, track)
             z = _in_order(problem, entry.facet_sites, z, z0, data)
             if any(_same(z, mode.z) for mode in modes):
                 continue  # it ran into a solution that is already there
@@ -171,7 +169,7 @@ def identity(
 
 def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
     hook = entry.hook("starts")
-    n = n or min(24 * problem.dim, 480)
+    n = n or int(np.clip(3.5 * problem.dim**2, 48, 3000))
     if hook is None:
         draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
         return draw(jax.random.split(key, n), data)
@@ -203,9 +201,7 @@ def _same(a: Floats, b: Floats) -> bool:
 
 
 def _potential(problem: Problem, whitening, data: Epochs):
-    batched = jax.jit(
-        lambda y, w, d: jax.lax.map(lambda row: problem.potential(w(row), d), y)
-    )
+    batched = jax.jit(lambda y, w, d: jax.lax.map(lambda row: problem.potential(w(row), d), y))
     return lambda y: np.asarray(batched(y, whitening, data))
 
 
@@ -228,9 +224,7 @@ def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.n
         sites = problem.constrain(row, data)
         return {k: v for k, v in sites.items() if k not in ("expected", "flux")}
 
-    flat = jax.jit(lambda rows: jax.lax.map(one, rows, batch_size=32))(
-        z.reshape(-1, z.shape[-1])
-    )
+    flat = jax.jit(lambda rows: jax.lax.map(one, rows, batch_size=32))(z.reshape(-1, z.shape[-1]))
     return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
-import numpy as np
 import numpyro.distributions as dist
 from jax.flatten_util import ravel_pytree
 from numpyro import handlers
@@ -89,9 +87,7 @@ class Problem:
         sites, log_det = {}, jnp.zeros(())
         for name, transform in self._transforms.items():
             sites[name] = transform(free[name])
-            log_det += jnp.sum(
-                transform.log_abs_det_jacobian(free[name], sites[name])
-            )
+            log_det += jnp.sum(transform.log_abs_det_jacobian(free[name], sites[name]))
         return sites, log_det
 
     def _trace(self, z: jax.Array | Sites, data: Epochs):
@@ -117,7 +113,9 @@ class Problem:
         """
         trace, _ = self._trace(free, data)
         parts = [_moments(v) for v in trace.values() if _is_condition(v)]
-        return Moments(*(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True)))
+        return Moments(
+            *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
+        )
 
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Pointwise, (T,)."""
@@ -175,7 +173,9 @@ class Problem:
 
         def log_prior(z):
             trace, log_det = self._trace(z, data)
-            return log_det + sum(jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"])) for k in self.names)
+            return log_det + sum(
+                jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"])) for k in self.names
+            )
 
         hessian = -jax.hessian(log_prior)(z)
         values, vectors = jnp.linalg.eigh(0.5 * (hessian + hessian.T))

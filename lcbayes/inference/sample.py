@@ -73,7 +73,9 @@ class Sampler:
                 if stored is None:
                     begun = time.monotonic()
                     out = list(
-                        pool.map(lambda s: _to_host(advance(_to_device(s), whitening, data)), states)
+                        pool.map(
+                            lambda s: _to_host(advance(_to_device(s), whitening, data)), states
+                        )
                     )
                     stored = _pack(out)
                     checkpoint.save(f"{name}-{i:04d}", stored)
@@ -153,7 +155,9 @@ def _unpack(packed: dict[str, np.ndarray], like: list) -> list:
     for c, state in enumerate(like):
         old, tree = _leaves(state)
         new = [
-            _Key(data=packed[f"state-{c}-{i}"]) if isinstance(leaf, _Key) else packed[f"state-{c}-{i}"]
+            _Key(data=packed[f"state-{c}-{i}"])
+            if isinstance(leaf, _Key)
+            else packed[f"state-{c}-{i}"]
             for i, leaf in enumerate(old)
         ]
         states.append(jax.tree.unflatten(tree, new))

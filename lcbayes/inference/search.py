@@ -19,7 +19,7 @@ from lcbayes.progress import Silent
 
 # A race: damped steps for every start, then the share that goes on. Most starts show early that
 # they lead nowhere; the few that do not are run until they stall.
-RACE = ((12, 0.34), (25, 0.34), (150, 1.0))
+RACE = ((8, 0.15), (25, 0.3), (150, 1.0))
 FEWEST = 12
 
 
@@ -64,7 +64,9 @@ def chunk_size(problem: Problem, data: Epochs) -> int:
 
 
 @partial(jax.jit, static_argnums=0)
-def advance(problem: Problem, data: Epochs, state: SearchState, n_steps: int | jax.Array) -> SearchState:
+def advance(
+    problem: Problem, data: Epochs, state: SearchState, n_steps: int | jax.Array
+) -> SearchState:
     """``n_steps`` damped steps of every start; starts that have stalled stay where they are."""
 
     def one(row: SearchState) -> SearchState:

@@ -34,9 +34,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         if self.sampler not in SAMPLERS:
-            raise InputError(
-                f"unknown sampler {self.sampler!r}; available: {', '.join(SAMPLERS)}"
-            )
+            raise InputError(f"unknown sampler {self.sampler!r}; available: {', '.join(SAMPLERS)}")
         least = {
             "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
             "max_modes": 1, "seed": 0,

@@ -82,9 +82,5 @@ def distinct(
         return []
     best_rms = min(s.rms for s in found)
     best = max(s.log_evidence for s in found)
-    kept = [
-        s
-        for s in found
-        if s.log_evidence > best - LESS_LIKELY or s.rms < WORSE_FIT * best_rms
-    ]
+    kept = [s for s in found if s.log_evidence > best - LESS_LIKELY or s.rms < WORSE_FIT * best_rms]
     return sorted(kept, key=lambda s: -s.log_evidence)[:most]
