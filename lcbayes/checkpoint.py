@@ -15,7 +15,7 @@ import numpy as np
 Arrays = dict[str, np.ndarray]
 
 
-def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` make a file beside ``path``, then put it in its place in one step."""
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -45,7 +45,7 @@ class Checkpoint:
         if not (stamp.is_file() and stamp.read_text() == text):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            write_atomic(stamp, lambda p: p.write_text(text) and None)
+            write_atomic(stamp, lambda p: p.write_text(text))
 
     @property
     def resumed(self) -> bool:
@@ -60,7 +60,9 @@ class Checkpoint:
 
     def save(self, name: str, arrays: Arrays) -> None:
         if self.folder is not None:
-            write_atomic(self.folder / f"{name}.npz", lambda p: np.savez(p, **arrays))
+            write_atomic(
+                self.folder / f"{name}.npz", lambda p: np.savez(p, allow_pickle=False, **arrays)
+            )
 
     def finish(self) -> None:
         """The results are written: the next run starts afresh."""

@@ -61,7 +61,7 @@ class Fit:
         folder = make_folder(folder)
         save_tree(self.tree, folder / "posterior.nc")
         save_json(self._summary, folder / "summary.json")
-        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)) and None)
+        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)))
         return folder
 
     def report(self, folder: str | Path) -> Path:

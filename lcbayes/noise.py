@@ -32,7 +32,8 @@ def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Arra
     count = jnp.zeros(n_curves).at[data.curve].add(1.0)
     mean = jnp.maximum(total / count, 1e-12)[free]
     scale = jnp.ones(n_curves).at[free].set(jnp.exp(log_level) / mean)
-    return numpyro.deterministic("scale", scale)
+    numpyro.deterministic("scale", scale)
+    return scale
 
 
 def expected(data: Epochs, flux: jax.Array, scale: jax.Array) -> jax.Array:
@@ -70,7 +71,8 @@ def observe(data: Epochs, flux: jax.Array, noise: str = "gaussian") -> None:
     """
     numpyro.deterministic("flux", flux)
     scale = curve_scales(data, flux)
-    mean = numpyro.deterministic("expected", expected(data, flux, scale))
+    mean = expected(data, flux, scale)
+    numpyro.deterministic("expected", mean)
     if data.has_error:
         sd = data.error
     else:

@@ -26,7 +26,7 @@ class UniformDirection(dist.Distribution):
     let the tangential scale vary by a factor of ten between draws; ρ = 0.1 keeps it within 10 %.
     """
 
-    support = constraints.real_vector
+    support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
     pytree_data_fields = ()
 
     def __init__(self, n: int, *, validate_args: bool | None = None) -> None:
@@ -54,13 +54,14 @@ def directions(name: str, n: int) -> jax.Array:
 
     Uniform φ in [0, 2π) and g in [−1, 1] (Linares & Crassidis, sec. II) are this same prior.
     """
-    base = numpyro.sample(f"{name}_base", UniformDirection(n))
+    base = jnp.asarray(numpyro.sample(f"{name}_base", UniformDirection(n)))
     return base / jnp.linalg.norm(base, axis=-1, keepdims=True)
 
 
 def normals(n_facets: int) -> jax.Array:
     """Facet normals, body frame, with their angles ``phi`` and ``g`` recorded; (N, 3)."""
-    u = numpyro.deterministic("normals", directions("normals", n_facets))
+    u = directions("normals", n_facets)
+    numpyro.deterministic("normals", u)
     phi, g = facets.angles(u)
     numpyro.deterministic("phi", phi)
     numpyro.deterministic("g", g)
@@ -69,10 +70,11 @@ def normals(n_facets: int) -> jax.Array:
 
 def albedo_area(n_facets: int, log_mean: float = 0.0, log_sd: float = 1.0) -> jax.Array:
     """Log-normal albedo-areas α, m², (N,); Linares & Crassidis, eq. (7)."""
-    log_area = numpyro.sample(
-        "log_albedo_area", dist.Normal(log_mean, log_sd).expand([n_facets]).to_event(1)
-    )
-    return numpyro.deterministic("albedo_area", jnp.exp(log_area))
+    prior = dist.Normal(log_mean, log_sd).expand([n_facets]).to_event(1)
+    log_area = jnp.asarray(numpyro.sample("log_albedo_area", prior))
+    area = jnp.exp(log_area)
+    numpyro.deterministic("albedo_area", area)
+    return area
 
 
 def sparse_area(albedo_area: jax.Array, weight: float) -> None:
@@ -86,8 +88,10 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
 
 def angular_velocity(sd: float) -> jax.Array:
     """ω ~ N(0, sd² I), rad/s, inertial, (3,); Linares & Crassidis, above eq. (9)."""
-    unit = numpyro.sample("omega_unit", dist.Normal(0.0, 1.0).expand([3]).to_event(1))
-    return numpyro.deterministic("omega", sd * unit)
+    unit = jnp.asarray(numpyro.sample("omega_unit", dist.Normal(0.0, 1.0).expand([3]).to_event(1)))
+    omega = sd * unit
+    numpyro.deterministic("omega", omega)
+    return omega
 
 
 def lit_and_seen(mu0: jax.Array, mu: jax.Array, softness: float = 0.02) -> None:

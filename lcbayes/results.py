@@ -28,7 +28,9 @@ AXES: dict[str, tuple[str, ...]] = {
     "normals": ("facet", "xyz"), "normals_base": ("facet", "xyz"),
     "omega": ("axis",), "omega_unit": ("axis",), "scale": ("curve",), "log_level": ("level",),
     "coefficients": ("coefficient",),
-    **dict.fromkeys(("area", "r_diff", "r_spec", "w", "nu", "n", "m", "log_nu", "log_n", "log_m"), ("facet",)),
+    "area": ("facet",), "r_diff": ("facet",), "r_spec": ("facet",), "w": ("facet",),
+    "nu": ("facet",), "n": ("facet",), "m": ("facet",),
+    "log_nu": ("facet",), "log_n": ("facet",), "log_m": ("facet",),
 }  # fmt: skip
 STATS = {
     "potential_energy": "lp", "accept_prob": "acceptance_rate", "num_steps": "n_steps",
@@ -172,4 +174,4 @@ def save_json(content: Mapping[str, Any], path: Path) -> None:
         return value
 
     text = json.dumps(plain(content), indent=1) + "\n"
-    write_atomic(path, lambda p: p.write_text(text) and None)
+    write_atomic(path, lambda p: p.write_text(text))

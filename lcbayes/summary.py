@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
+from lcbayes._jax import jnp
 from lcbayes.inference.fit import Posterior
 from lcbayes.lightcurve import LightCurve
 from lcbayes.results import dataset, reported
@@ -172,8 +173,8 @@ def _loo(found: xr.DataTree) -> tuple[float, float, float]:
     """PSIS-LOO; epochs whose likelihood no draw changes (dark ones) count as they are."""
     import arviz as az
 
-    pointwise = found["log_likelihood"]["brightness"]
-    values = pointwise.values
+    pointwise = found["log_likelihood"].to_dataset()["brightness"]
+    values = pointwise.to_numpy()
     constant = np.ptp(values, axis=(0, 1)) < 1e-12
     fixed = values[0, 0, constant]
     free = xr.DataTree.from_dict(
@@ -185,7 +186,7 @@ def _loo(found: xr.DataTree) -> tuple[float, float, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # k-hat is reported in words
         try:
-            loo = az.loo(free, pointwise=True, reff=1.0)
+            loo: Any = az.loo(free, pointwise=True, reff=1.0)
         except ValueError:
             return float("nan"), float("nan"), float("nan")
     each = np.concatenate([np.ravel(loo.elpd_i), fixed])
@@ -228,5 +229,6 @@ def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) ->
         if p < MIN_FIT:
             yield (
                 f"the model does not explain the data: chi2 is {fit['chi2']:.0f} for "
-                f"{fit['dof']} degrees of freedom; try more facets, another law, or --noise student-t"
+                f"{fit['dof']} degrees of freedom; try more facets, another law, or "
+                "--noise student-t"
             )

@@ -44,7 +44,7 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 
     def model(whitening: Whitening, data: Epochs) -> None:
         flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
-        y = numpyro.sample("y", flat)
+        y = jnp.asarray(numpyro.sample("y", flat))
         with handlers.block():  # the sites within are not this model's
             density = -problem.potential(whitening(y), data)
         numpyro.factor("posterior", density)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from lcbayes._jax import jnp
 from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -23,7 +24,7 @@ class FacetOrder:
     """
 
     def __init__(self, problem: Problem, sites: Sequence[str]) -> None:
-        index = problem.unravel(np.arange(float(problem.dim)))
+        index = problem.unravel(jnp.arange(float(problem.dim)))
         self._rows = [
             np.asarray(index[s], int).reshape(len(index[s]), -1) for s in sites if s in index
         ]

@@ -135,7 +135,7 @@ def run(
                 y.T.reshape(z.shape), _potential(problem, whitening, data), SMALLEST_ESS * 4, rng
             )
             shift = np.linalg.slogdet(whitening.factor)[1]
-            log_z = evidence.LogEvidence(log_z.value + shift, log_z.se)
+            log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
             modes.append(Mode(solution, z, stats, log_z))
     _weigh(modes)
     modes.sort(key=lambda m: -m.weight)

@@ -113,17 +113,19 @@ class Sampler:
 
 
 def _is_key(x) -> bool:
-    return jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
+    return jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
 
 
 def _to_host(tree):
     """The same tree with NumPy leaves: what a checkpoint can hold, and what a run goes on from."""
-    return jax.tree.map(lambda x: _Key(x) if _is_key(x) else np.asarray(x), tree)
+    return jax.tree.map(
+        lambda x: _Key(np.asarray(jax.random.key_data(x))) if _is_key(x) else np.asarray(x), tree
+    )
 
 
 def _to_device(tree):
     return jax.tree.map(
-        lambda x: jax.random.wrap_key_data(x.data) if isinstance(x, _Key) else x,
+        lambda x: jax.random.wrap_key_data(jnp.asarray(x.data)) if isinstance(x, _Key) else x,
         tree,
         is_leaf=lambda x: isinstance(x, _Key),
     )
@@ -132,8 +134,8 @@ def _to_device(tree):
 class _Key:
     """A random key as plain integers."""
 
-    def __init__(self, key: jax.Array | None = None, data: np.ndarray | None = None) -> None:
-        self.data = np.asarray(jax.random.key_data(key)) if data is None else data
+    def __init__(self, data: np.ndarray) -> None:
+        self.data = data
 
 
 def _leaves(state):
@@ -155,9 +157,7 @@ def _unpack(packed: dict[str, np.ndarray], like: list) -> list:
     for c, state in enumerate(like):
         old, tree = _leaves(state)
         new = [
-            _Key(data=packed[f"state-{c}-{i}"])
-            if isinstance(leaf, _Key)
-            else packed[f"state-{c}-{i}"]
+            _Key(packed[f"state-{c}-{i}"]) if isinstance(leaf, _Key) else packed[f"state-{c}-{i}"]
             for i, leaf in enumerate(old)
         ]
         states.append(jax.tree.unflatten(tree, new))

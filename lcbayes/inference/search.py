@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,10 +26,10 @@ FEWEST = 12
 class SearchState(NamedTuple):
     """One start per row."""
 
-    z: jax.Array  # (B, D)
-    potential: jax.Array  # (B,)
-    damping: jax.Array  # (B,)
-    stalled: jax.Array  # (B,) steps in a row that gained less than the tolerance
+    z: Any  # (B, D), NumPy or JAX
+    potential: Any  # (B,)
+    damping: Any  # (B,)
+    stalled: Any  # (B,) steps in a row that gained less than the tolerance
 
 
 def init(problem: Problem, z: jax.Array, data: Epochs) -> SearchState:
@@ -96,7 +96,7 @@ def race(
         ThreadPoolExecutor(workers) as pool,
     ):
         for (n_steps, _), rows in zip(RACE, _shares(len(starts)), strict=True):
-            state = jax.tree.map(lambda x, n=len(rows): x[:n], _sorted(state))
+            state = _first(_sorted(state), len(rows))
             chunks = [rows[i : i + size] for i in range(0, len(rows), size)]
 
             def run(chunk, state=state, n_steps=n_steps):
@@ -117,6 +117,10 @@ def _shares(n: int) -> list[range]:
         rows.append(range(n))
         n = min(n, max(FEWEST, round(n * share)))
     return rows
+
+
+def _first(state: SearchState, n: int) -> SearchState:
+    return jax.tree.map(lambda x: x[:n], state)
 
 
 def _sorted(state: SearchState) -> SearchState:
