@@ -127,47 +127,53 @@ def seconds(epochs: int, facets: int) -> tuple[float, float]:
     return epochs * facets / value, epochs * facets / gradient
 
 
-def sampler_costs(repetitions: int = 7) -> list[list[str]]:
-    """Clock and processor time, µs, of the gradients a sampler takes: the normals stay."""
-    rows = []
-    for epochs, facets, law, chains in (
-        (1541, 300, "lommel-seeliger-lambert", 1),
-        (1541, 300, "lommel-seeliger-lambert", 8),
-        (300, 6, "non-lambertian", 1),
-        (300, 6, "non-lambertian", 8),
-    ):
-        sun, obs, normals, alpha, data = (jnp.asarray(x) for x in problem(epochs, facets))
-        steps = max(1, int(1.5e7 / (epochs * facets * chains)))
+def both_clocks(run: Callable[[], object], count: int) -> list[str]:
+    """Time and processor time, µs, of each of ``count`` evaluations in one run."""
+    clocks = (time.perf_counter, time.process_time)
+    return [f"{1e6 * best(run, 7, clock) / count:.3g}" for clock in clocks]
 
-        def run(*args, normals=normals, data=data, law=law, steps=steps):
-            def misfit(sun, obs, alpha):
-                return jnp.sum((flux(sun, obs, normals, alpha, law) - data) ** 2)
 
-            def step(_, args):
-                slopes = jax.vmap(jax.grad(misfit, (0, 1, 2)))(*args)
-                return tuple(a + 1e-20 * s for a, s in zip(args, slopes, strict=True))
+def sampler_gradient(epochs: int, facets: int, law: str, chains: int) -> list[str]:
+    """`both_clocks` of the gradient a sampler takes of each of its chains: the normals stay."""
+    sun, obs, normals, alpha, data = (jnp.asarray(x) for x in problem(epochs, facets))
+    steps = max(1, int(1.5e7 / (epochs * facets * chains)))
 
-            return jax.lax.fori_loop(0, steps, step, args)
+    def misfit(sun, obs, alpha):
+        return jnp.sum((flux(sun, obs, normals, alpha, law) - data) ** 2)
 
-        def one(run=jax.jit(run), args=tuple(jnp.stack([x] * chains) for x in (sun, obs, alpha))):
-            jax.block_until_ready(run(*args))
+    def step(_, args):
+        slopes = jax.vmap(jax.grad(misfit, (0, 1, 2)))(*args)
+        return tuple(a + 1e-20 * s for a, s in zip(args, slopes, strict=True))
 
-        each = [
-            f"{1e6 * best(one, repetitions, clock) / (steps * chains):.3g}"
-            for clock in (time.perf_counter, time.process_time)
-        ]
-        rows.append([f"{epochs} × {facets}", law, f"{chains}", *each])
-    sun, obs, normals, alpha, _ = (jnp.asarray(x) for x in problem(1541, 300))
-    basis = jnp.asarray(np.random.default_rng(1).normal(size=(300, 92)))
+    run = jax.jit(lambda *args: jax.lax.fori_loop(0, steps, step, args))
+    args = [jnp.stack([x] * chains) for x in (sun, obs, alpha)]
+    return both_clocks(lambda: jax.block_until_ready(run(*args)), steps * chains)
 
-    def of_logs(x):
+
+def jacobian_by_shape(epochs: int, facets: int, columns: int) -> list[str]:
+    """`both_clocks` of the Jacobian by coefficients of the logarithms of the areas."""
+    sun, obs, normals, alpha, _ = (jnp.asarray(x) for x in problem(epochs, facets))
+    basis = jnp.asarray(np.random.default_rng(1).normal(size=(facets, columns)))
+
+    def of_logarithms(x):
         return flux(sun, obs, normals, alpha * jnp.exp(basis @ x), "lommel-seeliger-lambert")
 
-    jacobian, x = jax.jit(jax.jacfwd(of_logs)), jnp.zeros(92)
-    each = [
-        f"{1e6 * best(lambda: jax.block_until_ready(jacobian(x)), 20, clock):.3g}"
-        for clock in (time.perf_counter, time.process_time)
-    ]
+    run, x = jax.jit(jax.jacfwd(of_logarithms)), jnp.zeros(columns)
+    return both_clocks(lambda: jax.block_until_ready(run(x)), 1)
+
+
+def sampler_costs() -> list[list[str]]:
+    """Rows of the table of what inference asks for."""
+    rows = []
+    for epochs, facets, law in (
+        (1541, 300, "lommel-seeliger-lambert"),
+        (300, 6, "non-lambertian"),
+    ):
+        for chains in (1, 8):
+            what = f"gradient, {chains} under vmap" if chains > 1 else "gradient"
+            each = sampler_gradient(epochs, facets, law, chains)
+            rows.append([f"{epochs} × {facets}", law, what, *each])
+    each = jacobian_by_shape(1541, 300, 92)
     return [*rows, ["1541 × 300", "lommel-seeliger-lambert", "Jacobian, 92 columns", *each]]
 
 
@@ -226,15 +232,15 @@ def main() -> None:
         ["epochs (10 facets)", "flux ms", "ns each", "with gradient ms", "ns each"], cost
     )
     sampler_table = table(
-        ["epochs × facets", "law", "chains under vmap", "µs each", "processor µs each"], sampler
+        ["epochs × facets", "law", "what", "µs each", "processor µs each"], sampler
     )
     write_section(
         "Speed of brightness",
         "python benchmarks/brightness.py",
         f"Facet-epochs per second, double precision, inside one jitted loop.\n\n{speed_table}\n\n"
         f"Cost of one evaluation against the number of epochs.\n\n{cost_table}\n\n"
-        "Gradient by albedo-areas and directions, each of so many chains, and the Jacobian by the "
-        f"logarithms of the areas.\n\n{sampler_table}\n\n"
+        "What inference asks for: gradients by albedo-areas and directions, the Jacobian by "
+        f"coefficients of the areas' logarithms.\n\n{sampler_table}\n\n"
         f"Peak memory of a process that takes one gradient of 10⁶ × 100: {peak:.2f} GiB "
         "(goal: under 2).",
     )
