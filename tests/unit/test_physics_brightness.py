@@ -169,6 +169,13 @@ def test_derivatives_are_finite_and_one_sided_at_the_edge(law):
     np.testing.assert_array_equal(dark, np.zeros((1, 3)))
 
 
+@pytest.mark.parametrize("law", DIFFUSE_LAWS)
+def test_a_direction_that_is_no_number_shows(law):
+    sun, obs, normals, alpha = problem(3, 4)
+    f = flux(sun.at[1, 0].set(jnp.nan), obs, normals, alpha, law)
+    np.testing.assert_array_equal(np.isnan(f), [False, True, False])
+
+
 def test_unknown_law_lists_the_known_ones():
     with pytest.raises(ValueError, match="unknown diffuse law 'phong'; available: non-lambertian"):
         flux(*problem(2, 2), law="phong")
