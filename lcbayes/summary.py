@@ -150,7 +150,7 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
     chi2 = None
     if curve.error is not None:
         mean = posterior.problem.moments(
-            np.asarray(
+            jnp.asarray(
                 best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]
             ),
             posterior.data,

@@ -205,7 +205,7 @@ def _moments(site: dict[str, Any]) -> Moments:
 
 def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
     """Information on location and on log scale, per 1/σ², of one observed site, flat."""
-    fn, shape = _base(site["fn"]), (int(np.size(site["value"])),)
+    fn, shape = _base(site["fn"]), (jnp.asarray(site["value"]).size,)
     if isinstance(fn, dist.StudentT):
         df = jnp.ravel(jnp.asarray(fn.df))[0]
         return jnp.full(shape, (df + 1) / (df + 3)), jnp.full(shape, df / (df + 3))

@@ -26,7 +26,7 @@ _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inn
 _BLOCK, _BLOCK_FEW = 1 << 15, 1 << 18
 # Up to so many blocks go in one piece, nothing computed twice. A single gradient of 1541 x 300
 # would gain a quarter from 16, but a batch of them under `vmap` would take twice as long each.
-_WHOLE = 4
+_WHOLE = 16
 
 
 def flux(

@@ -50,7 +50,7 @@ MODULES = _modules()
 def _layer(module: str) -> str:
     if module in GROUND:
         return "ground"
-    if module in ("lcbayes", "lcbayes.cli", "lcbayes.__main__"):
+    if module in ("lcbayes", "lcbayes.cli", "lcbayes.__main__", "lcbayes.fitting"):
         return "front door"
     second = module.split(".")[1]
     if second == "commands":
