@@ -24,8 +24,8 @@ _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inn
 # Epochs x facets at once: the few matrices of 256 kB alive together stay in a core's cache. With
 # few facets the loop from block to block costs more than that saves.
 _BLOCK, _BLOCK_FEW = 1 << 15, 1 << 18
-# Up to so many blocks go in one piece, nothing computed twice. A single gradient of 1541 x 300
-# would gain a quarter from 16, but a batch of them under `vmap` would take twice as long each.
+# Up to so many blocks go in one piece, nothing computed twice: a gradient of 1541 x 300 gains a
+# quarter. A batch of that size is to go through `lax.map`: under `vmap` each takes twice as long.
 _WHOLE = 16
 
 
