@@ -9,7 +9,8 @@ A model file is Python. It defines::
         noise.observe(data, flux)            # conditions on the brightness
 
 ``data`` is an `lcbayes.epochs.Epochs`; ``flux`` (T,) is at unit distance under unit irradiance.
-Options are keyword-only, with a type and a default; one without a default must be given. Sites
+Options are keyword-only, with a type and a default; one without a default must be given; a
+``Literal`` type lists what may be chosen. An `InputError` raised by the model is told to the user. Sites
 whose names the report knows (``albedo_area``, ``normals``, ``omega``, ``pole_lon_deg`` …) are
 shown as what they are. A file may also define:
 
@@ -35,7 +36,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from lcbayes.errors import InputError
 
@@ -49,6 +50,7 @@ class Option:
     name: str
     type: type
     default: Any  # inspect.Parameter.empty where it must be given
+    choices: tuple[str, ...] = ()
 
     @property
     def required(self) -> bool:
@@ -83,7 +85,8 @@ class Entry:
         for p in inspect.signature(self.model, eval_str=True).parameters.values():
             if p.kind is inspect.Parameter.KEYWORD_ONLY:
                 kind = p.annotation if isinstance(p.annotation, type) else type(p.default)
-                found[p.name] = Option(p.name, kind, p.default)
+                choices = get_args(p.annotation) if get_origin(p.annotation) is Literal else ()
+                found[p.name] = Option(p.name, kind, p.default, choices)
         return found
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,6 +117,11 @@ class Entry:
 
 
 def _convert(model: str, option: Option, value: Any) -> Any:
+    if option.choices and value not in option.choices:
+        raise InputError(
+            f"option {option.name!r} of model {model!r} is {value!r}; "
+            f"available: {', '.join(option.choices)}"
+        )
     try:
         if option.type is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
@@ -10,6 +12,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 
 OBSERVED = "brightness"
+Law = Literal["gaussian", "student-t"]
 STUDENT_T_DF = 4.0
 
 
@@ -50,7 +53,7 @@ def expected(data: Epochs, flux: jax.Array, scale: jax.Array) -> jax.Array:
     return data.zero_point - 2.5 * jnp.log10(jnp.maximum(linear, 0.0) + floor)
 
 
-def observe(data: Epochs, flux: jax.Array, noise: str = "gaussian") -> None:
+def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
     Errors that the file gives are taken as they are. Where it gives none, one noise level

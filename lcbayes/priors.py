@@ -12,6 +12,7 @@ from numpyro.distributions import constraints
 from numpyro.distributions.util import is_prng_key, validate_sample
 
 from lcbayes._jax import jax, jnp
+from lcbayes.errors import InputError
 from lcbayes.physics import facets
 
 RADIUS_SD = 0.1
@@ -60,6 +61,8 @@ def directions(name: str, n: int) -> jax.Array:
 
 def normals(n_facets: int) -> jax.Array:
     """Facet normals, body frame, with their angles ``phi`` and ``g`` recorded; (N, 3)."""
+    if n_facets < 1:
+        raise InputError(f"n_facets is {n_facets}; give 1 or more")
     u = directions("normals", n_facets)
     numpyro.deterministic("normals", u)
     phi, g = facets.angles(u)
@@ -70,6 +73,7 @@ def normals(n_facets: int) -> jax.Array:
 
 def albedo_area(n_facets: int, log_mean: float = 0.0, log_sd: float = 1.0) -> jax.Array:
     """Log-normal albedo-areas α, m², (N,); Linares & Crassidis, eq. (7)."""
+    _positive("log_area_sd", log_sd)
     prior = dist.Normal(log_mean, log_sd).expand([n_facets]).to_event(1)
     log_area = jnp.asarray(numpyro.sample("log_albedo_area", prior))
     area = jnp.exp(log_area)
@@ -88,6 +92,7 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
 
 def angular_velocity(sd: float) -> jax.Array:
     """ω ~ N(0, sd² I), rad/s, inertial, (3,); Linares & Crassidis, above eq. (9)."""
+    _positive("omega_sd", sd)
     unit = jnp.asarray(numpyro.sample("omega_unit", dist.Normal(0.0, 1.0).expand([3]).to_event(1)))
     omega = sd * unit
     numpyro.deterministic("omega", omega)
@@ -104,3 +109,8 @@ def lit_and_seen(mu0: jax.Array, mu: jax.Array, softness: float = 0.02) -> None:
     """
     m = jnp.max(jnp.minimum(mu0, mu), axis=0)
     numpyro.factor("lit_and_seen", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
+
+
+def _positive(name: str, value: float) -> None:
+    if not value > 0:
+        raise InputError(f"{name} is {value}; give a number > 0")

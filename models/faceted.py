@@ -1,5 +1,7 @@
 """N diffuse facets on a body that turns at a constant rate (Linares & Crassidis, eqs. 4-9)."""
 
+from typing import Literal
+
 from lcbayes import noise, priors
 from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
@@ -13,13 +15,13 @@ def model(
     data: Epochs,
     *,
     n_facets: int = 2,
-    spin: str = "free",
+    spin: Literal["free", "none"] = "free",
     omega_sd: float = 0.1,
-    law: str = "non-lambertian",
+    law: Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"] = "non-lambertian",
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
-    noise_law: str = "gaussian",
+    noise_law: noise.Law = "gaussian",
 ):
     """Flux f(t) = Σ αᵢ K(μ₀ᵢ, μᵢ) with α log-normal, normals uniform, ω ~ N(0, omega_sd² I).
 

@@ -1,5 +1,7 @@
 """N facets, each with its own reflectance, on a body that turns at a constant rate."""
 
+from typing import Literal
+
 import numpyro
 import numpyro.distributions as dist
 
@@ -37,13 +39,20 @@ def model(
     data: Epochs,
     *,
     n_facets: int = 2,
-    law: str = "ashikhmin-shirley",
-    spin: str = "free",
+    law: Literal[
+        "ashikhmin-shirley",
+        "ashikhmin-shirley-distribution",
+        "cook-torrance",
+        "blinn-phong",
+        "lambertian",
+        "non-lambertian",
+    ] = "ashikhmin-shirley",
+    spin: Literal["free", "none"] = "free",
     omega_sd: float = 0.1,
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
-    noise_law: str = "gaussian",
+    noise_law: noise.Law = "gaussian",
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r of the law named and A = α / (sum of the reflectances).
 
