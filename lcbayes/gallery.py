@@ -10,9 +10,9 @@ A model file is Python. It defines::
 
 ``data`` is an `lcbayes.epochs.Epochs`; ``flux`` (T,) is at unit distance under unit irradiance.
 Options are keyword-only, with a type and a default; one without a default must be given; a
-``Literal`` type lists what may be chosen. An `InputError` raised by the model is told to the user. Sites
-whose names the report knows (``albedo_area``, ``normals``, ``omega``, ``pole_lon_deg`` …) are
-shown as what they are. A file may also define:
+``Literal`` type lists what may be chosen. An `InputError` that the model raises is told to the
+user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega``,
+``pole_lon_deg`` …) are shown as what they are. A file may also define:
 
 ``FACET_SITES``
     Names of the sampled sites whose first axis is the facet, so that facets can be put in order.
