@@ -60,6 +60,8 @@ def directions(name: str, n: int) -> jax.Array:
 
 def normals(n_facets: int) -> jax.Array:
     """Facet normals, body frame, with their angles ``phi`` and ``g`` recorded; (N, 3)."""
+    if n_facets < 1:
+        raise ValueError(f"n_facets is {n_facets}; give a whole number >= 1")
     u = numpyro.deterministic("normals", directions("normals", n_facets))
     phi, g = facets.angles(u)
     numpyro.deterministic("phi", phi)
@@ -69,6 +71,8 @@ def normals(n_facets: int) -> jax.Array:
 
 def albedo_area(n_facets: int, log_mean: float = 0.0, log_sd: float = 1.0) -> jax.Array:
     """Log-normal albedo-areas α, m², (N,); Linares & Crassidis, eq. (7)."""
+    if not log_sd > 0:
+        raise ValueError(f"log_area_sd is {log_sd}; give a positive standard deviation")
     log_area = numpyro.sample(
         "log_albedo_area", dist.Normal(log_mean, log_sd).expand([n_facets]).to_event(1)
     )
@@ -81,13 +85,26 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
     The paper's λ is 1/√weight in eq. (30) and 1/√(2·weight) in eq. (29); its "λ = 1000 is sparse"
     only makes sense for a weight.
     """
+    if weight < 0:
+        raise ValueError(f"sparsity is {weight}; give a weight >= 0")
     numpyro.factor("sparse_area", -weight * jnp.sum(jnp.abs(albedo_area)) ** 2)
 
 
 def angular_velocity(sd: float) -> jax.Array:
     """ω ~ N(0, sd² I), rad/s, inertial, (3,); Linares & Crassidis, above eq. (9)."""
+    if not sd > 0:
+        raise ValueError(f"omega_sd is {sd}; give a positive standard deviation, rad/s")
     unit = numpyro.sample("omega_unit", dist.Normal(0.0, 1.0).expand([3]).to_event(1))
     return numpyro.deterministic("omega", sd * unit)
+
+
+def spin(kind: str, sd: float) -> jax.Array:
+    """The ω of a model's option ``spin``: inferred where "free", zero where "none"; (3,)."""
+    if kind == "none":
+        return jnp.zeros(3)
+    if kind != "free":
+        raise ValueError(f"unknown spin {kind!r}; available: free, none")
+    return angular_velocity(sd)
 
 
 def lit_and_seen(mu0: jax.Array, mu: jax.Array, softness: float = 0.02) -> None:
