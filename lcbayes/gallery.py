@@ -31,7 +31,8 @@ import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -112,6 +113,30 @@ class Entry:
                 )
         return checked
 
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Faults of the model while it runs, told in one line.
+
+        A user's file may fail in any way; a built-in model says with ValueError that an option
+        is wrong, and any other fault of it is ours.
+        """
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as fault:
+            if self.name in BUILT_IN:
+                if not isinstance(fault, ValueError):
+                    raise
+                raise InputError(
+                    f"model {self.name!r}: {fault} (options: `lcbayes models {self.name}`)"
+                ) from fault
+            said = " ".join(str(fault).split())
+            raise InputError(
+                f"{self.name}, line {_last_line(fault, Path(self.name))}: "
+                f"{type(fault).__name__}: {said}; the model must run on this light curve"
+            ) from fault
+
     def bind(self, options: Mapping[str, Any]) -> Callable[[Any], Any]:
         return partial(self.model, **options)
 
@@ -176,13 +201,20 @@ def find(name: str) -> Entry:
             f"{name}: model{inspect.signature(function)} must take data alone by position and its "
             "options by keyword: def model(data, *, option=default)"
         )
-    return Entry(name, module)
+    entry = Entry(name, module)
+    for option in entry.options.values():
+        if option.type not in (bool, int, float, str):
+            raise InputError(
+                f"{name}: the option {option.name!r} needs a type, one of bool, int, float, str: "
+                f"def model(data, *, {option.name}: float = 1.0)"
+            )
+    return entry
 
 
 def _last_line(fault: BaseException, path: Path) -> int:
     trace, line = fault.__traceback__, 0
     while trace is not None:
-        if Path(trace.tb_frame.f_code.co_filename) == path:
+        if Path(trace.tb_frame.f_code.co_filename).resolve() == path.resolve():
             line = trace.tb_lineno
         trace = trace.tb_next
     return line

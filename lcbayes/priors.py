@@ -87,6 +87,8 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
     The paper's λ is 1/√weight in eq. (30) and 1/√(2·weight) in eq. (29); its "λ = 1000 is sparse"
     only makes sense for a weight.
     """
+    if weight < 0:
+        raise ValueError(f"sparsity is {weight}; give a weight >= 0")
     numpyro.factor("sparse_area", -weight * jnp.sum(jnp.abs(albedo_area)) ** 2)
 
 
@@ -97,6 +99,15 @@ def angular_velocity(sd: float) -> jax.Array:
     omega = sd * unit
     numpyro.deterministic("omega", omega)
     return omega
+
+
+def spin(kind: str, sd: float) -> jax.Array:
+    """The ω of a model's option ``spin``: inferred where "free", zero where "none"; (3,)."""
+    if kind == "none":
+        return jnp.zeros(3)
+    if kind != "free":
+        raise ValueError(f"unknown spin {kind!r}; available: free, none")
+    return angular_velocity(sd)
 
 
 def lit_and_seen(mu0: jax.Array, mu: jax.Array, softness: float = 0.02) -> None:

@@ -3,7 +3,6 @@
 from typing import Literal
 
 from lcbayes import noise, priors
-from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
 from lcbayes.physics import attitude, brightness, photometry
 
@@ -42,7 +41,7 @@ def model(
     noise_law
         gaussian or student-t.
     """
-    omega = priors.angular_velocity(omega_sd) if spin == "free" else jnp.zeros(3)
+    omega = priors.spin(spin, omega_sd)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:

@@ -77,7 +77,7 @@ def model(
     noise_law
         gaussian or student-t.
     """
-    omega = priors.angular_velocity(omega_sd) if spin == "free" else jnp.zeros(3)
+    omega = priors.spin(spin, omega_sd)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:

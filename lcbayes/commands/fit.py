@@ -86,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
 
     progress = Silent() if args.json else Console()
     reading = {k: getattr(args, k) for k in READING if getattr(args, k) is not None}
+    if "tle" in reading:  # run.toml may be read from another folder
+        reading["tle"] = str(Path(reading["tle"]).resolve())
     found = fit(curve, out=args.out, progress=progress, reading=reading, **keywords)
     summary = found.summary()
     if not args.no_report:

@@ -24,6 +24,7 @@ class FacetOrder:
     """
 
     def __init__(self, problem: Problem, sites: Sequence[str]) -> None:
+        self.sites = tuple(sites)
         index = problem.unravel(jnp.arange(float(problem.dim)))
         self._rows = [
             np.asarray(index[s], int).reshape(len(index[s]), -1) for s in sites if s in index

@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -94,15 +94,17 @@ def run(
     """
     data = Epochs.of(curve)
     model = entry.bind(options)
-    plain = Problem(model, data)
-    hook = entry.hook("coordinates")
-    problem = Problem(model, data, hook(data, **options)) if hook else plain
+    with entry.blamed():
+        plain = Problem(model, data)
+        hook = entry.hook("coordinates")
+        problem = Problem(model, data, hook(data, **options)) if hook else plain
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     timing = Timing()
     key_start, key_chains = jax.random.split(jax.random.key(settings.seed))
 
     begun = time.monotonic()
-    starts = _starts(entry, options, plain, data, key_start, settings.num_starts)
+    with entry.blamed():
+        starts = _starts(entry, options, plain, data, key_start, settings.num_starts)
     stored = checkpoint.load("search")
     if stored is None:
         ends = search.race(plain, data, starts, workers, progress)
@@ -137,6 +139,7 @@ def run(
             shift = np.linalg.slogdet(whitening.factor)[1]
             log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
             modes.append(Mode(solution, z, stats, log_z))
+    _recount(modes, plain, problem, ends, order, data)
     _weigh(modes)
     modes.sort(key=lambda m: -m.weight)
     return Posterior(problem, data, modes, len(starts), timing)
@@ -188,6 +191,8 @@ def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> 
     if order.n_facets < 2:
         return z
     flat = np.array([order.like(row, centre) for row in z.reshape(-1, z.shape[-1])])
+    if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
+        return flat.reshape(z.shape)  # a user's model whose facets have no size
     sizes = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"]))(flat)
     mean = np.asarray(sizes).mean(axis=0)
     return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
@@ -198,6 +203,42 @@ def _same(a: Floats, b: Floats) -> bool:
     a, b = a.reshape(-1, a.shape[-1]), b.reshape(-1, b.shape[-1])
     gap = np.abs(a.mean(0) - b.mean(0))
     return bool(np.all(gap < 0.5 * np.sqrt(0.5 * (a.var(0) + b.var(0)))))
+
+
+def _recount(
+    modes: list[Mode],
+    plain: Problem,
+    problem: Problem,
+    ends: search.SearchState,
+    order: FacetOrder,
+    data: Epochs,
+) -> None:
+    """Count as hits of a mode the ends of the search that lie within its draws.
+
+    Where the optimum is a ridge, starts end all along it, apart from each other by many widths of
+    the Gaussian at any one of them; the draws know how long it is. Within means no farther from
+    their mean, in the metric of their covariance, than all but one in a hundred of them, and
+    nearest to this mode.
+    """
+    z = np.asarray(ends.z)[np.isfinite(ends.potential)]
+    if problem is not plain:
+        translate = jax.jit(lambda rows: jax.lax.map(
+            lambda row: problem.ravel(plain.constrain(row, data)), rows))  # fmt: skip
+        z = np.asarray(translate(z))
+    own = FacetOrder(problem, order.sites)
+    share = np.full((len(modes), len(z)), np.inf)
+    for i, mode in enumerate(modes):
+        draws = mode.z.reshape(-1, mode.z.shape[-1])
+        mean, spread = draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
+        inverse = np.linalg.pinv(spread, hermitian=True)
+        matched = np.array([own.like(row, mean) for row in z])
+        apart, usual = matched - mean, draws - mean
+        limit = np.quantile(np.sum((usual @ inverse) * usual, axis=1), 0.99)
+        share[i] = np.sum((apart @ inverse) * apart, axis=1) / limit
+    nearest = np.argmin(np.where(np.isfinite(share), share, np.inf), axis=0)
+    for i, mode in enumerate(modes):
+        hits = int(np.sum((share[i] <= 1.0) & (nearest == i)))
+        mode.solution = replace(mode.solution, hits=max(hits, mode.solution.hits))
 
 
 def _potential(problem: Problem, whitening, data: Epochs):
