@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 # Bounds of what is trusted, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
+MAX_APART = 1.05  # R-hat between runs that started apart
 MAX_DIVERGING = 0.005  # share of the draws
 MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
@@ -212,6 +213,11 @@ def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) ->
                     f"{of}the draws are worth only {size:.0f} independent ones ({kind}; at least "
                     f"{MIN_ESS:.0f} are needed): take more with --num-samples"
                 )
+        if mode.apart > MAX_APART:
+            yield (
+                f"{of}independent runs into it disagree (R-hat {mode.apart:.2f} between them): "
+                "each saw only a part of it"
+            )
         if entry["divergences"] > MAX_DIVERGING * draws:
             yield (
                 f"{of}{entry['divergences']} of {draws} trajectories diverged: parts of the "

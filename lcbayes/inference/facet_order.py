@@ -42,11 +42,15 @@ class FacetOrder:
 
     def like(self, z: Floats, reference: Floats) -> Floats:
         """z (D,) with its facets matched to those of the reference (D,) by least distance."""
+        return self.matching(z, reference, z)
+
+    def matching(self, z: Floats, reference: Floats, values: Floats) -> Floats:
+        """``values`` (D,) put in the order in which the facets of z match the reference's."""
         if self.n_facets < 2:
-            return z
+            return values
         a, b = self._features(reference), self._features(z)
         cost = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
-        return self._permuted(z, linear_sum_assignment(cost)[1])
+        return self._permuted(values, linear_sum_assignment(cost)[1])
 
     def by_size(self, z: Floats, size: Floats) -> Floats:
         """z with its facets by falling ``size`` (N,)."""

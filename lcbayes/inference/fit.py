@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
 from lcbayes.inference import evidence, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.problem import Problem, Sites
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import Settings
@@ -27,18 +28,6 @@ from lcbayes.progress import Silent
 
 Floats = NDArray[np.float64]
 SMALLEST_ESS = 50.0  # assumed for a chain whose own estimate is not to be had
-
-
-@dataclass
-class Mode:
-    """One solution of the posterior, as sampled."""
-
-    solution: solutions.Solution
-    z: Floats  # (C, S, D), facets in one order
-    stats: dict[str, NDArray]
-    log_evidence: evidence.LogEvidence
-    weight: float = 0.0
-    weight_sd: float = 0.0
 
 
 @dataclass
@@ -120,6 +109,7 @@ def run(
         )
     timing.search_s = time.monotonic() - begun
 
+    own_order = FacetOrder(problem, entry.facet_sites)
     sampler = Sampler(problem, settings, workers)
     modes: list[Mode] = []
     draws_in_all = len(found) * settings.num_chains * sum(sampler.n_blocks) * 50
@@ -129,8 +119,6 @@ def run(
             key = jax.random.fold_in(key_chains, i)
             z, stats, whitening = sampler.run(f"mode-{i}", z0, data, key, checkpoint, timing, track)
             z = _in_order(problem, entry.facet_sites, z, z0, data)
-            if any(_same(z, mode.z) for mode in modes):
-                continue  # it ran into a solution that is already there
             rng = np.random.default_rng([settings.seed, i])
             y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(-1, z.shape[-1]).T)
             log_z = evidence.bridge(
@@ -138,9 +126,9 @@ def run(
             )
             shift = np.linalg.slogdet(whitening.factor)[1]
             log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
-            modes.append(Mode(solution, z, stats, log_z))
-    _recount(modes, plain, problem, ends, order, data)
-    _weigh(modes)
+            join(modes, Mode(solution, z, stats, log_z), own_order)
+    recount(modes, plain, problem, ends, own_order, data)
+    weigh(modes)
     modes.sort(key=lambda m: -m.weight)
     return Posterior(problem, data, modes, len(starts), timing)
 
@@ -198,64 +186,9 @@ def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> 
     return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
 
 
-def _same(a: Floats, b: Floats) -> bool:
-    """Whether the chains a and b (C, S, D) explore one solution: their means agree."""
-    a, b = a.reshape(-1, a.shape[-1]), b.reshape(-1, b.shape[-1])
-    gap = np.abs(a.mean(0) - b.mean(0))
-    return bool(np.all(gap < 0.5 * np.sqrt(0.5 * (a.var(0) + b.var(0)))))
-
-
-def _recount(
-    modes: list[Mode],
-    plain: Problem,
-    problem: Problem,
-    ends: search.SearchState,
-    order: FacetOrder,
-    data: Epochs,
-) -> None:
-    """Count as hits of a mode the ends of the search that lie within its draws.
-
-    Where the optimum is a ridge, starts end all along it, apart from each other by many widths of
-    the Gaussian at any one of them; the draws know how long it is. Within means no farther from
-    their mean, in the metric of their covariance, than all but one in a hundred of them, and
-    nearest to this mode.
-    """
-    z = np.asarray(ends.z)[np.isfinite(ends.potential)]
-    if problem is not plain:
-        translate = jax.jit(lambda rows: jax.lax.map(
-            lambda row: problem.ravel(plain.constrain(row, data)), rows))  # fmt: skip
-        z = np.asarray(translate(z))
-    own = FacetOrder(problem, order.sites)
-    share = np.full((len(modes), len(z)), np.inf)
-    for i, mode in enumerate(modes):
-        draws = mode.z.reshape(-1, mode.z.shape[-1])
-        mean, spread = draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
-        inverse = np.linalg.pinv(spread, hermitian=True)
-        matched = np.array([own.like(row, mean) for row in z])
-        apart, usual = matched - mean, draws - mean
-        limit = np.quantile(np.sum((usual @ inverse) * usual, axis=1), 0.99)
-        share[i] = np.sum((apart @ inverse) * apart, axis=1) / limit
-    nearest = np.argmin(np.where(np.isfinite(share), share, np.inf), axis=0)
-    for i, mode in enumerate(modes):
-        hits = int(np.sum((share[i] <= 1.0) & (nearest == i)))
-        mode.solution = replace(mode.solution, hits=max(hits, mode.solution.hits))
-
-
 def _potential(problem: Problem, whitening, data: Epochs):
     batched = jax.jit(lambda y, w, d: jax.lax.map(lambda row: problem.potential(w(row), d), y))
     return lambda y: np.asarray(batched(y, whitening, data))
-
-
-def _weigh(modes: list[Mode]) -> None:
-    """Weights by evidence; their errors by propagation of the evidences' own."""
-    log_z = np.array([m.log_evidence.value for m in modes])
-    w = np.exp(log_z - log_z.max())
-    w /= w.sum()
-    se = np.array([m.log_evidence.se for m in modes])
-    for i, mode in enumerate(modes):
-        mode.weight = float(w[i])
-        slope = w[i] * (np.eye(len(modes))[i] - w)
-        mode.weight_sd = float(np.sqrt(np.sum((slope * se) ** 2)))
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:

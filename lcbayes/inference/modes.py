@@ -1,0 +1,129 @@
+"""The solutions of a posterior as sampled: told apart, joined where they are one, weighed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes._jax import jax
+from lcbayes.epochs import Epochs
+from lcbayes.inference import evidence, search, solutions
+from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.problem import Problem
+
+Floats = NDArray[np.float64]
+OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
+
+
+@dataclass
+class Mode:
+    """One solution of the posterior, as sampled."""
+
+    solution: solutions.Solution
+    z: Floats  # (C, S, D), facets in one order
+    stats: dict[str, NDArray]
+    log_evidence: evidence.LogEvidence
+    weight: float = 0.0
+    weight_sd: float = 0.0
+    apart: float = 1.0  # R-hat between independent runs into this region, where there were several
+
+
+class _Region(NamedTuple):
+    """Where the draws of a mode lie: their mean, the inverse of their covariance, and the squared
+    distance in that metric beyond which only one draw in a hundred is."""
+
+    mean: Floats
+    inverse: Floats
+    limit: float
+
+    @classmethod
+    def of(cls, z: Floats) -> _Region:
+        draws = z.reshape(-1, z.shape[-1])
+        mean = draws.mean(axis=0)
+        inverse = np.linalg.pinv(np.atleast_2d(np.cov(draws.T)), hermitian=True)
+        apart = draws - mean
+        return cls(mean, inverse, np.quantile(np.sum((apart @ inverse) * apart, axis=1), 0.99))
+
+    def share(self, z: Floats) -> Floats:
+        """Squared distance of each row (n, D) over the limit."""
+        apart = z - self.mean
+        return np.sum((apart @ self.inverse) * apart, axis=1) / self.limit
+
+
+def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
+    """Add a mode, or let it stand for one whose region it shares, or be stood for.
+
+    Two searches can end at two optima of one and the same region; counted twice it would get
+    twice its weight. Of two runs into one region the one with more evidence has seen more of it.
+    """
+    region = _Region.of(new.z)
+    for i, old in enumerate(modes):
+        # The order of the facets is decided once for all draws, by the means.
+        there = _Region.of(old.z)
+        columns = order.matching(
+            region.mean, there.mean, np.arange(float(region.mean.size))
+        ).astype(int)
+        z = new.z[..., columns]
+        flat, other = z.reshape(-1, z.shape[-1]), old.z.reshape(-1, z.shape[-1])
+        shared = max(np.mean(there.share(flat) <= 1.0), np.mean(_Region.of(z).share(other) <= 1.0))
+        if shared > OVERLAP:
+            apart = max(old.apart, new.apart, _rhat(old.z, z))
+            kept = new if new.log_evidence.value > old.log_evidence.value else old
+            modes[i] = replace(kept, apart=apart)
+            return
+    modes.append(new)
+
+
+def _rhat(a: Floats, b: Floats) -> float:
+    """The largest R-hat over the parameters of the chains of two runs (C, S, D) together."""
+    chains = np.concatenate([a, b])
+    n = chains.shape[1]
+    within = chains.var(axis=1, ddof=1).mean(axis=0)
+    between = chains.mean(axis=1).var(axis=0, ddof=1)
+    return float(np.sqrt((n - 1) / n + between / np.maximum(within, 1e-300)).max())
+
+
+def recount(
+    modes: list[Mode],
+    plain: Problem,
+    problem: Problem,
+    ends: search.SearchState,
+    order: FacetOrder,
+    data: Epochs,
+) -> None:
+    """Count as hits of a mode the ends of the search that lie within its draws.
+
+    Where the optimum is a ridge, starts end all along it, apart from each other by many widths of
+    the Gaussian at any one of them; the draws know how long it is. An end counts for the mode it
+    is nearest to, if it is within the mode's region.
+    """
+    z = np.asarray(ends.z)[np.isfinite(ends.potential)]
+    if problem is not plain:
+        translate = jax.jit(
+            lambda rows: jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), rows)
+        )
+        z = np.asarray(translate(z))
+    share = np.full((len(modes), len(z)), np.inf)
+    for i, mode in enumerate(modes):
+        region = _Region.of(mode.z)
+        share[i] = region.share(np.array([order.like(row, region.mean) for row in z]))
+    share = np.where(np.isfinite(share), share, np.inf)
+    nearest = np.argmin(share, axis=0)
+    for i, mode in enumerate(modes):
+        hits = int(np.sum((share[i] <= 1.0) & (nearest == i)))
+        mode.solution = replace(mode.solution, hits=max(hits, mode.solution.hits))
+
+
+def weigh(modes: list[Mode]) -> None:
+    """Weights by evidence; their errors by propagation of the evidences' own."""
+    log_z = np.array([m.log_evidence.value for m in modes])
+    w = np.exp(log_z - log_z.max())
+    w /= w.sum()
+    se = np.array([m.log_evidence.se for m in modes])
+    for i, mode in enumerate(modes):
+        mode.weight = float(w[i])
+        slope = w[i] * (np.eye(len(modes))[i] - w)
+        mode.weight_sd = float(np.sqrt(np.sum((slope * se) ** 2)))
