@@ -87,7 +87,7 @@ def _natural(basis: jax.Array, m: jax.Array, offset: jax.Array) -> jax.Array:
 
     def cond(state):
         i, _, decrement = state
-        return (i < MAX_NEWTON_STEPS) & (decrement > 1e-14)  # quadratic: the last step ends at 1e-28
+        return (i < MAX_NEWTON_STEPS) & (decrement > 1e-14)  # the last step squares it
 
     def body(state):
         i, c, _ = state
