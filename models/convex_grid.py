@@ -71,7 +71,7 @@ def model(
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
     period_s = period * HOUR
-    shift = numpyro.sample("period_shift", dist.Normal(0.0, 1.0))
+    shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
     period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)
     numpyro.deterministic("period_h", period_s / HOUR)
 
@@ -82,12 +82,15 @@ def model(
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
     size, surface = calibration(data) if data.calibrated else (1.0, 1.0)
-    area = numpyro.deterministic("albedo_area", SPHERE * size * share)
+    area = SPHERE * size * share
+    numpyro.deterministic("albedo_area", area)
 
     def instantaneous(t):
         rotation = attitude.principal_axis(t - data.t_middle, lon, lat, period_s, 0.0)
         sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
-        return brightness.flux(sun, obs, normals, area, "lommel-seeliger-lambert", lambert)
+        return brightness.flux(
+            sun, obs, jnp.asarray(normals), area, "lommel-seeliger-lambert", lambert
+        )
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
     noise.observe(data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law)
@@ -107,7 +110,7 @@ def calibration(data: Epochs) -> tuple[jax.Array, jax.Array]:
     size = jnp.exp(numpyro.sample("log_size", dist.Normal(jnp.log(typical(data)), 1.0)))
     a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
     d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5)))
-    k = numpyro.sample("phase_k", dist.Normal(-0.5, 0.3))
+    k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3)))
     numpyro.deterministic("phase_a", a)
     numpyro.deterministic("phase_d", d)
     return size, photometry.phase_law(data.phase_angle, a, d, k)

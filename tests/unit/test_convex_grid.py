@@ -25,7 +25,7 @@ def unit(lon_deg, lat_deg) -> np.ndarray:
 
 
 def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
-    """An ellipsoid that turns about its shortest axis, eight nights over half a year, 0.5 % noise."""
+    """An ellipsoid that turns about its shortest axis, eight nights in half a year, noise 0.5 %."""
     rng = np.random.default_rng(5)
     night = np.repeat(np.arange(8), n_points)
     within = np.sort(rng.uniform(0, 0.8 * PERIOD_H * 3600, (8, n_points)), axis=1).ravel()
@@ -36,9 +36,10 @@ def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
     density = 1.0 / (normals**2 @ np.square(AXES)) ** 2  # of the area by solid angle
     lon, lat = np.radians(POLE_DEG)
     turn = attitude.principal_axis(jnp.asarray(t), lon, lat, PERIOD_H * 3600, 0.3)
-    flux = np.asarray(brightness.flux(
-        attitude.to_body(turn, sun), attitude.to_body(turn, obs), normals, density / density.sum(),
-        "lommel-seeliger-lambert", 0.1))  # fmt: skip
+    sun_body, obs_body = (attitude.to_body(turn, jnp.asarray(v)) for v in (sun, obs))
+    area = jnp.asarray(density / density.sum())
+    law = "lommel-seeliger-lambert"
+    flux = np.asarray(brightness.flux(sun_body, obs_body, jnp.asarray(normals), area, law))
     flux = flux * (1 + 0.005 * rng.normal(size=len(t)))
     return LightCurve(t=t, brightness=flux, error=None, sun=sun, obs=obs, curve=night,
                       free_scale=np.full(8, free_scale), epoch_jd=2450000.0,
