@@ -14,6 +14,7 @@ from lcbayes.physics import attitude, brightness, facets, photometry
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
 HOUR = 3600.0
+LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`

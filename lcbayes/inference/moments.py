@@ -36,8 +36,8 @@ class MomentCoordinates(Transform):
     Amari & Nagaoka, Methods of Information Geometry, sec. 3.6 (mixed coordinates).
     """
 
-    domain = constraints.real_vector
-    codomain = constraints.real_vector
+    domain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+    codomain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
 
     def __init__(self, basis: np.ndarray, n_moments: int) -> None:
         self.basis = basis
@@ -67,7 +67,8 @@ class MomentCoordinates(Transform):
             and self.n_moments == other.n_moments
         )
 
-    __hash__ = object.__hash__
+    def __hash__(self) -> int:
+        return hash((id(self.basis), self.n_moments))
 
 
 def _moments(basis, log_area) -> tuple[jax.Array, jax.Array, jax.Array]:
