@@ -50,6 +50,8 @@ class Epochs:
     has_error, has_exposure : bool
     free_scale : (C,) bools
         Whether the group's brightness carries an unknown factor.
+    calibrated : bool
+        Whether any group of the fitted curve carries none; carried over like ``t_middle``.
     """
 
     t: jax.Array
@@ -70,6 +72,7 @@ class Epochs:
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)
     free_scale: tuple[bool, ...] = _static(())
+    calibrated: bool = _static(True)
 
     @classmethod
     def of(cls, curve: LightCurve, fitted: LightCurve | None = None) -> Epochs:
@@ -125,4 +128,5 @@ class Epochs:
             has_error=curve.error is not None,
             has_exposure=bool(np.any(curve.exposure_s > 0)),
             free_scale=tuple(bool(x) for x in curve.free_scale),
+            calibrated=not np.all(fitted.free_scale),
         )

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpyro
 import numpyro.distributions as dist
 from numpyro.distributions import constraints
-from numpyro.distributions.util import is_prng_key, validate_sample
+from numpyro.distributions.util import validate_sample
+from numpyro.util import is_prng_key
 
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError

@@ -7,73 +7,142 @@ import numpyro
 import numpyro.distributions as dist
 
 from lcbayes import noise, priors
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.physics import attitude, brightness, facets
+from lcbayes.inference.moments import MomentCoordinates
+from lcbayes.physics import attitude, brightness, facets, photometry
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
 HOUR = 3600.0
+LAW = "lommel-seeliger-lambert"
+SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0: ∫ μ/2 dΩ = π/2
+CLOSURE_SD = 0.01
+MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
+LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
 
 
 @lru_cache
 def grid(n_facets: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Normals (N, 3), harmonics (N, (L+1)² − 1) without the constant, and their degrees."""
     normals = facets.grid(n_facets)
-    harmonics = facets.spherical_harmonics(normals, degree)[:, 1:]
-    degrees = np.concatenate([np.full(2 * l + 1, l) for l in range(1, degree + 1)])
-    return normals, harmonics, degrees
+    degrees = np.concatenate([np.full(2 * n + 1, n) for n in range(1, degree + 1)])
+    return normals, facets.spherical_harmonics(normals, degree)[:, 1:], degrees
 
 
 def model(
     data: Epochs,
     *,
     period: float,
-    period_sd: float = 0.0,
     n_facets: int = 300,
     degree: int = 6,
-    closure_sd: float = 0.02,
     noise_law: str = "gaussian",
-    link: str = "exp",
-    soft: float = 0.2,
-    power: float = 2.0,
 ):
-    """ln α(u) = smooth field on the sphere; f(t) = Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ]."""
+    """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
+
+    Pole uniform on the sphere. Sidereal period ~ Normal(period, P²/2T), T the time span: the sd
+    is the step between periods that differ by half a turn over the span, whose light curves look
+    alike, so give the period to about that. c_lm ~ Normal(0, τ (2/(l+1))²) with
+    ln τ ~ Normal(ln 4, 0.7), ln c ~ Normal(ln 0.1, 0.5). Each component of Σαn/Σα is 0 ± 0.01:
+    the surface closes, to the error of the grid.
+
+    With relative curves alone neither size nor phase law is sought: Σα = 8, that of a sphere of
+    flux 1, and S = 1. With a calibrated curve ln(Σα/8) ~ Normal(ln mean calibrated flux, 1) and
+    S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
+    k ~ Normal(−0.5, 0.3), phase in rad. The rotational phase is 0 at the middle of the data: to
+    turn the areas on the grid about the pole is the same thing.
+
+    Parameters
+    ----------
+    period
+        Sidereal period, h.
+    n_facets
+        Normals of the grid.
+    degree
+        Highest degree of the harmonics.
+    noise_law
+        gaussian or student-t.
+
+    References
+    ----------
+    Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37 (spin, shape series, scattering law).
+    """
     normals, harmonics, degrees = grid(n_facets, degree)
-    middle = 0.5 * (data.t[0] + data.t[-1])
     pole = priors.directions("pole", 1)[0]
-    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(pole[2])
+    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
-    span = data.t[-1] - data.t[0]
-    alias = (period * HOUR) ** 2 / (2 * span)
-    shift = numpyro.sample("period_shift", dist.Normal(0.0, 1.0))
-    period_s = period * HOUR + shift * alias
+    period_s = period * HOUR
+    shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
+    period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)
     numpyro.deterministic("period_h", period_s / HOUR)
-    rotation = attitude.principal_axis(data.t - middle, lon, lat, period_s, 0.0)
-    roughness = jnp.exp(numpyro.sample("log_roughness", dist.Normal(jnp.log(2.0), 0.7)))
-    coefficients = numpyro.sample(
-        "coefficients", dist.Normal(0.0, roughness * (2 / (degrees + 1)) ** power).to_event(1)
-    )
-    if link == "exp":
-        area = jnp.exp(harmonics @ coefficients)
-    elif link == "evenodd":
-        odd = degrees % 2 == 1
-        e = harmonics[:, ~odd] @ coefficients[~odd]
-        o = harmonics[:, odd] @ coefficients[odd]
-        area = 2 * jnp.exp(e) / (1 + jnp.exp(-2 * o))
-    elif link == "softplus":
-        f = 1 + harmonics @ coefficients
-        area = soft * jnp.logaddexp(f / soft, 0.0)
-    elif link == "hyper":
-        f = 1 + harmonics @ coefficients
-        area = 0.5 * (f + jnp.sqrt(f**2 + soft**2))
-    elif link == "square":
-        area = (1 + harmonics @ coefficients) ** 2
-    area = area * (1 / (0.5 * np.pi)) * (4 * np.pi / n_facets)
+
+    roughness = jnp.exp(numpyro.sample("log_roughness", dist.Normal(*LOG_ROUGHNESS)))
+    smooth = dist.Normal(0.0, roughness * (2.0 / (degrees + 1.0)) ** 2).to_event(1)
+    share = jax.nn.softmax(harmonics @ numpyro.sample("coefficients", smooth))
+    numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
+    lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
+    numpyro.deterministic("lambert_c", lambert)
+    size, surface = calibration(data) if data.calibrated else (1.0, 1.0)
+    area = SPHERE * size * share
     numpyro.deterministic("albedo_area", area)
-    closure = normals.T @ area / jnp.sum(area)
-    numpyro.factor("closure", dist.Normal(0.0, closure_sd).log_prob(closure).sum())
-    c = jnp.exp(numpyro.sample("log_c", dist.Normal(jnp.log(0.1), 0.5)))
-    sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
-    flux = brightness.flux(sun, obs, normals, area, "lommel-seeliger-lambert", c)
-    noise.observe(data, flux, noise_law)
+
+    def instantaneous(t):
+        rotation = attitude.principal_axis(t - data.t_middle, lon, lat, period_s, 0.0)
+        sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
+        return brightness.flux(
+            sun, obs, jnp.asarray(normals), area, "lommel-seeliger-lambert", lambert
+        )
+
+    mean = photometry.exposed(instantaneous, data.exposure_s)
+    noise.observe(data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law)
+
+
+def typical(data: Epochs) -> jax.Array:
+    """Mean flux of the calibrated points, at unit distance and irradiance."""
+    known = ~jnp.asarray(data.free_scale)[data.curve]
+    linear = data.brightness
+    if data.kind == "mag":
+        linear = 10.0 ** (-0.4 * (linear - data.zero_point))
+    return jnp.sum(jnp.where(known, linear / data.dilution, 0.0)) / jnp.sum(known)
+
+
+def calibration(data: Epochs) -> tuple[jax.Array, jax.Array]:
+    """Size of the body and S of each epoch (T,), which only calibrated curves can tell."""
+    size = jnp.exp(numpyro.sample("log_size", dist.Normal(jnp.log(typical(data)), 1.0)))
+    a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
+    d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5)))
+    k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3)))
+    numpyro.deterministic("phase_a", a)
+    numpyro.deterministic("phase_d", d)
+    return size, photometry.phase_law(data.phase_angle, a, d, k)
+
+
+def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
+    """Spheres with poles all over the sky and periods within the prior."""
+    sphere = {
+        "coefficients": jnp.zeros((degree + 1) ** 2 - 1),
+        "log_roughness": jnp.log(3.0),
+        "log_lambert_c": jnp.log(0.1),
+        "log_level": jnp.zeros(sum(data.free_scale)),
+        "log_sigma": jnp.log(0.03),
+    }
+    if data.calibrated:
+        sphere |= {"log_size": jnp.log(typical(data)), "phase_k": jnp.array(-0.5)}
+        sphere |= {"log_phase_a": jnp.log(0.5), "log_phase_d": jnp.log(0.1)}
+    return [
+        sphere | {"pole_base": jnp.asarray(pole)[None], "period_shift": jnp.array(shift)}
+        for pole in facets.grid(12)
+        for shift in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    ]
+
+
+def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options):  # noqa: ARG001
+    """Moments of the shares up to degree 4, where the data are informative; see the class."""
+    harmonics = grid(n_facets, degree)[1]
+    low = min(degree, MOMENT_DEGREE)
+    return {"coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1)}
+
+
+def constants(data: Epochs, *, n_facets: int = 300, **options):  # noqa: ARG001
+    """The grid: normals (N, 3)."""
+    return {"normals": facets.grid(n_facets)}

@@ -1,0 +1,139 @@
+"""The asteroid model: symmetries it must have, and a known ellipsoid found again."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference import search
+from lcbayes.inference.problem import Problem
+from lcbayes.lightcurve import LightCurve
+from lcbayes.models import convex_grid
+from lcbayes.physics import attitude, brightness, facets
+from lcbayes.progress import Silent
+
+PERIOD_H, POLE_DEG, AXES = 6.0003, (60.0, 40.0), (1.6, 1.15, 1.0)
+SMALL = {"period": 6.0, "n_facets": 100, "degree": 3}
+
+
+def unit(lon_deg, lat_deg) -> np.ndarray:
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    return np.stack(np.broadcast_arrays(
+        np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)), axis=-1)  # fmt: skip
+
+
+def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
+    """An ellipsoid that turns about its shortest axis, eight nights in half a year, noise 0.5 %."""
+    rng = np.random.default_rng(5)
+    night = np.repeat(np.arange(8), n_points)
+    within = np.sort(rng.uniform(0, 0.8 * PERIOD_H * 3600, (8, n_points)), axis=1).ravel()
+    t = 25 * 86400.0 * night + within
+    sun = unit(45.0 * night, np.where(night % 2, 20.0, -12.0))
+    obs = unit(45.0 * night + np.array([8, -20, 15, 3, -12, 22, -5, 18])[night], 5.0)
+    normals = facets.grid(2000)
+    density = 1.0 / (normals**2 @ np.square(AXES)) ** 2  # of the area by solid angle
+    lon, lat = np.radians(POLE_DEG)
+    turn = attitude.principal_axis(jnp.asarray(t), lon, lat, PERIOD_H * 3600, 0.3)
+    sun_body, obs_body = (attitude.to_body(turn, jnp.asarray(v)) for v in (sun, obs))
+    area = jnp.asarray(density / density.sum())
+    law = "lommel-seeliger-lambert"
+    flux = np.asarray(brightness.flux(sun_body, obs_body, jnp.asarray(normals), area, law))
+    flux = flux * (1 + 0.005 * rng.normal(size=len(t)))
+    return LightCurve(t=t, brightness=flux, error=None, sun=sun, obs=obs, curve=night,
+                      free_scale=np.full(8, free_scale), epoch_jd=2450000.0,
+                      frame="ecliptic-j2000")  # fmt: skip
+
+
+def problem(curve: LightCurve, **options) -> tuple[Problem, Epochs]:
+    data = Epochs.of(curve)
+    return Problem(partial(convex_grid.model, **(SMALL | options)), data), data
+
+
+def start(data: Epochs, **changes):
+    return convex_grid.starts(data, jax.random.key(0), **SMALL)[7] | changes
+
+
+def test_a_sphere_is_constant_at_constant_phase_angle():
+    curve = observed()
+    axis = unit(*POLE_DEG)
+    side = np.cross(axis, curve.sun)
+    obs = curve.sun * np.cos(0.4) + np.sin(0.4) * side / np.linalg.norm(side, axis=1)[:, None]
+    same = LightCurve(t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun, obs=obs,
+                      curve=curve.curve, free_scale=curve.free_scale, epoch_jd=curve.epoch_jd,
+                      frame=curve.frame)  # fmt: skip
+    built, data = problem(same, n_facets=1000)
+    flux = np.asarray(built.flux(start(data), data))
+    assert np.std(flux) / np.mean(flux) < 2e-3
+    bent = start(data, coefficients=jnp.zeros(15).at[4].set(1.0))
+    assert np.std(built.flux(bent, data)) / np.mean(flux) > 2e-2
+
+
+def test_a_sphere_in_full_light_has_unit_flux():
+    curve = observed()
+    full = LightCurve(t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun,
+                      obs=curve.sun, curve=curve.curve, free_scale=curve.free_scale,
+                      epoch_jd=curve.epoch_jd, frame=curve.frame)  # fmt: skip
+    built, data = problem(full, n_facets=1000)
+    flux = built.flux(start(data, log_lambert_c=jnp.array(-50.0)), data)
+    np.testing.assert_allclose(flux, 1.0, rtol=5e-3)
+
+
+def test_turning_the_frame_about_its_axis_changes_nothing():
+    curve = observed()
+    c, s = np.cos(1.0), np.sin(1.0)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned = LightCurve(t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun @ turn.T,
+                        obs=curve.obs @ turn.T, curve=curve.curve, free_scale=curve.free_scale,
+                        epoch_jd=curve.epoch_jd, frame=curve.frame)  # fmt: skip
+    shape = 0.5 * jax.random.normal(jax.random.key(1), (15,))
+    pole = jnp.asarray([[0.3, 0.5, 0.7]])
+    built, data = problem(curve)
+    other, turned_data = problem(turned)
+    here = built.potential(built.ravel(start(data, coefficients=shape, pole_base=pole)), data)
+    there = start(turned_data, coefficients=shape, pole_base=pole @ turn.T)
+    assert other.potential(other.ravel(there), turned_data) == pytest.approx(float(here), rel=1e-10)
+    unturned = start(turned_data, coefficients=shape, pole_base=pole)
+    assert abs(other.potential(other.ravel(unturned), turned_data) - here) > 1.0
+
+
+def test_coordinates_leave_the_model_as_it_is():
+    curve = observed()
+    plain, data = problem(curve)
+    model = partial(convex_grid.model, **SMALL)
+    mixed = Problem(model, data, convex_grid.coordinates(data, **SMALL))
+    sites = start(data, coefficients=0.5 * jax.random.normal(jax.random.key(1), (15,)))
+    z = mixed.ravel(sites)
+    np.testing.assert_allclose(
+        mixed.constrain(z, data)["coefficients"], sites["coefficients"], rtol=1e-8
+    )
+    jacobian = jax.jacfwd(lambda z: plain.ravel(mixed.constrain(z, data)))(z)
+    expected = plain.potential(plain.ravel(sites), data) - np.linalg.slogdet(jacobian)[1]
+    assert mixed.potential(z, data) == pytest.approx(float(expected), rel=1e-9)
+
+
+def test_calibrated_curves_bring_size_and_phase_law():
+    relative = set(problem(observed())[0].names)
+    built, data = problem(observed(free_scale=False))
+    assert set(built.names) - relative == {"log_size", "log_phase_a", "log_phase_d", "phase_k"}
+    sites = start(data)
+    assert {"log_size", "phase_k"} <= sites.keys()
+    found = built.constrain(built.ravel(sites), data)
+    s = 0.5 * np.exp(-data.phase_angle / 0.1) - 0.5 * data.phase_angle + 1
+    assert found["albedo_area"].sum() == pytest.approx(8 * np.mean(data.brightness))
+    dark = sites | {"log_phase_a": jnp.array(-60.0), "phase_k": jnp.array(0.0)}
+    ratio = built.flux(sites, data) / built.flux(dark, data)
+    np.testing.assert_allclose(ratio, s, rtol=1e-12)
+
+
+def test_search_finds_a_known_ellipsoid():
+    built, data = problem(observed())
+    rows = convex_grid.starts(data, jax.random.key(0), **SMALL)
+    z = jnp.stack([built.ravel(row) for row in rows])
+    best = search.race(built, data, z, 2, Silent()).z[0]
+    found = built.constrain(jnp.asarray(best), data)
+    pole = unit(float(found["pole_lon_deg"]), float(found["pole_lat_deg"]))
+    assert np.degrees(np.arccos(pole @ unit(*POLE_DEG))) < 4.0
+    assert found["period_h"] == pytest.approx(PERIOD_H, abs=3e-4)
+    assert found["sigma"] == pytest.approx(0.005, rel=0.5)
