@@ -64,7 +64,10 @@ def sigmas(results: Results, best: Mode) -> Floats:
             for c in np.unique(results.curve):
                 here = results.curve == c
                 unit[here] = np.mean(np.abs(results.brightness[here]))
-        sigma[unknown] = float(best.draws["sigma"].mean()) * unit[unknown]
+        level = np.full(sigma.size, float(best.draws["sigma"].mean()))
+        if "noise" in best.draws:  # each curve has its own
+            level = best.draws["noise"].mean(("chain", "draw")).to_numpy()[results.curve]
+        sigma[unknown] = (level * unit)[unknown]
     return sigma
 
 

@@ -14,6 +14,7 @@ from lcbayes.epochs import Epochs
 OBSERVED = "brightness"
 Law = Literal["gaussian", "student-t"]
 STUDENT_T_DF = 4.0
+NOISE_SPREAD = 0.5  # sd of the logarithm of a curve's noise about the typical one
 
 
 def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Array:
@@ -53,12 +54,30 @@ def expected(data: Epochs, flux: jax.Array, scale: jax.Array) -> jax.Array:
     return data.zero_point - 2.5 * jnp.log10(jnp.maximum(linear, 0.0) + floor)
 
 
+def noise_levels(data: Epochs) -> jax.Array:
+    """Noise of each curve, (C,), where the file gives no errors.
+
+    ``sigma`` ~ LogNormal(ln 0.03, 1) is the typical level: relative to a curve's mean for fluxes,
+    in magnitudes for magnitudes. Curves come from different nights and telescopes, so with more
+    than one each has its own, ``noise`` = sigma · LogNormal(0, 0.5): otherwise the noisiest of
+    them would set the weight of all.
+    """
+    n_curves = len(data.free_scale)
+    sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(0.03), 1.0)))
+    numpyro.deterministic("sigma", sigma)
+    if n_curves == 1:
+        return sigma[None]
+    spread = dist.Normal(0.0, 1.0).expand([n_curves]).to_event(1)
+    noise = sigma * jnp.exp(NOISE_SPREAD * jnp.asarray(numpyro.sample("noise_unit", spread)))
+    numpyro.deterministic("noise", noise)
+    return noise
+
+
 def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
-    Errors that the file gives are taken as they are. Where it gives none, one noise level
-    ``sigma`` is inferred: relative to the curve's mean level for fluxes, in magnitudes for
-    magnitudes, with prior LogNormal(log 0.03, 1).
+    Errors that the file gives are taken as they are; where it gives none they are inferred, see
+    `noise_levels`.
 
     Parameters
     ----------
@@ -79,9 +98,7 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     if data.has_error:
         sd = data.error
     else:
-        sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(0.03), 1.0)))
-        numpyro.deterministic("sigma", sigma)
-        sd = sigma * data.noise_unit[data.curve]
+        sd = (noise_levels(data) * data.noise_unit)[data.curve]
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

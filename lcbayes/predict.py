@@ -170,6 +170,12 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, mean: Floats
     if fitted.error is not None:
         return np.full(mean.shape, np.median(fitted.error))
     sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
+    if "noise" in posterior:  # a curve that was fitted has a noise level of its own
+        noise = posterior["noise"].values.reshape(-1, fitted.n_curves)[pick]
+        names = {n: i for i, n in enumerate(fitted.curve_names)}
+        each = [names.get(n) for n in wanted.curve_names]
+        levels = np.stack([sigma[:, 0] if i is None else noise[:, i] for i in each], axis=1)
+        sigma = levels[:, wanted.curve]
     return sigma * (np.abs(mean) if fitted.kind == "flux" else np.ones_like(mean))
 
 

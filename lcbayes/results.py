@@ -27,6 +27,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "albedo_area": ("facet",), "log_albedo_area": ("facet",), "phi": ("facet",), "g": ("facet",),
     "normals": ("facet", "xyz"), "normals_base": ("facet", "xyz"),
     "omega": ("axis",), "omega_unit": ("axis",), "scale": ("curve",), "log_level": ("level",),
+    "noise": ("curve",), "noise_unit": ("curve",),
     "coefficients": ("coefficient",),
     "area": ("facet",), "r_diff": ("facet",), "r_spec": ("facet",), "w": ("facet",),
     "nu": ("facet",), "n": ("facet",), "m": ("facet",),
@@ -56,7 +57,16 @@ def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
 
 def reported(names: Mapping[str, Any] | set[str]) -> list[str]:
     """The variables a reader is shown: not those that only carry others."""
-    carried = {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level"}
+    carried = {
+        "normals",
+        "omega_unit",
+        "period_shift",
+        "mode",
+        "expected",
+        "flux",
+        "log_level",
+        "noise_unit",
+    }
     return [
         n
         for n in names

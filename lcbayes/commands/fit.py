@@ -34,8 +34,8 @@ FLAGS = {
 READING = ("format", "tle", "site", "error", "error_floor")
 SETTINGS = {
     "seed": "of every random number (default 0)",
-    "num_warmup": "warm-up draws per chain (default 400)",
-    "num_samples": "draws kept per chain (default 500)",
+    "num_warmup": "warm-up draws per chain (default 200)",
+    "num_samples": "draws kept per chain (default 600)",
     "num_chains": "chains per solution (default 4)",
     "num_starts": "starts of the search (default: by the number of parameters)",
     "max_modes": "solutions to sample at most (default 4)",

@@ -26,8 +26,8 @@ class Settings:
 
     sampler: str = "nuts"
     seed: int = 0
-    num_warmup: int = 400
-    num_samples: int = 500
+    num_warmup: int = 200
+    num_samples: int = 600
     num_chains: int = 4
     num_starts: int = 0
     max_modes: int = 4
