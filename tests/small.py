@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, brightness
+from lcbayes.physics import attitude, brightness, photometry
 
 NORMALS = np.array([[0.8, 0.5, 0.33], [-0.1, 0.75, 0.65]])
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
@@ -77,3 +78,22 @@ def truth(problem: Problem, data: Epochs, n_facets: int, **sites: Any) -> jax.Ar
         "log_sigma": jnp.log(jnp.array(0.03)),
     } | sites
     return problem.ravel(known)
+
+
+def magnitudes(n: int, seed: int = 0) -> LightCurve:
+    """One facet in V magnitudes at 700 km, its noise not told: 0.03 mag."""
+    light = curve(n, noise=1e-9)
+    kept = np.flatnonzero(light.brightness > 0.02 * light.brightness.max())
+    light = light.select(kept)
+    m = photometry.magnitude(
+        jnp.asarray(light.brightness), jnp.asarray(7e5), photometry.sun_magnitude("V")
+    )
+    rng = np.random.default_rng(seed)
+    return replace(
+        light,
+        kind="mag",
+        brightness=np.asarray(m) + 0.03 * rng.standard_normal(len(kept)),
+        error=None,
+        band=np.full(len(kept), "V"),
+        range_km=np.full(len(kept), 700.0),
+    )
