@@ -38,7 +38,12 @@ def main() -> None:
             pulls[name].append((row["mean"] - true) / row["sd"])
         print(f"seed {seed}: {seconds[-1]:.1f} s, inside so far {inside}", flush=True)
     rows = [
-        [name, f"{inside[name]} of {len(SEEDS)}", "16 to 20", f"{np.mean(p):+.2f} ± {np.std(p):.2f}"]
+        [
+            name,
+            f"{inside[name]} of {len(SEEDS)}",
+            "16 to 20",
+            f"{np.mean(p):+.2f} ± {np.std(p):.2f}",
+        ]
         for name, p in pulls.items()
     ]
     found = table(["parameter", "truth inside 90 %", "goal", "(mean − truth)/sd"], rows)

@@ -122,7 +122,7 @@ def test_arviz_reads_it(good):
     import arviz as az
 
     with xr.open_datatree(good[0] / "posterior.nc", engine="h5netcdf") as tree:
-        assert float(az.rhat(tree["posterior"].to_dataset())["g"].max()) < 1.02
+        assert float(az.rhat(tree["posterior"].to_dataset()[["g"]])["g"].max()) < 1.02
 
 
 def test_same_seed_same_numbers(curve, good, tmp_path):
@@ -170,16 +170,28 @@ def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     assert "dimmer" in capsys.readouterr().out
     shutil.move("out/run.toml", "run.toml")
     main(["fit", "--config", "run.toml", "-o", "again", "--no-report"])
-    np.testing.assert_array_equal(
-        posterior(Path("out"))["size"], posterior(Path("again"))["size"]
-    )
+    np.testing.assert_array_equal(posterior(Path("out"))["size"], posterior(Path("again"))["size"])
 
 
 def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
     light = small.magnitudes(40)
     write(light, tmp_path / "mag.csv")
     out = tmp_path / "out"
-    assert main(["fit", str(tmp_path / "mag.csv"), "-o", str(out), *GOOD, "--no-report"]) == 0
+    assert (
+        main(
+            [
+                "fit",
+                str(tmp_path / "mag.csv"),
+                "-o",
+                str(out),
+                *GOOD,
+                "--num-samples",
+                "400",
+                "--no-report",
+            ]
+        )
+        == 0
+    )
     summary = json.loads((out / "summary.json").read_text())
     assert summary["fit"]["rms_unit"] == "mag"
     area = summary["parameters"]["albedo_area[0]"]
@@ -189,7 +201,7 @@ def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
 def test_predict_writes_a_csv(curve, good, tmp_path):
     out = tmp_path / "later.csv"
     assert main(["predict", str(good[0]), str(curve), "-o", str(out)]) == EXIT_DONE
-    rows = list(csv.DictReader(out.open()))
+    rows = list(csv.DictReader(out.read_text().splitlines()))
     assert len(rows) == 40
     names = ["flux_q05", "flux_q25", "flux_mean", "flux_q75", "flux_q95"]
     table = np.array([[float(r[n]) for n in names] for r in rows])

@@ -31,9 +31,7 @@ def inside() -> dict[str, list[bool]]:
     entry = gallery.find("faceted")
     settings = Settings(num_warmup=200, num_samples=250)
     what = scenario.load("one-facet")
-    problem = Problem(
-        entry.bind({"n_facets": 1, "spin": "none"}), Epochs.of(simulate(what)[0])
-    )
+    problem = Problem(entry.bind({"n_facets": 1, "spin": "none"}), Epochs.of(simulate(what)[0]))
     order = FacetOrder(problem, entry.facet_sites)
     sampler = Sampler(problem, settings, 2)
     draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))

@@ -73,9 +73,7 @@ def test_potential_does_not_know_the_order_of_facets(two):
     z = np.asarray(small.truth(problem, data, 2))
     swapped = FacetOrder(problem, SITES).by_size(z, np.array([1.0, 2.0]))
     assert not np.array_equal(z, swapped)
-    np.testing.assert_allclose(
-        *potentials(problem)(jnp.stack([swapped, z]), data), rtol=1e-12
-    )
+    np.testing.assert_allclose(*potentials(problem)(jnp.stack([swapped, z]), data), rtol=1e-12)
 
 
 def test_facets_are_matched_to_a_reference(two):
