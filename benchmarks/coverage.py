@@ -23,7 +23,7 @@ NAMES = {"albedo_area": "albedo_area_m2", "phi": "phi", "g": "g"}
 
 def main() -> None:
     what = scenario.load("one-facet")
-    inside = {name: 0 for name in NAMES}
+    inside = dict.fromkeys(NAMES, 0)
     pulls: dict[str, list[float]] = {name: [] for name in NAMES}
     trusted, seconds = 0, []
     for seed in SEEDS:
@@ -50,7 +50,8 @@ def main() -> None:
     write_section(
         "Coverage: one facet, two passes",
         "python benchmarks/coverage.py",
-        f"Scenario `one-facet` (Linares & Crassidis, sec. VII.A), noise seeds 0 to 19.\n\n{found}\n\n"
+        f"Scenario `one-facet` (Linares & Crassidis, sec. VII.A), noise seeds 0 to 19.\n\n"
+        f"{found}\n\n"
         f"{trusted} of {len(SEEDS)} fits converged; {np.median(seconds):.1f} s per fit (median), "
         "of which the chains take 0.2 s and the rest is tracing and compiling.",
     )

@@ -62,12 +62,12 @@ def one_facet():
     found = fit.run(
         light, gallery.find("faceted"), options, settings, Checkpoint(None, {}), Silent()
     )
-    return light, options, found
+    return found
 
 
 def test_one_facet_posterior_against_quadrature(one_facet):
     """Evidence and means of α, u by a grid over the sphere and ln α."""
-    light, options, found = one_facet
+    found = one_facet
     problem, data = found.problem, found.data
     assert len(found.modes) == 1
     # Integrate over directions and ln α: the radius carries nothing, its density integrates to 1.
@@ -111,7 +111,7 @@ def test_one_facet_posterior_against_quadrature(one_facet):
 
 def test_hits_are_counted_along_a_ridge(one_facet):
     """Ends within the draws of a mode are its own, however far apart by the local metric."""
-    light, options, found = one_facet
+    found = one_facet
     problem, data = found.problem, found.data
     rng = np.random.default_rng(0)
     # A ridge ten times longer than the metric at its optimum tells.

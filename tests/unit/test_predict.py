@@ -51,7 +51,7 @@ def test_intervals_hold_what_was_recorded(light, draws):
 
 
 def test_mean_is_the_models(light):
-    """At one draw without spread the mean is what the model expects, also in parts of the epochs."""
+    """At one draw without spread the mean is what the model expects, also in a part of them."""
     problem, data = small.posed(light, **ONE)
     z = small.truth(problem, data, 1)
     sites = {k: np.asarray(v)[None, None] for k, v in problem.constrain(z, data).items()
@@ -99,8 +99,9 @@ def test_an_unknown_scale_is_relative_and_said_so(light):
     np.testing.assert_allclose(width, 3.29 * 0.05, rtol=0.25)
 
 
-def test_inferred_noise_is_that_of_the_curve(light):
+def test_inferred_noise_is_that_of_the_curve():
     """The same at every epoch, in proportion to the mean of the curve: dark ones scatter too."""
+    light = small.curve(200)
     quiet = replace(light, error=None)
     draws = posterior(quiet)
     columns, _ = predict(draws, quiet, quiet, "faceted", ONE)

@@ -139,7 +139,7 @@ def test_replicates_have_the_moments_of_the_likelihood():
     assert np.all(np.abs(y.std(0) / sd - 1) < 5 / np.sqrt(8000))
 
 
-def no_observation(data):
+def no_observation(data):  # noqa: ARG001
     numpyro.sample("x", dist.Normal(0, 1))
 
 
