@@ -79,7 +79,7 @@ def test_facets_have_no_order(posed):
     if order.n_facets < 2:
         pytest.skip("its facets have places")
     z = np.asarray(problem.prior_draw(jax.random.key(3), data))
-    swapped = order.by_size(z, np.arange(order.n_facets))
+    swapped = order.by_size(z, np.arange(float(order.n_facets)))
     assert not np.array_equal(z, swapped)
     potential = jax.jit(problem.potential)
     np.testing.assert_allclose(potential(swapped, data), potential(z, data), rtol=1e-12)

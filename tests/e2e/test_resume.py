@@ -71,7 +71,7 @@ def assert_same_numbers(a: Path, b: Path) -> None:
         compared = 0
         for node in one.subtree:
             for name, values in node.data_vars.items():
-                other = two[node.path][name]
+                other = two[node.path].data_vars[name]
                 np.testing.assert_array_equal(values.values, other.values, f"{node.path}/{name}")
                 compared += 1
     assert compared > 20

@@ -86,7 +86,7 @@ def test_fisher_is_the_expected_curvature(name):
 def test_prior_precision_of_gaussian_sites_is_theirs():
     problem, data = small.posed(small.curve(12), n_facets=1, log_area_sd=0.5)
     z = small.truth(problem, data, 1)
-    index = problem.unravel(np.arange(float(problem.dim)))
+    index = problem.unravel(jnp.arange(float(problem.dim)))
     found = np.asarray(jax.jit(problem.prior_precision)(z, data))
     omega, area = (index[k].astype(int) for k in ("omega_unit", "log_albedo_area"))
     np.testing.assert_allclose(found[np.ix_(omega, omega)], np.eye(3), atol=1e-8)

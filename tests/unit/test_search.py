@@ -139,4 +139,4 @@ def test_residuals_are_relative_to_each_curve(one):
     y = np.asarray(data.brightness)
     mean = np.asarray(jax.jit(problem.moments)(z, data).mean)
     want = np.sqrt(np.mean(((y - mean) / np.abs(y).mean()) ** 2))
-    np.testing.assert_allclose(solutions.residual_rms(problem, z, data), want)
+    np.testing.assert_allclose(solutions.residual_rms(problem, np.asarray(z), data), want)
