@@ -270,6 +270,9 @@ def _alone_in(out: str | Path | None) -> Iterator[Path | None]:
             raise InputError(
                 f"another run is writing into {folder}; wait for it or choose another with -o"
             ) from None
+        for name in ("posterior.nc", "summary.json", "run.toml"):
+            for scratch in folder.glob(f".{name}-*"):  # of a run that was killed while writing
+                scratch.unlink(missing_ok=True)
         yield folder
 
 

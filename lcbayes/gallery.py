@@ -202,7 +202,11 @@ def find(name: str) -> Entry:
             "options by keyword: def model(data, *, option=default)"
         )
     entry = Entry(name, module)
-    for option in entry.options.values():
+    try:
+        options = entry.options.values()
+    except Exception as fault:  # an annotation that names nothing
+        raise InputError(f"{name}: the types of model's options cannot be read: {fault}") from fault
+    for option in options:
         if option.type not in (bool, int, float, str):
             raise InputError(
                 f"{name}: the option {option.name!r} needs a type, one of bool, int, float, str: "

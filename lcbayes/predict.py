@@ -91,8 +91,8 @@ def predict(
         )
     mean = np.concatenate(parts, axis=1)
     if own_level.any():
-        mean = _relative(mean, wanted, own_level)
-    sd = _noise(posterior, fitted, wanted, pick, mean)
+        mean = _relative(mean, wanted, own_level, fitted.kind)
+    sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
     rng = np.random.default_rng(seed)
     drawn = mean + sd * rng.standard_normal(mean.shape)
     name = fitted.kind
@@ -156,27 +156,38 @@ def _scales(
     return scale, notes, own
 
 
-def _relative(mean: Floats, wanted: LightCurve, own) -> Floats:
+def _relative(mean: Floats, wanted: LightCurve, own, kind: str) -> Floats:
+    """Curves of unknown scale against their own mean: fluxes over it, magnitudes less it."""
     mean = mean.copy()
     for j in np.flatnonzero(own):
         here = wanted.curve == j
-        mean[:, here] /= mean[:, here].mean(axis=1, keepdims=True)
+        level = mean[:, here].mean(axis=1, keepdims=True)
+        mean[:, here] = mean[:, here] / level if kind == "flux" else mean[:, here] - level
     return mean
 
 
-def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, mean: Floats) -> Floats:
+def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) -> Floats:
+    """Standard deviation of what would be recorded, (S, T).
+
+    The noise level of a fit is relative to the mean of the curve it was seen in; it is the same
+    at every epoch, the dark ones too.
+    """
     if wanted.error is not None:
-        return np.broadcast_to(wanted.error, mean.shape)
+        return np.broadcast_to(wanted.error, shape)
+    unit = np.asarray(Epochs.of(fitted).noise_unit)
     if fitted.error is not None:
-        return np.full(mean.shape, np.median(fitted.error))
+        relative = np.median(fitted.error / unit[fitted.curve])
+        each = np.where(own, relative, np.median(fitted.error))
+        return np.broadcast_to(each[wanted.curve], shape)
+    names = {n: i for i, n in enumerate(fitted.curve_names)}
+    each = [unit[names[n]] if n in names else unit.mean() for n in wanted.curve_names]
     sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
-    if "noise" in posterior:  # a curve that was fitted has a noise level of its own
+    if "noise" in posterior:  # a curve that was fitted has a level of its own
         noise = posterior["noise"].values.reshape(-1, fitted.n_curves)[pick]
-        names = {n: i for i, n in enumerate(fitted.curve_names)}
-        each = [names.get(n) for n in wanted.curve_names]
-        levels = np.stack([sigma[:, 0] if i is None else noise[:, i] for i in each], axis=1)
-        sigma = levels[:, wanted.curve]
-    return sigma * (np.abs(mean) if fitted.kind == "flux" else np.ones_like(mean))
+        known = [names.get(n) for n in wanted.curve_names]
+        columns = [sigma[:, 0] if i is None else noise[:, i] for i in known]
+        sigma = np.stack(columns, axis=1)[:, wanted.curve]
+    return sigma * np.where(own, 1.0, each)[wanted.curve]
 
 
 def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -1,0 +1,108 @@
+"""Every built-in model keeps the contract that a user's file must keep."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pytest
+import small
+
+from lcbayes import gallery
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference.problem import Problem
+
+LIGHT = small.curve(24, 2, error=None, free_scale=np.array([True]))
+NEEDED = {"convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2}}
+OPTIONS = [
+    *[(name, NEEDED.get(name, {})) for name in gallery.BUILT_IN],
+    ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
+    ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
+]
+
+
+@pytest.fixture(scope="module", params=OPTIONS, ids=lambda p: " ".join(map(str, p)))
+def posed(request):
+    name, given = request.param
+    entry = gallery.find(name)
+    options = entry.check(given)
+    data = Epochs.of(LIGHT)
+    return entry, options, data, Problem(entry.bind(options), data)
+
+
+@pytest.mark.parametrize("name", gallery.BUILT_IN)
+def test_signature(name):
+    entry = gallery.find(name)
+    assert entry.summary
+    assert len(entry.summary) < 90  # a line of `lcbayes models`
+    assert inspect.getdoc(entry.model)
+    kinds = [p.kind for p in inspect.signature(entry.model).parameters.values()]
+    assert kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) == 1
+    for option in entry.options.values():
+        assert option.type in (bool, int, float, str)
+        assert option.required or isinstance(option.default, option.type)
+    required = {o.name for o in entry.options.values() if o.required}
+    assert required == set(NEEDED.get(name, {})) & required
+
+
+def test_density_and_gradient_are_finite_at_prior_draws(posed):
+    *_, data, problem = posed
+
+    @jax.jit
+    def density(keys, data):
+        def one(key):
+            return jax.value_and_grad(problem.potential)(problem.prior_draw(key, data), data)
+
+        return jax.lax.map(one, keys)
+
+    value, slope = density(jax.random.split(jax.random.key(1), 100), data)
+    assert np.all(np.isfinite(value))
+    assert np.all(np.isfinite(slope))
+
+
+def test_records_what_the_report_knows(posed):
+    entry, _, data, problem = posed
+    z = problem.prior_draw(jax.random.key(2), data)
+    sites = jax.eval_shape(problem.constrain, z, data)
+    assert {"flux", "expected", "albedo_area", "scale", "sigma"} <= sites.keys()
+    assert sites["flux"].shape == sites["expected"].shape == data.t.shape
+    assert set(entry.facet_sites) & set(problem.names) or not entry.facet_sites
+
+
+def test_facets_have_no_order(posed):
+    """Permuting the sites that the model calls the facets' leaves the posterior unchanged."""
+    from lcbayes.inference.facet_order import FacetOrder
+
+    entry, _, data, problem = posed
+    order = FacetOrder(problem, entry.facet_sites)
+    if order.n_facets < 2:
+        pytest.skip("its facets have places")
+    z = np.asarray(problem.prior_draw(jax.random.key(3), data))
+    swapped = order.by_size(z, np.arange(float(order.n_facets)))
+    assert not np.array_equal(z, swapped)
+    potential = jax.jit(problem.potential)
+    np.testing.assert_allclose(potential(swapped, data), potential(z, data), rtol=1e-12)
+
+
+def test_starts_are_points_of_the_model(posed):
+    entry, options, data, problem = posed
+    hook = entry.hook("starts")
+    if hook is None:
+        pytest.skip("searches from the prior")
+    rows = jnp.stack([problem.ravel(s) for s in hook(data, jax.random.key(4), **options)])
+    assert np.all(np.isfinite(jax.jit(jax.vmap(problem.potential, (0, None)))(rows, data)))
+
+
+def test_coordinates_lead_there_and_back(posed):
+    """The other coordinates reach the same sites, and differ in density by their Jacobian alone."""
+    entry, options, data, problem = posed
+    hook = entry.hook("coordinates")
+    if hook is None:
+        pytest.skip("samples in NumPyro's own coordinates")
+    other = Problem(entry.bind(options), data, hook(data, **options))
+    z = problem.prior_draw(jax.random.key(5), data)
+    sites = problem.constrain(z, data)
+    back = other.constrain(other.ravel(sites), data)
+    for name in problem.names:
+        np.testing.assert_allclose(back[name], sites[name], rtol=1e-6, atol=1e-8)

@@ -1,0 +1,280 @@
+"""The main job from the command line: files in, files out, and the exit status."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small
+import xarray as xr
+
+from lcbayes.cli import main
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.io import write
+
+GOOD = ("--n-facets", "1", "--spin", "none", "--num-warmup", "200", "--num-samples", "250",
+        "--num-starts", "16")  # fmt: skip
+POOR = ("--n-facets", "1", "--spin", "none", "--num-warmup", "10", "--num-samples", "20",
+        "--num-starts", "8", "--num-chains", "2")  # fmt: skip
+GROUPS = {
+    "posterior", "sample_stats", "log_likelihood", "posterior_predictive", "prior",
+    "observed_data", "constant_data", "modes/0",
+}  # fmt: skip
+KEYS = {
+    "": {"model", "n_facets", "n_obs", "seed", "converged", "reasons", "max_rhat", "min_ess_bulk",
+         "min_ess_tail", "divergences", "parameters", "modes", "fit", "timing"},
+    "parameters": {"mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk"},
+    "fit": {"rms", "chi2", "dof", "elpd_loo", "elpd_se", "log_evidence", "log_evidence_se"},
+    "timing": {"compile_s", "warmup_s", "sampling_s", "gradients"},
+}  # fmt: skip
+MINE = '''
+import numpyro
+import numpyro.distributions as dist
+from lcbayes import noise
+from lcbayes._jax import jnp
+
+SUMMARY = "a ball"
+
+def model(data, *, depth: float = 1.0, dimmer: bool = False):
+    """A diffuse ball of unknown size."""
+    size = numpyro.sample("size", dist.LogNormal(0.0, 1.0))
+    noise.observe(data, size * depth * (1 + jnp.cos(data.phase_angle)))
+'''
+
+
+@pytest.fixture(scope="module")
+def curve(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("curve") / "curve.csv"
+    write(small.curve(40), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def good(curve) -> tuple[Path, int]:
+    out = curve.parent / "good"
+    return out, main(["fit", str(curve), "-o", str(out), "--seed", "5", *GOOD])
+
+
+def posterior(folder: Path, group: str = "posterior") -> dict[str, np.ndarray]:
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        return {str(k): v.values for k, v in tree[group].data_vars.items()}
+
+
+def assert_same(a: Path, b: Path) -> None:
+    one, two = posterior(a), posterior(b)
+    assert one.keys() == two.keys()
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, two[name], name)
+    kept = [json.loads((x / "summary.json").read_text()) for x in (a, b)]
+    for summary in kept:
+        del summary["timing"]
+    assert kept[0] == kept[1]
+
+
+def test_done_with_every_file(good):
+    out, status = good
+    assert status == EXIT_DONE
+    made = {p.name for p in out.iterdir()}
+    assert {"posterior.nc", "summary.json", "run.toml", "report.html", "figures",
+            "checkpoint"} <= made  # fmt: skip
+    assert not list((out / "checkpoint").iterdir())
+
+
+def test_finds_the_truth(good):
+    found = posterior(good[0])
+    area = found["albedo_area"]
+    assert abs(area.mean() - small.AREAS[0]) < 4 * area.std()
+    np.testing.assert_allclose(np.linalg.norm(found["normals"], axis=-1), 1.0)
+
+
+def test_summary_has_the_keys_of_the_design(good):
+    summary = json.loads((good[0] / "summary.json").read_text())
+    assert KEYS[""] <= summary.keys()
+    assert KEYS["fit"] <= summary["fit"].keys()
+    assert KEYS["timing"] <= summary["timing"].keys()
+    for row in summary["parameters"].values():
+        assert KEYS["parameters"] <= row.keys()
+    assert summary["modes"][0]["weight"] == 1.0
+    assert summary["converged"] is True
+    assert summary["reasons"] == []
+    assert summary["fit"]["dof"] == 40 - 4
+
+
+def test_posterior_has_the_groups_of_the_design(good):
+    with xr.open_datatree(good[0] / "posterior.nc", engine="h5netcdf") as tree:
+        assert {n.path.strip("/") for n in tree.subtree} >= GROUPS
+        chains = {"chain": 4, "draw": 250}
+        assert dict(tree["posterior"]["albedo_area"].sizes) == chains | {"facet": 1}
+        for group in ("log_likelihood", "posterior_predictive"):
+            assert dict(tree[group]["brightness"].sizes) == chains | {"time": 40}
+        assert np.all(tree["posterior"]["mode"] == 0)
+        stats = tree["modes/0/sample_stats"]
+        assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats.data_vars)
+
+
+def test_arviz_reads_it(good):
+    import arviz as az
+
+    with xr.open_datatree(good[0] / "posterior.nc", engine="h5netcdf") as tree:
+        assert float(az.rhat(tree["posterior"].to_dataset()[["g"]])["g"].max()) < 1.02
+
+
+def test_same_seed_same_numbers(curve, good, tmp_path):
+    main(["fit", str(curve), "-o", str(tmp_path / "b"), "--seed", "5", *GOOD, "--no-report"])
+    assert_same(good[0], tmp_path / "b")
+
+
+def test_config_gives_the_same_numbers(good, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # run.toml must not lean on the folder it was made in
+    assert main(["fit", "--config", str(good[0] / "run.toml"), "-o", "again", "--no-report"]) == 0
+    assert_same(good[0], tmp_path / "again")
+
+
+def test_another_seed_gives_others(curve, good, tmp_path):
+    main(["fit", str(curve), "-o", str(tmp_path), "--seed", "6", *GOOD, "--no-report"])
+    assert not np.array_equal(posterior(tmp_path)["g"], posterior(good[0])["g"])
+
+
+def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):
+    status = main(["fit", str(curve), "-o", str(tmp_path), *POOR])
+    assert status == EXIT_NOT_TRUSTED
+    assert capsys.readouterr().out.startswith("DO NOT TRUST THIS RESULT")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["converged"] is False
+    assert any("--num-samples" in reason for reason in summary["reasons"])
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert summary["reasons"][0].split(":")[0] in html
+
+
+def test_json_is_the_summary(curve, tmp_path, capsys):
+    main(["fit", str(curve), "-o", str(tmp_path), *POOR, "--no-report", "--json"])
+    said = capsys.readouterr()
+    assert json.loads(said.out) == json.loads((tmp_path / "summary.json").read_text())
+    assert said.err == ""
+
+
+def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(MINE)
+    flags = ["--set", "depth=0.5", "--set", "dimmer=true", *POOR[4:], "--no-report"]
+    status = main(["fit", str(curve), "-o", "out", "--model", "./mine.py", *flags])
+    assert status == EXIT_NOT_TRUSTED  # a ball does not explain a facet
+    assert "size" in posterior(Path("out"))
+    assert main(["models", "./mine.py"]) == EXIT_DONE
+    assert "dimmer" in capsys.readouterr().out
+    shutil.move("out/run.toml", "run.toml")
+    main(["fit", "--config", "run.toml", "-o", "again", "--no-report"])
+    np.testing.assert_array_equal(posterior(Path("out"))["size"], posterior(Path("again"))["size"])
+
+
+def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
+    light = small.magnitudes(40)
+    write(light, tmp_path / "mag.csv")
+    out = tmp_path / "out"
+    assert (
+        main(
+            [
+                "fit",
+                str(tmp_path / "mag.csv"),
+                "-o",
+                str(out),
+                *GOOD,
+                "--num-samples",
+                "400",
+                "--no-report",
+            ]
+        )
+        == 0
+    )
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["fit"]["rms_unit"] == "mag"
+    area = summary["parameters"]["albedo_area[0]"]
+    assert area["q05"] - 3 * area["sd"] < small.AREAS[0] < area["q95"] + 3 * area["sd"]
+
+
+def test_predict_writes_a_csv(curve, good, tmp_path):
+    out = tmp_path / "later.csv"
+    assert main(["predict", str(good[0]), str(curve), "-o", str(out)]) == EXIT_DONE
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert len(rows) == 40
+    names = ["flux_q05", "flux_q25", "flux_mean", "flux_q75", "flux_q95"]
+    table = np.array([[float(r[n]) for n in names] for r in rows])
+    assert np.all(np.diff(table[:, [0, 1, 3, 4]], axis=1) > 0)
+    again = tmp_path / "again.csv"
+    main(["predict", str(good[0]), str(curve), "-o", str(again)])
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_predict_needs_the_fitted_curve_as_it_was(curve, good, tmp_path, capsys):
+    folder = tmp_path / "out"
+    shutil.copytree(good[0], folder)
+    moved = tmp_path / "curve.csv"
+    moved.write_text(curve.read_text().replace("0.0,", "0.001,", 1))
+    text = (folder / "run.toml").read_text().replace(str(curve), str(moved))
+    (folder / "run.toml").write_text(text)
+    assert main(["predict", str(folder), str(curve), "-o", str(tmp_path / "p.csv")]) == 2
+    assert "has changed since it was fitted" in capsys.readouterr().err
+    assert not (tmp_path / "p.csv").exists()
+
+
+def test_one_run_at_a_time_in_a_folder(curve, tmp_path, capsys):
+    with open(tmp_path / ".lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert main(["fit", str(curve), "-o", str(tmp_path), *POOR]) == EXIT_BAD_INPUT
+    assert "another run is writing" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == [".lock"]
+
+
+def test_a_file_in_place_of_the_folder(curve, tmp_path, capsys):
+    (tmp_path / "taken").write_text("mine")
+    assert main(["fit", str(curve), "-o", str(tmp_path / "taken"), *POOR]) == EXIT_BAD_INPUT
+    assert "choose another with -o" in capsys.readouterr().err
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
+    tmp_path.chmod(0o500)
+    assert main(["fit", str(curve), "-o", str(tmp_path / "out"), *POOR]) == EXIT_BAD_INPUT
+    assert "choose another with -o" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--model", "convex"], "unknown model 'convex'; available: faceted"),
+        (["--model", "./none.py"], "model file ./none.py does not exist"),
+        (["--model", "convex-grid"], "needs 'period'; give it with --period"),
+        (["--law", "mirror"], "unknown diffuse law 'mirror'; available"),
+        (["--noise", "cauchy"], "unknown noise 'cauchy'; available"),
+        (["--spin", "sideways"], "unknown spin 'sideways'; available"),
+        (["--n-facets", "0"], "n_facets is 0; give a whole number"),
+        (["--set", "omega_sd"], "expected NAME=VALUE"),
+        (["--set", "omega_sd=fast"], "'omega_sd' of model 'faceted' is 'fast'; expected float"),
+        (["--set", "colour=red"], "no option 'colour'; available"),
+        (["--sampler", "gibbs"], "unknown sampler 'gibbs'; available"),
+        (["--num-samples", "3"], "--num-samples is 3; give a whole number >= 10"),
+        (["--seed", "-1"], "--seed is -1"),
+        (["--config", "none.toml"], "none.toml"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_told_in_one_line(curve, tmp_path, capsys, flags, says):
+    assert main(["fit", str(curve), "-o", str(tmp_path / "out"), *flags]) == EXIT_BAD_INPUT
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out" / "posterior.nc").exists()
+
+
+@pytest.mark.parametrize("flags", [["fit"], ["fit", "x.csv"], ["predict", ".", "x", "-o", "y"]])
+def test_what_is_missing_is_asked_for(flags, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(flags) == EXIT_BAD_INPUT
+    assert "give" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

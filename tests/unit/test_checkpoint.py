@@ -1,0 +1,93 @@
+"""What is left of a stopped run, and whose it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes.errors import InputError
+from lcbayes.fitting import _alone_in, to_toml
+
+IDENTITY = {"seed": 1, "model": "faceted"}
+
+
+def test_arrays_come_back_bit_for_bit(tmp_path):
+    kept = {"z": np.random.default_rng(0).standard_normal((3, 2)), "n": np.arange(3)}
+    Checkpoint(tmp_path / "c", IDENTITY).save("a", kept)
+    again = Checkpoint(tmp_path / "c", IDENTITY)
+    assert again.resumed
+    found = again.load("a")
+    assert found is not None
+    for name, values in kept.items():
+        np.testing.assert_array_equal(found[name], values)
+        assert found[name].dtype == values.dtype
+    assert again.load("b") is None
+
+
+def test_another_identity_starts_afresh(tmp_path):
+    Checkpoint(tmp_path / "c", IDENTITY).save("a", {"z": np.zeros(1)})
+    other = Checkpoint(tmp_path / "c", IDENTITY | {"seed": 2})
+    assert not other.resumed
+    assert other.load("a") is None
+    assert not Checkpoint(tmp_path / "c", IDENTITY).resumed  # nor does the first come back
+
+
+def test_finishing_empties(tmp_path):
+    checkpoint = Checkpoint(tmp_path / "c", IDENTITY)
+    checkpoint.save("a", {"z": np.zeros(1)})
+    checkpoint.finish()
+    assert not Checkpoint(tmp_path / "c", IDENTITY).resumed
+
+
+def test_without_a_folder_nothing_is_kept():
+    checkpoint = Checkpoint(None, IDENTITY)
+    checkpoint.save("a", {"z": np.zeros(1)})
+    assert checkpoint.load("a") is None
+    assert not checkpoint.resumed
+    checkpoint.finish()
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "result.txt"
+    path.write_text("old")
+
+    def broken(scratch):
+        scratch.write_text("half")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_atomic(path, broken)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+    write_atomic(path, lambda p: None if p.write_text("new") else None)
+    assert path.read_text() == "new"
+
+
+def test_no_pickle_is_read(tmp_path):
+    checkpoint = Checkpoint(tmp_path / "c", IDENTITY)
+    np.savez(tmp_path / "c" / "a.npz", z=np.array([{"an": "object"}], dtype=object))
+    with pytest.raises(ValueError, match="pickle"):
+        checkpoint.load("a")
+
+
+def test_leftovers_of_a_kill_are_swept(tmp_path):
+    (tmp_path / ".posterior.nc-abc123.nc").write_text("half")
+    (tmp_path / "posterior.nc").write_text("whole")
+    with _alone_in(tmp_path), pytest.raises(InputError, match="another run"), _alone_in(tmp_path):
+        pass
+    assert {p.name for p in tmp_path.iterdir()} == {".lock", "posterior.nc"}
+
+
+def test_toml_comes_back(tmp_path):
+    from lcbayes._toml import read_toml
+
+    content = {
+        "curve": 'a "quoted" \\ näme\n.csv', "n": 3, "yes": True, "x": 1e-300, "inf": float("inf"),
+        "array": np.float64(0.1), "count": np.int64(7),
+        "options": {"period": 5.76198, "law": "lambertian", "no": False}, "empty": {},
+    }  # fmt: skip
+    (tmp_path / "run.toml").write_text(to_toml(content))
+    found = read_toml(tmp_path / "run.toml").values
+    assert found == content
+    assert found["yes"] is True

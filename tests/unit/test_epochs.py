@@ -1,0 +1,59 @@
+"""What models see of a light curve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import small
+
+from lcbayes.epochs import Epochs
+from lcbayes.physics import photometry
+
+
+def test_time_starts_at_the_first_point():
+    light = small.curve(10)
+    light = replace(light, t=light.t + 1234.5)
+    data = Epochs.of(light)
+    np.testing.assert_allclose(data.t, np.linspace(0, 60, 10))
+    assert (float(data.t_middle), float(data.t_span)) == (30.0, 60.0)
+
+
+def test_time_origin_is_the_fitted_curves():
+    """Epochs to predict are counted from the fitted curve's first point, over any epoch_jd."""
+    fitted = replace(small.curve(10), epoch_jd=2460000.5)
+    later = replace(small.curve(4), epoch_jd=2460001.5, t=np.array([100.0, 110.0, 120.0, 130.0]))
+    data = Epochs.of(later, fitted)
+    np.testing.assert_allclose(data.t, 86400.0 + later.t)
+    assert (float(data.t_middle), float(data.t_span)) == (30.0, 60.0)
+
+
+def test_fitted_sets_the_kind():
+    mag = small.curve(
+        5, kind="mag", brightness=np.full(5, 6.0), error=None, range_km=np.full(5, 700.0)
+    )
+    flux = small.curve(5, range_km=np.full(5, 700.0))
+    assert Epochs.of(flux, mag).kind == "mag"
+    np.testing.assert_allclose(Epochs.of(flux, mag).dilution, 1 / 7e5**2)
+    np.testing.assert_allclose(
+        Epochs.of(mag, flux).dilution, photometry.SOLAR_FLUX_VISIBLE / 7e5**2
+    )
+
+
+def test_levels_make_a_unit_scale_ordinary():
+    """An unknown scale is counted from the curve's mean, whatever unit the file is in."""
+    light = small.curve(6, free_scale=np.array([True]))
+    data = Epochs.of(replace(light, brightness=1e5 * light.brightness, error=1e5 * light.error))
+    np.testing.assert_allclose(data.level, [1e5 * light.brightness.mean()])
+    np.testing.assert_allclose(data.noise_unit, data.level)
+    known = Epochs.of(replace(light, free_scale=np.array([False])))
+    np.testing.assert_array_equal(known.level, [1.0])
+
+
+def test_a_band_without_a_tabled_sun_is_taken_for_v():
+    light = small.curve(
+        4, kind="mag", brightness=np.full(4, 6.0), error=None, range_km=np.full(4, 700.0),
+        band=np.array(["V", "R", "Clear", ""]),
+    )  # fmt: skip
+    v, r = photometry.sun_magnitude("V"), photometry.sun_magnitude("R")
+    np.testing.assert_array_equal(Epochs.of(light).zero_point, [v, r, v, v])

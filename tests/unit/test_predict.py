@@ -1,0 +1,137 @@
+"""Brightness for other epochs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import small
+
+from lcbayes._jax import jax, jnp
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+from lcbayes.predict import load, predict
+from lcbayes.results import dataset
+
+ONE = {"n_facets": 1, "spin": "none"}
+
+
+def posterior(light: LightCurve, n: int = 300, **options):
+    """Draws from the Gaussian at the truth: what chains would give, without running them."""
+    problem, data = small.posed(light, **(ONE | options))
+    z0 = small.truth(problem, data, 1)
+    fisher = jax.jit(problem.fisher)(z0, data)
+    factor = jnp.linalg.inv(jnp.linalg.cholesky(fisher)).T
+    z = z0 + jax.random.normal(jax.random.key(0), (n, problem.dim)) @ factor.T
+    sites = jax.jit(lambda z, d: jax.lax.map(lambda row: problem.constrain(row, d), z))(z, data)
+    kept = {k: np.asarray(v)[None] for k, v in sites.items() if k not in ("flux", "expected")}
+    return dataset(kept)
+
+
+@pytest.fixture(scope="module")
+def light() -> LightCurve:
+    return small.curve(200, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def draws(light):
+    return posterior(light)
+
+
+def test_intervals_hold_what_was_recorded(light, draws):
+    columns, notes = predict(draws, light, light, "faceted", ONE)
+    inside = (columns["flux_q05"] < light.brightness) & (light.brightness < columns["flux_q95"])
+    half = (columns["flux_q25"] < light.brightness) & (light.brightness < columns["flux_q75"])
+    # binomial, n = 200: outside these but once in 500 sets of noise
+    assert 0.83 < inside.mean() < 0.96
+    assert 0.39 < half.mean() < 0.61
+    assert notes == []
+    assert set(columns) == {f"flux_{k}" for k in ("mean", "q05", "q25", "q75", "q95")}
+
+
+def test_mean_is_the_models(light):
+    """At one draw without spread the mean is what the model expects, also in a part of them."""
+    problem, data = small.posed(light, **ONE)
+    z = small.truth(problem, data, 1)
+    sites = {k: np.asarray(v)[None, None] for k, v in problem.constrain(z, data).items()
+             if k not in ("flux", "expected")}  # fmt: skip
+    columns, _ = predict(dataset(sites), light, light, "faceted", ONE)
+    want = jax.jit(problem.moments)(z, data).mean
+    np.testing.assert_allclose(columns["flux_mean"], want, rtol=1e-12)
+    some = light.select(np.arange(50, 90))
+    columns, _ = predict(dataset(sites), light, some, "faceted", ONE)
+    np.testing.assert_allclose(columns["flux_mean"], want[50:90], rtol=1e-12)
+
+
+def test_a_turning_body_is_predicted_on_the_fits_clock():
+    light = replace(small.curve(40, spinning=True), epoch_jd=2460000.5)
+    options = {"n_facets": 1, "spin": "free"}
+    draws = posterior(light, 2, spin="free")
+    whole, _ = predict(draws, light, light, "faceted", options)
+    later = light.select(np.arange(25, 40))
+    moved = replace(later, t=later.t - 8640.0, epoch_jd=2460000.6)
+    part, _ = predict(draws, light, moved, "faceted", options)
+    # a Julian date resolves 40 µs
+    np.testing.assert_allclose(part["flux_mean"], whole["flux_mean"][25:], rtol=1e-5, atol=1e-6)
+
+
+def test_free_scales_are_carried_to_the_curve_of_that_name(light):
+    unknown = replace(
+        light, brightness=50 * light.brightness, error=50 * light.error,
+        free_scale=np.array([True]),
+    )  # fmt: skip
+    draws = posterior(unknown)
+    columns, notes = predict(draws, unknown, unknown, "faceted", ONE)
+    inside = (columns["flux_q05"] < unknown.brightness) & (unknown.brightness < columns["flux_q95"])
+    assert inside.mean() > 0.83
+    assert notes == []
+
+
+def test_an_unknown_scale_is_relative_and_said_so(light):
+    unknown = replace(light, free_scale=np.array([True]), curve_names=("a",))
+    other = replace(light, free_scale=np.array([True]), curve_names=("b",), error=None)
+    columns, notes = predict(posterior(unknown), unknown, other, "faceted", ONE)
+    np.testing.assert_allclose(columns["flux_mean"].mean(), 1.0, rtol=1e-9)
+    assert "no fitted curve is named b" in notes[0]
+    # The noise is relative too: 5 % of the mean, whatever unit the fitted curve was in.
+    width = np.median(columns["flux_q95"] - columns["flux_q05"])
+    np.testing.assert_allclose(width, 3.29 * 0.05, rtol=0.25)
+
+
+def test_inferred_noise_is_that_of_the_curve():
+    """The same at every epoch, in proportion to the mean of the curve: dark ones scatter too."""
+    light = small.curve(200)
+    quiet = replace(light, error=None)
+    draws = posterior(quiet)
+    columns, _ = predict(draws, quiet, quiet, "faceted", ONE)
+    inside = (columns["flux_q05"] <= light.brightness) & (light.brightness <= columns["flux_q95"])
+    assert 0.83 < inside.mean() < 0.96
+    width = columns["flux_q95"] - columns["flux_q05"]
+    # 3.29 sd, of which the draws' spread adds a little
+    np.testing.assert_allclose(width.min(), 3.29 * 0.03 * light.brightness.mean(), rtol=0.35)
+
+
+def test_magnitudes():
+    light = small.magnitudes(80)
+    columns, _ = predict(posterior(light), light, light, "faceted", ONE)
+    inside = (columns["mag_q05"] < light.brightness) & (light.brightness < columns["mag_q95"])
+    assert inside.mean() > 0.8
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"range_km": np.full(200, 700.0)}, "give range_km in both or in neither"),
+        ({"frame": "icrs"}, "are in the frame icrs, the fit in inertial"),
+        ({"epoch_jd": 2460000.5}, "give utc or jd in both"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(light, draws, change, says):
+    with pytest.raises(InputError, match=says):
+        predict(draws, light, replace(light, **change), "faceted", ONE)
+
+
+def test_a_folder_without_a_fit(tmp_path):
+    with pytest.raises(InputError, match=r"holds no posterior\.nc; give the folder"):
+        load(tmp_path)

@@ -1,0 +1,132 @@
+"""Priors: what they say, and that a sampler can live with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpyro import handlers
+from scipy import integrate, stats
+
+from lcbayes import priors
+from lcbayes._jax import jax, jnp
+
+
+def factor_of(call) -> float:
+    """log p of the factors that a prior adds."""
+    trace = handlers.trace(handlers.seed(call, 0)).get_trace()
+    return float(sum(jnp.sum(s["fn"].log_prob(s["value"])) for s in trace.values()))
+
+
+def test_direction_density_is_normalised():
+    """∫ p(b) d³b = ∫ p(r) 4πr² dr, up to the mass of a Gaussian ten sd below its mean."""
+    one = priors.UniformDirection(1)
+
+    def radial(r: float) -> float:
+        return 4 * np.pi * r**2 * float(jnp.exp(one.log_prob(jnp.array([[0.0, 0.0, r]])))[0])
+
+    total = integrate.quad(radial, 1e-6, 2.5, points=[1.0], limit=60, epsabs=1e-11)[0]
+    np.testing.assert_allclose(total, 1.0, rtol=1e-9)
+
+
+def test_direction_density_is_the_samples_density():
+    """Lengths of samples follow the radial part of the density, a Gaussian about one."""
+    b = priors.UniformDirection(2).sample(jax.random.key(1), (4000,))
+    length = np.linalg.norm(b, axis=-1).ravel()
+    assert b.shape == (4000, 2, 3)
+    # false-alarm rate 1e-4 over seeds
+    assert stats.kstest(length, stats.norm(1.0, priors.RADIUS_SD).cdf).pvalue > 1e-4
+
+
+def test_directions_are_uniform():
+    """Azimuth and height of uniform directions are uniform and independent of each other."""
+    with handlers.seed(rng_seed=2):
+        u = np.asarray(priors.directions("n", 5000))
+    np.testing.assert_allclose(np.linalg.norm(u, axis=1), 1.0, rtol=1e-12)
+    phi, g = np.arctan2(u[:, 1], u[:, 0]), u[:, 2]
+    # three tests at 1e-4 each: a false alarm in 3000 seeds
+    assert stats.kstest(phi, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 1e-4
+    assert stats.kstest(g, stats.uniform(-1, 2).cdf).pvalue > 1e-4
+    assert stats.spearmanr(np.abs(phi), g).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-8, 0.3, 1.0, 30.0])
+def test_direction_gradient_is_finite(length):
+    one = priors.UniformDirection(1)
+    slope = jax.grad(lambda b: one.log_prob(b).sum())(length * jnp.array([[0.6, 0.0, 0.8]]))
+    assert np.all(np.isfinite(slope))
+
+
+def test_normals_record_their_angles():
+    trace = handlers.trace(handlers.seed(priors.normals, 3)).get_trace(4)
+    phi, g = (np.asarray(trace[k]["value"]) for k in ("phi", "g"))
+    s = np.sqrt(1 - g**2)
+    rebuilt = np.stack([s * np.cos(phi), s * np.sin(phi), g], axis=1)
+    np.testing.assert_allclose(rebuilt, trace["normals"]["value"], atol=1e-12)
+    assert np.all((phi >= 0) & (phi < 2 * np.pi))
+
+
+def test_albedo_area_is_log_normal():
+    with handlers.seed(rng_seed=4):
+        area = np.asarray(priors.albedo_area(4000, 1.2, 0.5))
+    # false-alarm rate 1e-4
+    assert stats.kstest(np.log(area), stats.norm(1.2, 0.5).cdf).pvalue > 1e-4
+
+
+def test_sparse_area_maps_to_the_papers_lambda():
+    """The weight is 1/λ² of eq. (30) and 1/(2λ²) of eq. (29)."""
+    area, lam = jnp.array([10.0, 20.0, 30.0]), 25.0
+    eq30 = -(float(jnp.sum(area)) ** 2) / lam**2
+    np.testing.assert_allclose(factor_of(lambda: priors.sparse_area(area, lam**-2)), eq30)
+    np.testing.assert_allclose(factor_of(lambda: priors.sparse_area(area, lam**-2 / 2)), eq30 / 2)
+
+
+def test_a_larger_weight_is_sparser():
+    area = jnp.array([1.0, 2.0])
+    light, heavy = (factor_of(lambda w=w: priors.sparse_area(area, w)) for w in (0.1, 10.0))
+    assert heavy < light < 0
+
+
+def test_angular_velocity_has_the_sd_asked_for():
+    with handlers.seed(rng_seed=5):
+        w = np.array([priors.angular_velocity(0.02) for _ in range(1)])
+    assert w.shape == (1, 3)
+    trace = handlers.trace(handlers.seed(priors.angular_velocity, 6)).get_trace(0.02)
+    np.testing.assert_allclose(trace["omega"]["value"], 0.02 * trace["omega_unit"]["value"])
+
+
+def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
+    """Zero wherever each facet has one epoch with both cosines positive; −(m/s)² below."""
+    inside = jnp.array([[-0.5, 0.2], [0.3, 0.9]]), jnp.array([[0.9, 0.1], [0.05, -0.2]])
+    assert factor_of(lambda: priors.lit_and_seen(*inside)) == 0.0
+    # Lit at one epoch and seen at another is not enough: max over epochs of the smaller.
+    apart = jnp.array([[0.5], [-0.04]]), jnp.array([[-0.06], [0.5]])
+    np.testing.assert_allclose(factor_of(lambda: priors.lit_and_seen(*apart, 0.02)), -4.0)
+    # Two cosines of −0.5 have a positive product, and yet the facet is dark (the misprint of (8)).
+    both = jnp.array([[-0.5]]), jnp.array([[-0.5]])
+    np.testing.assert_allclose(factor_of(lambda: priors.lit_and_seen(*both, 0.02)), -625.0)
+
+
+def test_lit_and_seen_leads_back():
+    def log_p(m):
+        with handlers.block(), handlers.trace() as trace, handlers.seed(rng_seed=0):
+            priors.lit_and_seen(m * jnp.ones((2, 1)), jnp.ones((2, 1)))
+        return trace["lit_and_seen"]["fn"].log_factor
+
+    slope = jax.grad(log_p)
+    assert float(slope(-0.3)) > 0
+    assert float(slope(0.3)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: priors.normals(0), "n_facets is 0"),
+        (lambda: priors.spin("sideways", 0.1), "unknown spin 'sideways'"),
+        (lambda: priors.spin("free", 0.0), "omega_sd is 0.0"),
+        (lambda: priors.albedo_area(2, 0.0, -1.0), "log_area_sd is -1.0"),
+        (lambda: priors.sparse_area(jnp.ones(2), -1.0), "sparsity is -1.0"),
+    ],
+)
+def test_senseless_options_are_refused(call, says):
+    with handlers.seed(rng_seed=0), pytest.raises(ValueError, match=says):
+        call()

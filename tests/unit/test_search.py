@@ -1,0 +1,142 @@
+"""From many starts to the solutions worth sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import small
+from scipy.optimize import minimize
+
+from lcbayes._jax import jax, jnp
+from lcbayes.inference import search, solutions
+from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.search import SearchState
+from lcbayes.progress import Silent
+
+SITES = ("normals_base", "log_albedo_area")
+
+
+def potentials(problem):
+    return jax.jit(jax.vmap(problem.potential, (0, None)))
+
+
+@pytest.fixture(scope="module")
+def one():
+    problem, data = small.posed(small.curve(30), n_facets=1, spin="none")
+    keys = jax.random.split(jax.random.key(0), 24)
+    starts = jax.jit(jax.vmap(problem.prior_draw, (0, None)))(keys, data)
+    return problem, data, starts, search.race(problem, data, starts, 2, Silent())
+
+
+@pytest.fixture(scope="module")
+def two():
+    return small.posed(small.curve(20, 2), n_facets=2, spin="none")
+
+
+def test_finds_the_optimum_that_scipy_finds(one):
+    problem, data, _, ends = one
+    f = jax.jit(lambda z: problem.potential(z, data))
+    found = minimize(f, small.truth(problem, data, 1), jac=jax.jit(jax.grad(f)), method="BFGS")
+    # A step that gains less than 0.01 nats counts as stalled; three of them are the end.
+    np.testing.assert_allclose(ends.potential[0], found.fun, atol=0.02)
+    step = ends.z[0] - found.x
+    assert step @ jax.jit(problem.fisher)(jnp.asarray(found.x), data) @ step < 0.04
+
+
+def test_ends_are_sorted_and_never_worse_than_their_starts(one):
+    problem, data, starts, ends = one
+    assert np.all(np.diff(ends.potential) >= 0)
+    first = potentials(problem)(starts, data)
+    assert ends.potential[0] <= jnp.nanmin(first)
+    np.testing.assert_allclose(
+        ends.potential[:4], potentials(problem)(ends.z[:4], data), rtol=1e-12
+    )
+
+
+def test_workers_do_not_change_the_numbers(one):
+    problem, data, starts, ends = one
+    again = search.race(problem, data, starts, 1, Silent())
+    for a, b in zip(ends, again, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_start_without_density_is_given_up(one):
+    problem, data, starts, _ = one
+    broken = starts.at[0].set(jnp.nan)
+    ends = search.race(problem, data, broken, 1, Silent())
+    assert np.all(np.isfinite(ends.potential[:12]))
+    assert np.isfinite(ends.z[0]).all()
+
+
+def test_potential_does_not_know_the_order_of_facets(two):
+    problem, data = two
+    z = np.asarray(small.truth(problem, data, 2))
+    swapped = FacetOrder(problem, SITES).by_size(z, np.array([1.0, 2.0]))
+    assert not np.array_equal(z, swapped)
+    np.testing.assert_allclose(*potentials(problem)(jnp.stack([swapped, z]), data), rtol=1e-12)
+
+
+def test_facets_are_matched_to_a_reference(two):
+    problem, data = two
+    order = FacetOrder(problem, SITES)
+    z = np.asarray(small.truth(problem, data, 2))
+    swapped = order.by_size(z, np.array([1.0, 2.0]))
+    np.testing.assert_array_equal(order.like(swapped, z), z)
+    np.testing.assert_array_equal(order.like(z, z), z)
+    np.testing.assert_array_equal(order.by_size(z, np.array([2.0, 1.0])), z)
+    area = problem.unravel(jnp.asarray(order.by_size(swapped, np.array([1.0, 2.0]))))
+    np.testing.assert_array_equal(area["log_albedo_area"], np.log(small.AREAS))
+
+
+def test_one_facet_has_one_order(one):
+    problem, data, *_ = one
+    order = FacetOrder(problem, SITES)
+    z = np.asarray(small.truth(problem, data, 1))
+    assert order.like(z, -z) is z
+    assert FacetOrder(problem, ()).n_facets == 0
+
+
+def ends_at(problem, data, *z) -> SearchState:
+    """A search that ended at these points, best first."""
+    rows = jnp.stack([jnp.asarray(x) for x in z])
+    potential = potentials(problem)(rows, data)
+    order = jnp.argsort(potential)
+    n = len(rows)
+    return SearchState(rows[order], potential[order], jnp.ones(n), jnp.zeros(n, int))
+
+
+def test_relabelled_and_close_ends_are_one_solution(two):
+    problem, data = two
+    order = FacetOrder(problem, SITES)
+    z = np.asarray(small.truth(problem, data, 2))
+    swapped = order.by_size(z, np.array([1.0, 2.0]))
+    ends = ends_at(problem, data, z, swapped, z + 1e-4, np.full_like(z, np.nan))
+    (only,) = solutions.distinct(problem, data, ends, order, 4)
+    assert only.hits == 3
+    assert solutions.distinct(problem, data, ends, FacetOrder(problem, ()), 4)[0].hits == 2
+
+
+def test_far_and_much_worse_ends_are_dropped(two):
+    problem, data = two
+    order = FacetOrder(problem, SITES)
+    z = np.asarray(small.truth(problem, data, 2))
+    worse = z + 0.7
+    kept = solutions.distinct(problem, data, ends_at(problem, data, z, worse), order, 4)
+    assert len(kept) == 1
+    np.testing.assert_array_equal(kept[0].z, z)
+
+
+def test_no_finite_end_is_no_solution(two):
+    problem, data = two
+    n = np.full(problem.dim, np.nan)
+    ends = SearchState(jnp.stack([n]), jnp.array([jnp.inf]), jnp.ones(1), jnp.zeros(1, int))
+    assert solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4) == []
+
+
+def test_residuals_are_relative_to_each_curve(one):
+    problem, data, *_ = one
+    z = small.truth(problem, data, 1)
+    y = np.asarray(data.brightness)
+    mean = np.asarray(jax.jit(problem.moments)(z, data).mean)
+    want = np.sqrt(np.mean(((y - mean) / np.abs(y).mean()) ** 2))
+    np.testing.assert_allclose(solutions.residual_rms(problem, np.asarray(z), data), want)

@@ -1,0 +1,103 @@
+"""What a fit is told to be worth."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lcbayes import summary
+from lcbayes.inference.evidence import LogEvidence
+from lcbayes.inference.fit import Mode
+from lcbayes.inference.solutions import Solution
+
+
+@pytest.mark.parametrize(("name", "turn"), [("phi", 2 * np.pi), ("pole_lon_deg", 360.0)])
+def test_angles_are_cut_opposite_their_mean(name, turn):
+    rng = np.random.default_rng(0)
+    straight = 0.02 * turn * rng.standard_normal((4, 500, 2))
+    straight += np.array([0.0, 0.4]) * turn  # the first at the seam
+    found = summary.unwrapped(name, np.mod(straight, turn))
+    np.testing.assert_allclose(np.mod(found - straight + turn / 2, turn), turn / 2, atol=1e-9)
+    np.testing.assert_allclose(found.std((0, 1)), straight.std((0, 1)), rtol=1e-9)
+    assert np.all((found.mean((0, 1)) > -0.05 * turn) & (found.mean((0, 1)) < 1.05 * turn))
+
+
+def test_other_quantities_are_left_alone():
+    values = np.ones((2, 3))
+    assert summary.unwrapped("g", values) is values
+
+
+def test_parameters_of_independent_draws():
+    rng = np.random.default_rng(1)
+    draws = {
+        "albedo_area": rng.normal(5.0, 0.1, (4, 500, 2)),
+        "omega": rng.standard_normal((4, 500, 3)),
+        "phi": np.mod(rng.normal(0.0, 0.1, (4, 500, 2)), 2 * np.pi),
+        "normals": np.ones((4, 500, 2, 3)),
+        "log_albedo_area": rng.standard_normal((4, 500, 2)),
+    }
+    table = summary.parameters(draws)
+    assert set(table) == {
+        "albedo_area[0]", "albedo_area[1]", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
+        "phi[0]", "phi[1]",
+    }  # fmt: skip
+    row = table["albedo_area[0]"]
+    np.testing.assert_allclose(row["q05"], np.quantile(draws["albedo_area"][..., 0], 0.05))
+    np.testing.assert_allclose(row["sd"], draws["albedo_area"][..., 0].std(ddof=1))
+    assert row["rhat"] < 1.01
+    assert row["ess_bulk"] > 1500
+    assert table["phi[0]"]["sd"] < 0.12  # across the seam it would be three
+
+
+ROW = {"max_rhat": 1.0, "min_ess_bulk": 900.0, "min_ess_tail": 900.0, "divergences": 0}
+FIT = {"chi2": 100.0, "dof": 100}
+
+
+def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
+    stats = {"diverging": np.zeros((4, 500), bool)}
+    modes = [
+        Mode(Solution(np.zeros(2), 0.0, 0.0, 1.0, hits), np.zeros((4, 500, 2)), stats,
+             LogEvidence(0.0, se), 1.0 if i == 0 else weight)
+        for i in range(n_modes)
+    ]  # fmt: skip
+    posterior = SimpleNamespace(modes=modes, n_starts=50)
+    entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
+    return list(summary._reasons(posterior, entries, fit))  # type: ignore[arg-type]
+
+
+def test_good_chains_give_no_reason():
+    assert reasons() == []
+    assert reasons(2, weight=0.5) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"max_rhat": 1.02}, "chains disagree"),
+        ({"max_rhat": float("nan")}, "chains disagree"),
+        ({"min_ess_bulk": 399.0}, "only 399 independent ones (bulk"),
+        ({"min_ess_tail": 20.0}, "only 20 independent ones (tail"),
+        ({"min_ess_bulk": float("nan")}, "independent ones"),
+        ({"divergences": 11}, "11 of 2000 trajectories diverged"),
+        ({"hits": 1}, "only one of 50 starts"),
+        ({"fit": {"chi2": 300.0, "dof": 100}}, "does not explain the data"),
+        ({"n_modes": 2, "weight": 0.3, "se": 0.9}, "its weight is uncertain"),
+        ({"n_modes": 2, "weight": 0.3, "max_rhat": 1.5}, "solution 2: the chains disagree"),
+    ],
+)
+def test_each_fault_is_a_reason(change, says):
+    found = reasons(**change)
+    assert any(says in reason for reason in found)
+    assert all("\n" not in reason for reason in found)
+
+
+def test_a_solution_without_weight_does_not_spoil_the_others():
+    assert reasons(2, weight=1e-4, max_rhat=2.0) == []
+
+
+def test_a_good_fit_is_no_reason():
+    assert reasons(fit={"chi2": None, "dof": 10}) == []
+    assert reasons(fit={"chi2": 150.0, "dof": 100}) == []
+    assert reasons(fit={"chi2": 50.0, "dof": -1}) == []
