@@ -30,6 +30,7 @@ def _mollweide(figure: Any, position: Any = 111) -> Any:
     axes = figure.add_subplot(position, projection="mollweide")
     axes.grid(color="#d5d8dd", lw=0.5)
     axes.set_axisbelow(True)
+    axes.set_longitude_grid_ends(90)
     ticks = np.arange(-120, 121, 60)
     axes.set_xticks(np.radians(ticks), [f"{t % 360}°" for t in ticks], fontsize=7.5, color=FAINT)
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
@@ -69,7 +70,9 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
         middle = normals[:, :, i].mean(axis=(0, 1))
         lon, lat = _place(*lon_lat(middle))
         size = 330 * float(np.mean(areas[..., i])) / largest
-        axes.scatter(lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4)
+        axes.scatter(
+            lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4, clip_on=False
+        )
         _number(axes, float(lon), float(lat), str(i))
     name = f"facets-{mode.index + 1}"
     caption = (
