@@ -143,7 +143,8 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
                 break
     if not clouds:
         return []
-    figure = gallery.figure(5.4, 3.3)
+    several = len(results.modes) > 1
+    figure = gallery.figure(5.4, 3.2 if several else 2.8)
     axes = _mollweide(figure)
     for mode, lon, lat, _ in clouds:
         x, y = _place(_some(lon.values), _some(lat.values))
@@ -151,7 +152,6 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         x, y = _place(np.array(lon.mean), np.array(lat.mean))
         axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
                   label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
-    several = len(results.modes) > 1
     if several:
         figure.legend(loc="outside lower center", ncols=3)
     caption = (
