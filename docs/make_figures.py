@@ -43,7 +43,7 @@ def main(folder: Path) -> None:
         x, y = (np.radians(x) for x in quantities.lon_lat(u.mean(axis=0)))
         x = (x + np.pi) % (2 * np.pi) - np.pi
         area = f"{show(facet.area.mean, facet.area.sd)} ± {show(facet.area.sd, facet.area.sd)} m²"
-        away = {True: (0, -13), False: (0, 9)}[bool(y > 1)]
+        away = (0, -15) if y > 1 or x > 2.5 else (0, 9)  # inside the map, clear of the others
         align = "right" if x > 2.5 else "center"
         right.annotate(area, (float(x), float(y)), away, textcoords="offset points",
                        ha=align, fontsize=8, color=style.colour(i))  # fmt: skip
