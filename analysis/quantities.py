@@ -42,6 +42,8 @@ IMPORTANT = (
     "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
     "phase_a", "phase_d", "phase_k", "sigma",
 )  # fmt: skip
+
+
 def _shown(draws: xr.Dataset) -> list[str]:
     """Variables of a reader's interest that are not one for each epoch."""
     return [n for n in reported(list(map(str, draws.data_vars))) if "time" not in draws[n].dims]

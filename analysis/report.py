@@ -273,7 +273,12 @@ def _legend(results: Results) -> dict[str, Any]:
 
 def _timing(results: Results) -> str:
     timing = results.summary.get("timing") or {}
-    words = {"search_s": "search", "compile_s": "compiling", "warmup_s": "warm-up", "sampling_s": "sampling"}
+    words = {
+        "search_s": "search",
+        "compile_s": "compiling",
+        "warmup_s": "warm-up",
+        "sampling_s": "sampling",
+    }
     parts = [f"{w} {duration(timing[k])}" for k, w in words.items() if timing.get(k) is not None]
     if timing.get("gradients"):
         parts.append(f"{timing['gradients']:,} gradients".replace(",", " "))

@@ -53,7 +53,9 @@ def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:
         low, high = (show(f.area.quantile(p), f.area.sd) for p in (0.05, 0.95))
         angles = [show(x, f.radius) for x in (f.azimuth, f.polar)]
         area = (show(f.area.mean, f.area.sd), f"{low} to {high}")
-        rows.append({"number": i, "area": area, "angles": angles, "radius": show(f.radius, f.radius)})
+        rows.append(
+            {"number": i, "area": area, "angles": angles, "radius": show(f.radius, f.radius)}
+        )
     return {"unit": found[0].area.unit, "rows": rows, "long": len(rows) > LONG}
 
 

@@ -218,8 +218,7 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
         turns = options.get("spin", "free") != "none"
         said.append("The body is flat facets that reflect diffusely and do not shade one another.")
         said.append(
-            "It turns at a constant angular velocity; its axes are "
-            f"{frame} at the first point."
+            f"It turns at a constant angular velocity; its axes are {frame} at the first point."
             if turns
             else f"It does not turn in {frame}."
         )
