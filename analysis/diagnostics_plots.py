@@ -263,7 +263,9 @@ def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
         are = "point is" if pit.dark == 1 else "points are"
         caption += f"{pit.dark} {are} dark in every draw: leaving them out changes nothing. "
     if pit.unreliable:
-        caption += f"For {pit.unreliable} point{'s' * (pit.unreliable > 1)} the estimate is unreliable (Pareto k above 0.7)."
+        points = "point" if pit.unreliable == 1 else "points"
+        caption += f"For {pit.unreliable} {points} the estimate is unreliable "
+        caption += "(Pareto k above 0.7)."
     return gallery.add(
         figure, "loo-pit", "LOO-PIT: calibration of the predictions.", caption.strip()
     )

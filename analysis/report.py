@@ -181,7 +181,8 @@ def _verdict(results: Results) -> dict[str, Any]:
     if worst is not None and least is not None:
         notes.append(
             f"Largest R-hat {worst:.3f} (1.01 or less is good), smallest effective sample size "
-            f"{least:.0f} (400 or more is good), {_count(summary.get('divergences', 0), 'divergence')}."
+            f"{least:.0f} (400 or more is good), "
+            f"{_count(summary.get('divergences', 0), 'divergence')}."
         )
     return {"good": True, "head": head, "reasons": notes}
 
@@ -216,7 +217,8 @@ def _observed(results: Results) -> list[tuple[str, str]]:
         facts.append(
             (
                 "Errors",
-                f"given with the data, median {tables.three(float(np.median(results.error)))}{unit}",
+                "given with the data, median "
+                f"{tables.three(float(np.median(results.error)))}{unit}",
             )
         )
     else:
