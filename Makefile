@@ -16,7 +16,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 
 DEMO_CURVE ?= lcbayes/scenarios/box-wing.csv
-DEMO_ARGS ?= --tle lcbayes/scenarios/box-wing.tle --seed 1
+DEMO_ARGS ?= --tle lcbayes/scenarios/box-wing.tle --n-facets 6 --seed 1
 DEMO_DIR ?= demo
 
 # Without PYTHON= the first of these that starts and is new enough. Each is run, because a version

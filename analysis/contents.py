@@ -30,6 +30,7 @@ class Mode:
     draws: xr.Dataset  # dims chain, draw, …
     stats: xr.Dataset  # may be empty
     predicted: Floats  # (S, T); S = 0 where the posterior holds none of it
+    summary: Mapping[str, Any] = field(default_factory=dict)  # its entry in summary.json
 
     @property
     def name(self) -> str:
@@ -203,6 +204,7 @@ def _modes(
                     .to_numpy()
                     .reshape(-1, size)[mine]
                 ),
+                summary=entry,
             )
         )
     return sorted(found, key=lambda m: -m.weight)

@@ -22,7 +22,18 @@ def _drawn(q: Quantity, between: str = " ") -> tuple[Floats, str]:
     centre, size, shift = readable(q)
     if centre == 0 and size == 1 and (q.name.endswith(("_deg", "_h")) or q.unit == "relative"):
         shift = ""
-    return (q.values - centre) / size, f"{q.name}{between}{shift}".strip()
+    return (q.values - centre) / size, f"{_short(q.name)}{between}{shift}".strip()
+
+
+def _short(name: str) -> str:
+    """A name that fits under a small plot: α[0], ω_x, pole lon."""
+    if name.startswith("omega_"):
+        return f"ω_{name[6]}"
+    for long, symbol in (("albedo_area", "α"), ("phi", "φ")):
+        if name.startswith(long + "["):
+            return symbol + name[len(long) :]
+    return {"pole_lon_deg": "pole lon (deg)", "pole_lat_deg": "pole lat (deg)",
+            "period_h": "period (h)"}.get(name, name)  # fmt: skip
 
 
 def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:
@@ -249,9 +260,12 @@ def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
         + ("It does. " if inside else "It leaves the band: errors, noise model or model are off. ")
     )
     if pit.dark:
-        caption += f"{pit.dark} points are dark in every draw: leaving them out changes nothing. "
+        are = "point is" if pit.dark == 1 else "points are"
+        caption += f"{pit.dark} {are} dark in every draw: leaving them out changes nothing. "
     if pit.unreliable:
-        caption += f"For {pit.unreliable} points the estimate is unreliable (Pareto k above 0.7)."
+        points = "point" if pit.unreliable == 1 else "points"
+        caption += f"For {pit.unreliable} {points} the estimate is unreliable "
+        caption += "(Pareto k above 0.7)."
     return gallery.add(
         figure, "loo-pit", "LOO-PIT: calibration of the predictions.", caption.strip()
     )

@@ -21,24 +21,26 @@ BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 @dataclass(frozen=True)
 class Segment:
-    """Points of one curve without a long gap: a night, a pass."""
+    """Points of one curve and site without a long gap: a night, a pass."""
 
     points: NDArray[np.int64]
     curve: int
+    site: str = ""
 
 
 def segments(results: Results) -> list[Segment]:
-    """Split the light curve by `curve` and at long gaps; lone points stay with their curve."""
+    """Split the light curve by `curve`, site and at long gaps; lone points stay together."""
     whole, split = [], []
-    for c in np.unique(results.curve):
-        points = np.flatnonzero(results.curve == c)
-        whole.append(Segment(points, int(c)))
+    sites = results.labels.get("site", np.full(results.t.size, ""))
+    for c, site in sorted(set(zip(results.curve.tolist(), sites.tolist(), strict=True))):
+        points = np.flatnonzero((results.curve == c) & (sites == site))
+        whole.append(Segment(points, c, site))
         steps = np.diff(results.t[points])
         if steps.size == 0:
             split.append(whole[-1])
             continue
         gaps = np.flatnonzero(steps > max(30 * float(np.median(steps)), 1800.0)) + 1
-        split += [Segment(part, int(c)) for part in np.split(points, gaps)]
+        split += [Segment(part, c, site) for part in np.split(points, gaps)]
     mean_size = results.t.size / len(split)
     chosen = whole if len(split) > len(whole) and mean_size < 5 else split
     return sorted(chosen, key=lambda s: results.t[s.points[0]])
@@ -190,6 +192,8 @@ def _draw_segment(
     title = f"{at.size} points"
     if results.attrs.get("epoch_jd"):
         title = f"{date(float(epoch) + t0 / 86400)} · {title}"
+    if part.site and np.unique(results.labels["site"]).size > 1:
+        title = f"{part.site} · {title}"
     if np.unique(results.curve).size > 1:
         title = f"curve {part.curve + 1} · {title}"
     top.set_title(title, loc="left")

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.names import label, reported
 
 Floats = NDArray[np.float64]
 
@@ -32,20 +33,20 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "coefficients": ("coefficient of the log albedo-areas", "", 0.0),
     "r_spec": ("specular reflectance", "", 0.0),
     "r_diff": ("diffuse reflectance", "", 0.0),
+    "area": ("area", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
+    "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }
 # What a reader asks for first; used where only a few can be shown.
 IMPORTANT = (
     "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
     "phase_a", "phase_d", "phase_k", "sigma",
 )  # fmt: skip
-# Told by others: directions by angles, what is sampled by what it stands for.
-HIDDEN = ("mode", "normals", "expected", "flux", "omega_unit", "period_shift")
 
 
-def _shown(name: str, draws: xr.Dataset) -> bool:
-    sampled_only = name.endswith("_base") or (name.startswith("log_") and name[4:] in draws)
-    return not (name in HIDDEN or sampled_only or "time" in draws[name].dims)
+def _shown(draws: xr.Dataset) -> list[str]:
+    """Variables of a reader's interest that are not one for each epoch."""
+    return [n for n in reported(list(map(str, draws.data_vars))) if "time" not in draws[n].dims]
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,7 @@ def area_unit(results: Results) -> str:
 
 def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
     """Every scalar of a solution, in the order stored; arrays by element."""
-    names = [n for n in map(str, mode.draws.data_vars) if _shown(n, mode.draws)]
-    for name in names:
+    for name in _shown(mode.draws):
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
@@ -136,23 +136,33 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         shape = values.shape[2:]
         for index in np.ndindex(*shape):
             one = values[(..., *index)]
-            label = name + (f"[{', '.join(_coordinate(array, index))}]" if shape else "")
-            yield Quantity(label, words, unit, unwrap(one, period) if period else one)
+            yield Quantity(label(name, index), words, unit, unwrap(one, period) if period else one)
 
 
-def _coordinate(array: xr.DataArray, index: tuple[int, ...]) -> list[str]:
-    """xyz for components of vectors, else the number counted from 0 as in posterior.nc."""
-    dims = array.dims[2:]
-    return ["xyz"[i] if d == "xyz" and i < 3 else str(i) for d, i in zip(dims, index, strict=True)]
-
-
-def table(all_of_them: list[Quantity]) -> list[Row]:
-    """R-hat (rank-normalised, split) and effective sample sizes of each, by ArviZ."""
-    import arviz
-
+def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
+    """R-hat and effective sample sizes of each, from summary.json, else by ArviZ."""
     if not all_of_them:
         return []
+    known = mode.summary.get("parameters") or {}
+    if all(q.name in known for q in all_of_them):
+        keys = ("rhat", "ess_bulk", "ess_tail")
+        rows = [[known[q.name].get(k) for k in keys] for q in all_of_them]
+        figures = np.array(rows, dtype=float).T  # null, which is no number, becomes NaN
+    else:
+        figures = _diagnostics(np.stack([q.values for q in all_of_them]))
     stack = np.stack([q.values for q in all_of_them])
+    mean, sd = stack.mean(axis=(1, 2)), stack.std(axis=(1, 2), ddof=1)
+    quantiles = np.quantile(stack, (0.05, 0.5, 0.95), axis=(1, 2)).T
+    return [
+        Row(q, mean[i], sd[i], tuple(quantiles[i]), *figures[:, i])
+        for i, q in enumerate(all_of_them)
+    ]
+
+
+def _diagnostics(stack: Floats) -> Floats:
+    """R-hat (rank-normalised, split), bulk and tail ESS of draws (Q, chain, draw): (3, Q)."""
+    import arviz
+
     moving = np.ptp(stack, axis=(1, 2)) > 0
     figures = np.full((3, len(stack)), np.nan)
     if moving.any() and stack.shape[2] >= 4:
@@ -162,30 +172,30 @@ def table(all_of_them: list[Quantity]) -> list[Row]:
             figures[0, moving] = arviz.rhat(some, **axes)
         figures[1, moving] = arviz.ess(some, method="bulk", **axes)
         figures[2, moving] = arviz.ess(some, method="tail", prob=(0.05, 0.95), **axes)
-    mean, sd = stack.mean(axis=(1, 2)), stack.std(axis=(1, 2), ddof=1)
-    quantiles = np.quantile(stack, (0.05, 0.5, 0.95), axis=(1, 2)).T
-    return [
-        Row(q, mean[i], sd[i], tuple(quantiles[i]), *figures[:, i])
-        for i, q in enumerate(all_of_them)
-    ]
+    return figures
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
     """The few that matter most to a reader; of many facets those with most light."""
     rank = {name: i for i, name in enumerate(IMPORTANT)}
     all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
-    known = [q for q in all_of_them if q.name.split("[")[0] in rank]
-    scalars = [q for q in known if "[" not in q.name or q.name.startswith("omega")]
+    known = [q for q in all_of_them if _base(q.name) in rank]
+    scalars = [q for q in known if "[" not in q.name]
     arrays = [q for q in known if q not in scalars]
     if len(arrays) > 60:  # a grid of facets: no single one means much
         arrays = []
     areas = sorted((q for q in arrays if q.name.startswith("albedo_area")), key=lambda q: -q.mean)
     rest = [q for q in arrays if q not in areas]
-    chosen = sorted(scalars, key=lambda q: rank[q.name.split("[")[0]])[:most]
+    chosen = sorted(scalars, key=lambda q: rank[_base(q.name)])[:most]
     chosen += [*areas[: max(1, most - 3)], *rest][: most - len(chosen)]
     if not chosen:
         chosen = all_of_them[:most]
     return chosen
+
+
+def _base(name: str) -> str:
+    """The variable that an element belongs to."""
+    return "omega" if name.startswith("omega_") else name.split("[")[0]
 
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
@@ -228,32 +238,40 @@ def facet_normals(mode: Mode) -> Floats | None:
     return None
 
 
-def facets(results: Results, mode: Mode) -> list[list[Quantity]]:
-    """For each facet of a faceted model: albedo-area, azimuth and polar angle in degrees."""
+@dataclass(frozen=True)
+class Facet:
+    """One facet of a solution: its albedo-area, and where its normal points (body frame)."""
+
+    area: Quantity
+    azimuth: float  # deg, of the mean direction; NaN where the pole lies within the uncertainty
+    polar: float  # deg, of the mean direction
+    radius: float  # deg, about the mean direction, that holds 90 % of the draws
+
+
+def facets(results: Results, mode: Mode) -> list[Facet]:
+    """The facets of a faceted model, in the order of posterior.nc."""
     normals = facet_normals(mode)
     if normals is None or "albedo_area" not in mode.draws:
         return []
     areas = mode.draws["albedo_area"].transpose("chain", "draw", ...).to_numpy()
-    lon, lat = lon_lat(normals)
     unit = area_unit(results)
-    return [
-        [
-            Quantity(f"facet {i}", "albedo-area", unit, areas[..., i]),
-            Quantity(f"facet {i}", "azimuth of its normal", "deg", unwrap(lon[..., i], 360.0)),
-            Quantity(f"facet {i}", "polar angle of its normal", "deg", 90.0 - lat[..., i]),
-        ]
-        for i in range(areas.shape[-1])
-    ]
+    found = []
+    for i in range(areas.shape[-1]):
+        u = normals[:, :, i].reshape(-1, 3)
+        middle = u.mean(axis=0)
+        middle /= max(float(np.linalg.norm(middle)), 1e-300)
+        apart = np.arctan2(np.linalg.norm(np.cross(u, middle), axis=1), u @ middle)
+        radius = float(np.degrees(np.quantile(apart, 0.9)))
+        lon, lat = (float(x) for x in lon_lat(middle))
+        azimuth = lon if 90.0 - abs(lat) > radius else np.nan
+        area = Quantity(f"facet {i}", "albedo-area", unit, areas[..., i])
+        found.append(Facet(area, azimuth, 90.0 - lat, radius))
+    return found
 
 
 def key_results(results: Results, mode: Mode) -> list[Quantity]:
-    """The rows of the short table at the top: spin, then facets (few) or surface and noise."""
+    """The rows of the short table at the top: spin, surface and noise."""
     rows = spin(results, mode)
-    by_facet = facets(results, mode)
-    if len(by_facet) <= 10:
-        rows += [
-            Quantity(q.name, f"{q.name}: {q.words}", q.unit, q.values) for f in by_facet for q in f
-        ]
     shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
     rows += [q for q in quantities(results, mode) if q.name in shown]
     return rows

@@ -113,6 +113,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "modes": results.modes,
         "drawn": drawn,
         "key": tables.key_table(results, drawn),
+        "facet_tables": [(m, t) for m in drawn if (t := tables.facet_table(results, m))],
         "observed": _observed(results),
         "assumptions": _assumptions(results),
         "coverage": _coverage(results),
@@ -125,7 +126,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "sky": sky_plots.draw_sky(results, gallery),
         "frame": sky_plots.frame_words(results),
         "shapes": shapes,
-        "tables": [(m, tables.parameter_table(lists[m.index])) for m in drawn],
+        "tables": [(m, tables.parameter_table(lists[m.index], m)) for m in drawn],
         "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
         "diagnostics": [
             (
@@ -180,9 +181,14 @@ def _verdict(results: Results) -> dict[str, Any]:
     if worst is not None and least is not None:
         notes.append(
             f"Largest R-hat {worst:.3f} (1.01 or less is good), smallest effective sample size "
-            f"{least:.0f} (400 or more is good), {summary.get('divergences', 0)} divergences."
+            f"{least:.0f} (400 or more is good), "
+            f"{_count(summary.get('divergences', 0), 'divergence')}."
         )
     return {"good": True, "head": head, "reasons": notes}
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'s' * (number != 1)}"
 
 
 def _observed(results: Results) -> list[tuple[str, str]]:
@@ -196,18 +202,23 @@ def _observed(results: Results) -> list[tuple[str, str]]:
     if epoch:
         first, last = (float(epoch) + x / 86400 for x in (results.t.min(), results.t.max()))
         clock = results.span_s < 20 * 86400
-        span = f"{date(first, clock)} to {date(last, clock)} ({span})"
+        begins, ends = date(first, clock), date(last, clock)
+        if begins[:10] == ends[:10]:
+            ends = ends[11:]
+        span = f"{begins} to {ends} UTC ({span})" if clock else f"{begins} to {ends} ({span})"
     facts.append(("Time", span))
     facts.append(("Phase angle", f"{angle.min():.1f}° to {angle.max():.1f}°"))
     if "range_km" in results.constant:
         reach = results.constant["range_km"].to_numpy()
         facts.append(("Range", f"{reach.min():.0f} to {reach.max():.0f} km"))
     known = np.isfinite(results.error)
+    unit = " mag" if results.is_magnitude else " W/m²" if "range_km" in results.constant else ""
     if known.all():
         facts.append(
             (
                 "Errors",
-                f"given with the data, median {tables.three(float(np.median(results.error)))}",
+                "given with the data, median "
+                f"{tables.three(float(np.median(results.error)))}{unit}",
             )
         )
     else:
@@ -246,7 +257,7 @@ def _coverage(results: Results) -> str:
             else ": the errors look too large." if ratio < 0.5 else "."
         )  # fmt: skip
     if fit.get("rms") is not None:
-        unit = " mag" if results.is_magnitude else ""
+        unit = " mag" if results.is_magnitude else " of a curve's mean flux"
         parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")
     return " ".join(parts)
 
@@ -264,7 +275,12 @@ def _legend(results: Results) -> dict[str, Any]:
 
 def _timing(results: Results) -> str:
     timing = results.summary.get("timing") or {}
-    words = {"compile_s": "compiling", "warmup_s": "warm-up", "sampling_s": "sampling"}
+    words = {
+        "search_s": "search",
+        "compile_s": "compiling",
+        "warmup_s": "warm-up",
+        "sampling_s": "sampling",
+    }
     parts = [f"{w} {duration(timing[k])}" for k, w in words.items() if timing.get(k) is not None]
     if timing.get("gradients"):
         parts.append(f"{timing['gradients']:,} gradients".replace(",", " "))

@@ -65,7 +65,7 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
             for f, h in zip(faces, hues, strict=True)
         ],
         "solid": body is not None,
-        "labels": [] if body is not None else np.round(1.25 * normals, 4).tolist(),
+        "labels": [] if body is not None else np.round(1.02 * normals, 4).tolist(),
         "axis": _axis(mode),
     }
     image = _picture(faces, hues, scene, mode, gallery, caption)

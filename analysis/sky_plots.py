@@ -30,6 +30,7 @@ def _mollweide(figure: Any, position: Any = 111) -> Any:
     axes = figure.add_subplot(position, projection="mollweide")
     axes.grid(color="#d5d8dd", lw=0.5)
     axes.set_axisbelow(True)
+    axes.set_longitude_grid_ends(90)
     ticks = np.arange(-120, 121, 60)
     axes.set_xticks(np.radians(ticks), [f"{t % 360}°" for t in ticks], fontsize=7.5, color=FAINT)
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
@@ -69,7 +70,9 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
         middle = normals[:, :, i].mean(axis=(0, 1))
         lon, lat = _place(*lon_lat(middle))
         size = 330 * float(np.mean(areas[..., i])) / largest
-        axes.scatter(lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4)
+        axes.scatter(
+            lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4, clip_on=False
+        )
         _number(axes, float(lon), float(lat), str(i))
     name = f"facets-{mode.index + 1}"
     caption = (
@@ -140,7 +143,8 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
                 break
     if not clouds:
         return []
-    figure = gallery.figure(5.4, 3.3)
+    several = len(results.modes) > 1
+    figure = gallery.figure(5.4, 3.2 if several else 2.8)
     axes = _mollweide(figure)
     for mode, lon, lat, _ in clouds:
         x, y = _place(_some(lon.values), _some(lat.values))
@@ -148,7 +152,6 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         x, y = _place(np.array(lon.mean), np.array(lat.mean))
         axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
                   label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
-    several = len(results.modes) > 1
     if several:
         figure.legend(loc="outside lower center", ncols=3)
     caption = (

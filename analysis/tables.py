@@ -43,14 +43,30 @@ def key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
     return {"heads": [(m.name, weight(m)) for m in drawn], "rows": rows}
 
 
-def parameter_table(listed: list[quantities.Quantity]) -> list[dict[str, Any]]:
+def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:
+    """A row for each facet: albedo-area with its interval, and where the normal points."""
+    found = quantities.facets(results, mode)
+    if not found:
+        return None
+    rows = []
+    for i, f in enumerate(found):
+        low, high = (show(f.area.quantile(p), f.area.sd) for p in (0.05, 0.95))
+        angles = [show(x, f.radius) for x in (f.azimuth, f.polar)]
+        area = (show(f.area.mean, f.area.sd), f"{low} to {high}")
+        rows.append(
+            {"number": i, "area": area, "angles": angles, "radius": show(f.radius, f.radius)}
+        )
+    return {"unit": found[0].area.unit, "rows": rows, "long": len(rows) > LONG}
+
+
+def parameter_table(listed: list[quantities.Quantity], mode: Mode) -> list[dict[str, Any]]:
     """Groups of rows by variable; a long group is folded away on the page."""
     groups: dict[str, list[list[str]]] = {}
     worst: dict[str, tuple[float, float]] = {}
     meaning: dict[str, tuple[str, str]] = {}
-    for row in quantities.table(listed):
+    for row in quantities.table(listed, mode):
         q = row.quantity
-        base = q.name.split("[")[0]
+        base = "omega" if q.name.startswith("omega_") else q.name.split("[")[0]
         meaning[base] = (q.words, q.unit)
         cells = [q.name, *(show(x, row.sd) for x in (row.mean, row.sd, *row.quantiles))]
         cells += ["–" if not np.isfinite(row.rhat) else f"{row.rhat:.3f}"]

@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+FRAMES = {
+    "icrs": "those of ICRS",
+    "ecliptic-j2000": "those of the ecliptic of J2000",
+    "inertial": "the inertial axes of the file",
+}
+
+
 class Fit:
     """A posterior with its summary.
 
@@ -206,14 +213,14 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
     from lcbayes.physics.photometry import SUN_MAGNITUDE
 
     said = []
+    frame = FRAMES.get(curve.frame, curve.frame)
     if model == "faceted":
         turns = options.get("spin", "free") != "none"
         said.append("The body is flat facets that reflect diffusely and do not shade one another.")
         said.append(
-            "It turns at a constant angular velocity; its axes are those of "
-            f"{curve.frame} at the first point."
+            f"It turns at a constant angular velocity; its axes are {frame} at the first point."
             if turns
-            else f"It does not turn in the axes of {curve.frame}."
+            else f"It does not turn in {frame}."
         )
     elif model == "faceted-brdf":
         said.append("The body is flat facets that do not shade one another.")

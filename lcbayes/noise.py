@@ -95,10 +95,7 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     scale = curve_scales(data, flux)
     mean = expected(data, flux, scale)
     numpyro.deterministic("expected", mean)
-    if data.has_error:
-        sd = data.error
-    else:
-        sd = (noise_levels(data) * data.noise_unit)[data.curve]
+    sd = data.error if data.has_error else (noise_levels(data) * data.noise_unit)[data.curve]
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

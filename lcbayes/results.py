@@ -55,27 +55,6 @@ def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
     return data.assign_coords({**ranges, **letters})
 
 
-def reported(names: Mapping[str, Any] | set[str]) -> list[str]:
-    """The variables a reader is shown: not those that only carry others."""
-    carried = {
-        "normals",
-        "omega_unit",
-        "period_shift",
-        "mode",
-        "expected",
-        "flux",
-        "log_level",
-        "noise_unit",
-    }
-    return [
-        n
-        for n in names
-        if n not in carried
-        and not n.endswith("_base")
-        and not (n.startswith("log_") and n[4:] in names)
-    ]
-
-
 def tree(
     posterior: Posterior, curve: LightCurve, entry: Entry, options: Mapping[str, Any], seed: int
 ) -> xr.DataTree:

@@ -14,7 +14,8 @@ from scipy.stats import chi2 as chi2_distribution
 from lcbayes._jax import jnp
 from lcbayes.inference.fit import Posterior
 from lcbayes.lightcurve import LightCurve
-from lcbayes.results import dataset, reported
+from lcbayes.names import label, reported
+from lcbayes.results import dataset
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
         quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
         for index in np.ndindex(values.shape[2:]):
             at = (slice(None), slice(None), *index)
-            found[_label(name, index)] = {
+            found[label(name, index)] = {
                 "mean": float(values[at].mean()),
                 "sd": float(values[at].std(ddof=1)),
                 "q05": float(quantiles[(0, *index)]),
@@ -63,14 +64,6 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
                 "ess_tail": float(tail[name].values[index]),
             }
     return found
-
-
-def _label(name: str, index: tuple[int, ...]) -> str:
-    if not index:
-        return name
-    if name == "omega":
-        return f"omega_{'xyz'[index[0]]}_rad_s"
-    return f"{name}[{','.join(map(str, index))}]"
 
 
 def summarise(

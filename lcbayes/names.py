@@ -1,0 +1,29 @@
+"""Which variables of a fit a reader is shown, and what each scalar of them is called."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+CARRIERS = frozenset(
+    {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level", "noise_unit"}
+)
+
+
+def reported(names: Collection[str]) -> list[str]:
+    """The variables a reader is shown: not those that only carry others."""
+    return [
+        n
+        for n in names
+        if n not in CARRIERS
+        and not n.endswith("_base")
+        and not (n.startswith("log_") and n[4:] in names)
+    ]
+
+
+def label(name: str, index: tuple[int, ...]) -> str:
+    """Name of one element in `summary.json`: ``phi[0]``, ``omega_x_rad_s``, ``sigma``."""
+    if not index:
+        return name
+    if name == "omega":
+        return f"omega_{'xyz'[index[0]]}_rad_s"
+    return f"{name}[{','.join(map(str, index))}]"
