@@ -254,7 +254,7 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--law", "mirror"], "unknown diffuse law 'mirror'; available"),
         (["--noise", "cauchy"], "unknown noise 'cauchy'; available"),
         (["--spin", "sideways"], "unknown spin 'sideways'; available"),
-        (["--n-facets", "0"], "n_facets is 0; give a whole number"),
+        (["--n-facets", "0"], "n_facets is 0; give 1 or more"),
         (["--set", "omega_sd"], "expected NAME=VALUE"),
         (["--set", "omega_sd=fast"], "'omega_sd' of model 'faceted' is 'fast'; expected float"),
         (["--set", "colour=red"], "no option 'colour'; available"),

@@ -10,7 +10,6 @@ from lcbayes import gallery
 from lcbayes._jax import jax, jnp
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.inference import evidence, fit
-from lcbayes.inference import modes as modes_of
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.settings import Settings
 from lcbayes.inference.solutions import Solution
@@ -129,7 +128,7 @@ def test_hits_are_counted_along_a_ridge(one_facet):
         Solution(flat.mean(0), 0.0, 0.0, 1.0, 1), stretched, {}, evidence.LogEvidence(0.0, 0.1)
     )
     order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
-    modes_of.recount([mode], problem, problem, ends, order, data)
+    fit.recount([mode], problem, problem, ends, order, data)
     assert 0.9 * len(inside) <= mode.solution.hits <= len(inside)
 
 
@@ -145,7 +144,7 @@ def test_mixture_takes_modes_by_weight():
         )
         for i, w in enumerate((3.0, 1.0))
     ]
-    modes_of.weigh(modes)
+    fit.weigh(modes)
     np.testing.assert_allclose([m.weight for m in modes], [0.75, 0.25])
     # d w₁ = w₁ w₂ (dz₁ − dz₂)
     np.testing.assert_allclose(modes[0].weight_sd, 0.75 * 0.25 * 0.1 * np.sqrt(2))
