@@ -37,6 +37,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "nu": ("specular exponent", "", 0.0),
     "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }
+RELATIVE_NOISE = "noise σ ÷ mean flux of the curve"
 # What a reader asks for first; used where only a few can be shown.
 IMPORTANT = (
     "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
@@ -108,6 +109,8 @@ def readable(q: Quantity) -> tuple[float, float, str]:
         power = int(np.floor(np.log10(spread)))
         centre = round(q.mean, -power)
         sign, shown = ("−", centre) if centre > 0 else ("+", -centre)
+        if -2 <= power <= 3:
+            return centre, 1.0, f"{sign} {shown:.{max(0, -power)}f} ({unit})".replace(" ()", "")
         return centre, 10.0**power, f"{sign} {shown:.{max(0, -power)}f} (10$^{{{power}}}$ {unit})"
     power = int(np.floor(np.log10(largest)))
     if -2 <= power <= 3:
@@ -117,8 +120,7 @@ def readable(q: Quantity) -> tuple[float, float, str]:
 
 def area_unit(results: Results) -> str:
     """m², or nothing where the brightness has no absolute scale."""
-    absolute = "range_km" in results.constant or results.normals is None
-    return "m²" if absolute else "relative"
+    return "relative" if results.is_relative else "m²"
 
 
 def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
@@ -128,7 +130,7 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         if name == "albedo_area":
             unit = area_unit(results)
         if name == "sigma":
-            unit = "mag" if results.is_magnitude else "of the mean flux"
+            words, unit = ("noise σ", "mag") if results.is_magnitude else (RELATIVE_NOISE, "")
         array = mode.draws[name].transpose("chain", "draw", ...)
         if array.dtype.kind not in "fiub":
             continue
