@@ -29,6 +29,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "phase_k": ("phase law: slope k", "1/rad", 0.0),
     "lambert_c": ("weight c of the Lambert term", "", 0.0),
     "sigma": ("noise σ", "", 0.0),
+    "noise": ("noise of a curve", "", 0.0),
     "scale": ("scale of a curve", "", 0.0),
     "coefficients": ("coefficient of the log albedo-areas", "", 0.0),
     "r_spec": ("specular reflectance", "", 0.0),
@@ -37,7 +38,6 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "nu": ("specular exponent", "", 0.0),
     "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }
-RELATIVE_NOISE = "noise σ ÷ mean flux of the curve"
 # What a reader asks for first; used where only a few can be shown.
 IMPORTANT = (
     "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
@@ -129,8 +129,9 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
-        if name == "sigma":
-            words, unit = ("noise σ", "mag") if results.is_magnitude else (RELATIVE_NOISE, "")
+        if name in ("sigma", "noise"):
+            unit = "mag" if results.is_magnitude else ""
+            words += "" if results.is_magnitude else " ÷ mean flux"
         array = mode.draws[name].transpose("chain", "draw", ...)
         if array.dtype.kind not in "fiub":
             continue
