@@ -61,6 +61,12 @@ class Results:
         return self.attrs.get("kind") == "mag"
 
     @property
+    def is_relative(self) -> bool:
+        """Whether no curve has a known scale, so that sizes are relative."""
+        free = self.constant.get("free_scale")
+        return self.normals is not None if free is None else bool(free.all())
+
+    @property
     def span_s(self) -> float:
         return float(np.ptp(self.t)) if self.t.size else 0.0
 

@@ -20,8 +20,6 @@ DOTS = 500
 def _drawn(q: Quantity, between: str = " ") -> tuple[Floats, str]:
     """Values as they are drawn, with few digits, and the label that says so."""
     centre, size, shift = readable(q)
-    if centre == 0 and size == 1 and (q.name.endswith(("_deg", "_h")) or q.unit == "relative"):
-        shift = ""
     return (q.values - centre) / size, f"{_short(q.name)}{between}{shift}".strip()
 
 
@@ -32,8 +30,8 @@ def _short(name: str) -> str:
     for long, symbol in (("albedo_area", "α"), ("phi", "φ")):
         if name.startswith(long + "["):
             return symbol + name[len(long) :]
-    return {"pole_lon_deg": "pole lon (deg)", "pole_lat_deg": "pole lat (deg)",
-            "period_h": "period (h)"}.get(name, name)  # fmt: skip
+    names = {"pole_lon_deg": "pole lon", "pole_lat_deg": "pole lat", "period_h": "period"}
+    return names.get(name, name)
 
 
 def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:

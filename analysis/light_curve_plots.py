@@ -87,12 +87,21 @@ def _label(results: Results) -> tuple[str, float]:
     words, unit = "flux at unit distance", ""
     if "range_km" in results.constant:
         words, unit = "flux", "W/m²"
-    elif results.normals is not None:
+    elif results.is_relative:
         words = "relative flux"
     power = int(np.floor(np.log10(max(float(np.max(np.abs(results.brightness))), 1e-300))))
     if -2 <= power <= 3:
         return f"{words} ({unit})" if unit else words, 1.0
     return f"{words} (10$^{{{power}}}$ {unit})".replace(" )", ")"), 10.0**power
+
+
+def _runs(x: Floats) -> list[NDArray[np.int64]]:
+    """Stretches without a gap, over which a band may be drawn: nothing is said in between."""
+    steps = np.diff(x)
+    if steps.size == 0:
+        return [np.arange(x.size)]
+    gaps = np.flatnonzero(steps > 10 * float(np.median(steps))) + 1
+    return np.split(np.arange(x.size), gaps)
 
 
 def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
@@ -155,12 +164,14 @@ def _draw_segment(
             top.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
             top.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
         elif rank == 0:
-            top.fill_between(x, q[0], q[4], color=hue, alpha=0.18, lw=0)
-            top.fill_between(x, q[1], q[3], color=hue, alpha=0.38, lw=0)
+            for run in _runs(x):
+                top.fill_between(x[run], q[0, run], q[4, run], color=hue, alpha=0.18, lw=0)
+                top.fill_between(x[run], q[1, run], q[3, run], color=hue, alpha=0.38, lw=0)
         elif sparse:
             top.plot(x, q[2], "_", color=hue, ms=6)
         else:
-            top.plot(x, q[2], color=hue, lw=1.1, ls="--")
+            for run in _runs(x):
+                top.plot(x[run], q[2, run], color=hue, lw=1.1, ls="--")
     error = results.error[at] / power
     if np.isfinite(error).all():
         top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)

@@ -29,6 +29,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "phase_k": ("phase law: slope k", "1/rad", 0.0),
     "lambert_c": ("weight c of the Lambert term", "", 0.0),
     "sigma": ("noise σ", "", 0.0),
+    "noise": ("noise of a curve", "", 0.0),
     "scale": ("scale of a curve", "", 0.0),
     "coefficients": ("coefficient of the log albedo-areas", "", 0.0),
     "r_spec": ("specular reflectance", "", 0.0),
@@ -108,6 +109,8 @@ def readable(q: Quantity) -> tuple[float, float, str]:
         power = int(np.floor(np.log10(spread)))
         centre = round(q.mean, -power)
         sign, shown = ("−", centre) if centre > 0 else ("+", -centre)
+        if -2 <= power <= 3:
+            return centre, 1.0, f"{sign} {shown:.{max(0, -power)}f} ({unit})".replace(" ()", "")
         return centre, 10.0**power, f"{sign} {shown:.{max(0, -power)}f} (10$^{{{power}}}$ {unit})"
     power = int(np.floor(np.log10(largest)))
     if -2 <= power <= 3:
@@ -117,8 +120,7 @@ def readable(q: Quantity) -> tuple[float, float, str]:
 
 def area_unit(results: Results) -> str:
     """m², or nothing where the brightness has no absolute scale."""
-    absolute = "range_km" in results.constant or results.normals is None
-    return "m²" if absolute else "relative"
+    return "relative" if results.is_relative else "m²"
 
 
 def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
@@ -127,8 +129,9 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
-        if name == "sigma":
-            unit = "mag" if results.is_magnitude else "of the mean flux"
+        if name in ("sigma", "noise"):
+            unit = "mag" if results.is_magnitude else ""
+            words += "" if results.is_magnitude else " ÷ mean flux"
         array = mode.draws[name].transpose("chain", "draw", ...)
         if array.dtype.kind not in "fiub":
             continue

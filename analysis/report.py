@@ -152,7 +152,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         undefined=jinja2.StrictUndefined,
     )  # fmt: skip
     environment.globals["show"] = show
-    environment.filters["percent"] = percent
+    environment.filters["weight"] = tables.weight
     return environment.get_template("report.html.j2").render(values), shapes
 
 
@@ -168,6 +168,8 @@ def _verdict(results: Results) -> dict[str, Any]:
         }
     if count == 1:
         head = "One solution explains the data; the chains agree on it."
+    elif results.modes[0].weight > 0.99:
+        head = "One solution holds nearly all the weight; the chains of each agree."
     else:
         head = f"{count} solutions explain the data; the chains of each agree."
     notes = list(reasons)

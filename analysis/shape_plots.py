@@ -66,7 +66,7 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
         ],
         "solid": body is not None,
         "labels": [] if body is not None else np.round(1.02 * normals, 4).tolist(),
-        "axis": _axis(mode),
+        "axis": _axis(mode) if _turns(mode) else None,
     }
     image = _picture(faces, hues, scene, mode, gallery, caption)
     return Shape(mode, image, scene, body, caption)
@@ -111,6 +111,10 @@ def _discs(normals: Floats, areas: Floats) -> tuple[list[Floats], list[tuple[flo
         v = np.cross(n, u)
         discs.append(n + r * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v))
     return discs, [to_rgb(colour(i)) for i in range(len(areas))]
+
+
+def _turns(mode: Mode) -> bool:
+    return "omega" in mode.draws or "period_h" in mode.draws
 
 
 def _axis(mode: Mode) -> list[float]:

@@ -15,8 +15,13 @@ LONG = 24  # rows from which a group is folded away
 
 
 def weight(mode: Mode) -> str:
+    if 0 < mode.weight < 0.005:
+        return "< 1 %"
+    if 0.995 < mode.weight < 1:
+        return "> 99 %"
     text = percent(mode.weight)
-    return text if mode.weight_sd is None else f"{text} ± {percent(mode.weight_sd)}"
+    certain = mode.weight_sd is None or mode.weight_sd < 0.005
+    return text if certain else f"{text} ± {percent(mode.weight_sd or 0.0)}"
 
 
 def three(value: float) -> str:

@@ -237,7 +237,8 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
     said.append(
         "The errors of the file are taken as they are, independent and Gaussian."
         if curve.error is not None
-        else "The file has no errors; one noise level is inferred for all points."
+        else "The file has no errors; a noise level is inferred"
+        + (" for each curve." if curve.n_curves > 1 else ".")
     )
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:

@@ -52,7 +52,7 @@
         pen.strokeStyle = colour; pen.lineWidth = thick; pen.stroke();
       };
       // spin axis: the half that is farther away goes behind the body
-      const tip = turn(scene.axis.map((x) => 1.25 * x)), tail = tip.map((x) => -x);
+      const tip = turn((scene.axis || [0, 0, 0]).map((x) => 1.25 * x)), tail = tip.map((x) => -x);
       const axis = (end) => line([0, 0, 0], end, "#0072B2", end === tip ? 2.2 : 1.4);
       const ends = [tip, tail].sort((a, b) => a[2] - b[2]);
       axis(ends[0]);
@@ -85,7 +85,7 @@
         pen.lineWidth = scene.solid ? 0.8 : 0.7;
         pen.stroke();
       }
-      if (scene.solid) {
+      if (scene.solid && scene.axis) {
         const inside = ends[1];
         // only what sticks out of the body towards the reader: hide the stretch within it
         const reach = support(view, inside);
@@ -102,7 +102,7 @@
       });
       const mark = at(tip.map((x) => 1.08 * x));
       pen.fillStyle = "#0072B2";
-      pen.fillText("spin", ...mark);
+      if (scene.axis) pen.fillText("spin", ...mark);
     }
 
     // fraction of a ray from the centre at which it leaves the convex body
