@@ -65,7 +65,7 @@ def test_ninety_per_cent_intervals_hold_the_truth(inside, name):
 
     With exact intervals a fresh set of seeds gives fewer than 16 with probability 4.3 %, for one
     of the three parameters at most 13 %; the seeds are fixed, so that a failure is a change of
-    the code. Intervals of half their right length would hold 12 of 20 and pass in 2 %.
+    the code. Intervals of half their right length would hold 12 of 20 and pass in 4.2 %.
     """
     assert 16 <= sum(inside[name]) <= 20
 

@@ -43,7 +43,9 @@ def test_fitted_sets_the_kind():
 def test_levels_make_a_unit_scale_ordinary():
     """An unknown scale is counted from the curve's mean, whatever unit the file is in."""
     light = small.curve(6, free_scale=np.array([True]))
-    data = Epochs.of(replace(light, brightness=1e5 * light.brightness, error=1e5 * light.error))
+    data = Epochs.of(
+        replace(light, brightness=1e5 * light.brightness, error=1e5 * np.asarray(light.error))
+    )
     np.testing.assert_allclose(data.level, [1e5 * light.brightness.mean()])
     np.testing.assert_allclose(data.noise_unit, data.level)
     known = Epochs.of(replace(light, free_scale=np.array([False])))
