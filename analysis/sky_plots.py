@@ -151,7 +151,7 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         axes.plot(x, y, ".", ms=3, color=colour(mode.index), alpha=0.4, mew=0, rasterized=True)
         x, y = _place(np.array(lon.mean), np.array(lat.mean))
         axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
-                  label=f"{mode.name} ({100 * mode.weight:.0f} %)")  # fmt: skip
+                  label=mode.name)  # fmt: skip
     if several:
         figure.legend(loc="outside lower center", ncols=3)
     caption = (
