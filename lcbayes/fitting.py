@@ -214,16 +214,14 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
 
     said = []
     frame = FRAMES.get(curve.frame, curve.frame)
-    if model == "faceted":
-        turns = options.get("spin", "free") != "none"
-        said.append("The body is flat facets that reflect diffusely and do not shade one another.")
+    if model in ("faceted", "faceted-brdf"):
+        how = "that reflect diffusely and do" if model == "faceted" else "that do"
+        said.append(f"The body is flat facets {how} not shade one another.")
         said.append(
             f"It turns at a constant angular velocity; its axes are {frame} at the first point."
-            if turns
+            if options.get("spin", "free") != "none"
             else f"It does not turn in {frame}."
         )
-    elif model == "faceted-brdf":
-        said.append("The body is flat facets that do not shade one another.")
     elif model == "convex-grid":
         said.append("The body is convex, and spins about a fixed axis of its own.")
         said.append(
