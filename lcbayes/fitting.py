@@ -218,7 +218,7 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
         how = "that reflect diffusely and do" if model == "faceted" else "that do"
         said.append(f"The body is flat facets {how} not shade one another.")
         said.append(
-            f"It turns at a constant angular velocity; its axes are along {frame} at the first point."
+            f"It turns at a constant angular velocity; its axes are {frame} at the start."
             if options.get("spin", "free") != "none"
             else f"It does not turn in {frame}."
         )
