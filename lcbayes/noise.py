@@ -14,7 +14,7 @@ from lcbayes.epochs import Epochs
 OBSERVED = "brightness"
 Law = Literal["gaussian", "student-t"]
 STUDENT_T_DF = 4.0
-NOISE_SPREAD = 0.5  # sd of the logarithm of a curve's noise about the typical one
+NOISE_SPREAD = 0.25  # sd of the logarithm of a curve's noise about the typical one
 
 
 def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Array:
@@ -59,7 +59,7 @@ def noise_levels(data: Epochs) -> jax.Array:
 
     ``sigma`` ~ LogNormal(ln 0.03, 1) is the typical level: relative to a curve's mean for fluxes,
     in magnitudes for magnitudes. Curves come from different nights and telescopes, so with more
-    than one each has its own, ``noise`` = sigma · LogNormal(0, 0.5): otherwise the noisiest of
+    than one each has its own, ``noise`` = sigma · LogNormal(0, 0.25): otherwise the noisiest of
     them would set the weight of all.
     """
     n_curves = len(data.free_scale)

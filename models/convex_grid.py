@@ -18,7 +18,7 @@ LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
-LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.3), (np.log(0.1), 0.5)
+LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
 
 
 @lru_cache
@@ -33,7 +33,7 @@ def model(
     data: Epochs,
     *,
     period: float,
-    n_facets: int = 400,
+    n_facets: int = 300,
     degree: int = 6,
     noise_law: str = "gaussian",
 ):
@@ -42,7 +42,7 @@ def model(
     Pole uniform on the sphere. Sidereal period ~ Normal(period, P²/2T), T the time span: the sd
     is the step between periods that differ by half a turn over the span, whose light curves look
     alike, so give the period to about that. c_lm ~ Normal(0, τ (2/(l+1))²) with
-    ln τ ~ Normal(ln 4, 0.3), ln c ~ Normal(ln 0.1, 0.5). Each component of Σαn/Σα is 0 ± 0.01:
+    ln τ ~ Normal(ln 4, 0.7), ln c ~ Normal(ln 0.1, 0.5). Each component of Σαn/Σα is 0 ± 0.01:
     the surface closes, to the error of the grid.
 
     With relative curves alone neither size nor phase law is sought: Σα = 8, that of a sphere of
@@ -137,13 +137,13 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
     ]
 
 
-def coordinates(data: Epochs, *, n_facets: int = 400, degree: int = 6, **options):  # noqa: ARG001
+def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options):  # noqa: ARG001
     """Moments of the shares up to degree 4, where the data are informative; see the class."""
     harmonics = grid(n_facets, degree)[1]
     low = min(degree, MOMENT_DEGREE)
     return {"coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1)}
 
 
-def constants(data: Epochs, *, n_facets: int = 400, **options):  # noqa: ARG001
+def constants(data: Epochs, *, n_facets: int = 300, **options):  # noqa: ARG001
     """The grid: normals (N, 3)."""
     return {"grid_normals": facets.grid(n_facets)}
