@@ -19,7 +19,7 @@ from lcbayes.progress import Silent
 
 # A race: damped steps for every start, then the share that goes on. Most starts show early that
 # they lead nowhere; the few that do not are run until they stall.
-RACE = ((8, 0.15), (25, 0.3), (100, 1.0))
+RACE = ((8, 0.15), (25, 0.3), (150, 1.0))
 FEWEST = 12
 
 
