@@ -12,6 +12,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 
 OBSERVED = "brightness"
+FLUX = "flux"
 Law = Literal["gaussian", "student-t"]
 STUDENT_T_DF = 4.0
 NOISE_SPREAD = 0.25  # sd of the logarithm of a curve's noise about the typical one
@@ -91,7 +92,7 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     ----------
     Linares & Crassidis, eqs. (1), (10), the normalisation to the power m.
     """
-    numpyro.deterministic("flux", flux)
+    flux = numpyro.deterministic(FLUX, flux)
     scale = curve_scales(data, flux)
     mean = expected(data, flux, scale)
     numpyro.deterministic("expected", mean)

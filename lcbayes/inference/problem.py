@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
 import numpyro.distributions as dist
 from jax.flatten_util import ravel_pytree
+from jax.interpreters.partial_eval import dce_jaxpr
 from numpyro import handlers
 from numpyro.distributions import biject_to
 from numpyro.distributions.transforms import Transform
@@ -14,7 +17,7 @@ from numpyro.distributions.transforms import Transform
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.noise import OBSERVED
+from lcbayes.noise import FLUX, OBSERVED
 
 Sites = dict[str, jax.Array]
 
@@ -78,6 +81,13 @@ class Problem:
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
         self.names = tuple(sorted(latent))
+        index = self.unravel(jnp.arange(float(self.dim)))
+        self._rows = {k: np.ravel(index[k]).astype(int) for k in self.names}
+        self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
+        moving = _reaching(lambda free: self._flux(free, data), template)
+        self._body = {k: self._rows[k] for k in moving}
+        still = np.setdiff1d(np.arange(self.dim), np.concatenate([[], *self._body.values()]))
+        self._body_order = np.argsort(np.concatenate([still, *self._body.values()]))
 
     def ravel(self, sites: Sites) -> jax.Array:
         """The flat unconstrained vector of constrained values."""
@@ -106,12 +116,16 @@ class Problem:
         """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])
 
-    def _conditions(self, free: Sites, data: Epochs) -> Moments:
-        """Centres and widths of every observed site, the brightness among them, end to end.
+    def _flux(self, free: Sites, data: Epochs) -> jax.Array:
+        return self._trace(free, data)[0][FLUX]["value"]
+
+    def _conditions(self, data: Epochs, free: Sites, flux: jax.Array) -> Moments:
+        """Centres and widths of every observed site, end to end, for a given flux.
 
         A model may condition on more than the brightness, such as areas that close.
         """
-        trace, _ = self._trace(free, data)
+        with handlers.substitute(data={FLUX: flux}):
+            trace, _ = self._trace(free, data)
         parts = [_moments(v) for v in trace.values() if _is_condition(v)]
         return Moments(
             *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
@@ -134,7 +148,7 @@ class Problem:
     def flux(self, sites: Sites, data: Epochs) -> jax.Array:
         """The flux a model hands to `noise.observe` for constrained values of its sites, (T,)."""
         model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
-        return handlers.trace(model).get_trace(data)["flux"]["value"]
+        return handlers.trace(model).get_trace(data)[FLUX]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
         """One draw of the data given z: posterior predictive, (T,)."""
@@ -147,38 +161,66 @@ class Problem:
         positive part of the Hessian of −ln prior; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t and 1
         for Normal. Factors of the model that are no distributions do not enter.
 
-        The Jacobian goes one latent site at a time, because a tangent that is known to be absent
-        costs nothing: the shape does not turn the body, the scale of a curve moves neither.
+        The flux is nearly all of the cost. So it is linearised once and pushed forward only along
+        the sites that it depends on; what follows, scale and noise of each curve, costs little.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
         weights = [_weights(v) for v in trace.values() if _is_condition(v)]
         w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
-        sd = self._conditions(free, data).sd
-        blocks = []
-        for name in free:  # the order of ravel_pytree
-
-            def along(value, name=name):
-                return self._conditions({**free, name: value}, data)
-
-            block = jax.jacfwd(along)(free[name])
-            blocks.append([b.reshape(b.shape[0], -1) for b in block])
-        mean, log_sd = (jnp.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
-        mean = mean * (jnp.sqrt(w) / sd)[:, None]
-        log_sd = log_sd * (jnp.sqrt(2 * v) / sd)[:, None]
-        return mean.T @ mean + log_sd.T @ log_sd + self.prior_precision(z, data)
+        basis = jax.vmap(self.unravel)(jnp.eye(self.dim))
+        flux = self._flux(free, data)
+        parts = [jnp.zeros((self.dim - sum(r.size for r in self._body.values()), flux.size))]
+        for name in self._body:
+            along = jax.jacfwd(lambda x, name=name: self._flux({**free, name: x}, data))(free[name])
+            parts.append(along.reshape(flux.size, -1).T)
+        change = jnp.concatenate(parts)[self._body_order]
+        moments, push_on = jax.linearize(partial(self._conditions, data), free, flux)
+        mean, sd = jax.vmap(push_on)(basis, change)
+        mean, sd = mean * (jnp.sqrt(w) / moments.sd), sd * (jnp.sqrt(2 * v) / moments.sd)
+        return mean @ mean.T + sd @ sd.T + self.prior_precision(z, data)
 
     def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Hessian of −ln prior of the latent sites, its negative directions dropped, (D, D)."""
+        """What the prior alone holds of z, (D, D), positive semi-definite by construction.
 
-        def log_prior(z):
-            trace, log_det = self._trace(z, data)
-            return log_det + sum(
-                jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"])) for k in self.names
-            )
+        Of sites that are Normal the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K with J of the
+        value minus its mean and K of ln σ, so that a prior whose width is itself inferred counts
+        rightly; of every other site the Hessian of −ln prior along the site itself, its negative
+        directions dropped.
+        """
+        free = self.unravel(z)
+        trace, _ = self._trace(free, data)
+        sd = {k: _moments(trace[k]).sd for k in self._gaussian}
 
-        hessian = -jax.hessian(log_prior)(z)
-        values, vectors = jnp.linalg.eigh(0.5 * (hessian + hessian.T))
+        def residuals(z: jax.Array) -> jax.Array:
+            trace, _ = self._trace(z, data)
+            parts = [jnp.zeros(0)]
+            for k in self._gaussian:
+                mean, width = _moments(trace[k])
+                parts += [(trace[k]["value"] - mean) / sd[k], jnp.sqrt(2.0) * jnp.log(width)]
+            return jnp.concatenate([jnp.ravel(x) for x in parts])
+
+        _, push = jax.linearize(residuals, z)
+        jacobian = jax.vmap(push)(jnp.eye(self.dim))
+        precision = jacobian @ jacobian.T
+        for name in self.names:
+            if name not in self._gaussian:
+                rows = self._rows[name]
+                block = self._curvature(name, trace[name]["fn"], free[name])
+                precision = precision.at[np.ix_(rows, rows)].add(block)
+        return precision
+
+    def _curvature(self, name: str, fn: Any, value: jax.Array) -> jax.Array:
+        """Positive part of the Hessian of −ln prior of one site along itself."""
+        transform = self._transforms[name]
+
+        def minus_log_prior(flat: jax.Array) -> jax.Array:
+            free = flat.reshape(value.shape)
+            site = transform(free)
+            log_det = transform.log_abs_det_jacobian(free, site)
+            return -jnp.sum(fn.log_prob(site)) - jnp.sum(log_det)
+
+        values, vectors = jnp.linalg.eigh(jax.hessian(minus_log_prior)(value.ravel()))
         return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
 
     def prior_draw(self, key: jax.Array, data: Epochs) -> jax.Array:
@@ -191,6 +233,13 @@ def _base(fn: Any) -> Any:
     while isinstance(fn, dist.Independent | dist.ExpandedDistribution | dist.MaskedDistribution):
         fn = fn.base_dist
     return fn
+
+
+def _reaching(f: Callable[[Sites], jax.Array], sites: Sites) -> tuple[str, ...]:
+    """The sites that f depends on."""
+    leaves = jax.make_jaxpr(f)(sites)
+    _, used = dce_jaxpr(leaves.jaxpr, [True] * len(leaves.jaxpr.outvars))
+    return tuple(k for k, u in zip(sorted(sites), used, strict=True) if u)
 
 
 def _is_condition(site: dict[str, Any]) -> bool:
