@@ -261,6 +261,13 @@ def _coverage(results: Results) -> str:
     if fit.get("rms") is not None:
         unit = " mag" if results.is_magnitude else " of a curve's mean flux"
         parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")
+    worth = fit.get("information_per_point", 1.0)
+    if worth < 1.0:
+        n = results.summary["n_obs"]
+        parts.append(
+            f"The residuals follow each other: the {n} points are worth {worth * n:.0f} "
+            "independent ones, and the uncertainties and weights are counted so."
+        )
     return " ".join(parts)
 
 

@@ -46,6 +46,8 @@ class Epochs:
     curve : (T,) int
         Group of the point.
     exposure_s : (T,) s
+    information : float
+        What a point is worth, 1 where errors are independent: the power of its likelihood.
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
@@ -68,6 +70,7 @@ class Epochs:
     noise_unit: jax.Array
     curve: jax.Array
     exposure_s: jax.Array
+    information: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)
@@ -124,6 +127,7 @@ class Epochs:
             noise_unit=jnp.asarray(noise_unit),
             curve=jnp.asarray(curve.curve),
             exposure_s=jnp.asarray(curve.exposure_s),
+            information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
             has_exposure=bool(np.any(curve.exposure_s > 0)),

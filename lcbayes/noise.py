@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpyro import handlers
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -78,7 +79,7 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
     Errors that the file gives are taken as they are; where it gives none they are inferred, see
-    `noise_levels`.
+    `noise_levels`. The likelihood is raised to the power ``data.information``.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
     ----------
     Linares & Crassidis, eqs. (1), (10), the normalisation to the power m.
     """
-    flux = numpyro.deterministic(FLUX, flux)
+    flux = jnp.asarray(numpyro.deterministic(FLUX, flux))
     scale = curve_scales(data, flux)
     mean = expected(data, flux, scale)
     numpyro.deterministic("expected", mean)
@@ -103,4 +104,5 @@ def observe(data: Epochs, flux: jax.Array, noise: Law = "gaussian") -> None:
         likelihood = dist.StudentT(STUDENT_T_DF, mean, sd)
     else:
         raise ValueError(f"unknown noise {noise!r}; available: gaussian, student-t")
-    numpyro.sample(OBSERVED, likelihood, obs=data.brightness)
+    with handlers.scale(scale=data.information):
+        numpyro.sample(OBSERVED, likelihood, obs=data.brightness)

@@ -152,6 +152,7 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         chi2 = float(np.sum(((curve.brightness - np.asarray(mean)) / curve.error) ** 2))
     return {
         "rms": best.solution.rms,
+        "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
         "chi2": chi2,
         "dof": curve.n_obs - posterior.problem.dim,

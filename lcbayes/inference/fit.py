@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import evidence, search, solutions
+from lcbayes.inference import evidence, information, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.problem import Problem, Sites
@@ -97,11 +97,18 @@ def run(
     stored = checkpoint.load("search")
     if stored is None:
         ends = search.race(plain, data, starts, workers, progress)
-        checkpoint.save("search", ends._asdict())
+        fits = ends.z
+        data = information.weighed(plain, fits[0], data)
+        if data.information < 1.0:
+            ends = search.polish(plain, data, ends, workers)
+        known = {"fits": fits, "information": np.asarray(data.information)}
+        checkpoint.save("search", ends._asdict() | known)
     else:
+        data = replace(data, information=jnp.asarray(stored.pop("information")))
+        fits = stored.pop("fits")
         ends = search.SearchState(**stored)
     order = FacetOrder(plain, entry.facet_sites)
-    found = solutions.distinct(plain, data, ends, order, settings.max_modes)
+    found = solutions.distinct(plain, data, ends, fits, order, settings.max_modes)
     if not found:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "

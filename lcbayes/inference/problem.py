@@ -109,7 +109,9 @@ class Problem:
         """−log p(y, z) with respect to z."""
         trace, log_det = self._trace(z, data)
         return -log_det - sum(
-            jnp.sum(v["fn"].log_prob(v["value"])) for v in trace.values() if v["type"] == "sample"
+            jnp.sum(v["fn"].log_prob(v["value"])) * _power(v)
+            for v in trace.values()
+            if v["type"] == "sample"
         )
 
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
@@ -132,7 +134,7 @@ class Problem:
         )
 
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Pointwise, (T,)."""
+        """Pointwise, each point taken whole, (T,)."""
         site = self._trace(z, data)[0][OBSERVED]
         return site["fn"].log_prob(site["value"])
 
@@ -254,8 +256,14 @@ def _moments(site: dict[str, Any]) -> Moments:
 
 def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
     """Information on location and on log scale, per 1/σ², of one observed site, flat."""
-    fn, shape = _base(site["fn"]), (jnp.asarray(site["value"]).size,)
+    fn, shape, power = _base(site["fn"]), (jnp.asarray(site["value"]).size,), _power(site)
     if isinstance(fn, dist.StudentT):
         df = jnp.ravel(jnp.asarray(fn.df))[0]
-        return jnp.full(shape, (df + 1) / (df + 3)), jnp.full(shape, df / (df + 3))
-    return jnp.ones(shape), jnp.ones(shape)
+        w, v = (df + 1) / (df + 3), df / (df + 3)
+        return jnp.full(shape, power * w), jnp.full(shape, power * v)
+    return jnp.full(shape, power), jnp.full(shape, power)
+
+
+def _power(site: dict[str, Any]) -> jax.Array | float:
+    """Power to which a site's probability is raised."""
+    return 1.0 if site["scale"] is None else site["scale"]

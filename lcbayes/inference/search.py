@@ -6,7 +6,8 @@ data plus the prior's precision, so the same routine serves every model and nois
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -87,40 +88,56 @@ def race(
     problem: Problem, data: Epochs, starts: jax.Array, workers: int, progress: Silent
 ) -> SearchState:
     """Run the starts (B, D) to their optima, giving up on the hopeless ones; best first."""
-    state = jax.jit(partial(init, problem))(starts, data)
-    state = jax.tree.map(np.asarray, state)
-    size = chunk_size(problem, data)
-    total = sum(n * len(r) for n, r in zip((s for s, _ in RACE), _shares(len(starts)), strict=True))
+    state = jax.tree.map(np.asarray, jax.jit(partial(init, problem))(starts, data))
+    shares = _shares(len(starts))
+    total = sum(n * share for (n, _), share in zip(RACE, shares, strict=True))
     with (
         progress.stage("searching", total, "steps") as bar,
         ThreadPoolExecutor(workers) as pool,
     ):
-        for (n_steps, _), rows in zip(RACE, _shares(len(starts)), strict=True):
-            state = _first(_sorted(state), len(rows))
-            chunks = [rows[i : i + size] for i in range(0, len(rows), size)]
-
-            def run(chunk, state=state, n_steps=n_steps):
-                padded = np.resize(chunk, size)  # one shape, one compilation
-                out = advance(problem, data, jax.tree.map(lambda x: x[padded], state), n_steps)
-                bar.advance(n_steps * len(chunk))
-                return jax.tree.map(lambda x: np.asarray(x)[: len(chunk)], out)
-
-            parts = list(pool.map(run, chunks))
-            state = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        for (n_steps, _), share in zip(RACE, shares, strict=True):
+            state = jax.tree.map(lambda x, share=share: x[:share], _sorted(state))
+            state = _advance_all(problem, data, state, n_steps, pool, bar.advance)
     return _sorted(state)
 
 
-def _shares(n: int) -> list[range]:
-    """Rows still in the race at each of its rounds."""
-    rows = []
+def polish(problem: Problem, data: Epochs, ends: SearchState, workers: int) -> SearchState:
+    """The optima near the ends of a search, row by row, once the data weigh a little less."""
+    state = jax.jit(partial(init, problem))(jnp.asarray(ends.z), data)
+    state = jax.tree.map(np.asarray, state._replace(damping=jnp.full(len(ends.z), 1e-3)))
+    with ThreadPoolExecutor(workers) as pool:
+        return _advance_all(problem, data, state, RACE[-1][0], pool, lambda _: None)
+
+
+def _advance_all(
+    problem: Problem,
+    data: Epochs,
+    state: SearchState,
+    n_steps: int,
+    pool: Executor,
+    report: Callable[[int], None],
+) -> SearchState:
+    """`advance` for many starts, some at a time."""
+    size = chunk_size(problem, data)
+
+    def run(chunk: range) -> SearchState:
+        padded = np.resize(chunk, size)  # one shape, one compilation
+        out = advance(problem, data, jax.tree.map(lambda x: x[padded], state), n_steps)
+        report(n_steps * len(chunk))
+        return jax.tree.map(lambda x: np.asarray(x)[: len(chunk)], out)
+
+    rows = range(len(state.z))
+    parts = list(pool.map(run, (rows[i : i + size] for i in range(0, len(rows), size))))
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+def _shares(n: int) -> list[int]:
+    """Starts still in the race at each of its rounds."""
+    left = []
     for _, share in RACE:
-        rows.append(range(n))
+        left.append(n)
         n = min(n, max(FEWEST, round(n * share)))
-    return rows
-
-
-def _first(state: SearchState, n: int) -> SearchState:
-    return jax.tree.map(lambda x: x[:n], state)
+    return left
 
 
 def _sorted(state: SearchState) -> SearchState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from lcbayes.inference.search import SearchState
 Floats = NDArray[np.float64]
 
 SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
-WORSE_FIT = 1.05  # residual rms over the best one's, above which a solution is dropped ...
+WORSE_FIT = 1.05  # residuals, in units of the noise, over the best one's: dropped above this ...
 LESS_LIKELY = 10.0  # ... unless its Laplace evidence is within this many nats of the best
 
 
@@ -29,7 +29,8 @@ class Solution:
     z : (D,) unconstrained vector
     potential : −ln p(y, z)
     log_evidence : Laplace's approximation; a rank, not a weight
-    rms : of the residuals, in the unit of `residual_rms`
+    rms : of the residuals of the fit to the points at their full weight: relative to a
+        curve's mean brightness for fluxes, in magnitudes for magnitudes
     hits : starts of the search that ended here
     """
 
@@ -40,34 +41,33 @@ class Solution:
     hits: int
 
 
-def residual_rms(problem: Problem, z: Floats, data: Epochs) -> float:
-    """Root mean square of observed minus expected brightness.
-
-    For fluxes each residual is divided by its curve's mean brightness, so that it is the rms of
-    relative intensity; for magnitudes it is in magnitudes.
-    """
+def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> float:
+    """Root mean square of observed minus expected brightness over ``unit`` (T,)."""
     mean = jax.jit(problem.moments)(jnp.asarray(z), data).mean
-    unit = np.asarray(data.noise_unit)[np.asarray(data.curve)]
     return float(np.sqrt(np.mean((np.asarray(data.brightness - mean) / unit) ** 2)))
 
 
 def distinct(
-    problem: Problem, data: Epochs, ends: SearchState, order: FacetOrder, most: int
+    problem: Problem, data: Epochs, ends: SearchState, fits: Floats, order: FacetOrder, most: int
 ) -> list[Solution]:
-    """The different optima among the ends of a search, best first, near-equal ones kept."""
+    """The different optima among the ends of a search, best first, near-equal ones kept.
+
+    ``fits`` (B, D) are the same ends with every point at its full weight: they tell the rms.
+    """
     fisher = jax.jit(problem.fisher)
+    best = ends.z[np.argmin(ends.potential)]
+    noise = np.asarray(jax.jit(problem.moments)(jnp.asarray(best), data).sd)
     found: list[Solution] = []
     metrics: list[Floats] = []
+    misfits: list[float] = []  # rms of the residuals in units of the best end's noise
     limit = SAME**2 * problem.dim
     finite = np.isfinite(ends.potential)
-    for z, potential in zip(ends.z[finite], np.asarray(ends.potential)[finite], strict=True):
-        z = np.asarray(z)
+    for row in np.argsort(ends.potential, kind="stable")[: finite.sum()]:
+        z, potential = np.asarray(ends.z[row]), float(ends.potential[row])
         for i, known in enumerate(found):
             step = order.like(z, known.z) - known.z
             if step @ metrics[i] @ step < limit:
-                found[i] = Solution(
-                    known.z, known.potential, known.log_evidence, known.rms, known.hits + 1
-                )
+                found[i] = replace(known, hits=known.hits + 1)
                 break
         else:
             if len(found) >= 4 * most:
@@ -75,12 +75,13 @@ def distinct(
             metric = np.asarray(fisher(jnp.asarray(z), data))
             log_det = np.linalg.slogdet(metric)[1]
             evidence = -potential - 0.5 * log_det + 0.5 * problem.dim * np.log(2 * np.pi)
-            rms = residual_rms(problem, z, data)
-            found.append(Solution(z, float(potential), float(evidence), rms, 1))
+            rms = _residual_rms(problem, fits[row], data, np.asarray(data.noise_unit)[data.curve])
+            found.append(Solution(z, potential, float(evidence), rms, 1))
+            misfits.append(_residual_rms(problem, z, data, noise))
             metrics.append(metric)
     if not found:
         return []
-    best_rms = min(s.rms for s in found)
-    best = max(s.log_evidence for s in found)
-    kept = [s for s in found if s.log_evidence > best - LESS_LIKELY or s.rms < WORSE_FIT * best_rms]
+    close = [misfit < WORSE_FIT * min(misfits) for misfit in misfits]
+    likely = max(s.log_evidence for s in found) - LESS_LIKELY
+    kept = [s for s, c in zip(found, close, strict=True) if c or s.log_evidence > likely]
     return sorted(kept, key=lambda s: -s.log_evidence)[:most]

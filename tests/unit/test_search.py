@@ -111,9 +111,9 @@ def test_relabelled_and_close_ends_are_one_solution(two):
     z = np.asarray(small.truth(problem, data, 2))
     swapped = order.by_size(z, np.array([1.0, 2.0]))
     ends = ends_at(problem, data, z, swapped, z + 1e-4, np.full_like(z, np.nan))
-    (only,) = solutions.distinct(problem, data, ends, order, 4)
+    (only,) = solutions.distinct(problem, data, ends, ends.z, order, 4)
     assert only.hits == 3
-    assert solutions.distinct(problem, data, ends, FacetOrder(problem, ()), 4)[0].hits == 2
+    assert solutions.distinct(problem, data, ends, ends.z, FacetOrder(problem, ()), 4)[0].hits == 2
 
 
 def test_far_and_much_worse_ends_are_dropped(two):
@@ -121,7 +121,8 @@ def test_far_and_much_worse_ends_are_dropped(two):
     order = FacetOrder(problem, SITES)
     z = np.asarray(small.truth(problem, data, 2))
     worse = z + 0.7
-    kept = solutions.distinct(problem, data, ends_at(problem, data, z, worse), order, 4)
+    ends = ends_at(problem, data, z, worse)
+    kept = solutions.distinct(problem, data, ends, ends.z, order, 4)
     assert len(kept) == 1
     np.testing.assert_array_equal(kept[0].z, z)
 
@@ -130,13 +131,17 @@ def test_no_finite_end_is_no_solution(two):
     problem, data = two
     n = np.full(problem.dim, np.nan)
     ends = SearchState(jnp.stack([n]), jnp.array([jnp.inf]), jnp.ones(1), jnp.zeros(1, int))
-    assert solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4) == []
+    assert solutions.distinct(problem, data, ends, ends.z, FacetOrder(problem, SITES), 4) == []
 
 
 def test_residuals_are_relative_to_each_curve(one):
     problem, data, *_ = one
     z = small.truth(problem, data, 1)
+    ends = ends_at(problem, data, z + 0.01)
+    (found,) = solutions.distinct(
+        problem, data, ends, np.asarray(z)[None], FacetOrder(problem, SITES), 4
+    )
     y = np.asarray(data.brightness)
     mean = np.asarray(jax.jit(problem.moments)(z, data).mean)
     want = np.sqrt(np.mean(((y - mean) / np.abs(y).mean()) ** 2))
-    np.testing.assert_allclose(solutions.residual_rms(problem, np.asarray(z), data), want)
+    np.testing.assert_allclose(found.rms, want)  # of the fit to the points at full weight
