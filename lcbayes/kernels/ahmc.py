@@ -79,7 +79,7 @@ def build_kernel(
         start = trajectory.Point(
             z, metric.momentum(key_v, z.shape[0]), state.potential, state.grad, jnp.array(True)
         )
-        point, info = trajectory.run(
+        point, info, _ = trajectory.run(
             key_accept,
             trajectory.Dynamics(integrators.leapfrog(value_and_grad, root, centre, spring), energy),
             start,

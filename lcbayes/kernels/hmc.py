@@ -39,7 +39,7 @@ def build_kernel(potential_fn: Callable[[jax.Array], jax.Array], record_steps: i
             state.grad,
             jnp.array(True),
         )
-        point, info = trajectory.run(
+        point, info, _ = trajectory.run(
             key_accept,
             dynamics,
             start,

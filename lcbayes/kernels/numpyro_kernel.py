@@ -15,7 +15,7 @@ from numpyro.util import is_prng_key
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
-from lcbayes.kernels import adaptation, ahmc, hmc, mh
+from lcbayes.kernels import adaptation, ahmc, hmc, mh, rmhmc
 from lcbayes.kernels.trajectory import Info, State
 
 STARTS = 10  # prior draws of which a chain starts at the best
@@ -345,6 +345,24 @@ class HMC(Kernel):
 
     def _build(self, target, record_steps):
         return hmc.build_kernel(target.potential, record_steps)
+
+
+class RMHMC(Kernel):
+    """Riemannian manifold HMC: the Fisher information moves along, by implicit steps.
+
+    Every step takes its Fisher matrix a dozen times and its derivative once; steps that do not
+    converge or do not reverse are counted (``num_failed``) and rejected.
+    """
+
+    _lengths = (1, 2, 3, 4, 6, 8)
+
+    def __init__(self, model: Callable[..., Any] | None = None, **options: Any) -> None:
+        if model is None and options.get("fisher_fn") is None:
+            raise InputError("RMHMC(potential_fn=...) needs fisher_fn, its metric")
+        super().__init__(model, **options)
+
+    def _build(self, target, record_steps):
+        return rmhmc.build_kernel(target.potential, target.fisher, record_steps)
 
 
 class AHMC(Kernel):

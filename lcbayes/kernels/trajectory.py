@@ -81,8 +81,8 @@ def run(
     num_steps: jax.Array,
     feature_fn: Callable[[jax.Array], jax.Array] | None = None,
     record_steps: int = 0,
-) -> tuple[Point, Info]:
-    """L steps, then accept with probability min{1, exp(H − H′)}.
+) -> tuple[Point, Info, Point]:
+    """L steps, then accept with probability min{1, exp(H − H′)}: the point, info, the far end.
 
     A trajectory ends early, and is rejected, where the energy is not finite or an implicit step
     fails: the reverse trajectory would meet the same point, so detailed balance holds.
@@ -120,7 +120,7 @@ def run(
         num_metric=jnp.array(0),
         record=record,
     )
-    return point, info
+    return point, info, end
 
 
 def _accept(before: jax.Array, after: jax.Array, solved: jax.Array) -> jax.Array:
