@@ -158,7 +158,7 @@ class Kernel(MCMCKernel):
         rng_key, key_start = jax.random.split(rng_key)
         target = self._target(init_params, args, kwargs)
         if init_params is None:
-            problem = Problem(partial(self.model, **kwargs), *args)  # type: ignore[arg-type]
+            problem = self._problem(args, kwargs)
             draws = jax.vmap(lambda k: problem.prior_draw(k, *args))(
                 jax.random.split(key_start, STARTS)
             )
@@ -191,9 +191,9 @@ class Kernel(MCMCKernel):
 
     def sample(self, state: KernelState, model_args, model_kwargs) -> KernelState:
         """One transition of one chain, or of a batch of chains in step."""
-        one = jax.tree.map(lambda x: x[0], state)
         batch = not is_prng_key(state.rng_key)
-        target = self._target((one if batch else state).z, model_args, model_kwargs or {})
+        z = jax.tree.map(lambda x: x[0], state.z) if batch else state.z
+        target = self._target(z, model_args, model_kwargs or {})
         warm, draw = partial(self._warm, target=target), partial(self._draw, target=target)
         if not batch:
             return jax.lax.cond(state.i < state.num_warmup, warm, draw, state)
@@ -241,9 +241,15 @@ class Kernel(MCMCKernel):
         )
         return state, info
 
+    def _problem(self, args: tuple, kwargs: dict) -> Problem:
+        """Made anew for each trace: nothing traced may outlive its trace on this object."""
+        assert self.model is not None
+        with jax.ensure_compile_time_eval():
+            return Problem(partial(self.model, **kwargs), *args)
+
     def _target(self, z: Any, args: tuple, kwargs: dict) -> Target:
         if self.model is not None:
-            problem = Problem(partial(self.model, **kwargs), *args)
+            problem = self._problem(args, kwargs)
             return Target(
                 lambda x: problem.potential(x, *args),
                 (lambda x: problem.fisher(x, *args)) if self._uses_fisher else None,
@@ -262,7 +268,7 @@ class Kernel(MCMCKernel):
         """From unconstrained sites to every site of the model; without a model, nothing."""
         if self.model is None:
             return lambda z: z
-        problem = Problem(partial(self.model, **(model_kwargs or {})), *model_args)
+        problem = self._problem(model_args, model_kwargs or {})
         return lambda z: problem.constrain(ravel_pytree(z)[0], *model_args)
 
     def get_diagnostics_str(self, state: KernelState) -> str:
