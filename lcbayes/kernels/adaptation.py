@@ -25,6 +25,7 @@ from lcbayes.kernels.metric import Scale
 EDGES = (0.05, 0.1, 0.2, 0.35, 0.85)
 FIRST_STEPS = 4  # leapfrog steps while nothing is known yet
 INFORM_EVERY = 4  # warm-up transitions from one information matrix for S to the next
+NEARLY = 0.6  # of the best efficiency: no worse than the noise of its estimate
 METRIC_COST = 3.0  # one Fisher matrix and its factor, in gradients
 
 
@@ -105,9 +106,21 @@ def running_inform(r: Running, information: jax.Array) -> Running:
     )
 
 
-def estimate(r: Running, old: Scale) -> Scale:
+def _with(
+    r: Running, z: jax.Array, i: jax.Array, fisher_fn: Callable[[jax.Array], jax.Array] | None
+) -> Running:
+    """The draw of warm-up transition i, and now and then the information there."""
+    r = running_add(r, z)
+    if fisher_fn is None:
+        return r
+    wanted = i % INFORM_EVERY == 0
+    return jax.lax.cond(wanted, lambda: running_inform(r, fisher_fn(z)), lambda: r)
+
+
+def estimate(r: Running, old: Scale, correlation: float = 1.0) -> Scale:
     """S of a window: the draws' covariance shrunk by D + 5 imagined draws from the prior guess.
 
+    Where draws hang together over ``correlation`` transitions, that many times as many.
     The guess is the inverse of the mean information, or 10⁻³ I where there is none.
     """
     dim = r.mean.shape[0]
@@ -115,7 +128,7 @@ def estimate(r: Running, old: Scale) -> Scale:
     mean_information = r.information / jnp.maximum(r.n_information, 1)
     root, _ = metric.inverse_root(jnp.where(informed, mean_information, 0.0), old.precision)
     guess = jnp.where(informed, root @ root.T, 1e-3 * jnp.eye(dim))
-    weight = jnp.where(informed, dim + 5.0, 5.0)
+    weight = jnp.where(informed, correlation * (dim + 5.0), 5.0)
     covariance = (r.scatter + weight * guess) / (jnp.maximum(r.n - 1, 0) + weight)
     return metric.scale_of(r.mean, covariance, old)
 
@@ -139,12 +152,16 @@ def efficiency(s: Scores, cost: jax.Array) -> jax.Array:
     """Smallest effective draws per gradient over all features, (K, L).
 
     A chain whose feature has lag-one autocorrelation ρ = 1 − E[(f′ − f)²] / 2 var f is taken to be
-    of first order, so that a draw is worth (1 − ρ)/(1 + ρ).
+    of first order, so that a draw is worth (1 − ρ)/(1 + ρ). Variances count as no less than those
+    of a Gaussian with covariance S (1 and 2): a chain that has hardly moved would otherwise take
+    its short jumps for long ones.
     """
     n = jnp.maximum(jnp.sum(s.count), 1)
     variance = s.square / n - (s.total / n) ** 2
+    gaussian = jnp.repeat(jnp.array([1.0, 2.0]), variance.shape[0] // 2)
+    variance = jnp.maximum(variance, gaussian)
     jump = s.jump / jnp.maximum(s.count, 1)[:, None, None]
-    half = jnp.clip(jump / (2 * jnp.maximum(variance, 1e-300)), 0.0, 1.9)
+    half = jnp.clip(jump / (2 * variance), 0.0, 1.9)
     return jnp.min(half / (2 - half), axis=-1) / cost
 
 
@@ -231,13 +248,7 @@ class Tuner(NamedTuple):
             mean_accept = jnp.mean(info.record.accept)
             accept = jnp.where(comparing, mean_accept, info.accept_prob)
             t = t._replace(steps=steps_update(t.steps, k, accept, jnp.asarray(self.target)))
-        t = t._replace(running=running_add(t.running, z))
-        if fisher_fn is not None:
-            t = jax.lax.cond(
-                i % INFORM_EVERY == 0,
-                lambda: t._replace(running=running_inform(t.running, fisher_fn(z))),
-                lambda: t,
-            )
+        t = t._replace(running=_with(t.running, z, i, fisher_fn))
         t = jax.lax.cond(comparing, lambda: self._score(t, k, z, info), lambda: t)
         done = i + 1
         t = jax.lax.cond(jnp.any(done == edges), lambda: self._turn(t, done, edges), lambda: t)
@@ -268,7 +279,10 @@ class Tuner(NamedTuple):
         lengths = jnp.asarray(self.lengths)
         cost = lengths + jnp.asarray(self.metric_cost)[:, None]
         worth = efficiency(t.scores._replace(jump=t.scores.jump[:, lengths - 1]), cost)
-        best = jnp.unravel_index(jnp.argmax(worth), worth.shape)
+        # Too long a trajectory costs a part of the gradients, too short a one the ballistic motion:
+        # among the candidates that are nearly the best, the longest.
+        near = worth >= NEARLY * jnp.max(worth)
+        best = jnp.unravel_index(jnp.argmax(jnp.where(near, lengths, 0)), worth.shape)
         last = done == edges[4]
         choice = jnp.where(last, best[0], t.choice)
         num_steps = jnp.where(last, lengths[best[1]], t.num_steps)
@@ -303,7 +317,7 @@ class Haario(NamedTuple):
     def params(self, t: Tuning) -> Params:
         return Params(jnp.exp(t.steps.average[0]), t.num_steps, jnp.asarray(jnp.inf), t.scale)
 
-    def trial(self, t: Tuning, i: jax.Array, num_warmup: jax.Array) -> tuple[jax.Array, Params]:
+    def trial(self, t: Tuning, *_: jax.Array) -> tuple[jax.Array, Params]:
         params = self.params(t)
         return jnp.array(0), params._replace(step_size=jnp.exp(t.steps.log_step[0]))
 
@@ -321,9 +335,10 @@ class Haario(NamedTuple):
         edges = jnp.stack([_edge(j, num_warmup) for j in range(3)])
         if self.step_size is None:
             t = t._replace(steps=steps_update(t.steps, k, info.accept_prob, self.target))
-        t = t._replace(running=running_add(t.running, z))
+        t = t._replace(running=_with(t.running, z, i, fisher_fn))
         if self.covariance is None:
-            scale = estimate(t.running, t.scale)
+            # A random walk needs some 3 D transitions for one independent draw.
+            scale = estimate(t.running, t.scale, 3.0 * z.shape[0])
             enough = t.running.n > 2 * z.shape[0]
             scale = jax.tree.map(lambda a, b: jnp.where(enough, a, b), scale, t.scale)
             t = t._replace(scale=scale)

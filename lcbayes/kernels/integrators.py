@@ -85,9 +85,7 @@ class Manifold(NamedTuple):
     def energy(self, point: Point) -> jax.Array:
         """H = U + ½ ln det M + ½ pᵀM⁻¹p."""
         geometry = point.extra
-        return (
-            point.potential + 0.5 * geometry.log_det + metric.kinetic(geometry.root.T @ point.v)
-        )
+        return point.potential + 0.5 * geometry.log_det + metric.kinetic(geometry.root.T @ point.v)
 
 
 def generalised_leapfrog(
@@ -110,8 +108,8 @@ def generalised_leapfrog(
         inverse = geometry.root @ geometry.root.T
         velocity = inverse @ p
         trace = jnp.einsum("ij,jik->k", inverse, geometry.slope)
-        return grad + 0.5 * trace - 0.5 * jnp.einsum(
-            "i,ijk,j->k", velocity, geometry.slope, velocity
+        return (
+            grad + 0.5 * trace - 0.5 * jnp.einsum("i,ijk,j->k", velocity, geometry.slope, velocity)
         )
 
     def half_kick(geometry, grad, p, step_size):

@@ -85,7 +85,7 @@ class Kernel(MCMCKernel):
     _sample_fn = "sample"
     _uses_fisher = True
     _deltas: tuple[float, ...] = (np.inf,)
-    _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16)
+    _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class Kernel(MCMCKernel):
             covariance=covariance,
         )
 
-    def _metric_cost(self, delta: float) -> float:
+    def _metric_cost(self, delta: float) -> float:  # noqa: ARG002
         return 0.0
 
     def _build(self, target: Target, record_steps: int) -> Callable[..., tuple[State, Info]]:
@@ -342,7 +342,7 @@ class MetropolisHastings(Kernel):
     def _first(self, z, target):
         return mh.init(z, target.potential)
 
-    def _build(self, target, record_steps):
+    def _build(self, target, record_steps):  # noqa: ARG002
         return mh.build_kernel(target.potential)
 
 
@@ -384,7 +384,7 @@ class AHMC(Kernel):
         metric.
     """
 
-    _deltas = (0.5, 1.0, 2.0, np.inf)
+    _deltas = (0.5, 1.0, np.inf)
 
     def __init__(
         self,

@@ -45,9 +45,7 @@ def build_kernel(
         here = manifold.at(state.z, jnp.array(0))
         white = metric.momentum(key_p, state.z.shape[0])
         p = integrators.unwhiten(here.root, white)
-        start = trajectory.Point(
-            state.z, p, state.potential, state.grad, jnp.array(True), here
-        )
+        start = trajectory.Point(state.z, p, state.potential, state.grad, jnp.array(True), here)
         point, info, end = trajectory.run(
             key_accept,
             trajectory.Dynamics(

@@ -104,7 +104,7 @@ def run(
             record = Record(record.accept.at[l].set(accept), record.jump.at[l].set(jump))
         return l + 1, point, record
 
-    taken, end, record = jax.lax.while_loop(alive, advance, (0, start, record))
+    taken, end, record = jax.lax.while_loop(alive, advance, (jnp.array(0), start, record))
     after = dynamics.energy(end)
     accept = jnp.where(taken == num_steps, _accept(before, after, end.solved), 0.0)
     accepted = jax.random.uniform(key) < accept

@@ -74,9 +74,7 @@ class Contract(ABC):
 
         x = jnp.concatenate([start.z, start.v])
         basis = jnp.eye(2 * DIM)
-        jacobian = np.stack(
-            [(flow(x + h * e) - flow(x - h * e)) / (2 * h) for e in basis], axis=1
-        )
+        jacobian = np.stack([(flow(x + h * e) - flow(x - h * e)) / (2 * h) for e in basis], axis=1)
         assert abs(jacobian - np.eye(2 * DIM)).max() > 0.1  # the map is far from the identity
         assert abs(np.linalg.det(jacobian)) == pytest.approx(1.0, abs=self.volume)
 
