@@ -58,7 +58,7 @@ def steps_at(log_step: jax.Array, n: int) -> Steps:
     return Steps(at, at, zero, zero, at)
 
 
-def steps_update(steps: Steps, k: jax.Array, accept: jax.Array, target: jax.Array) -> Steps:
+def steps_update(steps: Steps, k: jax.Array, accept: jax.Array, target: float) -> Steps:
     """One update of candidate k; γ = 0.05, t₀ = 10, κ = 0.75 as published."""
     count = steps.count[k] + 1
     gap = steps.gap[k] + (target - accept - steps.gap[k]) / (count + 10)
@@ -247,7 +247,7 @@ class Tuner(NamedTuple):
         if self.step_size is None:
             mean_accept = jnp.mean(info.record.accept)
             accept = jnp.where(comparing, mean_accept, info.accept_prob)
-            t = t._replace(steps=steps_update(t.steps, k, accept, jnp.asarray(self.target)))
+            t = t._replace(steps=steps_update(t.steps, k, accept, self.target))
         t = t._replace(running=_with(t.running, z, i, fisher_fn))
         t = jax.lax.cond(comparing, lambda: self._score(t, k, z, info), lambda: t)
         done = i + 1

@@ -186,5 +186,5 @@ def _fixed_point(
 
     first = once(start)
     size = jnp.max(jnp.abs(length(first - start)))
-    n, x, size = jax.lax.while_loop(going, again, (1, first, size))
+    n, x, size = jax.lax.while_loop(going, again, (jnp.array(1), first, size))
     return x, size <= TOLERANCE, n

@@ -51,6 +51,11 @@ class Target(NamedTuple):
     fisher: Callable[[jax.Array], jax.Array] | None
     unravel: Callable[[jax.Array], Any]
 
+    def metric(self, z: jax.Array) -> jax.Array:
+        """The Fisher information, of kernels that were made with one."""
+        assert self.fisher is not None
+        return self.fisher(z)
+
 
 class Kernel(MCMCKernel):
     """What the four kernels share.
@@ -78,12 +83,9 @@ class Kernel(MCMCKernel):
         When the arguments do not fit together.
     """
 
-    sample_field = "z"
-    default_fields = ("z", "diverging")
     # NumPyro calls init before it goes on from a stored state unless this is set; nothing here
     # needs it, since `sample` is a function of the state and the model's arguments alone.
     _sample_fn = "sample"
-    _uses_fisher = True
     _deltas: tuple[float, ...] = (np.inf,)
     _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 
@@ -125,6 +127,14 @@ class Kernel(MCMCKernel):
             step_size=step_size,
             covariance=covariance,
         )
+
+    @property
+    def sample_field(self) -> str:
+        return "z"
+
+    @property
+    def default_fields(self) -> tuple[str, ...]:
+        return ("z", "diverging")
 
     def _metric_cost(self, delta: float) -> float:  # noqa: ARG002
         return 0.0
@@ -252,7 +262,7 @@ class Kernel(MCMCKernel):
             problem = self._problem(args, kwargs)
             return Target(
                 lambda x: problem.potential(x, *args),
-                (lambda x: problem.fisher(x, *args)) if self._uses_fisher else None,
+                lambda x: problem.fisher(x, *args),
                 problem.unravel,
             )
         unravel = ravel_pytree(jax.tree.map(lambda x: jnp.asarray(x, float), z))[1]
@@ -368,7 +378,7 @@ class RMHMC(Kernel):
         super().__init__(model, **options)
 
     def _build(self, target, record_steps):
-        return rmhmc.build_kernel(target.potential, target.fisher, record_steps)
+        return rmhmc.build_kernel(target.potential, target.metric, record_steps)
 
 
 class AHMC(Kernel):
@@ -415,7 +425,7 @@ class AHMC(Kernel):
         return adaptation.METRIC_COST if np.isfinite(delta) else 0.0
 
     def _build(self, target, record_steps):
-        return ahmc.build_kernel(target.potential, target.fisher, self._exact, record_steps)
+        return ahmc.build_kernel(target.potential, target.metric, self._exact, record_steps)
 
     def _words(self, params):
         text = super()._words(params)
