@@ -89,7 +89,7 @@ def fit(
     *,
     sampler: str = "nuts",
     seed: int = 0,
-    num_warmup: int = 200,
+    num_warmup: int | None = None,
     num_samples: int = 600,
     num_chains: int = 4,
     num_starts: int = 0,
@@ -111,11 +111,12 @@ def fit(
     model : str
         "faceted", "faceted-brdf", "convex-grid", or the path of a model file.
     sampler : str
-        "nuts".
+        "nuts", "ahmc" (Fisher-adaptive HMC, exact), "hmc", "rmhmc", "mh" (random walk), or
+        "ahmc-paper", the published rule, whose result is never to be trusted.
     seed : int
         The same input, version, seed and device give the same numbers.
     num_warmup, num_samples, num_chains : int
-        Per solution.
+        Per solution. A warm-up of None takes what serves the sampler: 200 for NUTS.
     num_starts : int
         Starts of the search where the model has no own; 0 chooses by the number of parameters.
     max_modes : int

@@ -13,6 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes._jax import jnp
 from lcbayes.inference.fit import Posterior
+from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
 from lcbayes.names import label, reported
 from lcbayes.results import dataset
@@ -96,6 +97,8 @@ def summarise(
         )
     fit = _fit(posterior, found, curve)
     reasons = list(_reasons(posterior, modes, fit))
+    if identity["settings"]["sampler"] == PUBLISHED:
+        reasons.insert(0, "the published sampler is biased by an amount that no diagnostic shows")
     timing = posterior.timing
     return {
         "model": identity["model"],

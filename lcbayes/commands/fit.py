@@ -17,6 +17,7 @@ EPILOG = """\
 examples:
   lcbayes fit pass.csv -o out --n-facets 3 --seed 1
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
+  lcbayes fit pass.csv -o out --sampler ahmc
   lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
   lcbayes fit --config out/run.toml -o again        the same numbers
 
@@ -34,7 +35,7 @@ FLAGS = {
 READING = ("format", "tle", "site", "error", "error_floor")
 SETTINGS = {
     "seed": "of every random number (default 0)",
-    "num_warmup": "warm-up draws per chain (default 200)",
+    "num_warmup": "warm-up draws per chain (default 200 for nuts, more for others)",
     "num_samples": "draws kept per chain (default 600)",
     "num_chains": "chains per solution (default 4)",
     "num_starts": "starts of the search (default: by the number of parameters)",
@@ -49,7 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", metavar="NAME", help="faceted (default), faceted-brdf, convex-grid, or a file"
     )
-    parser.add_argument("--sampler", metavar="NAME", help="nuts (default)")
+    parser.add_argument(
+        "--sampler",
+        metavar="NAME",
+        help="nuts (default), ahmc, hmc, rmhmc, mh, or ahmc-paper, which is biased",
+    )
     for name, (kind, letter, text) in FLAGS.items():
         flag = "--noise" if name == "noise_law" else "--" + name.replace("_", "-")
         parser.add_argument(flag, dest=name, type=kind, metavar=letter, help=text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -11,10 +12,12 @@ import numpyro.distributions as dist
 from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.infer import NUTS
+from numpyro.infer.mcmc import MCMCKernel
 
+from lcbayes import kernels
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import Problem, Sites
 
 SPREAD = 0.3
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
@@ -52,12 +55,28 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
     return model
 
 
-def nuts(problem: Problem, max_tree_depth: int = 8, target_accept_prob: float = 0.85) -> NUTS:
-    return NUTS(
-        whitened_model(problem),
-        max_tree_depth=max_tree_depth,
-        target_accept_prob=target_accept_prob,
-    )
+def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
+    """The kernel of that name (`settings.WARMUP`), over {"y": (D,)} given (whitening, data)."""
+    if sampler == "nuts":
+        return NUTS(whitened_model(problem), max_tree_depth=8, target_accept_prob=0.85)
+
+    def potential(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+        return problem.potential(whitening(z["y"]), data)
+
+    def fisher(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+        factor = whitening.factor
+        return factor.T @ problem.fisher(whitening(z["y"]), data) @ factor
+
+    kinds = {
+        "ahmc": kernels.AHMC,
+        "ahmc-paper": partial(kernels.AHMC, exact=False),
+        "hmc": kernels.HMC,
+        "rmhmc": kernels.RMHMC,
+        "mh": kernels.MetropolisHastings,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the verdict says it of the published rule
+        return kinds[sampler](potential_fn=potential, fisher_fn=fisher)
 
 
 @partial(jax.jit, static_argnums=(0, 2))

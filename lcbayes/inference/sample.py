@@ -39,7 +39,7 @@ class Sampler:
         self.problem = problem
         self.settings = settings
         self.workers = workers
-        self.kernel = chains.nuts(problem)
+        self.kernel = chains.kernel(problem, settings.sampler)
         self._whiten = jax.jit(lambda z, data: chains.Whitening.at(problem, z, data))
         self._compiled: tuple | None = None
 
@@ -47,6 +47,7 @@ class Sampler:
     def n_blocks(self) -> tuple[int, int]:
         """Blocks of warm-up and of sampling."""
         s = self.settings
+        assert s.num_warmup is not None  # `Settings` sees to it
         return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
 
     def run(
