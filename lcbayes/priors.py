@@ -51,6 +51,14 @@ class UniformDirection(dist.Distribution):
         return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 2.0 * jnp.log(radius) - log_norm
 
 
+    def precision(self, value: jax.Array) -> jax.Array:
+        """Curvature of −log p along the radius, 1/ρ² − 2/r²; none across it. (3n, 3n)."""
+        radius = jnp.sqrt(jnp.sum(value**2, axis=-1) + 1e-30)
+        held = jnp.maximum(1.0 / RADIUS_SD**2 - 2.0 / radius**2, 0.0) / radius**2
+        blocks = held[:, None, None] * value[:, :, None] * value[:, None, :]
+        return jax.scipy.linalg.block_diag(*blocks)
+
+
 def directions(name: str, n: int) -> jax.Array:
     """``n`` unit vectors uniform on the sphere, (n, 3); the sampled site is ``name_base``.
 

@@ -190,8 +190,8 @@ class Problem:
 
         Of sites that are Normal the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K with J of the
         value minus its mean and K of ln σ, so that a prior whose width is itself inferred counts
-        rightly; of every other site the Hessian of −ln prior along the site itself, its negative
-        directions dropped.
+        rightly; of a distribution that has a method ``precision`` what that says; of every other
+        site the Hessian of −ln prior along the site itself, its negative directions dropped.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -218,6 +218,8 @@ class Problem:
     def _curvature(self, name: str, fn: Any, value: jax.Array) -> jax.Array:
         """Positive part of the Hessian of −ln prior of one site along itself."""
         transform = self._transforms[name]
+        if hasattr(fn, "precision"):
+            return fn.precision(value)
 
         def minus_log_prior(flat: jax.Array) -> jax.Array:
             free = flat.reshape(value.shape)
