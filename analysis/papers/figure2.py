@@ -1,0 +1,103 @@
+"""Figure 2 of Linares & Crassidis: the target density of one facet, for one pass and for two.
+
+Left: over the direction of the facet (φ, g), the albedo-area integrated out. Right: over albedo-area
+and g, φ integrated out. Colours: depth below the peak in units of log density, on a logarithmic
+scale, as the paper's "log(log π)" has it. Lines: the regions that hold 50 and 90 % of the posterior.
+Computed on a grid; nothing is sampled. The facet is at g = 0, in the plane of the first pass: one
+pass leaves g free up to its sign and lets the area make up for it, and the second settles both.
+"""
+
+from __future__ import annotations
+
+import _script
+import numpy as np
+import one_facet
+from one_facet import LABELS, TRUTH, Floats, Quadrature
+
+from lcbayes.analysis import style
+from lcbayes.epochs import Epochs
+from lcbayes.simulate import simulate
+
+# One window for both rows, so that what the second pass does can be seen; in α it reaches beyond
+# what is shown, because the left panels integrate over it.
+WINDOW = {"log_albedo_area": (np.log(8.0), np.log(60.0)), "phi": (0.72, 0.88), "g": (-0.7, 0.7)}
+SHOWN_AREA = (8.0, 20.0)
+SHAPE = (800, 120, 280)
+LEVELS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+
+
+def mass_levels(probability: Floats, masses: tuple[float, ...] = (0.9, 0.5)) -> list[float]:
+    """Density thresholds whose highest-density regions hold the given masses, increasing."""
+    falling = np.sort(probability.ravel())[::-1]
+    held = np.cumsum(falling)
+    return [float(falling[np.searchsorted(held, mass)]) for mass in masses]
+
+
+def log_marginal(grid: Quadrature, over: int) -> Floats:
+    """log ∫ π along one axis, kept as a logarithm far into the tails."""
+    peak = grid.log_density.max(axis=over)
+    found = peak + np.log(np.exp(grid.log_density - np.expand_dims(peak, over)).sum(axis=over))
+    return found
+
+
+def draw(axes, x: Floats, y: Floats, log_density: Floats):
+    """Filled depth below the peak, and the 50 and 90 % regions; (x, y) increasing, density (x, y)."""
+    from matplotlib.colors import BoundaryNorm
+
+    log_density = log_density - log_density.max()
+    filled = axes.contourf(
+        x, y, -log_density.T, levels=LEVELS, cmap="Blues_r", extend="max",
+        norm=BoundaryNorm(LEVELS, 256, extend="max"),
+    )  # fmt: skip
+    p = np.exp(log_density)
+    p /= p.sum()
+    axes.contour(x, y, p.T, levels=mass_levels(p), colors=style.PALETTE[1], linewidths=(0.9, 1.4))
+    return filled
+
+
+def enlarge(left, right, grid: Quadrature) -> None:
+    """Insets that show what is too small in the common window."""
+    log_alpha, phi, g = grid.axes
+    flat = (log_marginal(grid, 0), log_marginal(grid, 1) - log_alpha[:, None])
+    xs, truths = (phi, np.exp(log_alpha)), (TRUTH.phi, TRUTH.albedo_area)
+    for axes, x, density, truth in zip((left, right), xs, flat, truths, strict=True):
+        inset = axes.inset_axes((0.56, 0.66, 0.42, 0.32))
+        draw(inset, x, g, density)
+        inset.plot(truth, TRUTH.g, "+", color=style.INK, ms=7, mew=1.1)
+        inset.tick_params(labelsize=6.5, length=2)
+        for spine in inset.spines.values():
+            spine.set_visible(True)
+        axes.indicate_inset_zoom(inset, edgecolor=style.FAINT)
+
+
+def main() -> None:
+    args = _script.parser(__doc__ or "").parse_args()
+    figure = _script.figure(7.6, 6.2)
+    panels = figure.subplots(2, 2, sharey=True)
+    for n_passes, (left, right) in enumerate(panels, start=1):
+        data = Epochs.of(simulate(one_facet.experiment(n_passes), args.seed)[0])
+        window = Quadrature.over(data, tuple(WINDOW.values()), SHAPE)
+        log_alpha, phi, g = window.axes
+        draw(left, phi, g, log_marginal(window, 0))
+        # per unit of α, as the axis has it, not of log α
+        filled = draw(right, np.exp(log_alpha), g, log_marginal(window, 1) - log_alpha[:, None])
+        label = {1: "one pass", 2: "two passes"}[n_passes]
+        for axes, x in ((left, TRUTH.phi), (right, TRUTH.albedo_area)):
+            axes.plot(x, TRUTH.g, "+", color=style.INK, ms=9, mew=1.3)
+            axes.set_title(label, loc="left")
+        left.set_xticks([0.75, 0.80, 0.85])
+        right.set_xlim(SHOWN_AREA)
+        right.set_xticks(range(10, 21, 2))
+        left.set_ylabel(LABELS["g"])
+        if n_passes == 2:
+            left.set_xlabel(LABELS["phi"])
+            right.set_xlabel(LABELS["albedo_area"])
+            enlarge(left, right, Quadrature.of(data))
+    bar = figure.colorbar(filled, ax=panels, shrink=0.8, ticks=LEVELS, spacing="uniform")
+    bar.set_label("depth of the log density below its peak")
+    bar.ax.set_yticklabels([f"{level:g}" for level in LEVELS])
+    _script.save(figure, args.out, "figure2")
+
+
+if __name__ == "__main__":
+    main()
