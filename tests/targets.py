@@ -86,7 +86,7 @@ def gaussian() -> Target:
     )
 
 
-BEND, WIDTH = 0.7, 0.5
+BEND, WIDTH = 0.4, 0.6
 
 
 def banana() -> Target:
@@ -106,17 +106,17 @@ def banana() -> Target:
         x, e = rng.standard_normal((2, n))
         return np.stack([x, BEND * (x**2 - 1.0) + WIDTH * e], axis=1)
 
-    moments = grid_moments(potential, ((-9.0, 9.0), (-6.0, 60.0)), 1500)
+    moments = grid_moments(potential, ((-9.0, 9.0), (-6.0, 40.0)), 1200)
     return Target("banana", potential, fisher, lambda z: z, ("x", "y"), *moments, start)
 
 
 FACET_TRUTH = one_facet.Truth(g=0.15)
-FACET_SIGMA = 1.0  # the peak is 2.9: a posterior that is far from Gaussian
+FACET_SIGMA = 0.7  # the peak is 2.9: a posterior that is far from Gaussian
 
 
 def facet_data(seed: int = 1) -> Epochs:
-    """One facet, two passes of 21 points each."""
-    what = one_facet.experiment(2, truth=FACET_TRUTH, sigma=FACET_SIGMA, step=5.0)
+    """One facet, two passes of 11 points each."""
+    what = one_facet.experiment(2, truth=FACET_TRUTH, sigma=FACET_SIGMA, step=10.0)
     return Epochs.of(simulate(what, seed)[0])
 
 

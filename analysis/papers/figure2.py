@@ -26,11 +26,15 @@ SHAPE = (800, 120, 280)
 LEVELS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
-def mass_levels(probability: Floats, masses: tuple[float, ...] = (0.9, 0.5)) -> list[float]:
-    """Density thresholds whose highest-density regions hold the given masses, increasing."""
-    falling = np.sort(probability.ravel())[::-1]
-    held = np.cumsum(falling)
-    return [float(falling[np.searchsorted(held, mass)]) for mass in masses]
+def mass_levels(mass: Floats, density: Floats, held: tuple[float, ...] = (0.9, 0.5)) -> list[float]:
+    """Densities whose highest-density regions hold the given shares of all, increasing.
+
+    ``mass`` is the probability of each cell and ``density`` that per unit of the plot's axes; they
+    differ where cells are not of one size.
+    """
+    falling = np.argsort(density.ravel())[::-1]
+    total = np.cumsum(mass.ravel()[falling]) / mass.sum()
+    return [float(density.ravel()[falling[np.searchsorted(total, share)]]) for share in held]
 
 
 def log_marginal(grid: Quadrature, over: int) -> Floats:
@@ -40,25 +44,31 @@ def log_marginal(grid: Quadrature, over: int) -> Floats:
     return found
 
 
-def draw(axes, x: Floats, y: Floats, log_density: Floats):
-    """Filled depth below the peak, and the 50 and 90 % regions; (x, y) increasing, density (x, y)."""
+def outline(axes, x: Floats, y: Floats, mass: Floats) -> None:
+    """The regions that hold 50 and 90 % of the probability of cells (x, y)."""
+    density = mass / np.outer(np.gradient(x), np.gradient(y))
+    levels = mass_levels(mass, density)
+    axes.contour(x, y, density.T, levels=levels, colors=style.PALETTE[1], linewidths=(0.9, 1.4))
+
+
+def draw(axes, x: Floats, y: Floats, log_mass: Floats):
+    """Filled depth of the density below its peak, and the 50 and 90 % regions; cells (x, y)."""
     from matplotlib.colors import BoundaryNorm
 
-    log_density = log_density - log_density.max()
+    log_density = log_mass - np.log(np.outer(np.gradient(x), np.gradient(y)))
+    log_density -= log_density.max()
     filled = axes.contourf(
         x, y, -log_density.T, levels=LEVELS, cmap="Blues_r", extend="max",
         norm=BoundaryNorm(LEVELS, 256, extend="max"),
     )  # fmt: skip
-    p = np.exp(log_density)
-    p /= p.sum()
-    axes.contour(x, y, p.T, levels=mass_levels(p), colors=style.PALETTE[1], linewidths=(0.9, 1.4))
+    outline(axes, x, y, np.exp(log_mass - log_mass.max()))
     return filled
 
 
 def enlarge(left, right, grid: Quadrature) -> None:
     """Insets that show what is too small in the common window."""
     log_alpha, phi, g = grid.axes
-    flat = (log_marginal(grid, 0), log_marginal(grid, 1) - log_alpha[:, None])
+    flat = (log_marginal(grid, 0), log_marginal(grid, 1))
     xs, truths = (phi, np.exp(log_alpha)), (TRUTH.phi, TRUTH.albedo_area)
     for axes, x, density, truth in zip((left, right), xs, flat, truths, strict=True):
         inset = axes.inset_axes((0.56, 0.66, 0.42, 0.32))
@@ -79,8 +89,7 @@ def main() -> None:
         window = Quadrature.over(data, tuple(WINDOW.values()), SHAPE)
         log_alpha, phi, g = window.axes
         draw(left, phi, g, log_marginal(window, 0))
-        # per unit of α, as the axis has it, not of log α
-        filled = draw(right, np.exp(log_alpha), g, log_marginal(window, 1) - log_alpha[:, None])
+        filled = draw(right, np.exp(log_alpha), g, log_marginal(window, 1))
         label = {1: "one pass", 2: "two passes"}[n_passes]
         for axes, x in ((left, TRUTH.phi), (right, TRUTH.albedo_area)):
             axes.plot(x, TRUTH.g, "+", color=style.INK, ms=9, mew=1.3)

@@ -28,6 +28,8 @@ from lcbayes.scenarios.viewing import Planar
 
 Floats = NDArray[np.float64]
 
+# The package's own model with one facet on a body that does not turn.
+MODEL = gallery.find("faceted").bind({"n_facets": 1, "spin": "none"})
 NAMES = ("log_albedo_area", "phi", "g")
 LABELS = {
     "log_albedo_area": r"log $\alpha$",
@@ -75,8 +77,8 @@ def experiment(
 
 
 def posed(data: Epochs) -> Problem:
-    """The posterior of the package's own model ``faceted``, one facet that does not turn."""
-    return Problem(gallery.find("faceted").bind({"n_facets": 1, "spin": "none"}), data)
+    """The posterior of `MODEL` given the data."""
+    return Problem(MODEL, data)
 
 
 def to_model(theta: jax.Array) -> dict[str, jax.Array]:

@@ -1,0 +1,152 @@
+"""Does a kernel leave its target invariant? Means and sds against quadrature, at 10⁵ effective draws.
+
+Every exact kernel must agree within 4 Monte-Carlo standard errors with the numbers that
+`targets` computes on grids; the published rule, under the same test, must not.
+
+With all of them right, one comparison fails by chance with probability 6.3e-5, any of the 64 here
+with 0.4 %; the seeds are fixed, so that a failure is a change of the code.
+"""
+
+from __future__ import annotations
+
+import many_chains
+import numpy as np
+import one_facet
+import pytest
+import targets
+from numpyro.infer import MCMC
+
+from lcbayes._jax import jax, jnp
+from lcbayes.kernels import AHMC, HMC, RMHMC, MetropolisHastings
+
+CHAINS = 500
+LIMIT = 4.0  # standard errors
+
+# Settings of each kernel, and draws of each chain that are worth 10⁵ independent ones in all.
+EXACT = {
+    ("gaussian", MetropolisHastings): ({"step_size": 1.3}, 2400),
+    ("gaussian", HMC): ({"step_size": 0.7, "num_steps": 3}, 400),
+    ("gaussian", AHMC): ({"step_size": 0.8, "num_steps": 3, "proposal_scale": 1.0}, 500),
+    ("gaussian", RMHMC): ({"step_size": 0.7, "num_steps": 3}, 400),
+    ("banana", MetropolisHastings): ({"step_size": 1.6}, 5000),
+    ("banana", HMC): ({"step_size": 0.35, "num_steps": 5}, 1000),
+    ("banana", AHMC): ({"step_size": 0.7, "num_steps": 3, "proposal_scale": 0.7}, 2000),
+    ("banana", RMHMC): ({"step_size": 0.4, "num_steps": 4}, 600),
+    ("facet", MetropolisHastings): ({"step_size": 1.2}, 4000),
+    ("facet", HMC): ({"step_size": 0.7, "num_steps": 3}, 400),
+    ("facet", AHMC): ({"step_size": 0.8, "num_steps": 3, "proposal_scale": 1.0}, 500),
+    ("facet", RMHMC): ({"step_size": 0.7, "num_steps": 3}, 400),
+}
+PUBLISHED = ({"step_size": 0.4, "num_steps": 5}, 400)
+
+
+@pytest.fixture(scope="module", params=["gaussian", "banana", "facet"])
+def target(request) -> targets.Target:
+    return getattr(targets, request.param)()
+
+
+def moments_of(target: targets.Target, cls, settings, draws: int, burn: int = 0):
+    """Chains that start from the target itself: an exact kernel needs no burn-in."""
+    if cls in (AHMC, RMHMC):
+        settings = {**settings, "fisher_fn": target.fisher_fn}
+    kernel = cls(potential_fn=target.potential_fn, covariance=target.moments[1], **settings)
+    start = target.start(CHAINS, np.random.default_rng(1))
+    return many_chains.run(
+        kernel, start, target.quantities, (target.mean, target.sd), draws=draws, burn=burn, seed=2
+    )
+
+
+@pytest.mark.parametrize("cls", [MetropolisHastings, HMC, AHMC, RMHMC])
+def test_exact_kernels_agree_with_quadrature(target, cls):
+    settings, draws = EXACT[target.name, cls]
+    found = moments_of(target, cls, settings, draws)
+    assert found.effective_draws >= 1e5
+    assert np.all(np.abs(found.z) < LIMIT)
+
+
+def test_published_rule_does_not(target):
+    """By tens of standard errors, except where the metric is the same everywhere."""
+    settings, draws = PUBLISHED
+    with pytest.warns(UserWarning, match="does not leave the posterior"):
+        found = moments_of(target, AHMC, {**settings, "exact": False}, draws, burn=40)
+    assert found.effective_draws >= 1e5
+    assert found.accept_prob > 0.9  # nothing that a sampler reports shows it
+    if target.name == "gaussian":
+        assert np.all(np.abs(found.z) < LIMIT)
+    else:
+        assert np.max(np.abs(found.z)) > 30
+        assert np.max(np.abs(found.bias)) > 0.05
+
+
+def test_small_steps_of_the_published_rule_sample_another_density():
+    """In one dimension: F π instead of π, whatever the acceptance (docs/sampler.md).
+
+    π = N(0, 1) and F = 1 + x² give a variance of E[(1 + x²) x²]/E[1 + x²] = 2.
+    """
+    with pytest.warns(UserWarning):
+        kernel = AHMC(
+            potential_fn=lambda x: 0.5 * x @ x,
+            fisher_fn=lambda x: jnp.eye(1) + x[:, None] * x[None, :],
+            exact=False,
+            step_size=0.15,
+            num_steps=1,
+            covariance=np.eye(1),
+        )
+    start = np.random.default_rng(0).standard_normal((2000, 1))
+    exact = (np.zeros(1), np.ones(1))
+    found = many_chains.run(kernel, start, lambda x: x, exact, draws=2000, burn=1000, seed=1)
+    assert found.accept_prob > 0.99
+    assert np.mean(found.second) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cls", [MetropolisHastings, HMC, AHMC, RMHMC])
+def test_exact_kernels_with_their_own_warmup(cls):
+    """As users run them: the model itself, warm-up on, each chain with what it found."""
+    data = targets.facet_data()
+    draws, thinning = (16_000, 8) if cls is MetropolisHastings else (1500, 1)
+    mcmc = MCMC(
+        cls(one_facet.MODEL),
+        num_warmup=600,
+        num_samples=draws,
+        thinning=thinning,
+        num_chains=200,
+        chain_method="vectorized",
+        progress_bar=False,
+    )
+    mcmc.run(jax.random.key(3), data)
+    sites = mcmc.get_samples(group_by_chain=True)
+    mean, sd = one_facet.Quadrature.of(data).moments()
+    away = np.stack([np.asarray(sites[k])[..., 0] for k in one_facet.NAMES], axis=-1) - mean
+    found = many_chains.Moments(mean, sd, away.mean(axis=1), (away**2).mean(axis=1), np.nan)
+    assert found.effective_draws >= 5e4
+    assert np.all(np.abs(found.z) < LIMIT)
+
+
+@pytest.mark.parametrize("make", [targets.gaussian, targets.banana])
+def test_grids_agree_with_closed_forms(make):
+    target = make()
+    mean = {"gaussian": targets.GAUSSIAN_MEAN, "banana": [0.0, 0.0]}[target.name]
+    sd = {
+        "gaussian": targets.GAUSSIAN_SD,
+        "banana": [1.0, np.sqrt(2 * targets.BEND**2 + targets.WIDTH**2)],
+    }[target.name]
+    np.testing.assert_allclose(target.mean, mean, atol=1e-9)
+    np.testing.assert_allclose(target.sd, sd, rtol=1e-9)
+
+
+def test_the_facet_grid_is_the_models_posterior():
+    """The two sums over the epochs give the model's own density, and the grid is fine enough."""
+    data = targets.facet_data()
+    problem = one_facet.posed(data)
+    grid = one_facet.Quadrature.of(data)
+    rng = np.random.default_rng(4)
+    cells = rng.choice(grid.log_density.size, 40, p=grid.weights.ravel())
+    index = np.unravel_index(cells, grid.log_density.shape)
+    theta = np.stack([axis[i] for axis, i in zip(grid.axes, index, strict=True)], axis=1)
+    run = jax.jit(jax.vmap(lambda x: one_facet.potential(problem, x, data)))
+    total = np.asarray(run(jnp.asarray(theta))) + grid.log_density[index]
+    np.testing.assert_allclose(total, total[0], atol=1e-9)
+    coarse = one_facet.Quadrature.of(data, (120, 110, 110))
+    for fine, other in zip(grid.moments(), coarse.moments(), strict=True):
+        np.testing.assert_allclose(fine, other, atol=1e-6 * grid.moments()[1].min())
