@@ -12,7 +12,7 @@ from dataclasses import replace
 import _script
 import numpy as np
 import one_facet
-from figure3 import CHAINS, WARMUP
+from figure3 import CHAINS, THINNING, WARMUP
 from numpyro.infer import MCMC
 from one_facet import MODEL, Floats
 
@@ -32,7 +32,8 @@ def predict(fitted: LightCurve, at: LightCurve, draws: int, seed: int) -> Floats
     mcmc = MCMC(
         AHMC(MODEL),
         num_warmup=WARMUP,
-        num_samples=-(-draws // CHAINS),
+        num_samples=THINNING * -(-draws // CHAINS),
+        thinning=THINNING,
         num_chains=CHAINS,
         chain_method="vectorized",
         progress_bar=False,

@@ -1,0 +1,124 @@
+"""A figure of our own: how far the published kernel is from the posterior, and the exact one beside.
+
+One facet, two passes; the exact mean and sd of log α, φ and g come from a grid. Left: against the
+number of leapfrog steps at one step size; right: against the step size with one step. The error
+of a mean is in posterior standard deviations; bars are one Monte-Carlo standard error. The kernels
+run without warm-up, with the same step size, number of steps and fallback covariance. The published
+rule's error does not vanish with the step: as it goes to zero another density is sampled.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+
+import _script
+import many_chains
+import numpy as np
+import one_facet
+from many_chains import Moments
+from one_facet import LABELS, NAMES, Quadrature, Truth
+
+from lcbayes._jax import jax, jnp
+from lcbayes.analysis import style
+from lcbayes.epochs import Epochs
+from lcbayes.kernels import AHMC
+from lcbayes.simulate import simulate
+
+SIGMA, STEP = 0.7, 10.0  # m², s: noisy enough that the posterior is no Gaussian
+STEP_SIZE, STEPS = 0.4, (1, 2, 3, 5, 7, 10, 15, 20)
+STEP_SIZES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+DELTA = 1.0
+CHAINS = 400
+
+
+class Experiment:
+    """The posterior, its exact moments, and kernels run on it in the paper's coordinates."""
+
+    def __init__(self, seed: int) -> None:
+        what = one_facet.experiment(2, truth=Truth(g=0.15), sigma=SIGMA, step=STEP)
+        data = Epochs.of(simulate(what, seed)[0])
+        problem = one_facet.posed(data)
+        self.seed = seed
+        self.grid = Quadrature.of(data)
+        self.potential_fn = partial(one_facet.potential, problem, data=data)
+        self.fisher_fn = partial(one_facet.fisher, problem, data=data)
+        self.start = self.grid.draws(CHAINS, np.random.default_rng(seed))
+        self.covariance = np.cov(self.grid.draws(20_000, np.random.default_rng(0)).T)
+
+    def run(self, exact: bool, step_size: float, num_steps: int, draws: int) -> Moments:
+        """Moments from chains that start at draws from the posterior itself."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that the published rule is biased
+            kernel = AHMC(
+                potential_fn=self.potential_fn,
+                fisher_fn=self.fisher_fn,
+                exact=exact,
+                step_size=step_size,
+                num_steps=num_steps,
+                covariance=self.covariance,
+                **({"proposal_scale": DELTA} if exact else {}),
+            )
+        # A small step takes long to forget where it began: as a random walk, 1/ε² transitions.
+        burn = int(min(20 + 10 / (step_size * num_steps) ** 2, 1000))
+        return many_chains.run(
+            kernel, self.start, lambda z: z, self.grid.moments(), draws=draws, burn=burn,
+            seed=self.seed,
+        )  # fmt: skip
+
+
+def draw(axes, x: tuple[float, ...], published: list[Moments], exact: list[Moments]) -> None:
+    """Bias of the three means against x."""
+    for i, name in enumerate(NAMES):
+        hue, shift = style.colour(i), 1.0 + 0.02 * (i - 1)
+        for found, filled in ((published, True), (exact, False)):
+            axes.errorbar(
+                np.array(x) * shift,
+                [m.bias[i] for m in found],
+                [m.bias_error[i] for m in found],
+                color=hue, marker="o", ms=4, lw=1.1 if filled else 0.8, elinewidth=0.9,
+                mfc=hue if filled else "white", ls="-" if filled else ":",
+                label=LABELS[name].split(" (")[0] if filled else None,
+            )  # fmt: skip
+    axes.axhline(0.0, color=style.INK, lw=0.6)
+    axes.set_xscale("log")
+    axes.set_xticks(x, [f"{v:g}" for v in x])
+    axes.minorticks_off()
+
+
+def report(label: str, found: Moments) -> None:
+    bias = "  ".join(
+        f"{b:+.4f} ± {e:.4f}" for b, e in zip(found.bias, found.bias_error, strict=True)
+    )
+    print(f"{label:34s} {bias}   acceptance {found.accept_prob:.3f}", flush=True)
+
+
+def main() -> None:
+    args = _script.parser(__doc__ or "", draws=500).parse_args()
+    experiment = Experiment(args.seed)
+    print(f"{'error of the mean in posterior sd':34s} " + "".join(f"{n:20s}" for n in NAMES))
+    by_steps: dict[bool, list[Moments]] = {False: [], True: []}
+    by_size: dict[bool, list[Moments]] = {False: [], True: []}
+    for exact in (False, True):
+        name = "exact" if exact else "published"
+        for n in STEPS:
+            by_steps[exact].append(experiment.run(exact, STEP_SIZE, n, args.draws))
+            report(f"{name}, {n} steps of {STEP_SIZE:g}", by_steps[exact][-1])
+        for size in STEP_SIZES:
+            by_size[exact].append(experiment.run(exact, size, 1, 2 * args.draws))
+            report(f"{name}, 1 step of {size:g}", by_size[exact][-1])
+    figure = _script.figure(8.6, 3.8)
+    left, right = figure.subplots(1, 2, sharey=True)
+    draw(left, STEPS, by_steps[False], by_steps[True])
+    draw(right, STEP_SIZES, by_size[False], by_size[True])
+    left.set_ylabel("error of the mean (posterior sd)")
+    left.set_xlabel("leapfrog steps")
+    right.set_xlabel("step size")
+    left.set_title(f"step size {STEP_SIZE:g}", loc="left")
+    right.set_title("one leapfrog step", loc="left")
+    left.legend(title="filled: published, open: exact", alignment="left", title_fontsize=8.5)
+    _script.save(figure, args.out, "bias")
+
+
+if __name__ == "__main__":
+    main()
