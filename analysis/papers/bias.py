@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
+from itertools import count
 
 import _script
 import many_chains
@@ -27,7 +28,7 @@ from lcbayes.simulate import simulate
 
 SIGMA, STEP = 0.7, 10.0  # m², s: noisy enough that the posterior is no Gaussian
 STEP_SIZE, STEPS = 0.4, (1, 2, 3, 5, 7, 10, 15, 20)
-STEP_SIZES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+STEP_SIZES = (0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2)
 DELTA = 1.0
 CHAINS = 400
 
@@ -39,7 +40,7 @@ class Experiment:
         what = one_facet.experiment(2, truth=Truth(g=0.15), sigma=SIGMA, step=STEP)
         data = Epochs.of(simulate(what, seed)[0])
         problem = one_facet.posed(data)
-        self.seed = seed
+        self.seeds = count(1000 * seed)  # every run its own: what is seen in two is no accident
         self.grid = Quadrature.of(data)
         self.potential_fn = partial(one_facet.potential, problem, data=data)
         self.fisher_fn = partial(one_facet.fisher, problem, data=data)
@@ -63,7 +64,7 @@ class Experiment:
         burn = int(min(20 + 10 / (step_size * num_steps) ** 2, 1000))
         return many_chains.run(
             kernel, self.start, lambda z: z, self.grid.moments(), draws=draws, burn=burn,
-            seed=self.seed,
+            seed=next(self.seeds),
         )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ LIMIT = 4.0  # standard errors
 
 # Settings of each kernel, and draws of each chain that are worth 10⁵ independent ones in all.
 EXACT = {
-    ("gaussian", MetropolisHastings): ({"step_size": 1.3}, 2400),
+    ("gaussian", MetropolisHastings): ({"step_size": 1.3}, 3000),
     ("gaussian", HMC): ({"step_size": 0.7, "num_steps": 3}, 400),
     ("gaussian", AHMC): ({"step_size": 0.8, "num_steps": 3, "proposal_scale": 1.0}, 500),
     ("gaussian", RMHMC): ({"step_size": 0.7, "num_steps": 3}, 400),
