@@ -81,8 +81,11 @@ class Problem:
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
         self.names = tuple(sorted(latent))
-        index = self.unravel(jnp.arange(float(self.dim)))
-        self._rows = {k: np.ravel(index[k]).astype(int) for k in self.names}
+        ends = np.cumsum([template[k].size for k in self.names])  # no array op: may be traced
+        self._rows = {
+            k: np.arange(end - template[k].size, end)
+            for k, end in zip(self.names, ends, strict=True)
+        }
         self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
         moving = _reaching(lambda free: self._flux(free, data), template)
         self._body = {k: self._rows[k] for k in moving}
