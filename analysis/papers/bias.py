@@ -20,7 +20,6 @@ import one_facet
 from many_chains import Moments
 from one_facet import LABELS, NAMES, Quadrature, Truth
 
-from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
 from lcbayes.epochs import Epochs
 from lcbayes.kernels import AHMC
