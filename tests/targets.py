@@ -121,7 +121,7 @@ def facet_data(seed: int = 1) -> Epochs:
 
 
 def facet() -> Target:
-    """The model ``faceted`` with one facet: z holds log α and the vector that carries the normal."""
+    """The model ``faceted``, one facet: z holds log α and the vector that carries the normal."""
     data = facet_data()
     problem = one_facet.posed(data)
     grid = one_facet.Quadrature.of(data)

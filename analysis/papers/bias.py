@@ -1,4 +1,4 @@
-"""A figure of our own: how far the published kernel is from the posterior, and the exact one beside.
+"""A figure of our own: how far off the published kernel is, with the exact kernel beside it.
 
 One facet, two passes; the exact mean and sd of log α, φ and g come from a grid. Left: against the
 number of leapfrog steps at one step size; right: against the step size with one step. The error

@@ -1,8 +1,9 @@
 """Figure 2 of Linares & Crassidis: the target density of one facet, for one pass and for two.
 
-Left: over the direction of the facet (φ, g), the albedo-area integrated out. Right: over albedo-area
-and g, φ integrated out. Colours: depth below the peak in units of log density, on a logarithmic
-scale, as the paper's "log(log π)" has it. Lines: the regions that hold 50 and 90 % of the posterior.
+Left: over the direction of the facet (φ, g), the albedo-area integrated out. Right: over
+albedo-area and g, φ integrated out. Colours: depth below the peak in units of log density, on a
+logarithmic scale, as the paper's "log(log π)" has it. Lines: the regions that hold 50 and 90 % of
+the posterior.
 Computed on a grid; nothing is sampled. The facet is at g = 0, in the plane of the first pass: one
 pass leaves g free up to its sign and lets the area make up for it, and the second settles both.
 """

@@ -1,7 +1,7 @@
 """Figure 3 of Linares & Crassidis: draws of the exact Fisher-adaptive kernel over the target.
 
-Rows: one pass, two passes. Left: every 20th draw over (φ, g) and (α, g), with the regions that hold 50 and
-90 % of the exact posterior. Right: histograms of the draws, and the exact densities as lines.
+Rows: one pass, two passes. Left: every 20th draw over (φ, g) and (α, g), with the regions that
+hold 50 and 90 % of the exact posterior. Right: histograms, and the exact densities as lines.
 As in sec. VII.B, chains begin at draws from the prior and the first 1000 transitions are dropped;
 here these are also the warm-up in which the kernel finds its own settings.
 """
@@ -84,7 +84,8 @@ def main() -> None:
         of_g.set_xlim(-reach, reach)
         for axes in (left, middle):
             axes.set_ylim(-reach, reach)
-        left.set_xlim(np.quantile(found["phi"], [2e-4, 0.9998]) + [-0.003, 0.003])
+        low, high = np.quantile(found["phi"], [2e-4, 0.9998])
+        left.set_xlim(low - 0.003, high + 0.003)
         left.set_title({1: "one pass", 2: "two passes"}[n_passes], loc="left")
         if n_passes == 2:
             left.set_xlabel(LABELS["phi"])

@@ -27,7 +27,7 @@ QUANTILES = (0.05, 0.25, 0.75, 0.95)
 
 
 def predict(fitted: LightCurve, at: LightCurve, draws: int, seed: int) -> Floats:
-    """Measurements predicted at the epochs of ``at`` by the posterior given ``fitted``, (draws, T)."""
+    """Measurements that the posterior given ``fitted`` predicts at epochs ``at``, (draws, T)."""
     data = Epochs.of(fitted)
     mcmc = MCMC(
         AHMC(MODEL),

@@ -1,4 +1,4 @@
-"""The scripts that draw the paper's figures start, say what they do, and write what they promise."""
+"""The scripts that draw the paper's figures say what they do and write what they promise."""
 
 from __future__ import annotations
 

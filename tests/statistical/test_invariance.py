@@ -1,4 +1,4 @@
-"""Does a kernel leave its target invariant? Means and sds against quadrature, at 10⁵ effective draws.
+"""Does a kernel leave its target invariant? Moments against quadrature at 10⁵ effective draws.
 
 Every exact kernel must agree within 4 Monte-Carlo standard errors with the numbers that
 `targets` computes on grids; the published rule, under the same test, must not.
@@ -94,7 +94,7 @@ def test_small_steps_of_the_published_rule_sample_another_density():
 
     π = N(0, 1) and F = 1 + x² give a variance of E[(1 + x²) x²]/E[1 + x²] = 2.
     """
-    with pytest.warns(UserWarning):
+    with pytest.warns(UserWarning, match="published rule"):
         kernel = AHMC(
             potential_fn=lambda x: 0.5 * x @ x,
             fisher_fn=lambda x: jnp.eye(1) + x[:, None] * x[None, :],
