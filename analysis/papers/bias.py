@@ -94,7 +94,7 @@ def report(label: str, found: Moments) -> None:
 
 
 def main() -> None:
-    args = _script.parser(__doc__ or "", draws=500).parse_args()
+    args = _script.parser(__doc__ or "", draws=300).parse_args()
     experiment = Experiment(args.seed)
     print(f"{'error of the mean in posterior sd':34s} " + "".join(f"{n:20s}" for n in NAMES))
     by_steps: dict[bool, list[Moments]] = {False: [], True: []}

@@ -31,11 +31,11 @@ EXACT = {
     ("banana", MetropolisHastings): ({"step_size": 1.6}, 5000),
     ("banana", HMC): ({"step_size": 0.35, "num_steps": 5}, 1000),
     ("banana", AHMC): ({"step_size": 0.7, "num_steps": 3, "proposal_scale": 0.7}, 2000),
-    ("banana", RMHMC): ({"step_size": 0.4, "num_steps": 4}, 350),
+    ("banana", RMHMC): ({"step_size": 0.4, "num_steps": 4}, 700),
     ("facet", MetropolisHastings): ({"step_size": 1.2}, 4000),
     ("facet", HMC): ({"step_size": 0.7, "num_steps": 3}, 400),
     ("facet", AHMC): ({"step_size": 0.8, "num_steps": 3, "proposal_scale": 1.0}, 500),
-    ("facet", RMHMC): ({"step_size": 0.4, "num_steps": 3}, 600),
+    ("facet", RMHMC): ({"step_size": 0.4, "num_steps": 3}, 1000),
 }
 PUBLISHED = ({"step_size": 0.4, "num_steps": 5}, 400)
 
