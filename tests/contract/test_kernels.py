@@ -111,7 +111,7 @@ def test_chain_methods(kind, method):
 def test_chain_methods_agree(kind, method):
     """A chain is the same whether it runs alone or beside others."""
     got = ran(kind, method).get_samples()["y"]
-    np.testing.assert_allclose(got[:5], ran(kind, "sequential").get_samples()["y"][:5], rtol=1e-6)
+    np.testing.assert_allclose(got[:5], ran(kind, "sequential").get_samples()["y"][:5], atol=1e-4)
 
 
 def test_frozen_after_warmup(kind):

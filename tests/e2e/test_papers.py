@@ -27,7 +27,10 @@ def test_help_has_an_example(name):
     assert "--seed" in told
 
 
-@pytest.mark.parametrize(("name", "options"), [("figure2", ()), ("figure3", ("--draws", "80"))])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("figure2", ()), pytest.param("figure3", ("--draws", "80"), marks=pytest.mark.slow)],
+)
 def test_figures_are_written(name, options, tmp_path):
     told = script(name, "-o", str(tmp_path), "--seed", "2", *options)
     assert str(tmp_path / f"{name}.png") in told
