@@ -36,7 +36,7 @@ READING = ("format", "tle", "site", "error", "error_floor")
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_warmup": "warm-up draws per chain (default 200 for nuts, more for others)",
-    "num_samples": "draws kept per chain (default 600)",
+    "num_samples": "draws kept per chain (default 750)",
     "num_chains": "chains per solution (default 4)",
     "num_starts": "starts of the search (default: by the number of parameters)",
     "max_modes": "solutions to sample at most (default 4)",

@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -97,23 +97,20 @@ def run(
     stored = checkpoint.load("search")
     if stored is None:
         ends = search.race(plain, data, starts, workers, progress)
-        fits = ends.z
-        data = information.weighed(plain, fits[0], data)
-        if data.information < 1.0:
-            ends = search.polish(plain, data, ends, workers)
-        known = {"fits": fits, "information": np.asarray(data.information)}
-        checkpoint.save("search", ends._asdict() | known)
+        checkpoint.save("search", ends._asdict())
     else:
-        data = replace(data, information=jnp.asarray(stored.pop("information")))
-        fits = stored.pop("fits")
         ends = search.SearchState(**stored)
     order = FacetOrder(plain, entry.facet_sites)
-    found = solutions.distinct(plain, data, ends, fits, order, settings.max_modes)
+    found = solutions.distinct(plain, data, ends, order, 4 * settings.max_modes)
     if not found:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
+    data = information.weighed(plain, found[0].z, data)
+    if data.information < 1.0:
+        found = solutions.polished(plain, data, found, workers)
+    found = solutions.worth_sampling(plain, data, found, settings.max_modes)
     timing.search_s = time.monotonic() - begun
 
     own_order = FacetOrder(problem, entry.facet_sites)

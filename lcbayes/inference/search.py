@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -101,10 +102,10 @@ def race(
     return _sorted(state)
 
 
-def polish(problem: Problem, data: Epochs, ends: SearchState, workers: int) -> SearchState:
-    """The optima near the ends of a search, row by row, once the data weigh a little less."""
-    state = jax.jit(partial(init, problem))(jnp.asarray(ends.z), data)
-    state = jax.tree.map(np.asarray, state._replace(damping=jnp.full(len(ends.z), 1e-3)))
+def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
+    """The optima near the points z (B, D), row by row."""
+    state = jax.jit(partial(init, problem))(jnp.asarray(z), data)
+    state = jax.tree.map(np.asarray, state._replace(damping=jnp.full(len(z), 1e-3)))
     with ThreadPoolExecutor(workers) as pool:
         return _advance_all(problem, data, state, RACE[-1][0], pool, lambda _: None)
 

@@ -30,7 +30,7 @@ class Settings:
     sampler: str = "nuts"
     seed: int = 0
     num_warmup: int | None = None
-    num_samples: int = 600
+    num_samples: int = 750
     num_chains: int = 4
     num_starts: int = 0
     max_modes: int = 4

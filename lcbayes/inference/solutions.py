@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference import search
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.search import SearchState
@@ -48,40 +49,62 @@ def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> fl
 
 
 def distinct(
-    problem: Problem, data: Epochs, ends: SearchState, fits: Floats, order: FacetOrder, most: int
+    problem: Problem, data: Epochs, ends: SearchState, order: FacetOrder, most: int
 ) -> list[Solution]:
-    """The different optima among the ends of a search, best first, near-equal ones kept.
-
-    ``fits`` (B, D) are the same ends with every point at its full weight: they tell the rms.
-    """
+    """The different optima among the ends of a search, best first."""
     fisher = jax.jit(problem.fisher)
-    best = ends.z[np.argmin(ends.potential)]
-    noise = np.asarray(jax.jit(problem.moments)(jnp.asarray(best), data).sd)
     found: list[Solution] = []
     metrics: list[Floats] = []
-    misfits: list[float] = []  # rms of the residuals in units of the best end's noise
     limit = SAME**2 * problem.dim
+    unit = np.asarray(data.noise_unit)[data.curve]
     finite = np.isfinite(ends.potential)
-    for row in np.argsort(ends.potential, kind="stable")[: finite.sum()]:
-        z, potential = np.asarray(ends.z[row]), float(ends.potential[row])
+    for z, potential in zip(ends.z[finite], np.asarray(ends.potential)[finite], strict=True):
+        z = np.asarray(z)
         for i, known in enumerate(found):
             step = order.like(z, known.z) - known.z
             if step @ metrics[i] @ step < limit:
                 found[i] = replace(known, hits=known.hits + 1)
                 break
         else:
-            if len(found) >= 4 * most:
+            if len(found) >= most:
                 continue
-            metric = np.asarray(fisher(jnp.asarray(z), data))
-            log_det = np.linalg.slogdet(metric)[1]
-            evidence = -potential - 0.5 * log_det + 0.5 * problem.dim * np.log(2 * np.pi)
-            rms = _residual_rms(problem, fits[row], data, np.asarray(data.noise_unit)[data.curve])
-            found.append(Solution(z, potential, float(evidence), rms, 1))
-            misfits.append(_residual_rms(problem, z, data, noise))
-            metrics.append(metric)
-    if not found:
-        return []
-    close = [misfit < WORSE_FIT * min(misfits) for misfit in misfits]
+            metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
+            evidence = _laplace(potential, metrics[-1])
+            rms = _residual_rms(problem, z, data, unit)
+            found.append(Solution(z, float(potential), evidence, rms, 1))
+    return found
+
+
+def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int) -> list[Solution]:
+    """The same optima once the data weigh less than in the search; the rms stays that of the fit
+    to the points at their full weight."""
+    fisher = jax.jit(problem.fisher)
+    state = search.polish(problem, data, np.stack([s.z for s in found]), workers)
+    moved = []
+    for solution, z, potential in zip(found, state.z, state.potential, strict=True):
+        metric = np.asarray(fisher(jnp.asarray(z), data))
+        evidence = _laplace(potential, metric)
+        moved.append(replace(solution, z=z, potential=float(potential), log_evidence=evidence))
+    return moved
+
+
+def worth_sampling(
+    problem: Problem, data: Epochs, found: list[Solution], most: int
+) -> list[Solution]:
+    """The solutions near the best in fit or evidence, the most likely first."""
+    best = min(found, key=lambda s: s.potential)
+    noise = np.asarray(jax.jit(problem.moments)(jnp.asarray(best.z), data).sd)
+    misfit = [_residual_rms(problem, s.z, data, noise) for s in found]
     likely = max(s.log_evidence for s in found) - LESS_LIKELY
-    kept = [s for s, c in zip(found, close, strict=True) if c or s.log_evidence > likely]
+    kept = [
+        s
+        for s, m in zip(found, misfit, strict=True)
+        if m < WORSE_FIT * min(misfit) or s.log_evidence > likely
+    ]
     return sorted(kept, key=lambda s: -s.log_evidence)[:most]
+
+
+def _laplace(potential: float, metric: Floats) -> float:
+    """ln ∫ exp(−U) by a Gaussian."""
+    half_log_det = 0.5 * np.linalg.slogdet(metric)[1]
+    return float(-potential - half_log_det + 0.5 * len(metric) * np.log(2 * np.pi))

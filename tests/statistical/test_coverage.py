@@ -42,7 +42,9 @@ def inside() -> dict[str, list[bool]]:
         key_start, key = jax.random.split(jax.random.key(seed))
         starts = draw(jax.random.split(key_start, 32), data)
         ends = search.race(problem, data, starts, 2, Silent())
-        (best,) = solutions.distinct(problem, data, ends, ends.z, order, 4)
+        (best,) = solutions.worth_sampling(
+            problem, data, solutions.distinct(problem, data, ends, order, 4), 4
+        )
         z, stats, _ = sampler.run(
             "mode", best.z, data, key, Checkpoint(None, {}), Timing(), _Track()
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import small
@@ -111,9 +113,9 @@ def test_relabelled_and_close_ends_are_one_solution(two):
     z = np.asarray(small.truth(problem, data, 2))
     swapped = order.by_size(z, np.array([1.0, 2.0]))
     ends = ends_at(problem, data, z, swapped, z + 1e-4, np.full_like(z, np.nan))
-    (only,) = solutions.distinct(problem, data, ends, ends.z, order, 4)
+    (only,) = solutions.distinct(problem, data, ends, order, 4)
     assert only.hits == 3
-    assert solutions.distinct(problem, data, ends, ends.z, FacetOrder(problem, ()), 4)[0].hits == 2
+    assert solutions.distinct(problem, data, ends, FacetOrder(problem, ()), 4)[0].hits == 2
 
 
 def test_far_and_much_worse_ends_are_dropped(two):
@@ -122,7 +124,9 @@ def test_far_and_much_worse_ends_are_dropped(two):
     z = np.asarray(small.truth(problem, data, 2))
     worse = z + 0.7
     ends = ends_at(problem, data, z, worse)
-    kept = solutions.distinct(problem, data, ends, ends.z, order, 4)
+    found = solutions.distinct(problem, data, ends, order, 4)
+    assert len(found) == 2
+    kept = solutions.worth_sampling(problem, data, found, 4)
     assert len(kept) == 1
     np.testing.assert_array_equal(kept[0].z, z)
 
@@ -131,17 +135,33 @@ def test_no_finite_end_is_no_solution(two):
     problem, data = two
     n = np.full(problem.dim, np.nan)
     ends = SearchState(jnp.stack([n]), jnp.array([jnp.inf]), jnp.ones(1), jnp.zeros(1, int))
-    assert solutions.distinct(problem, data, ends, ends.z, FacetOrder(problem, SITES), 4) == []
+    assert solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4) == []
 
 
 def test_residuals_are_relative_to_each_curve(one):
     problem, data, *_ = one
     z = small.truth(problem, data, 1)
-    ends = ends_at(problem, data, z + 0.01)
-    (found,) = solutions.distinct(
-        problem, data, ends, np.asarray(z)[None], FacetOrder(problem, SITES), 4
-    )
+    ends = ends_at(problem, data, z)
+    (found,) = solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4)
     y = np.asarray(data.brightness)
     mean = np.asarray(jax.jit(problem.moments)(z, data).mean)
     want = np.sqrt(np.mean(((y - mean) / np.abs(y).mean()) ** 2))
-    np.testing.assert_allclose(found.rms, want)  # of the fit to the points at full weight
+    np.testing.assert_allclose(found.rms, want)
+
+
+def test_points_of_less_weight_move_the_optimum_towards_the_prior(one):
+    """A hundredth of the information: the optimum is the search's own on such data, the rms stays
+    that of the fit to the points at their full weight."""
+    problem, data, *_ = one
+    order = FacetOrder(problem, SITES)
+    z = small.truth(problem, data, 1)
+    best = search.polish(problem, data, np.asarray(z)[None], 1).z[0]
+    (found,) = solutions.distinct(problem, data, ends_at(problem, data, best), order, 4)
+    little = replace(data, information=jnp.asarray(0.01))
+    (moved,) = solutions.polished(problem, little, [found], 1)
+    slope = jax.jit(jax.grad(problem.potential))
+    scale = np.sqrt(np.diag(jax.jit(problem.fisher)(jnp.asarray(moved.z), little)))
+    assert np.all(np.abs(slope(jnp.asarray(moved.z), little)) < 0.02 * scale)
+    assert np.any(np.abs(slope(jnp.asarray(best), little)) > 0.02 * scale)
+    assert moved.rms == found.rms
+    assert moved.log_evidence != found.log_evidence
