@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -267,6 +268,7 @@ def _alone_in(out: str | Path | None) -> Iterator[Path | None]:
     if out is None:
         yield None
         return
+    fresh = not Path(out).exists()
     folder = make_folder(out)
     import fcntl
 
@@ -280,7 +282,12 @@ def _alone_in(out: str | Path | None) -> Iterator[Path | None]:
         for name in ("posterior.nc", "summary.json", "run.toml"):
             for scratch in folder.glob(f".{name}-*"):  # of a run that was killed while writing
                 scratch.unlink(missing_ok=True)
-        yield folder
+        try:
+            yield folder
+        except InputError:
+            if fresh:  # a refused run leaves nothing behind
+                shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 def to_toml(content: Mapping[str, Any]) -> str:

@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    keywords = _configured(args)
+    keywords, expected = _configured(args)
     if args.out is None:
         raise InputError("where shall the results go? give a folder with -o DIR")
     for name in ("model", "sampler", *SETTINGS):
@@ -85,6 +85,11 @@ def run(args: argparse.Namespace) -> int:
     if args.curve is None:
         raise InputError("give a light curve, or --config run.toml")
     curve = read_from(args)
+    if expected and curve.source.get("sha256") != expected:
+        raise InputError(
+            f"{args.curve} has changed since {args.config} was written; to fit it as it is now, "
+            f"name it: lcbayes fit {args.curve} --config {args.config} -o DIR"
+        )
 
     from lcbayes.fitting import fit
     from lcbayes.progress import Console, Silent
@@ -110,10 +115,11 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_DONE if summary["converged"] else EXIT_NOT_TRUSTED
 
 
-def _configured(args: argparse.Namespace) -> dict[str, Any]:
-    """Keywords from --config; its light curve and reading options become those of ``args``."""
+def _configured(args: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Keywords from --config, and the digest of its light curve, which becomes that of ``args``
+    with the options it was read with, unless another is given."""
     if args.config is None:
-        return {}
+        return {}, ""
     from lcbayes._toml import read_toml
     from lcbayes.inference.settings import Settings
 
@@ -125,11 +131,13 @@ def _configured(args: argparse.Namespace) -> dict[str, Any]:
         if k in content
     }
     keywords |= content.get("options", {})
+    digest = ""
     if args.curve is None:
         args.curve = content.get("curve")
+        digest = content.get("input", {}).get("sha256", "")
         for name, value in content.get("reading", {}).items():
             setattr(args, name, value)
-    return keywords
+    return keywords, digest
 
 
 def _tell(summary: dict[str, Any]) -> None:

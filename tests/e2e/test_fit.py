@@ -136,6 +136,20 @@ def test_config_gives_the_same_numbers(good, tmp_path, monkeypatch):
     assert_same(good[0], tmp_path / "again")
 
 
+def test_a_config_whose_curve_has_changed_is_refused(curve, good, tmp_path, capsys):
+    theirs = tmp_path / "mine.csv"
+    shutil.copy(curve, theirs)
+    text = (good[0] / "run.toml").read_text().replace(str(curve), str(theirs))
+    (tmp_path / "run.toml").write_text(text)
+    theirs.write_text("\n".join(theirs.read_text().splitlines()[:-1]) + "\n")
+    flags = ["fit", "--config", str(tmp_path / "run.toml"), "-o", str(tmp_path / "again")]
+    assert main(flags) == EXIT_BAD_INPUT
+    said = capsys.readouterr().err
+    assert "has changed since" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "again").exists()
+
+
 def test_another_seed_gives_others(curve, good, tmp_path):
     main(["fit", str(curve), "-o", str(tmp_path), "--seed", "6", *GOOD, "--no-report"])
     assert not np.array_equal(posterior(tmp_path)["g"], posterior(good[0])["g"])
@@ -269,7 +283,7 @@ def test_wrong_options_are_told_in_one_line(curve, tmp_path, capsys, flags, says
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1
-    assert not (tmp_path / "out" / "posterior.nc").exists()
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("flags", [["fit"], ["fit", "x.csv"], ["predict", ".", "x", "-o", "y"]])
