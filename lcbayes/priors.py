@@ -50,7 +50,6 @@ class UniformDirection(dist.Distribution):
         log_norm = jnp.log(4 * jnp.pi) + 0.5 * jnp.log(2 * jnp.pi) + jnp.log(RADIUS_SD)
         return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 2.0 * jnp.log(radius) - log_norm
 
-
     def precision(self, value: jax.Array) -> jax.Array:
         """Curvature of −log p along the radius, 1/ρ² − 2/r²; none across it. (3n, 3n)."""
         radius = jnp.sqrt(jnp.sum(value**2, axis=-1) + 1e-30)
