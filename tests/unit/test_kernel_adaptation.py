@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lcbayes._jax import jax, jnp
-from lcbayes.kernels import HMC, adaptation, metric, trajectory
+from lcbayes.kernels import HMC, adaptation, trajectory
 from lcbayes.kernels.adaptation import EDGES, Haario, Tuner, Tuning
 
 # ------------------------------------------------------------------------ step size

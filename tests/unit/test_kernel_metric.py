@@ -1,4 +1,4 @@
-"""Mass matrices by their inverse roots, against NumPy; momenta against the covariance they claim."""
+"""Mass matrices by their inverse roots, against NumPy; momenta against the covariance claimed."""
 
 from __future__ import annotations
 
