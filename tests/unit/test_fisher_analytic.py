@@ -68,7 +68,7 @@ def brightness_and_slopes(t: float, sun: Floats, obs: Floats, omega: Floats):
         by_g[i] = c1 * (obs @ u_g) + c2 * (sun @ u_g)  # (A.1c)
         u_omega = -cross(u) @ left_jacobian(omega * t) * t  # ∂(A u)/∂ω
         by_omega += c1 * (obs @ u_omega) + c2 * (sun @ u_omega)
-    return f, by_alpha, by_phi, by_g, by_omega, lit
+    return f, (by_alpha, by_phi, by_g, by_omega), lit
 
 
 def chained(by_alpha: Floats, by_phi: Floats, by_g: Floats, by_omega: Floats, spin: bool) -> Floats:
@@ -123,7 +123,7 @@ def test_fisher_is_the_corrected_appendix(case):
     omega = spin * OMEGA_SD * OMEGA_UNIT
     jacobian, flux, lit = np.zeros((T, problem.dim)), np.zeros(T), np.zeros((T, N), bool)
     for k in range(T):
-        f, *slopes, lit[k] = brightness_and_slopes(light.t[k], light.sun[k], light.obs[k], omega)
+        f, slopes, lit[k] = brightness_and_slopes(light.t[k], light.sun[k], light.obs[k], omega)
         flux[k] = factor[k] * f
         jacobian[k] = factor[k] * chained(*slopes, spin)
     assert np.all(lit.any(axis=0))  # every facet shows at some epochs and not at others,
