@@ -30,7 +30,7 @@ def scale_of(mean: jax.Array, covariance: jax.Array, fallback: Scale) -> Scale:
     """The scale of a covariance (D, D); ``fallback`` where it is not positive definite."""
     root = jnp.linalg.cholesky(_symmetric(covariance))
     white = solve_triangular(root, jnp.eye(root.shape[0]), lower=True)
-    good = jnp.all(jnp.isfinite(white)) & jnp.all(jnp.isfinite(mean))
+    good = _finite(white) & _finite(covariance) & _finite(mean)
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), Scale(mean, root, white), fallback)
 
 
@@ -43,8 +43,9 @@ def unit_scale(mean: jax.Array) -> Scale:
 def inverse_root(mass: jax.Array, fallback: jax.Array) -> tuple[jax.Array, jax.Array]:
     """W (D, D) with W Wᵀ = M⁻¹, and whether M allowed it; W of ``fallback``, a mass, where not.
 
-    A matrix that is singular or not finite has no Cholesky factor, or one whose inverse is not
-    finite. Neither case may stop a chain, so the caller names a mass that is always good.
+    A matrix that is singular has no Cholesky factor, or one whose inverse is not finite; one that
+    is infinite has an inverse of zero, along which nothing would ever move. None of these may stop
+    a chain, so the caller names a mass that is always good.
     """
     eye = jnp.eye(mass.shape[0])
 
@@ -52,7 +53,7 @@ def inverse_root(mass: jax.Array, fallback: jax.Array) -> tuple[jax.Array, jax.A
         return solve_triangular(jnp.linalg.cholesky(_symmetric(m)), eye, lower=True).T
 
     found = root(mass)
-    good = jnp.all(jnp.isfinite(found))
+    good = _finite(found) & _finite(mass)
     return jax.lax.cond(good, lambda: found, lambda: root(fallback)), good
 
 
@@ -69,6 +70,10 @@ def kinetic(v: jax.Array) -> jax.Array:
 def log_det(root: jax.Array) -> jax.Array:
     """ln det M of a triangular inverse root W."""
     return -2 * jnp.sum(jnp.log(jnp.abs(jnp.diagonal(root))))
+
+
+def _finite(matrix: jax.Array) -> jax.Array:
+    return jnp.all(jnp.isfinite(matrix))
 
 
 def _symmetric(matrix: jax.Array) -> jax.Array:

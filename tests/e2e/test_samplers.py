@@ -1,0 +1,164 @@
+"""`lcbayes fit --sampler NAME`: every sampler finds the posterior that quadrature gives."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import one_facet
+import pytest
+import small
+import xarray as xr
+
+from lcbayes import read
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.cli import main
+from lcbayes.epochs import Epochs
+from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.io import write
+
+PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
+# Draws enough for a few hundred effective ones, of four chains unless said otherwise.
+DRAWS = {
+    "nuts": (),
+    "ahmc": ("--num-warmup", "400", "--num-samples", "400"),
+    "hmc": ("--num-warmup", "400", "--num-samples", "400"),
+    "rmhmc": ("--num-warmup", "50", "--num-samples", "100", "--num-chains", "2"),
+    "mh": ("--num-warmup", "1000", "--num-samples", "2000"),
+    "ahmc-paper": ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"),
+}
+LIMIT = 5.0  # Monte-Carlo standard errors
+
+
+@pytest.fixture(scope="module")
+def curve(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("curve") / "curve.csv"
+    write(small.curve(40), path)
+    return path
+
+
+@cache
+def fitted(curve: Path, sampler: str) -> tuple[Path, int]:
+    """Folder and exit status."""
+    out = curve.parent / sampler
+    return out, main(fit(curve, out, sampler, *DRAWS[sampler]))
+
+
+def fit(curve: Path, out: Path, sampler: str, *more: str) -> list[str]:
+    return ["fit", str(curve), "-o", str(out), "--sampler", sampler, "--seed", "2", *PROBLEM, *more]
+
+
+def summary(folder: Path) -> dict:
+    return json.loads((folder / "summary.json").read_text())
+
+
+def means(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior means of ln α, φ and g and their Monte-Carlo standard errors."""
+    import arviz as az
+
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        draws = tree["posterior"].to_dataset()[list(one_facet.NAMES)]
+        error = az.mcse(draws)
+        return tuple(  # pyright: ignore[reportReturnType]
+            np.array([float(x[name].values.ravel()[0]) for name in one_facet.NAMES])
+            for x in (draws.mean(("chain", "draw")), error)
+        )
+
+
+@pytest.mark.parametrize(
+    "sampler", ["nuts", "ahmc", "hmc", "mh", pytest.param("rmhmc", marks=pytest.mark.slow)]
+)
+def test_exact_samplers_agree_with_quadrature(curve, sampler):
+    """Means of three parameters within 5 standard errors: with their estimates a false alarm in
+    some 10⁵ seeds; the seed is fixed."""
+    out, status = fitted(curve, sampler)
+    exact, sd = one_facet.Quadrature.of(Epochs.of(read(curve))).moments()
+    mean, error = means(out)
+    assert np.all(error < 0.15 * sd)  # enough draws to tell
+    assert np.all(np.abs(mean - exact) < LIMIT * error)
+    told = summary(out)
+    assert (status == EXIT_DONE) == told["converged"]
+    assert 'sampler = "' + sampler + '"' in (out / "run.toml").read_text()
+
+
+def test_ahmc_agrees_with_nuts(curve):
+    """Two samplers that share nothing but the posterior: 3 means within 5 standard errors."""
+    (a, a_error), (b, b_error) = (means(fitted(curve, s)[0]) for s in ("ahmc", "nuts"))
+    assert np.all(np.abs(a - b) < LIMIT * np.hypot(a_error, b_error))
+
+
+def test_the_published_sampler_is_never_trusted(curve, capsys):
+    out, status = fitted(curve, "ahmc-paper")
+    assert status == EXIT_NOT_TRUSTED
+    said = capsys.readouterr().out
+    assert said.startswith("DO NOT TRUST THIS RESULT")
+    assert "the published sampler is biased" in said
+    told = summary(out)
+    assert told["converged"] is False
+    assert "the published sampler is biased" in told["reasons"][0]
+
+
+# ------------------------------------------------------------------------- stop and go on
+
+
+class KilledError(BaseException):
+    """What no handler of the package catches."""
+
+
+FEW = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
+STORED = 1 + (100 + 100) // 50  # the search, then block by block
+
+
+def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
+    """The command, stopped as soon as its checkpoint holds ``n_stored`` pieces."""
+    save = Checkpoint.save
+
+    def save_or_stop(self, name, arrays):
+        save(self, name, arrays)
+        if len(list(self.folder.glob("[!.]*.npz"))) == n_stored:
+            raise KilledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoint, "save", save_or_stop)
+        with pytest.raises(KilledError):
+            main(command)
+
+
+def test_ahmc_goes_on_to_the_same_numbers(curve, tmp_path, monkeypatch, capsys):
+    """Stopped within the warm-up and again among the draws; the exact state is on disk."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    main(fit(curve, whole, "ahmc", *FEW))
+    command = fit(curve, broken, "ahmc", *FEW)
+    for n_stored in (2, STORED - 1):
+        stopped(monkeypatch, command, n_stored)
+        assert not (broken / "posterior.nc").exists()
+    capsys.readouterr()
+    main(command)
+    assert "resuming the run" in capsys.readouterr().err
+    compared = 0
+    with (
+        xr.open_datatree(whole / "posterior.nc", engine="h5netcdf") as one,
+        xr.open_datatree(broken / "posterior.nc", engine="h5netcdf") as two,
+    ):
+        assert [n.path for n in one.subtree] == [n.path for n in two.subtree]
+        for node in one.subtree:
+            for name, values in node.data_vars.items():
+                other = two[node.path].data_vars[name]
+                np.testing.assert_array_equal(values.values, other.values, f"{node.path}/{name}")
+                compared += 1
+    assert compared > 20
+
+
+def test_config_keeps_the_sampler(curve, tmp_path):
+    """A run.toml names its sampler and its warm-up, so `--config` gives the same draws."""
+    first, again = tmp_path / "first", tmp_path / "again"
+    main(fit(curve, first, "mh", "--num-samples", "50", "--num-chains", "2"))
+    main(["fit", "--config", str(first / "run.toml"), "-o", str(again), "--no-report"])
+    draws = []
+    for folder in (first, again):
+        with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+            draws.append(tree["posterior"]["log_albedo_area"].values)
+    np.testing.assert_array_equal(*draws)
+    assert "num_warmup = 2000" in (again / "run.toml").read_text()  # what serves a random walk
