@@ -3,6 +3,7 @@
 ``read`` a light curve, ``fit`` a model to it, look at the posterior; see the README.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +26,17 @@ _HOMES = {
 __all__ = ["Fit", "InputError", "LightCurve", "fit", "read", "write"]
 
 
+def _load_numpyro_if_begun() -> None:
+    """ArviZ leaves an unloaded ``numpyro`` behind; a submodule imported through it loses names."""
+    getattr(sys.modules.get("numpyro"), "__version__", None)
+
+
+_load_numpyro_if_begun()
+
+
 def __getattr__(name: str) -> Any:
     """Names are looked up when asked for, so that `import lcbayes` loads no JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module 'lcbayes' has no attribute {name!r}")
+    _load_numpyro_if_begun()
     return getattr(import_module(_HOMES[name]), name)

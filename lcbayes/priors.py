@@ -51,10 +51,13 @@ class UniformDirection(dist.Distribution):
         return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 2.0 * jnp.log(radius) - log_norm
 
     def precision(self, value: jax.Array) -> jax.Array:
-        """Curvature of −log p along the radius, 1/ρ² − 2/r²; none across it. (3n, 3n)."""
-        radius = jnp.sqrt(jnp.sum(value**2, axis=-1) + 1e-30)
-        held = jnp.maximum(1.0 / RADIUS_SD**2 - 2.0 / radius**2, 0.0) / radius**2
-        blocks = held[:, None, None] * value[:, :, None] * value[:, None, :]
+        """1/ρ² along the radius; across it 3/r², the inverse variance of a uniform direction.
+
+        Not the curvature of −log p, which is no measure of width across the radius. (3n, 3n).
+        """
+        square = jnp.sum(value**2, axis=-1)[:, None, None] + 1e-30
+        along = value[:, :, None] * value[:, None, :] / square
+        blocks = along / RADIUS_SD**2 + (jnp.eye(3) - along) * 3.0 / square
         return jax.scipy.linalg.block_diag(*blocks)
 
 

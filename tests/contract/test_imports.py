@@ -169,3 +169,13 @@ def test_the_front_door_is_light(module):
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert answer.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    "begin",
+    ["import arviz; import lcbayes.inference.problem", "import lcbayes, arviz; lcbayes.fit"],
+)
+def test_arviz_may_be_imported_before(begin):
+    """ArviZ loads NumPyro lazily, and NumPyro's submodules do not take that well."""
+    script = f"{begin}; import numpyro; numpyro.distributions.distribution"
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)

@@ -290,7 +290,7 @@ def posed():
 )
 def test_model_to_arviz(make_kernel):
     """From a model to InferenceData: constrained sites, statistics and log-likelihood."""
-    import arviz  # after NumPyro: the other way round leaves numpyro.distributions incomplete
+    import arviz
 
     model, data = posed()
     mcmc = sampler(make_kernel(model), num_chains=2, num_warmup=40)

@@ -53,7 +53,7 @@ KERNELS = {
     "hmc": (lambda u, _: hmc.build_kernel(u), hmc.init, 0.25, 3, np.inf),
     "rmhmc": (rmhmc.build_kernel, rmhmc.init, 0.3, 1, np.inf),
     "ahmc": (ahmc.build_kernel, ahmc.init, 0.6, 3, 0.5),
-    "ahmc-paper": (_published, ahmc.init, 0.6, 3, np.inf),
+    "ahmc-paper": (_published, ahmc.init, 0.4, 3, np.inf),
 }
 
 

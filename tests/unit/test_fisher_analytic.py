@@ -85,11 +85,12 @@ def chained(by_alpha: Floats, by_phi: Floats, by_g: Floats, by_omega: Floats, sp
 
 
 def prior(spin: bool) -> Floats:
-    """Second derivatives of −ln prior: of ln α and ω as Gaussians, of b along its radius."""
+    """Inverse variances: of ln α and ω, of b along its radius, and 3/r² across it."""
     blocks = [np.eye(N) / LOG_AREA_SD**2]
     for b in BASE:
         r = np.linalg.norm(b)
-        blocks.append((1 / RADIUS_SD**2 - 2 / r**2) * np.outer(b, b) / r**2)
+        along = np.outer(b, b) / r**2
+        blocks.append(along / RADIUS_SD**2 + (np.eye(3) - along) * 3 / r**2)
     if spin:
         blocks.append(np.eye(3))
     n = sum(len(b) for b in blocks)

@@ -91,10 +91,12 @@ def test_prior_precision_of_gaussian_sites_is_theirs():
     omega, area = (index[k].astype(int) for k in ("omega_unit", "log_albedo_area"))
     np.testing.assert_allclose(found[np.ix_(omega, omega)], np.eye(3), atol=1e-8)
     np.testing.assert_allclose(found[np.ix_(area, area)], [[4.0]], rtol=1e-8)
-    # The curvature of the direction's density along the radius: 1/ρ², less that of 2 ln r.
+    # 1/ρ² along the radius; across it the inverse of the variance of a uniform direction, which
+    # is 1/3 for each component because they share the square of one.
     base = index["normals_base"].astype(int).ravel()
     u = small.NORMALS[0]
-    np.testing.assert_allclose(u @ found[np.ix_(base, base)] @ u, 100.0 - 2.0, rtol=1e-6)
+    want = 3.0 * np.eye(3) + (100.0 - 3.0) * np.outer(u, u)
+    np.testing.assert_allclose(found[np.ix_(base, base)], want, rtol=1e-9, atol=1e-9)
 
 
 def test_a_facet_that_no_epoch_sees_leaves_the_prior():
