@@ -35,13 +35,13 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from _posteriors import POSTERIORS, Posterior
 from _results import table, write_section
 from _samplers import FISHER, N_CHAINS, SAMPLERS, Floats, Length, Run, per_gradient
-from arviz_stats.base import array_stats
+from arviz_stats.base.array import array_stats
 
 MAX_RHAT = 1.05
 SEEDS = range(5)
@@ -70,7 +70,7 @@ class Score(NamedTuple):
 def score(post: Posterior, run: Run) -> Score:
     z = post.z(run.y)
     squares = (z - z.mean((0, 1))) ** 2
-    axes = {"chain_axis": 0, "draw_axis": 1}
+    axes: dict[str, Any] = {"chain_axis": 0, "draw_axis": 1}
     rhat = max(np.max(array_stats.rhat(x, **axes)) for x in (z, squares))
     ess = min(
         np.min(array_stats.ess(z, method="bulk", **axes)),
