@@ -21,12 +21,10 @@ from lcbayes.physics.reflectance import geometry, get_law
 DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
 
 _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
-# Epochs x facets at once: the few matrices of 256 kB alive together stay in a core's cache. With
-# few facets the loop from block to block costs more than that saves.
-_BLOCK, _BLOCK_FEW = 1 << 15, 1 << 18
-# Up to so many blocks go in one piece, nothing computed twice: a gradient of 1541 x 300 gains a
-# quarter. A batch of that size is to go through `lax.map`: under `vmap` each takes twice as long.
-_WHOLE = 16
+# Epochs x facets at once: the few matrices of 128 kB alive together stay in a core's cache, which
+# matters most where chains run side by side: two gradients of 1541 x 300 on two cores take half the
+# time that they take in one piece. With few facets the loop costs more than that saves.
+_BLOCK, _BLOCK_FEW = 1 << 14, 1 << 18
 
 
 def flux(
@@ -71,7 +69,7 @@ def flux(
     args = tuple(jnp.asarray(x, float) for x in (sun_body, obs_body, normals, albedo_area, c))
     epochs, facets = args[0].shape[0], args[2].shape[0]
     size = _BLOCK_FEW if facets < _FEW_FACETS else _BLOCK
-    if epochs * facets <= _WHOLE * size:
+    if epochs * facets <= size:
         return _flux(law, *args)
     # Full blocks one after the other, then what is left over.
     block = max(1, size // facets)

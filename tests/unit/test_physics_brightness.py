@@ -142,7 +142,6 @@ def test_long_curves_in_blocks_give_the_same(monkeypatch):
         return jnp.sum(flux(*args) ** 2)
 
     slopes = jax.grad(misfit, (0, 1, 2, 3))(*args)
-    monkeypatch.setattr(brightness, "_WHOLE", 0)
     for block in (60, 6 * 103, 10_000):  # a remainder, none, and one short block only
         monkeypatch.setattr(brightness, "_BLOCK_FEW", block)
         np.testing.assert_allclose(flux(*args), whole, rtol=1e-14)
