@@ -1,12 +1,14 @@
 """Warm-up: finds S, the step size, the number of steps and δ, then freezes them.
 
-Five stretches, as fractions of the warm-up in ``EDGES``:
+Stretches, as fractions of the warm-up in ``EDGES``:
 
 - up to 0.35, S is estimated anew at the end of ever longer windows: the covariance of the draws,
   shrunk towards the inverse of the mean information (or, without one, towards a small unit matrix);
 - from 0.35 to 0.85 the candidates δ take turns with long trajectories, of which every length is
-  judged (`Scores`), each δ with a step size of its own;
-- then S is taken once more from all draws since 0.2, and the step size settles for the winner.
+  judged (`Scores`), each δ with a step size of its own; from 0.5 on they are but twice as long as
+  the best so far;
+- then S is taken once more from all draws since 0.2, and the step size settles for the winner, the
+  number of steps following it: what was judged is the length in time, their product.
 
 Step sizes follow the dual averaging of Hoffman & Gelman (2014, sec. 3.2).
 """
@@ -14,6 +16,7 @@ Step sizes follow the dual averaging of Hoffman & Gelman (2014, sec. 3.2).
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +25,12 @@ from lcbayes._jax import jax, jnp
 from lcbayes.kernels import metric, trajectory
 from lcbayes.kernels.metric import Scale
 
-EDGES = (0.05, 0.1, 0.2, 0.35, 0.85)
+EDGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.85)
+COMPARE, NARROW, SETTLE = 3, 4, 5  # what begins at the later edges
 FIRST_STEPS = 4  # leapfrog steps while nothing is known yet
+FIRST_REACH = 24  # and when the comparison begins
 INFORM_EVERY = 4  # warm-up transitions from one information matrix for S to the next
-NEARLY = 0.6  # of the best efficiency: no worse than the noise of its estimate
+NEARLY = 0.8  # of the best efficiency: no worse than the noise of its estimate
 METRIC_COST = 3.0  # one Fisher matrix and its factor, in gradients
 
 
@@ -137,14 +142,17 @@ class Scores(NamedTuple):
     """Expected squared jumps, by candidate δ and number of steps, and the features' variances."""
 
     jump: jax.Array  # (K, L, 2 D)
-    count: jax.Array  # (K,)
+    count: jax.Array  # (K, L)
     total: jax.Array  # (2 D,)
     square: jax.Array  # (2 D,)
 
 
 def scores(n: int, length: int, dim: int) -> Scores:
     return Scores(
-        jnp.zeros((n, length, 2 * dim)), jnp.zeros(n), jnp.zeros(2 * dim), jnp.zeros(2 * dim)
+        jnp.zeros((n, length, 2 * dim)),
+        jnp.zeros((n, length)),
+        jnp.zeros(2 * dim),
+        jnp.zeros(2 * dim),
     )
 
 
@@ -156,11 +164,11 @@ def efficiency(s: Scores, cost: jax.Array) -> jax.Array:
     of a Gaussian with covariance S (1 and 2): a chain that has hardly moved would otherwise take
     its short jumps for long ones.
     """
-    n = jnp.maximum(jnp.sum(s.count), 1)
+    n = jnp.maximum(jnp.sum(s.count[:, 0]), 1)
     variance = s.square / n - (s.total / n) ** 2
     gaussian = jnp.repeat(jnp.array([1.0, 2.0]), variance.shape[0] // 2)
     variance = jnp.maximum(variance, gaussian)
-    jump = s.jump / jnp.maximum(s.count, 1)[:, None, None]
+    jump = s.jump / jnp.maximum(s.count, 1)[..., None]
     half = jnp.clip(jump / (2 * variance), 0.0, 1.9)
     return jnp.min(half / (2 - half), axis=-1) / cost
 
@@ -174,6 +182,7 @@ class Tuning(NamedTuple):
     scores: Scores
     choice: jax.Array  # index of δ
     num_steps: jax.Array
+    time: jax.Array  # step size times number of steps, once it is chosen; 0 before
 
 
 class Tuner(NamedTuple):
@@ -212,24 +221,29 @@ class Tuner(NamedTuple):
             scores(n, self.longest, dim),
             jnp.array(min(1, n - 1)),
             jnp.array(first),
+            jnp.zeros(()),
         )
 
     def params(self, t: Tuning) -> Params:
         """What the sampling phase uses."""
-        return Params(
-            jnp.exp(t.steps.average[t.choice]),
-            t.num_steps,
-            jnp.asarray(self.deltas)[t.choice],
-            t.scale,
-        )
+        step_size = jnp.exp(t.steps.average[t.choice])
+        delta = jnp.asarray(self.deltas)[t.choice]
+        return Params(step_size, self._num_steps(t, step_size), delta, t.scale)
 
     def trial(self, t: Tuning, i: jax.Array, num_warmup: jax.Array) -> tuple[jax.Array, Params]:
         """Candidate and parameters of warm-up transition i."""
-        comparing = (i >= _edge(3, num_warmup)) & (i < _edge(4, num_warmup))
+        comparing = (i >= _edge(COMPARE, num_warmup)) & (i < _edge(SETTLE, num_warmup))
         k = jnp.where(comparing, i % len(self.deltas), t.choice)
-        num_steps = jnp.where(comparing, self.longest, t.num_steps)
-        log_step = t.steps.log_step[k]
-        return k, Params(jnp.exp(log_step), num_steps, jnp.asarray(self.deltas)[k], t.scale)
+        step_size = jnp.exp(t.steps.log_step[k])
+        delta = jnp.asarray(self.deltas)[k]
+        return k, Params(step_size, self._num_steps(t, step_size), delta, t.scale)
+
+    def _num_steps(self, t: Tuning, step_size: jax.Array) -> jax.Array:
+        """Those that take the chosen time, once there is one."""
+        if len(self.lengths) == 1:
+            return t.num_steps
+        steps = jnp.round(t.time / step_size).astype(t.num_steps.dtype)
+        return jnp.where(t.time > 0, jnp.clip(steps, 1, self.longest), t.num_steps)
 
     def update(
         self,
@@ -243,9 +257,9 @@ class Tuner(NamedTuple):
     ) -> Tuning:
         """After warm-up transition i with candidate k, which led to z."""
         edges = jnp.stack([_edge(j, num_warmup) for j in range(len(EDGES))])
-        comparing = (i >= edges[3]) & (i < edges[4])
+        comparing = (i >= edges[COMPARE]) & (i < edges[SETTLE])
         if self.step_size is None:
-            mean_accept = jnp.mean(info.record.accept)
+            mean_accept = jnp.sum(info.record.accept) / t.num_steps
             accept = jnp.where(comparing, mean_accept, info.accept_prob)
             t = t._replace(steps=steps_update(t.steps, k, accept, self.target))
         t = t._replace(running=_with(t.running, z, i, fisher_fn))
@@ -260,7 +274,7 @@ class Tuner(NamedTuple):
         return t._replace(
             scores=Scores(
                 s.jump.at[k].add(info.record.jump),
-                s.count.at[k].add(1),
+                s.count.at[k].add(jnp.arange(self.longest) < t.num_steps),
                 s.total + f,
                 s.square + f * f,
             )
@@ -269,28 +283,42 @@ class Tuner(NamedTuple):
     def _turn(self, t: Tuning, done: jax.Array, edges: jax.Array) -> Tuning:
         """At the end of a stretch: a new S, a new start of ε, and, after the trials, the winner."""
         n = len(self.deltas)
+        begins = partial(jnp.equal, done)
         scale = t.scale
         if self.covariance is None:
-            scale = estimate(t.running, t.scale)
+            new = estimate(t.running, t.scale)
+            # Within the comparison one S holds, by which all candidates are measured.
+            narrow = begins(edges[NARROW])
+            scale = jax.tree.map(lambda a, b: jnp.where(narrow, a, b), t.scale, new)
         fresh = jax.tree.map(jnp.zeros_like, t.running)
-        keep = done == edges[3]
+        keep = begins(edges[COMPARE]) | begins(edges[NARROW])
         kept = jax.tree.map(lambda a, b: jnp.where(keep, a, b), t.running, fresh)
 
         lengths = jnp.asarray(self.lengths)
         cost = lengths + jnp.asarray(self.metric_cost)[:, None]
-        worth = efficiency(t.scores._replace(jump=t.scores.jump[:, lengths - 1]), cost)
+        s = t.scores
+        worth = efficiency(
+            s._replace(jump=s.jump[:, lengths - 1], count=s.count[:, lengths - 1]), cost
+        )
         # Too long a trajectory costs a part of the gradients, too short a one the ballistic motion:
         # among the candidates that are nearly the best, the longest.
         near = worth >= NEARLY * jnp.max(worth)
         best = jnp.unravel_index(jnp.argmax(jnp.where(near, lengths, 0)), worth.shape)
-        last = done == edges[4]
-        choice = jnp.where(last, best[0], t.choice)
-        num_steps = jnp.where(last, lengths[best[1]], t.num_steps)
+        length = lengths[best[1]]
+        settle = begins(edges[SETTLE])
+        choice = jnp.where(settle, best[0], t.choice)
+        num_steps = jnp.select(
+            [begins(edges[COMPARE]), begins(edges[NARROW]), settle],
+            [min(FIRST_REACH, self.longest), jnp.minimum(2 * length, self.longest), length],
+            t.num_steps,
+        )
+        time = jnp.where(settle, length * jnp.exp(t.steps.average[choice]), t.time)
         steps = t.steps
         if self.step_size is None:
-            steps = steps_at(t.steps.average[choice], n)
+            again = steps_at(t.steps.average[choice], n)
+            steps = jax.tree.map(lambda a, b: jnp.where(begins(edges[NARROW]), a, b), steps, again)
         return t._replace(
-            scale=scale, steps=steps, running=kept, choice=choice, num_steps=num_steps
+            scale=scale, steps=steps, running=kept, choice=choice, num_steps=num_steps, time=time
         )
 
 

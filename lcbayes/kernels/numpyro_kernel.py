@@ -87,7 +87,7 @@ class Kernel(MCMCKernel):
     # needs it, since `sample` is a function of the state and the model's arguments alone.
     _sample_fn = "sample"
     _deltas: tuple[float, ...] = (np.inf,)
-    _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+    _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 
     def __init__(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import pickle
 import subprocess
@@ -109,13 +108,14 @@ def ran(kind: Kind, method: str = "vectorized", num_samples: int = 40) -> MCMC:
     return start_run(sampler(kernel, num_samples=num_samples, num_chains=2, chain_method=method))
 
 
-GIVEN = {"step_size": 0.5, "num_steps": 3, "covariance": COVARIANCE, "proposal_scale": 0.8}
-
-
 def options_of(kind: Kind) -> dict[str, Any]:
-    """Those of `GIVEN` that the kernel takes: nothing is left for a warm-up to find."""
-    taken = inspect.signature(type(make(kind)).__init__).parameters
-    return {k: v for k, v in GIVEN.items() if k in taken}
+    """All that a warm-up would find."""
+    options: dict[str, Any] = {"step_size": 0.5, "covariance": COVARIANCE}
+    if kind.name != "mh":
+        options["num_steps"] = 3
+    if kind.name == "ahmc":
+        options["proposal_scale"] = 0.8
+    return options
 
 
 def given(kind: Kind, method: str, num_samples: int = 20) -> MCMC:

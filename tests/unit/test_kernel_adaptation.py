@@ -9,7 +9,7 @@ import pytest
 
 from lcbayes._jax import jax, jnp
 from lcbayes.kernels import HMC, adaptation, trajectory
-from lcbayes.kernels.adaptation import EDGES, Haario, Tuner, Tuning
+from lcbayes.kernels.adaptation import COMPARE, EDGES, NARROW, SETTLE, Haario, Tuner, Tuning
 
 # ------------------------------------------------------------------------ step size
 
@@ -155,7 +155,8 @@ def tuner(**changed) -> Tuner:
     return Tuner(**(given | changed))
 
 
-EDGE = [int(e * N) for e in EDGES]  # 10, 20, 40, 70, 170
+EDGE = [int(e * N) for e in EDGES]  # 10, 20, 40, 70, 100, 170
+TURNS = [e for i, e in enumerate(EDGE) if i != NARROW]  # at which S and ε begin anew
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +169,7 @@ def test_each_window_sets_the_covariance(fisher_fn):
     """S changes at the edges and nowhere else, each time to that of the window's own draws."""
     z = draws()
     states, _, _ = fed(tuner(), z, fisher_fn=fisher_fn)
-    assert changes(states.scale.root) == EDGE
+    assert changes(states.scale.root) == TURNS
     windows = [(0, 10), (10, 20), (20, 40), (40, 70), (40, 170)]
     for begin, end in windows:
         here = np.arange(begin, end)
@@ -231,37 +232,58 @@ def test_the_first_scale_is_the_inverse_information():
 
 def test_candidates_take_turns_while_they_are_compared(warmed):
     states, k, params = warmed
-    comparing = np.arange(EDGE[3], EDGE[4])
+    compare, narrow, settle = EDGE[COMPARE], EDGE[NARROW], EDGE[SETTLE]
+    comparing = np.arange(compare, settle)
     np.testing.assert_array_equal(k[comparing], comparing % 3)
-    assert set(np.asarray(params.num_steps)[comparing]) == {4}
-    assert np.unique(k[: EDGE[3]]).tolist() == [1]
-    assert set(np.asarray(params.num_steps)[: EDGE[3]]) == {adaptation.FIRST_STEPS}
+    num_steps = np.asarray(params.num_steps)
+    assert set(num_steps[compare:narrow]) == {4}
+    assert set(num_steps[narrow:settle]) == {2}  # all lengths jump as far: the shortest is best
+    assert np.unique(k[:compare]).tolist() == [1]
+    assert set(num_steps[:compare]) == {adaptation.FIRST_STEPS}
     winner = int(states.choice[-1])
-    assert np.unique(k[EDGE[4] :]).tolist() == [winner]
-    assert set(np.asarray(params.num_steps)[EDGE[4] :]) == {int(states.num_steps[-1])}
+    assert np.unique(k[settle:]).tolist() == [winner]
     np.testing.assert_array_equal(params.delta, np.array([0.5, 1.0, np.inf])[k])
+
+
+def test_number_of_steps_follows_the_step_size():
+    """After the comparison, so that a trajectory is as long in time as the one that won.
+
+    Too few are accepted here, so that the step size falls.
+    """
+    states, _, params = fed(tuner(lengths=(1, 2, 16)), draws(), accept=0.6)
+    settle = EDGE[SETTLE]
+    time = states.time[settle]
+    won = np.exp(states.steps.average[settle, 0])  # from which the step size begins anew
+    np.testing.assert_allclose(time, states.num_steps[settle] * won)
+    assert changes(states.time) == [settle]
+    step_size = np.asarray(params.step_size)[settle:]
+    np.testing.assert_array_equal(
+        np.asarray(params.num_steps)[settle:], np.clip(np.round(time / step_size), 1, 16)
+    )
+    assert len(set(np.asarray(params.num_steps)[settle:])) > 1
 
 
 def test_each_candidate_has_a_step_size_of_its_own(warmed):
     """Only the candidate whose turn it was moves, but at the edges, where all begin anew."""
     states, k, _ = warmed
-    for i in sorted(set(range(N)) - {e - 1 for e in EDGE}):
+    for i in sorted(set(range(N)) - {e - 1 for e in TURNS}):
         moved = states.steps.log_step[i + 1] != states.steps.log_step[i]
         assert not np.any(moved[np.arange(3) != k[i]])
-    for edge in EDGE:
+    for edge in TURNS:
         assert np.ptp(states.steps.log_step[edge]) == 0
         assert np.all(states.steps.count[edge] == 0)
         before = states.steps.average[edge - 1][k[edge - 1]]
         # the last update of the window is in it: near where the window had got to
         assert abs(states.steps.log_step[edge][0] - before) < 0.5
-    assert np.sum(states.steps.count[EDGE[4] - 1]) == EDGE[4] - EDGE[3] - 1
+    assert np.sum(states.steps.count[EDGE[SETTLE] - 1]) == EDGE[SETTLE] - EDGE[COMPARE] - 1
 
 
 def test_only_the_comparison_is_scored(warmed):
     states, _, _ = warmed
-    count = states.scores.count.sum(axis=1)
-    assert changes(count) == list(range(EDGE[3] + 1, EDGE[4] + 1))
-    assert count[-1] == EDGE[4] - EDGE[3]
+    count = states.scores.count.sum(axis=1)  # (N + 1, L), over the candidates
+    compare, narrow, settle = EDGE[COMPARE], EDGE[NARROW], EDGE[SETTLE]
+    assert changes(count) == list(range(compare + 1, settle + 1))
+    assert count[-1].tolist() == [settle - compare] * 2 + [narrow - compare] * 2
 
 
 def test_what_is_given_is_not_touched():
@@ -269,7 +291,7 @@ def test_what_is_given_is_not_touched():
     np.testing.assert_allclose(params.step_size, 0.37, rtol=1e-12)
     assert set(np.asarray(params.num_steps)) == {5}
     assert set(np.asarray(params.delta)) == {0.7}
-    assert changes(states.scale.root) == EDGE  # the rest adapts as ever
+    assert changes(states.scale.root) == TURNS  # the rest adapts as ever
 
 
 @pytest.mark.parametrize("num_warmup", [1, 7])
@@ -292,7 +314,7 @@ def scored(jump, variance) -> adaptation.Scores:
     n = len(jump) * 100.0
     return adaptation.Scores(
         jnp.asarray(100.0 * jump),
-        jnp.full(len(jump), 100.0),
+        jnp.full(jump.shape[:2], 100.0),
         jnp.asarray(n * np.array([0.5, -1.0])),
         jnp.asarray(n * (variance + np.array([0.25, 1.0]))),
     )
@@ -328,18 +350,19 @@ def gaussian_worth(step_size: float, lengths: np.ndarray) -> np.ndarray:
     return np.minimum((1 - x) / (1 + x), (1 - square) / (1 + square)) / lengths
 
 
-@pytest.mark.parametrize(("step_size", "best"), [(0.15, 12), (0.3, 6), (1.2, 1)])
-def test_length_on_a_gaussian(step_size, best):
-    """Given S and ε, warm-up takes the length that theory takes, in each of 8 chains.
+@pytest.mark.parametrize("step_size", [0.15, 0.3, 1.2])
+def test_length_on_a_gaussian(step_size):
+    """Given S and ε, warm-up takes a length that is hardly worse than the best in theory.
 
-    In theory it is the best by a factor of two from all that are longer.
+    In each of 8 chains, from some 500 noisy transitions. Twice the best length is worth less than a
+    fifth of it.
     """
-    lengths = np.array(HMC._lengths)
+    lengths = np.arange(1, 1 + max(HMC._lengths))
     worth = gaussian_worth(step_size, lengths)
-    assert lengths[np.argmax(worth)] == best
-    assert np.all(worth[lengths > best] < 0.5 * worth.max())
+    assert worth[2 * np.argmax(worth) + 1] < 0.2 * worth.max()
     kernel = HMC(potential_fn=lambda z: 0.5 * z @ z, step_size=step_size, covariance=np.eye(2))
-    np.testing.assert_array_equal(warmed_up(kernel, 8, 1000).num_steps, best)
+    found = np.asarray(warmed_up(kernel, 8, 1000).num_steps)
+    assert np.all(worth[found - 1] > 0.6 * worth.max())
 
 
 def warmed_up(kernel, chains: int, num_warmup: int, start=(0.0, 0.0)) -> Tuning:
