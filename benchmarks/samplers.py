@@ -135,6 +135,7 @@ def report(post: Posterior, cost: float, scores: dict[str, list[Score]]) -> str:
     return (
         f"D = {post.dim}. Effective draws, the worst of all parameters and their squares.\n\n"
         f"{table(heads, rows)}\n\n"
+        f"AHMC exact over the best of the others, medians: {against(scores)}.\n\n"
         f"Warm-up of AHMC chose {share} of {N_CHAINS * len(scores[AHMC])} chains; of the first "
         f"seed (steps × step size): {first}. A Fisher matrix took the time of {cost:.1f} "
         f"gradients and was counted as {FISHER:g}."
@@ -151,6 +152,14 @@ def ratios(scores: dict[str, list[Score]]) -> tuple[Floats, list[str]] | None:
     values = np.array([others[k] for k in names])
     best = np.argmax(values, axis=0)
     return own / np.max(values, axis=0), [names[i] for i in best]
+
+
+def against(scores: dict[str, list[Score]]) -> str:
+    found = ratios(scores)
+    if found is None:
+        return "it has not converged"
+    each = zip(*found, MEASURES, strict=True)
+    return ", ".join(f"{ratio:.2f} {what} ({who})" for ratio, who, what in each)
 
 
 def closing(all_scores: dict[str, dict[str, list[Score]]]) -> str:
