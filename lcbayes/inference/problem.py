@@ -117,6 +117,21 @@ class Problem:
             if v["type"] == "sample"
         )
 
+    def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """ln of all that multiplies the prior of `prior_draw`, the brightness aside.
+
+        Factors, such as that of facets being seen, and further conditions.
+        """
+        trace, _ = self._trace(z, data)
+        return sum(
+            (
+                jnp.sum(v["fn"].log_prob(v["value"])) * _power(v)
+                for k, v in trace.items()
+                if v["type"] == "sample" and v["is_observed"] and k != OBSERVED
+            ),
+            start=jnp.zeros(()),
+        )
+
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])

@@ -1,0 +1,126 @@
+"""Particles at one temperature: their densities, their widths, one move of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference.problem import Problem
+from lcbayes.kernels import ahmc, metric, trajectory
+from lcbayes.kernels.adaptation import Params
+from lcbayes.kernels.trajectory import State
+
+
+class Drawn(NamedTuple):
+    """Draws from the prior."""
+
+    z: Any  # (N, D)
+    log_factors: Any  # (N,) ln of what the model multiplies the prior with
+    log_likelihood: Any  # (N,)
+
+
+class Moved(NamedTuple):
+    """One transition of each particle."""
+
+    state: State  # (n, ...)
+    log_likelihood: Any  # (n,)
+    accept: Any  # (n,)
+    num_steps: Any  # (n,)
+
+
+class Tuning(NamedTuple):
+    """What the moves of all particles share."""
+
+    step_size: Any
+    num_steps: Any
+    delta: Any
+    width: Any  # (D,) of the solutions, not of the particles
+
+
+def tempered(data: Epochs, temperature: jax.Array | float) -> Epochs:
+    """The data with their likelihood raised to a power, on top of `Epochs.information`."""
+    return replace(data, information=temperature * data.information)
+
+
+def log_likelihood(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
+    """What the brightness adds to −U, ln p(y | z) to the power of the data's information."""
+    return problem.potential(z, tempered(data, 0.0)) - problem.potential(z, data)
+
+
+def batch(problem: Problem, data: Epochs) -> int | None:
+    """Particles to carry through a move together; None for one by one."""
+    if jax.default_backend() != "cpu":
+        return 1 << 20
+    return None
+
+
+def each(f: Callable, rows: Any, size: int | None) -> Any:
+    return jax.lax.map(f, rows, batch_size=size)
+
+
+@partial(jax.jit, static_argnums=0)
+def draw(problem: Problem, data: Epochs, keys: jax.Array) -> Drawn:
+    """One draw from the prior for each key (N,)."""
+
+    def one(key: jax.Array) -> Drawn:
+        z = problem.prior_draw(key, data)
+        return Drawn(z, problem.log_factors(z, data), log_likelihood(problem, z, data))
+
+    return each(one, keys, batch(problem, data))
+
+
+@partial(jax.jit, static_argnums=0)
+def start(problem: Problem, data: Epochs, temperature: jax.Array, z: jax.Array) -> State:
+    """Potential and gradient at a temperature, of particles z (n, D)."""
+    at = tempered(data, temperature)
+    return each(
+        lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z, batch(problem, data)
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def inform(
+    problem: Problem, data: Epochs, temperature: jax.Array, z: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Information G (n, D, D) at a temperature and the diagonal of its inverse (n, D)."""
+    at = tempered(data, temperature)
+
+    def one(z: jax.Array) -> tuple[jax.Array, jax.Array]:
+        information = problem.fisher(z, at)
+        root, _ = metric.inverse_root(information, jnp.eye(problem.dim))
+        return information, jnp.sum(root**2, axis=1)
+
+    return each(one, z, batch(problem, data))
+
+
+@partial(jax.jit, static_argnums=0)
+def move(
+    problem: Problem,
+    data: Epochs,
+    temperature: jax.Array,
+    tuning: Tuning,
+    keys: jax.Array,
+    state: State,
+) -> Moved:
+    """One transition of each particle by the exact kernel, which leaves exp(−U) at a temperature
+    invariant. Keys and states (n,).
+    """
+    at = tempered(data, temperature)
+    kernel = ahmc.build_kernel(
+        lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at)
+    )
+    scale = metric.Scale(
+        jnp.zeros(problem.dim), jnp.diag(tuning.width), jnp.diag(1.0 / tuning.width)
+    )
+    params = Params(tuning.step_size, tuning.num_steps, tuning.delta, scale)
+
+    def one(row: tuple[jax.Array, State]) -> Moved:
+        state, info = kernel(*row, params)
+        reached = log_likelihood(problem, state.z, data)
+        return Moved(state, reached, info.accept_prob, info.num_steps)
+
+    return each(one, (keys, state), batch(problem, data))

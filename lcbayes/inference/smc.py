@@ -1,0 +1,350 @@
+"""Tempered sequential Monte Carlo: all solutions, their weights and the evidence, from the prior.
+
+Particles drawn from the prior p₀ go to the posterior p₀ Lᵏ at powers λ = 0 → 1 of the likelihood L.
+At each temperature
+
+1. λ′ is as far from λ as leaves a share of the particles effective; the evidence grows by the mean
+   of L^(λ′ − λ) over the particles of λ;
+2. as many as there shall be chains are chosen in proportion to L^(λ′ − λ);
+3. each moves by the exact Fisher-adaptive kernel (`lcbayes.kernels`), until they have moved about
+   as far as a solution is wide. All points passed are particles of λ′: nothing is thrown away.
+
+Step size and scale follow the particles themselves, all of them at once: an adaptation that a
+single particle hardly sees, whose bias is O(1/N).
+
+References
+----------
+Del Moral, Doucet & Jasra 2006, JRSS B 68, 411; Dau & Chopin 2022, JRSS B 84, 114 (waste-free: the
+points passed are particles); Jasra et al. 2011, Scand. J. Stat. 38, 1 (adaptive temperatures).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.inference import moves, tempering
+from lcbayes.inference.moves import Moved, Tuning
+from lcbayes.inference.problem import Problem
+from lcbayes.kernels.trajectory import State
+from lcbayes.progress import Silent, Track
+
+Floats = NDArray[np.float64]
+
+BLOCKS = 4  # of particles, for the threads; a constant, so that numbers do not hang on their count
+PROBES = 256  # particles whose information tells how wide a solution is
+MAX_TEMPERATURES = 300
+LEAST_ACCEPTANCE = 0.15
+
+
+class Collapse(RuntimeError):
+    """The particles no longer follow the posterior; the message says where and what to do."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What may be turned; the defaults were measured (benchmarks/smc.py)."""
+
+    share: float = 0.6  # of the particles, effective after a change of temperature
+    num_steps: int = 5  # leapfrog steps of a move
+    accept: float = 0.75  # mean acceptance that the step size is steered to
+    delta: float = 0.5  # how far off the metric is taken, in widths of a solution
+    moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
+    min_moves: int = 3
+    max_moves: int = 40
+    max_pool: int = 256  # draws from the prior, at most, over n_particles
+
+
+@dataclass
+class Stage:
+    """One temperature."""
+
+    temperature: float
+    num_moves: int
+    accept: float  # mean of the last moves
+    step_size: float
+    moved: float
+    log_evidence: float  # up to here
+
+
+@dataclass
+class Result:
+    """Equally weighted particles of the posterior, and how they came about.
+
+    Attributes
+    ----------
+    z : (N, D)
+        N = n_particles × points on each chain, chain by chain.
+    log_likelihood : (N,)
+    log_evidence : float
+        ln ∫ exp(−U) dz, with the U of the problem and the data as given.
+    stages : list of Stage
+        The temperatures, rising to 1.
+    reasons : list of str
+        Why not to trust it, in words; empty where nothing is wrong that the run itself can see.
+    """
+
+    z: Floats
+    log_likelihood: Floats
+    log_evidence: float
+    stages: list[Stage]
+    points: int  # on each chain
+    gradients: int
+    seconds: float
+    reasons: list[str] = field(default_factory=list)
+
+    @property
+    def log_temperatures(self) -> Floats:
+        """(K,), the last 0."""
+        return np.log([s.temperature for s in self.stages])
+
+    @property
+    def acceptance(self) -> Floats:
+        """Of each temperature, (K,)."""
+        return np.array([s.accept for s in self.stages])
+
+
+def run(
+    problem: Problem,
+    data: Epochs,
+    key: jax.Array,
+    n_particles: int = 1000,
+    *,
+    plan: Plan | None = None,
+    workers: int = 2,
+    progress: Silent | None = None,
+) -> Result:
+    """The posterior of a problem from its prior. Same key, same numbers, whatever the workers.
+
+    Parameters
+    ----------
+    problem, data
+        Each temperature is a power of `Epochs.information`: nothing is compiled twice.
+    key : random key
+    n_particles : int
+        Chains at each temperature; the particles are all points that they pass.
+    plan : Plan, optional
+    workers : int
+        Threads.
+    progress : Silent or Console
+
+    Raises
+    ------
+    InputError
+        The model's likelihood does not follow `Epochs.information`, so it cannot be tempered; or
+        hardly any draw from its prior has any density.
+    Collapse
+        No move is accepted any more, or the temperature cannot rise.
+    """
+    progress = progress or Silent()
+    with ThreadPoolExecutor(workers) as pool, progress.stage("tempering", 100, "%") as track:
+        return _Run(problem, data, n_particles, plan or Plan(), pool, track).go(key)
+
+
+class _Run:
+    """The state of a run, from temperature to temperature."""
+
+    def __init__(
+        self, problem: Problem, data: Epochs, n: int, plan: Plan, pool: Executor, track: Track
+    ) -> None:
+        self.problem, self.data, self.n, self.plan = problem, data, n, plan
+        self.pool, self.track = pool, track
+        self.step_size, self.gradients, self.told = 0.5, 0, 0
+        self.stages: list[Stage] = []
+        self.reasons: list[str] = []
+
+    def go(self, key: jax.Array) -> Result:
+        begun = time.monotonic()
+        key, key_draw = jax.random.split(key)
+        z, log_likelihood, log_weights, log_evidence = self._first(key_draw)
+        temperature = 0.0
+        while temperature < 1.0:
+            new = tempering.next_temperature(
+                log_weights, log_likelihood, temperature, self.plan.share
+            )
+            if new <= temperature or len(self.stages) == MAX_TEMPERATURES:
+                raise Collapse(
+                    f"tempering stopped at {temperature:.3g} of the likelihood after "
+                    f"{len(self.stages)} temperatures: the likelihood differs too much between "
+                    "particles; give more particles"
+                )
+            log_weights = log_weights + (new - temperature) * log_likelihood
+            log_evidence += logsumexp(log_weights)
+            temperature = new
+            key, key_choice, key_move = jax.random.split(key, 3)
+            uniform = float(jax.random.uniform(key_choice))
+            chosen = tempering.systematic(log_weights, self.n, uniform)
+            z, log_likelihood = self._moved(key_move, temperature, z[chosen], log_evidence)
+            log_weights = np.full(len(z), -np.log(len(z)))
+            self._tell()
+        return Result(
+            z, log_likelihood, float(log_evidence), self.stages, len(z) // self.n,
+            self.gradients, time.monotonic() - begun, self.reasons,
+        )  # fmt: skip
+
+    def _first(self, key: jax.Array) -> tuple[Floats, Floats, Floats, float]:
+        """Draws from the prior, weighed by the model's factors, enough for n particles."""
+        drawn, n_pool = [], 0
+        for i in range(self.plan.max_pool):
+            keys = jax.random.split(jax.random.fold_in(key, i), self.n)
+            parts = self._blocks(lambda k: moves.draw(self.problem, self.data, k), keys)
+            good = np.isfinite(parts.log_factors) & np.isfinite(parts.log_likelihood)
+            drawn.append(jax.tree.map(lambda x, good=good: x[good], parts))
+            n_pool += self.n
+            pooled = jax.tree.map(lambda *x: np.concatenate(x), *drawn)
+            if len(pooled.z) and tempering.effective_number(pooled.log_factors) >= self.n:
+                break
+        else:
+            found = tempering.effective_number(pooled.log_factors) if len(pooled.z) else 0.0
+            if found < 0.05 * self.n:
+                raise InputError(
+                    f"of {n_pool} draws from the prior only about {found:.0f} have any density "
+                    "(every facet must be lit and seen); ask for fewer facets or more particles"
+                )
+        if not np.any(pooled.log_likelihood):
+            raise InputError(
+                "the model's likelihood does not follow data.information, so that it cannot be "
+                "tempered; end the model with lcbayes.noise.observe(data, flux)"
+            )
+        kept = pooled.log_factors > pooled.log_factors.max() - 40.0
+        z, log_factors, log_likelihood = (np.asarray(x)[kept] for x in pooled)
+        log_evidence = float(logsumexp(log_factors) - np.log(n_pool))
+        return z, log_likelihood, tempering.normalised(log_factors), log_evidence
+
+    def _moved(
+        self, key: jax.Array, temperature: float, z: Floats, log_evidence: float
+    ) -> tuple[Floats, Floats]:
+        """Chains from z (n, D) at a temperature: all points passed, chain by chain."""
+        plan, lam = self.plan, jnp.asarray(temperature)
+        state = self._blocks(lambda z: moves.start(self.problem, self.data, lam, z), z)
+        probes = np.linspace(0, self.n - 1, min(PROBES, self.n)).astype(int)
+        information, variance = (
+            np.asarray(x) for x in self._blocks(
+                lambda z: moves.inform(self.problem, self.data, lam, z), z[probes]
+            )
+        )  # fmt: skip
+        width = np.sqrt(np.nanmedian(variance, axis=0))
+        passed, moved, accepted = [], 0.0, []
+        while len(passed) < plan.max_moves and (len(passed) < plan.min_moves or moved < plan.moved):
+            tuning = Tuning(
+                *(jnp.asarray(x) for x in (self.step_size, plan.num_steps, plan.delta, width))
+            )
+            keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
+            out: Moved = self._blocks(
+                lambda k, s, tuning=tuning: moves.move(
+                    self.problem, self.data, lam, tuning, k, s
+                ),
+                keys, state,
+            )  # fmt: skip
+            state = out.state
+            passed.append((state.z, out.log_likelihood))
+            accepted.append(float(np.mean(out.accept)))
+            self.gradients += int(out.num_steps.sum())
+            self.step_size *= float(np.exp(np.clip(accepted[-1] - plan.accept, -0.5, 0.5)))
+            moved = _moved_by(state.z[probes] - z[probes], information)
+        accept = float(np.mean(accepted[-5:]))
+        self.stages.append(
+            Stage(temperature, len(passed), accept, self.step_size, moved, float(log_evidence))
+        )
+        if accept < LEAST_ACCEPTANCE:
+            raise Collapse(
+                f"at {temperature:.3g} of the likelihood {accept:.1%} of the moves are accepted "
+                f"after {len(passed)} changes of the step size (now {self.step_size:.2g}); the "
+                "posterior is too rough to follow: check the errors of the data"
+            )
+        if moved < 0.5 * plan.moved:
+            self.reasons.append(
+                f"at {temperature:.3g} of the likelihood the particles moved {moved:.0%} of what "
+                f"independent ones would in {len(passed)} moves"
+            )
+        points, reached = (np.stack(x, axis=1) for x in zip(*passed, strict=True))
+        return points.reshape(-1, points.shape[-1]), reached.ravel()
+
+    def _blocks(self, f: Callable[..., Any], *rows: Any) -> Any:
+        """f of rows, which have a common first axis, in blocks of one size on the threads."""
+        n = len(jax.tree.leaves(rows)[0])
+        size = -(-n // BLOCKS)
+        index = np.resize(np.arange(n), BLOCKS * size).reshape(BLOCKS, size)
+
+        def one(i: NDArray[np.int64]) -> Any:
+            return jax.tree.map(np.asarray, f(*jax.tree.map(lambda x: x[i], rows)))
+
+        parts = list(self.pool.map(one, index))
+        return jax.tree.map(lambda *x: np.concatenate(x)[:n], *parts)
+
+    def _tell(self) -> None:
+        """Progress as the share of the way, on a logarithmic scale of temperature."""
+        now, first = self.stages[-1], self.stages[0]
+        way = 1.0
+        if now.temperature < 1.0:
+            way = 1.0 - np.log(now.temperature) / min(np.log(first.temperature), -1e-9)
+        done = int(100 * way)
+        self.track.advance(
+            done - self.told, f"temperature {now.temperature:.2g}, {now.accept:.0%} accepted"
+        )
+        self.told = done
+
+
+def _moved_by(jump: Floats, information: Floats) -> float:
+    """Mean squared distance in a solution's own widths, over 2 D, that of independent points.
+
+    By the median, because points that change to another solution are far beyond its width.
+    """
+    distance = np.einsum("ni,nij,nj->n", jump, information, jump) / (2 * jump.shape[1])
+    return float(np.nanmedian(distance))
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Independent runs: what agrees between them can be trusted, the spread is the error.
+
+    Attributes
+    ----------
+    runs : list of Result
+    """
+
+    runs: list[Result]
+
+    @property
+    def log_evidences(self) -> Floats:
+        return np.array([r.log_evidence for r in self.runs])
+
+    @property
+    def log_evidence(self) -> float:
+        """ln of the mean evidence: each run's evidence, not its logarithm, is unbiased."""
+        return float(logsumexp(self.log_evidences) - np.log(len(self.runs)))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the runs' ln evidence: the error of one run."""
+        return float(np.std(self.log_evidences, ddof=1))
+
+    @property
+    def se(self) -> float:
+        """Of the mean over the runs."""
+        return self.spread / np.sqrt(len(self.runs))
+
+
+def replicate(
+    problem: Problem,
+    data: Epochs,
+    key: jax.Array,
+    n_particles: int = 1000,
+    n_runs: int = 4,
+    **options: Any,
+) -> Runs:
+    """`run` with as many different keys, 2 at least; compiled once."""
+    if n_runs < 2:
+        raise ValueError(f"n_runs is {n_runs}; a spread needs 2 or more")
+    keys = jax.random.split(key, n_runs)
+    return Runs([run(problem, data, k, n_particles, **options) for k in keys])
