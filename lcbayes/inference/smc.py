@@ -56,7 +56,8 @@ class Plan:
     """What may be turned; the defaults were measured (benchmarks/smc.py)."""
 
     share: float = 0.6  # of the particles, effective after a change of temperature
-    num_steps: int = 5  # leapfrog steps of a move
+    length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
+    max_steps: int = 12  # leapfrog steps of a move
     accept: float = 0.75  # mean acceptance that the step size is steered to
     delta: float = 0.5  # how far off the metric is taken, in widths of a solution
     moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
@@ -233,11 +234,13 @@ class _Run:
                 lambda z: moves.inform(self.problem, self.data, lam, z), z[probes]
             )
         )  # fmt: skip
-        width = np.sqrt(np.nanmedian(variance, axis=0))
+        width = _width(variance, z)
         passed, moved, accepted = [], 0.0, []
         while len(passed) < plan.max_moves and (len(passed) < plan.min_moves or moved < plan.moved):
+            num_steps = int(np.clip(np.ceil(plan.length / self.step_size), 1, plan.max_steps))
+            step_size = min(self.step_size, plan.length)
             tuning = Tuning(
-                *(jnp.asarray(x) for x in (self.step_size, plan.num_steps, plan.delta, width))
+                *(jnp.asarray(x) for x in (step_size, num_steps, plan.delta, width))
             )
             keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
             out: Moved = self._blocks(
@@ -295,13 +298,19 @@ class _Run:
         self.told = done
 
 
+def _width(variance: Floats, z: Floats) -> Floats:
+    """Typical width of a solution (D,), of the variances (n, D) where they are any good."""
+    good = np.all(np.isfinite(variance) & (variance > 0), axis=1)
+    return np.sqrt(np.median(variance[good], axis=0)) if good.any() else z.std(axis=0) + 1e-12
+
+
 def _moved_by(jump: Floats, information: Floats) -> float:
     """Mean squared distance in a solution's own widths, over 2 D, that of independent points.
 
     By the median, because points that change to another solution are far beyond its width.
     """
     distance = np.einsum("ni,nij,nj->n", jump, information, jump) / (2 * jump.shape[1])
-    return float(np.nanmedian(distance))
+    return float(np.median(np.nan_to_num(distance)))
 
 
 @dataclass(frozen=True)
