@@ -51,15 +51,9 @@ def log_likelihood(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
     return problem.potential(z, tempered(data, 0.0)) - problem.potential(z, data)
 
 
-def batch(problem: Problem, data: Epochs) -> int | None:
-    """Particles to carry through a move together; None for one by one."""
-    if jax.default_backend() != "cpu":
-        return 1 << 20
-    return None
-
-
-def each(f: Callable, rows: Any, size: int | None) -> Any:
-    return jax.lax.map(f, rows, batch_size=size)
+def each(f: Callable, rows: Any) -> Any:
+    """f of every row: one after the other on a processor, all at once on an accelerator."""
+    return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -70,16 +64,42 @@ def draw(problem: Problem, data: Epochs, keys: jax.Array) -> Drawn:
         z = problem.prior_draw(key, data)
         return Drawn(z, problem.log_factors(z, data), log_likelihood(problem, z, data))
 
-    return each(one, keys, batch(problem, data))
+    return each(one, keys)
 
 
 @partial(jax.jit, static_argnums=0)
 def start(problem: Problem, data: Epochs, temperature: jax.Array, z: jax.Array) -> State:
     """Potential and gradient at a temperature, of particles z (n, D)."""
     at = tempered(data, temperature)
-    return each(
-        lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z, batch(problem, data)
-    )
+    return each(lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z)
+
+
+@partial(jax.jit, static_argnums=0)
+def reflect(
+    problem: Problem,
+    data: Epochs,
+    temperature: jax.Array,
+    mirror: jax.Array,
+    keys: jax.Array,
+    state: State,
+) -> State:
+    """Every other particle to its mirror image, z → Q z, with probability min{1, exp(U − U′)}.
+
+    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Only
+    half are proposed to: if all changed over, the sides would only swap their weights.
+    """
+    at = tempered(data, temperature)
+
+    def one(row: tuple[jax.Array, State]) -> State:
+        key, state = row
+        image = trajectory.init(mirror @ state.z, lambda z: problem.potential(z, at))
+        key_half, key_accept = jax.random.split(key)
+        uniform = jax.random.uniform(key_accept)
+        taken = uniform < jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
+        taken &= jax.random.bernoulli(key_half)
+        return jax.tree.map(lambda a, b: jnp.where(taken, a, b), image, state)
+
+    return each(one, (keys, state))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -94,7 +114,7 @@ def inform(
         root, _ = metric.inverse_root(information, jnp.eye(problem.dim))
         return information, jnp.sum(root**2, axis=1)
 
-    return each(one, z, batch(problem, data))
+    return each(one, z)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -110,9 +130,7 @@ def move(
     invariant. Keys and states (n,).
     """
     at = tempered(data, temperature)
-    kernel = ahmc.build_kernel(
-        lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at)
-    )
+    kernel = ahmc.build_kernel(lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at))
     scale = metric.Scale(
         jnp.zeros(problem.dim), jnp.diag(tuning.width), jnp.diag(1.0 / tuning.width)
     )
@@ -123,4 +141,4 @@ def move(
         reached = log_likelihood(problem, state.z, data)
         return Moved(state, reached, info.accept_prob, info.num_steps)
 
-    return each(one, (keys, state), batch(problem, data))
+    return each(one, (keys, state))

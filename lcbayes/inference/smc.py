@@ -24,6 +24,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,6 @@ from lcbayes.errors import InputError
 from lcbayes.inference import moves, tempering
 from lcbayes.inference.moves import Moved, Tuning
 from lcbayes.inference.problem import Problem
-from lcbayes.kernels.trajectory import State
 from lcbayes.progress import Silent, Track
 
 Floats = NDArray[np.float64]
@@ -122,6 +122,7 @@ def run(
     n_particles: int = 1000,
     *,
     plan: Plan | None = None,
+    mirror: Floats | None = None,
     workers: int = 2,
     progress: Silent | None = None,
 ) -> Result:
@@ -135,6 +136,9 @@ def run(
     n_particles : int
         Chains at each temperature; the particles are all points that they pass.
     plan : Plan, optional
+    mirror : (D, D), optional
+        A matrix that is its own inverse, under which the posterior is thought to be symmetric
+        (`lcbayes.inference.symmetry`): at each temperature half of the particles try their image.
     workers : int
         Threads.
     progress : Silent or Console
@@ -149,16 +153,23 @@ def run(
     """
     progress = progress or Silent()
     with ThreadPoolExecutor(workers) as pool, progress.stage("tempering", 100, "%") as track:
-        return _Run(problem, data, n_particles, plan or Plan(), pool, track).go(key)
+        return _Run(problem, data, n_particles, plan or Plan(), mirror, pool, track).go(key)
 
 
 class _Run:
     """The state of a run, from temperature to temperature."""
 
     def __init__(
-        self, problem: Problem, data: Epochs, n: int, plan: Plan, pool: Executor, track: Track
+        self,
+        problem: Problem,
+        data: Epochs,
+        n: int,
+        plan: Plan,
+        mirror: Floats | None,
+        pool: Executor,
+        track: Track,
     ) -> None:
-        self.problem, self.data, self.n, self.plan = problem, data, n, plan
+        self.problem, self.data, self.n, self.plan, self.mirror = problem, data, n, plan, mirror
         self.pool, self.track = pool, track
         self.step_size, self.gradients, self.told = 0.5, 0, 0
         self.stages: list[Stage] = []
@@ -228,6 +239,11 @@ class _Run:
         """Chains from z (n, D) at a temperature: all points passed, chain by chain."""
         plan, lam = self.plan, jnp.asarray(temperature)
         state = self._blocks(lambda z: moves.start(self.problem, self.data, lam, z), z)
+        if self.mirror is not None:
+            keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), self.n)
+            turn = partial(moves.reflect, self.problem, self.data, lam, jnp.asarray(self.mirror))
+            state = self._blocks(turn, keys, state)
+            z = state.z
         probes = np.linspace(0, self.n - 1, min(PROBES, self.n)).astype(int)
         information, variance = (
             np.asarray(x) for x in self._blocks(
@@ -239,9 +255,7 @@ class _Run:
         while len(passed) < plan.max_moves and (len(passed) < plan.min_moves or moved < plan.moved):
             num_steps = int(np.clip(np.ceil(plan.length / self.step_size), 1, plan.max_steps))
             step_size = min(self.step_size, plan.length)
-            tuning = Tuning(
-                *(jnp.asarray(x) for x in (step_size, num_steps, plan.delta, width))
-            )
+            tuning = Tuning(*(jnp.asarray(x) for x in (step_size, num_steps, plan.delta, width)))
             keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
