@@ -35,8 +35,10 @@ class Moved(NamedTuple):
 class Tuning(NamedTuple):
     """What the moves of all particles share."""
 
-    step_size: Any
-    num_steps: Any
+    step_size: Any  # median of the step sizes, log-normal with sd `spread`
+    spread: Any
+    length: Any  # of a trajectory, in steps times their size
+    max_steps: Any
     delta: Any
     width: Any  # (D,) of the solutions, not of the particles
 
@@ -128,16 +130,23 @@ def move(
 ) -> Moved:
     """One transition of each particle by the exact kernel, which leaves exp(−U) at a temperature
     invariant. Keys and states (n,).
+
+    Step sizes are drawn apart from the states, over a wide range: where a facet turns away the
+    posterior has an edge that only small steps pass, and elsewhere large ones go far.
     """
     at = tempered(data, temperature)
     kernel = ahmc.build_kernel(lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at))
     scale = metric.Scale(
         jnp.zeros(problem.dim), jnp.diag(tuning.width), jnp.diag(1.0 / tuning.width)
     )
-    params = Params(tuning.step_size, tuning.num_steps, tuning.delta, scale)
 
     def one(row: tuple[jax.Array, State]) -> Moved:
-        state, info = kernel(*row, params)
+        key, state = row
+        key_step, key = jax.random.split(key)
+        step = tuning.step_size * jnp.exp(tuning.spread * jax.random.normal(key_step))
+        step = jnp.minimum(step, tuning.length)
+        num_steps = jnp.minimum(jnp.ceil(tuning.length / step), tuning.max_steps).astype(int)
+        state, info = kernel(key, state, Params(step, num_steps, tuning.delta, scale))
         reached = log_likelihood(problem, state.z, data)
         return Moved(state, reached, info.accept_prob, info.num_steps)
 

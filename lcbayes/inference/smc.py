@@ -58,6 +58,7 @@ class Plan:
     share: float = 0.6  # of the particles, effective after a change of temperature
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
+    spread: float = 0.5  # of the logarithm of step sizes
     accept: float = 0.75  # mean acceptance that the step size is steered to
     delta: float = 0.5  # how far off the metric is taken, in widths of a solution
     moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
@@ -253,9 +254,9 @@ class _Run:
         width = _width(variance, z)
         passed, moved, accepted = [], 0.0, []
         while len(passed) < plan.max_moves and (len(passed) < plan.min_moves or moved < plan.moved):
-            num_steps = int(np.clip(np.ceil(plan.length / self.step_size), 1, plan.max_steps))
-            step_size = min(self.step_size, plan.length)
-            tuning = Tuning(*(jnp.asarray(x) for x in (step_size, num_steps, plan.delta, width)))
+            tuning = Tuning(
+                self.step_size, plan.spread, plan.length, plan.max_steps, plan.delta, width
+            )
             keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(

@@ -224,7 +224,7 @@ def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
     z = np.random.default_rng(0).multivariate_normal(mean, cov, n)
     state = moves.start(problem, data, lam, jnp.asarray(z))
     width = jnp.sqrt(jnp.diagonal(jnp.asarray(cov)))
-    tuning = moves.Tuning(jnp.asarray(0.9), jnp.asarray(2), jnp.asarray(0.5), width)
+    tuning = moves.Tuning(0.9, 0.3, 1.5, 8, 0.5, width)
     for i in range(20):
         keys = jax.random.split(jax.random.key(i), n)
         out = moves.move(problem, data, lam, tuning, keys, state)
