@@ -17,7 +17,7 @@ from _results import table, write_section
 from lcbayes import gallery, scenario
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference import smc
+from lcbayes.inference import smc, symmetry
 from lcbayes.inference.problem import Problem
 from lcbayes.simulate import simulate
 
@@ -81,22 +81,25 @@ def one() -> None:
 
 def mirror() -> None:
     problem, data = posed(HERE / "mirror.toml", n_facets=2)
-    found = measured(problem, data, 2000)
 
     @jax.jit
     def side(z: jax.Array) -> jax.Array:
         return jax.lax.map(lambda z: problem.constrain(z, data)["omega"][0] > 0, z)
 
-    weights = [float(np.mean(side(jnp.asarray(result.z)))) for result, _ in found]
-    rows = [
-        [*columns(seed, *run), f"{weight:.3f}"]
-        for seed, run, weight in zip(SEEDS, found, weights, strict=True)
-    ]
-    within = np.sum(np.abs(np.array(weights) - 0.5) < 0.05)
     text = "Two facets and ω, Sun and observer in one plane, SNR 30, 61 epochs, 2000 particles: the"
-    text += " posterior is the same under n_z → −n_z, (ω_x, ω_y) → −(ω_x, ω_y).\n\n"
-    text += table([*HEADS, "weight of ω_x > 0"], rows)
-    text += f"\n\n{said(found)} Weight 0.5 ± 0.05: {within} of {len(SEEDS)} (goal: all)."
+    text += " posterior is the same under n_z → −n_z, (ω_x, ω_y) → −(ω_x, ω_y)."
+    moves = {"without a move to the mirror image": None}
+    moves["with it"] = symmetry.plane_mirror(problem, data)
+    for name, matrix in moves.items():
+        found = measured(problem, data, 2000, mirror=matrix)
+        weights = [float(np.mean(side(jnp.asarray(result.z)))) for result, _ in found]
+        rows = [
+            [*columns(seed, *run), f"{weight:.3f}"]
+            for seed, run, weight in zip(SEEDS, found, weights, strict=True)
+        ]
+        within = np.sum(np.abs(np.array(weights) - 0.5) < 0.05)
+        text += f"\n\nRuns {name}:\n\n" + table([*HEADS, "weight of ω_x > 0"], rows)
+        text += f"\n\n{said(found)} Weight 0.5 ± 0.05: {within} of {len(SEEDS)} (goal: all)."
     write_section("Weights of two mirror images", "python benchmarks/smc.py mirror", text)
 
 
