@@ -62,7 +62,7 @@ class Plan:
     accept: float = 0.75  # mean acceptance that the step size is steered to
     delta: float = 0.5  # how far off the metric is taken, in widths of a solution
     moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
-    min_moves: int = 3
+    min_moves: int = 8  # with 3 most runs on four facets lost the truth
     max_moves: int = 40
     max_pool: int = 256  # draws from the prior, at most, over n_particles
 
