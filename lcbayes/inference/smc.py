@@ -55,7 +55,7 @@ class Collapse(RuntimeError):
 class Plan:
     """What may be turned; the defaults were measured (benchmarks/smc.py)."""
 
-    share: float = 0.6  # of the particles, effective after a change of temperature
+    share: float = 0.8  # of the particles, effective after a change of temperature
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
     spread: float = 0.5  # of the logarithm of step sizes

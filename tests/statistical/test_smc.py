@@ -25,11 +25,13 @@ def one():
 
 
 def test_evidence_of_one_facet(one):
-    """Every run within 0.1 nat; the mean within 4.5 standard errors of eight runs (Student-t with
-    7 degrees of freedom, a false alarm in 350 keys)."""
+    """The mean within 4.5 standard errors of eight runs (Student-t with 7 degrees of freedom, a
+    false alarm in 350 keys), these below 0.06; each run within 0.5 nat.
+    """
     _, data, grid, found = one
     want = grid.log_evidence(data)
-    assert np.all(np.abs(found.log_evidences - want) < 0.1)
+    assert np.all(np.abs(found.log_evidences - want) < 0.5)
+    assert found.se < 0.06
     assert abs(found.log_evidence - want) < 4.5 * found.se
     assert all(r.reasons == [] for r in found.runs)
 
@@ -60,6 +62,7 @@ def in_plane(n: int) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.stack([np.cos(x), np.sin(x), 0 * x], axis=1) for x in angles)  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 def test_mirror_images_weigh_the_same():
     """(n, ω) and (n with −z, ω with −x, −y) have the same density, so whatever changes its sign
     with the mirror has its sign half of the time: that of ω_x, and of Σ α n_z.
