@@ -88,8 +88,10 @@ def mirror() -> None:
 
     text = "Two facets and ω, Sun and observer in one plane, SNR 30, 61 epochs, 1000 particles: the"
     text += " posterior is the same under n_z → −n_z, (ω_x, ω_y) → −(ω_x, ω_y)."
-    moves = {"without a move to the mirror image": None}
-    moves["with it"] = symmetry.plane_mirror(problem, data)
+    moves = {
+        "without a move to the mirror image": None,
+        "with it": symmetry.plane_mirror(problem, data),
+    }
     for name, matrix in moves.items():
         found = measured(problem, data, 1000, SEEDS["mirror"], mirror=matrix)
         weights = [float(np.mean(side(jnp.asarray(result.z)))) for result, _ in found]

@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -192,7 +191,7 @@ class _Run:
                     "particles; give more particles"
                 )
             log_weights = log_weights + (new - temperature) * log_likelihood
-            log_evidence += logsumexp(log_weights)
+            log_evidence += tempering.log_sum(log_weights)
             temperature = new
             key, key_choice, key_move = jax.random.split(key, 3)
             uniform = float(jax.random.uniform(key_choice))
@@ -231,7 +230,7 @@ class _Run:
             )
         kept = pooled.log_factors > pooled.log_factors.max() - 40.0
         z, log_factors, log_likelihood = (np.asarray(x)[kept] for x in pooled)
-        log_evidence = float(logsumexp(log_factors) - np.log(n_pool))
+        log_evidence = float(tempering.log_sum(log_factors) - np.log(n_pool))
         return z, log_likelihood, tempering.normalised(log_factors), log_evidence
 
     def _moved(
@@ -269,7 +268,7 @@ class _Run:
             accepted.append(float(np.mean(out.accept)))
             self.gradients += int(out.num_steps.sum())
             self.step_size *= float(np.exp(np.clip(accepted[-1] - plan.accept, -0.5, 0.5)))
-            moved = _moved_by(state.z[probes] - z[probes], information)
+            moved = _moved_by(np.asarray(state.z[probes]) - z[probes], information)
         accept = float(np.mean(accepted[-5:]))
         self.stages.append(
             Stage(temperature, len(passed), accept, self.step_size, moved, float(log_evidence))
@@ -346,7 +345,7 @@ class Runs:
     @property
     def log_evidence(self) -> float:
         """ln of the mean evidence: each run's evidence, not its logarithm, is unbiased."""
-        return float(logsumexp(self.log_evidences) - np.log(len(self.runs)))
+        return float(tempering.log_sum(self.log_evidences) - np.log(len(self.runs)))
 
     @property
     def spread(self) -> float:

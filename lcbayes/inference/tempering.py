@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
+
+
+def log_sum(x: Floats) -> float:
+    """ln Σ exp(x)."""
+    return float(np.logaddexp.reduce(x))
 
 
 def normalised(log_weights: Floats) -> Floats:
     """The same weights with a sum of one; NaN counts as no weight."""
     log_weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
-    return log_weights - logsumexp(log_weights)
+    return log_weights - log_sum(log_weights)
 
 
 def effective_share(log_weights: Floats, log_change: Floats) -> float:
@@ -25,16 +29,16 @@ def effective_share(log_weights: Floats, log_change: Floats) -> float:
     Zhou, Johansen & Aston 2016, J. Comput. Graph. Stat. 25, 701, eq. (3.16).
     """
     log_change = np.where(np.isnan(log_change), -np.inf, log_change)
-    top = logsumexp(log_weights + log_change)
+    top = log_sum(log_weights + log_change)
     if not np.isfinite(top):
         return 0.0
-    square = logsumexp(log_weights + 2 * log_change)
-    return float(np.exp(2 * top - logsumexp(log_weights) - square))
+    square = log_sum(log_weights + 2 * log_change)
+    return float(np.exp(2 * top - log_sum(log_weights) - square))
 
 
 def effective_number(log_weights: Floats) -> float:
     """(Σ W)²/Σ W², of particles with weights W."""
-    return float(np.exp(2 * logsumexp(log_weights) - logsumexp(2 * log_weights)))
+    return float(np.exp(2 * log_sum(log_weights) - log_sum(2 * log_weights)))
 
 
 def next_temperature(
