@@ -9,7 +9,6 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 import small
-from scipy.stats import multivariate_normal
 
 from lcbayes import noise
 from lcbayes._jax import jax, jnp
@@ -45,7 +44,7 @@ def exact(data, power=1.0):
     """
     basis, y, sd = np.asarray(_basis(data.t)), np.asarray(data.brightness), np.asarray(data.error)
     cov = basis @ basis.T + np.diag(sd**2 / power)
-    log_z = multivariate_normal.logpdf(y, np.zeros(len(y)), cov)
+    log_z = -0.5 * (y @ np.linalg.solve(cov, y) + np.linalg.slogdet(2 * np.pi * cov)[1])
     log_z += np.sum(
         0.5 * np.log(2 * np.pi * sd**2 / power) - 0.5 * power * np.log(2 * np.pi * sd**2)
     )
