@@ -112,12 +112,14 @@ def fit(
     model : str
         "faceted", "faceted-brdf", "convex-grid", or the path of a model file.
     sampler : str
-        "nuts", "ahmc" (Fisher-adaptive HMC, exact), "hmc", "rmhmc", "mh" (random walk), or
-        "ahmc-paper", the published rule, whose result is never to be trusted.
+        "nuts", "ahmc" (Fisher-adaptive HMC, exact), "smc" (particles from the prior, for posteriors
+        of many solutions), "hmc", "rmhmc", "mh" (random walk), or "ahmc-paper", the published rule,
+        whose result is never to be trusted.
     seed : int
         The same input, version, seed and device give the same numbers.
     num_warmup, num_samples, num_chains : int
-        Per solution. A warm-up of None takes what serves the sampler: 200 for NUTS.
+        Per solution. A warm-up of None takes what serves the sampler: 200 for NUTS. For "smc" the
+        number of particles that move, and of independent runs.
     num_starts : int
         Starts of the search where the model has no own; 0 chooses by the number of parameters.
     max_modes : int

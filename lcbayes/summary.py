@@ -192,6 +192,7 @@ def _loo(found: xr.DataTree) -> tuple[float, float, float]:
 
 
 def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) -> Iterator[str]:
+    yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         # A solution without weight is shown, but the result does not stand or fall with it.
         if mode.weight < 1e-3 and i:

@@ -17,7 +17,7 @@ EPILOG = """\
 examples:
   lcbayes fit pass.csv -o out --n-facets 3 --seed 1
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
-  lcbayes fit pass.csv -o out --sampler ahmc
+  lcbayes fit pass.csv -o out --n-facets 4 --sampler smc
   lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
   lcbayes fit --config out/run.toml -o again        the same numbers
 
@@ -36,8 +36,8 @@ READING = ("format", "tle", "site", "error", "error_floor")
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_warmup": "warm-up draws per chain (default 200 for nuts, more for others)",
-    "num_samples": "draws kept per chain (default 750)",
-    "num_chains": "chains per solution (default 4)",
+    "num_samples": "draws kept per chain (default 750); for smc, particles that move",
+    "num_chains": "chains per solution (default 4); for smc, independent runs",
     "num_starts": "starts of the search (default: by the number of parameters)",
     "max_modes": "solutions to sample at most (default 4)",
 }
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampler",
         metavar="NAME",
-        help="nuts (default), ahmc, hmc, rmhmc, mh, or ahmc-paper, which is biased",
+        help="nuts (default), ahmc, smc (many solutions), hmc, rmhmc, mh; ahmc-paper is biased",
     )
     for name, (kind, letter, text) in FLAGS.items():
         flag = "--noise" if name == "noise_law" else "--" + name.replace("_", "-")

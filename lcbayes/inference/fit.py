@@ -17,12 +17,12 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import evidence, information, search, solutions
+from lcbayes.inference import evidence, information, population, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.problem import Problem, Sites
 from lcbayes.inference.sample import Sampler, Timing
-from lcbayes.inference.settings import Settings
+from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 
@@ -39,6 +39,7 @@ class Posterior:
     modes: list[Mode]
     n_starts: int
     timing: Timing = field(default_factory=Timing)
+    reasons: list[str] = field(default_factory=list)  # of the sampler, why not to trust it
 
     def mixture(self, seed: int) -> tuple[Floats, NDArray[np.int64]]:
         """Equally weighted draws z (C, S, D) and the mode (C, S) each belongs to.
@@ -83,6 +84,11 @@ def run(
     """
     data = Epochs.of(curve)
     model = entry.bind(options)
+    if settings.sampler == PARTICLES and entry.hook("starts") is not None:
+        raise InputError(
+            f"--sampler {PARTICLES} goes from draws of the prior to the posterior, too far a way "
+            f"for {entry.name}; choose --sampler nuts"
+        )
     with entry.blamed():
         plain = Problem(model, data)
         hook = entry.hook("coordinates")
@@ -112,6 +118,14 @@ def run(
         found = solutions.polished(plain, data, found, workers)
     found = solutions.worth_sampling(plain, data, found, settings.max_modes)
     timing.search_s = time.monotonic() - begun
+
+    if settings.sampler == PARTICLES:
+        modes, reasons = population.sample(
+            plain, data, found, order, settings, key_chains, workers, checkpoint, timing, progress
+        )
+        for mode in modes:
+            mode.z = _in_order(plain, entry.facet_sites, mode.z, mode.solution.z, data)
+        return Posterior(plain, data, modes, len(starts), timing, reasons)
 
     own_order = FacetOrder(problem, entry.facet_sites)
     sampler = Sampler(problem, settings, workers)

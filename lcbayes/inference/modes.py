@@ -59,22 +59,25 @@ def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
     Two searches can end at two optima of one and the same region; counted twice it would get
     twice its weight. Of two runs into one region the one with more evidence has seen more of it.
     """
-    region = _Region.of(new.z)
     for i, old in enumerate(modes):
-        # The order of the facets is decided once for all draws, by the means.
-        there = _Region.of(old.z)
-        columns = order.matching(
-            region.mean, there.mean, np.arange(float(region.mean.size))
-        ).astype(int)
-        z = new.z[..., columns]
-        flat, other = z.reshape(-1, z.shape[-1]), old.z.reshape(-1, z.shape[-1])
-        shared = max(np.mean(there.share(flat) <= 1.0), np.mean(_Region.of(z).share(other) <= 1.0))
+        shared, z = overlap(new.z, old.z, order)
         if shared > OVERLAP:
             apart = max(old.apart, new.apart, _rhat(old.z, z))
             kept = new if new.log_evidence.value > old.log_evidence.value else old
             modes[i] = replace(kept, apart=apart)
             return
     modes.append(new)
+
+
+def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]:
+    """The larger share of the draws of one (..., D) within the region of the other, and z with its
+    facets in the order of the other's, which is decided once for all draws, by the means."""
+    region, there = _Region.of(z), _Region.of(other)
+    columns = order.matching(region.mean, there.mean, np.arange(float(region.mean.size)))
+    z = z[..., columns.astype(int)]
+    flat, others = z.reshape(-1, z.shape[-1]), other.reshape(-1, z.shape[-1])
+    shared = max(np.mean(there.share(flat) <= 1.0), np.mean(_Region.of(z).share(others) <= 1.0))
+    return float(shared), z
 
 
 def _rhat(a: Floats, b: Floats) -> float:

@@ -8,7 +8,11 @@ from typing import Any
 from lcbayes.errors import InputError
 
 # The samplers, and a warm-up that serves each: the exact kernels have more to find than NUTS.
-WARMUP = {"nuts": 200, "ahmc": 600, "ahmc-paper": 600, "hmc": 600, "rmhmc": 600, "mh": 2000}
+# Particles have no warm-up: they come from the prior.
+WARMUP = {
+    "nuts": 200, "ahmc": 600, "ahmc-paper": 600, "hmc": 600, "rmhmc": 600, "mh": 2000, "smc": 0,
+}  # fmt: skip
+PARTICLES = "smc"
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -21,8 +25,8 @@ class Settings:
     sampler : name of the kernel
     seed : of every random number drawn
     num_warmup : per chain; None takes what serves the sampler, `WARMUP`
-    num_samples : per chain
-    num_chains : per solution
+    num_samples : per chain; for smc the particles that move at each temperature
+    num_chains : per solution; for smc the independent runs
     num_starts : of the search, where the model does not choose its own; 0 chooses by dimension
     max_modes : solutions that are sampled, at most
     """
@@ -44,6 +48,8 @@ class Settings:
             "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
             "max_modes": 1, "seed": 0,
         }  # fmt: skip
+        if self.sampler == PARTICLES:  # what one run has lost only another one shows
+            least |= {"num_warmup": 0, "num_chains": 2}
         for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:

@@ -16,7 +16,7 @@ from lcbayes import read
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.cli import main
 from lcbayes.epochs import Epochs
-from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.io import write
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
@@ -27,6 +27,7 @@ DRAWS = {
     "hmc": ("--num-warmup", "400", "--num-samples", "400"),
     "rmhmc": ("--num-warmup", "50", "--num-samples", "100", "--num-chains", "2"),
     "mh": ("--num-warmup", "1000", "--num-samples", "2000"),
+    "smc": ("--num-samples", "400"),
     "ahmc-paper": ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"),
 }
 LIMIT = 5.0  # Monte-Carlo standard errors
@@ -68,7 +69,7 @@ def means(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "sampler", ["nuts", "ahmc", "hmc", "mh", pytest.param("rmhmc", marks=pytest.mark.slow)]
+    "sampler", ["nuts", "ahmc", "hmc", "mh", "smc", pytest.param("rmhmc", marks=pytest.mark.slow)]
 )
 def test_exact_samplers_agree_with_quadrature(curve, sampler):
     """Means of three parameters within 5 standard errors: with their estimates a false alarm in
@@ -107,8 +108,12 @@ class KilledError(BaseException):
     """What no handler of the package catches."""
 
 
-FEW = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
-STORED = 1 + (100 + 100) // 50  # the search, then block by block
+# Few draws of a sampler, and with how many pieces on disk to stop: after the search there is one,
+# then they come block by block, or population by population.
+FEW = {
+    "ahmc": (("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"), (2, 4)),
+    "smc": (("--num-samples", "60", "--num-chains", "3"), (2, 4)),
+}
 
 
 def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
@@ -126,12 +131,14 @@ def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
             main(command)
 
 
-def test_ahmc_goes_on_to_the_same_numbers(curve, tmp_path, monkeypatch, capsys):
-    """Stopped within the warm-up and again among the draws; the exact state is on disk."""
+@pytest.mark.parametrize("sampler", FEW)
+def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, monkeypatch, capsys):
+    """Stopped early and again late; the exact state is on disk."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    main(fit(curve, whole, "ahmc", *FEW))
-    command = fit(curve, broken, "ahmc", *FEW)
-    for n_stored in (2, STORED - 1):
+    few, stops = FEW[sampler]
+    main(fit(curve, whole, sampler, *few))
+    command = fit(curve, broken, sampler, *few)
+    for n_stored in stops:
         stopped(monkeypatch, command, n_stored)
         assert not (broken / "posterior.nc").exists()
     capsys.readouterr()
@@ -149,6 +156,14 @@ def test_ahmc_goes_on_to_the_same_numbers(curve, tmp_path, monkeypatch, capsys):
                 np.testing.assert_array_equal(values.values, other.values, f"{node.path}/{name}")
                 compared += 1
     assert compared > 20
+
+
+def test_particles_are_refused_where_the_prior_is_too_wide(curve, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["fit", str(curve), "-o", str(out), "--model", "convex-grid", "--period", "5"]
+    assert main([*command, "--sampler", "smc"]) == EXIT_BAD_INPUT
+    assert "too far a way for convex-grid" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_config_keeps_the_sampler(curve, tmp_path):

@@ -62,7 +62,7 @@ def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
              LogEvidence(0.0, se), 1.0 if i == 0 else weight)
         for i in range(n_modes)
     ]  # fmt: skip
-    posterior = SimpleNamespace(modes=modes, n_starts=50)
+    posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[])
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
     return list(summary._reasons(posterior, entries, fit))  # type: ignore[arg-type]
 
