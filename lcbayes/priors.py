@@ -121,15 +121,22 @@ def spin(kind: str, sd: float) -> jax.Array:
     return angular_velocity(sd)
 
 
-def lit_and_seen(mu0: jax.Array, mu: jax.Array, softness: float = 0.02) -> None:
-    """Each facet is lit and seen at least once, on the unclipped cosines (T, N).
+def lit_and_seen(
+    sun_body: jax.Array, obs_body: jax.Array, normals: jax.Array, softness: float = 0.02
+) -> None:
+    """Each facet is lit and seen at least once: directions (T, 3) and normals (N, 3), body frame.
 
-    The prior of eq. (8) with each factor clipped is one where m = maxₜ min(μ₀, μ) > 0 and zero
-    elsewhere. Zero has no gradient: a sampler that proposes it learns nothing, and a start beyond
-    it never comes back. So the step is a slope outside, log p = −(m/softness)² for m < 0 and 0
-    otherwise: exact where a facet is seen, and 37 % of the mass at 1.1° beyond the edge.
+    The prior of eq. (8) with each factor clipped is one where m = maxₜ min(μ₀, μ) > 0, of the
+    unclipped cosines, and zero elsewhere. Zero has no gradient: a sampler that proposes it learns
+    nothing, and a start beyond it never comes back. So the step is a slope outside,
+    log p = −(m/softness)² for m < 0 and 0 otherwise: exact where a facet is seen, and 37 % of the
+    mass at 1.1° beyond the edge.
     """
-    m = jnp.max(jnp.minimum(mu0, mu), axis=0)
+    both = jnp.minimum(normals @ sun_body.T, normals @ obs_body.T)
+    # The slope of a maximum is that of the epoch where it is.
+    best = jax.lax.stop_gradient(jnp.argmax(both, axis=1))
+    mu0, mu = (jnp.sum(normals * v[best], axis=1) for v in (sun_body, obs_body))
+    m = jnp.minimum(mu0, mu)
     numpyro.factor("lit_and_seen", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
 
 

@@ -90,13 +90,12 @@ def model(
     area = numpyro.deterministic("area", albedo_area / sum(shares))
 
     def directions(t):
-        rotation = attitude.constant_rate(t, omega)
-        return attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
+        return attitude.constant_rate_to_body(t, omega, data.sun, data.obs)
 
     def instantaneous(t):
         return brightness.flux_brdf(*directions(t), normals, area, law, parameters)
 
     sun, obs = directions(data.t)
-    priors.lit_and_seen(sun @ normals.T, obs @ normals.T)
+    priors.lit_and_seen(sun, obs, normals)
     mean = photometry.exposed(instantaneous, data.exposure_s)
     noise.observe(data, (mean if data.has_exposure else instantaneous)(data.t), noise_law)

@@ -89,6 +89,10 @@ class Problem:
         self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
         moving = _reaching(lambda free: self._flux(free, data), template)
         self._body = {k: self._rows[k] for k in moving}
+        widths = _reaching(
+            lambda free: self._conditions(data, free, self._flux(free, data)).sd, template
+        )
+        self._knows_errors = not widths
         still = np.setdiff1d(np.arange(self.dim), np.concatenate([[], *self._body.values()]))
         self._body_order = np.argsort(np.concatenate([still, *self._body.values()]))
 
@@ -197,8 +201,12 @@ class Problem:
         change = jnp.concatenate(parts)[self._body_order]
         moments, push_on = jax.linearize(partial(self._conditions, data), free, flux)
         mean, sd = jax.vmap(push_on)(basis, change)
-        mean, sd = mean * (jnp.sqrt(w) / moments.sd), sd * (jnp.sqrt(2 * v) / moments.sd)
-        return mean @ mean.T + sd @ sd.T + self.prior_precision(z, data)
+        mean = mean * (jnp.sqrt(w) / moments.sd)
+        information = mean @ mean.T + self.prior_precision(z, data)
+        if self._knows_errors:
+            return information
+        sd = sd * (jnp.sqrt(2 * v) / moments.sd)
+        return information + sd @ sd.T
 
     def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
         """What the prior alone holds of z, (D, D), positive semi-definite by construction.

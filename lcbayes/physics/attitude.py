@@ -30,17 +30,93 @@ def constant_rate(t: jax.Array, omega: jax.Array) -> jax.Array:
     ----------
     Linares & Crassidis, sec. II: Ȧ = [ω×]A, A(t₀) = I.
     """
-    # Rodrigues with sin(x)/x and (1-cos x)/x², smooth and differentiable at ω = 0.
-    theta2 = jnp.sum(omega**2) * t**2
-    small = theta2 < 1e-8
-    theta = jnp.sqrt(jnp.where(small, 1.0, theta2))
-    a = jnp.where(small, 1.0 - theta2 / 6.0, jnp.sin(theta) / theta)
-    b = jnp.where(small, 0.5 - theta2 / 24.0, (1.0 - jnp.cos(theta)) / theta**2)
+    a, b, _ = _rodrigues(t, omega)
     x, y, z = omega
     zero = jnp.zeros_like(x)
     cross = jnp.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
     eye = jnp.eye(3, dtype=cross.dtype)
-    return eye + (a * t)[:, None, None] * cross + (b * t**2)[:, None, None] * (cross @ cross)
+    return eye + a[:, None, None] * cross + b[:, None, None] * (cross @ cross)
+
+
+def constant_rate_to_body(
+    t: jax.Array, omega: jax.Array, *vectors: jax.Array
+) -> tuple[jax.Array, ...]:
+    """Components in the frame of a body that turns at a constant rate, u = exp(−[ω×] t) v.
+
+    The same as `to_body` of `constant_rate`, at a third of the cost with its derivative, which is
+    written out: du = u × ψ with ψ = t J(ωt) dω, J the right Jacobian of the rotation vector. So the
+    gradient of a function of u is the sum over time of its torques Σ u × ∂f/∂u, turned by t Jᵀ.
+
+    Parameters
+    ----------
+    t : (T,) s
+    omega : (3,) rad/s
+        Inertial.
+    *vectors : (T, 3)
+        Inertial, held fixed in derivatives.
+
+    Returns
+    -------
+    tuple of (T, 3)
+
+    References
+    ----------
+    Linares & Crassidis, sec. II; Chirikjian 2012, Stochastic Models, Information Theory and Lie
+    Groups 2, sec. 10.6 (J).
+    """
+    held = jax.lax.stop_gradient((t, *vectors))
+    t, *columns = (jnp.asarray(x).T for x in held)  # (3, T): the long axis is the inner one
+    return tuple(u.T for u in _turned(t, omega, tuple(columns)))
+
+
+@jax.custom_jvp
+def _turned(
+    t: jax.Array, omega: jax.Array, columns: tuple[jax.Array, ...]
+) -> tuple[jax.Array, ...]:
+    return _turn(t, omega, columns)[0]
+
+
+@_turned.defjvp
+def _turned_jvp(primals, tangents):
+    t, omega, columns = primals
+    turned, (b, c) = _turn(t, omega, columns)
+    d_omega = tangents[1]
+    once = jnp.cross(omega, d_omega)
+    basis = jnp.stack([d_omega, -once, jnp.cross(omega, once)])
+    psi = basis.T @ jnp.stack([t, b, c])
+    return turned, tuple(_cross(u, psi) for u in turned)
+
+
+def _turn(t, omega, columns):
+    """The turned columns, and what the derivative needs of the angles."""
+    # The barriers keep XLA from computing the angles anew in every place that uses them.
+    a, b, c = jax.lax.optimization_barrier(_rodrigues(t, omega))
+
+    def turned(v):
+        once = _cross(omega, v)
+        return v - a * once + b * _cross(omega, once)
+
+    return jax.lax.optimization_barrier(tuple(turned(v) for v in columns)), (b, c)
+
+
+def _rodrigues(t, omega):
+    """sin θ/|ω|, (1 − cos θ)/|ω|² and (θ − sin θ)/|ω|³ with θ = |ω| t, smooth at ω = 0; (T,)."""
+    theta2 = jnp.sum(omega**2) * t**2
+    small = theta2 < 1e-8
+    square = jnp.where(small, 1.0, theta2)
+    theta = jnp.sqrt(square)
+    sin, by_square = jnp.sin(theta), 1.0 / square
+    a = jnp.where(small, 1.0 - theta2 / 6.0, sin / theta)
+    b = jnp.where(small, 0.5 - theta2 / 24.0, (1.0 - jnp.cos(theta)) * by_square)
+    c = jnp.where(small, 1.0 / 6.0 - theta2 / 120.0, (1.0 - sin / theta) * by_square)
+    return a * t, b * t**2, c * t**3
+
+
+def _cross(a, b):
+    """a × b of (3,) or (3, T)."""
+    return jnp.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def principal_axis(

@@ -36,6 +36,30 @@ def test_constant_rate_obeys_its_kinematics(omega):
         np.testing.assert_allclose(rate, cross_matrix(omega) @ at(jnp.float64(t)), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "omega", [(0.1, 0.0, 0.02), (-3.0, 2.0, 5.0), (3e-5, -2e-5, 1e-5), (0.0, 0.0, 0.0)]
+)
+def test_vectors_are_carried_into_the_turning_body_with_their_derivatives(omega):
+    """Against the rotation matrices, whose derivatives are automatic, both ways and twice."""
+    t = jnp.array([-50.0, 0.0, 1e-3, 1.0, 100.0])
+    sun, obs = np.random.default_rng(0).normal(size=(2, 5, 3))
+
+    def directly(w):
+        return jnp.stack(attitude.constant_rate_to_body(t, w, sun, obs))
+
+    def by_matrices(w):
+        turn = attitude.constant_rate(t, w)
+        return jnp.stack([attitude.to_body(turn, jnp.asarray(v)) for v in (sun, obs)])
+
+    w = jnp.asarray(omega)
+    np.testing.assert_allclose(directly(w), by_matrices(w), atol=1e-13)
+    for derivative in (jax.jacfwd, jax.jacrev, jax.hessian):
+        want = derivative(by_matrices)(w)
+        np.testing.assert_allclose(
+            derivative(directly)(w), want, atol=1e-9 * float(np.abs(want).max())
+        )
+
+
 def test_constant_rate_is_smooth_at_rest_and_across_the_series():
     t = jnp.array([0.0, 1.0, 40.0])
 

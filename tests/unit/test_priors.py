@@ -96,25 +96,36 @@ def test_angular_velocity_has_the_sd_asked_for():
 
 def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
     """Zero wherever each facet has one epoch with both cosines positive; −(m/s)² below."""
-    inside = jnp.array([[-0.5, 0.2], [0.3, 0.9]]), jnp.array([[0.9, 0.1], [0.05, -0.2]])
-    assert factor_of(lambda: priors.lit_and_seen(*inside)) == 0.0
+    # Normals along x and y: the first two components of a direction are the cosines of the facets.
+    axes = jnp.eye(3)[:2]
+
+    def factor(sun, obs, normals=axes, softness=0.02):
+        sun, obs = (jnp.pad(jnp.array(v), ((0, 0), (0, 3 - len(v[0])))) for v in (sun, obs))
+        return factor_of(lambda: priors.lit_and_seen(sun, obs, normals, softness))
+
+    assert factor([[-0.5, 0.2], [0.3, 0.9]], [[0.9, 0.1], [0.05, -0.2]]) == 0.0
     # Lit at one epoch and seen at another is not enough: max over epochs of the smaller.
-    apart = jnp.array([[0.5], [-0.04]]), jnp.array([[-0.06], [0.5]])
-    np.testing.assert_allclose(factor_of(lambda: priors.lit_and_seen(*apart, 0.02)), -4.0)
+    np.testing.assert_allclose(factor([[0.5], [-0.04]], [[-0.06], [0.5]], axes[:1]), -4.0)
     # Two cosines of −0.5 have a positive product, and yet the facet is dark (the misprint of (8)).
-    both = jnp.array([[-0.5]]), jnp.array([[-0.5]])
-    np.testing.assert_allclose(factor_of(lambda: priors.lit_and_seen(*both, 0.02)), -625.0)
+    np.testing.assert_allclose(factor([[-0.5]], [[-0.5]], axes[:1]), -625.0)
 
 
 def test_lit_and_seen_leads_back():
-    def log_p(m):
+    """Its slope is that of the best epoch, as finite differences see it."""
+    rng = np.random.default_rng(3)
+    sun, obs = rng.normal(size=(2, 7, 3)) + [2.0, 0.0, 0.0]
+
+    def log_p(normals):
         with handlers.block(), handlers.trace() as trace, handlers.seed(rng_seed=0):
-            priors.lit_and_seen(m * jnp.ones((2, 1)), jnp.ones((2, 1)))
+            priors.lit_and_seen(jnp.asarray(sun), jnp.asarray(obs), normals)
         return trace["lit_and_seen"]["fn"].log_factor
 
-    slope = jax.grad(log_p)
-    assert float(slope(-0.3)) > 0
-    assert float(slope(0.3)) == 0.0
+    away, towards = jnp.array([[-1.0, 0.1, 0.0]]), jnp.array([[1.0, 0.1, 0.0]])
+    slope = jax.grad(log_p)(away)
+    numeric = [(log_p(away + e) - log_p(away - e)) / 2e-6 for e in 1e-6 * jnp.eye(3)]
+    np.testing.assert_allclose(slope[0], numeric, rtol=1e-6)
+    assert float(log_p(away)) < -1.0
+    assert not np.any(jax.grad(log_p)(towards))
 
 
 @pytest.mark.parametrize(
