@@ -113,7 +113,7 @@ def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
 def test_lit_and_seen_leads_back():
     """Its slope is that of the best epoch, as finite differences see it."""
     rng = np.random.default_rng(3)
-    sun, obs = rng.normal(size=(2, 7, 3)) + [2.0, 0.0, 0.0]
+    sun, obs = rng.normal(size=(2, 7, 3)) + np.array([2.0, 0.0, 0.0])
 
     def log_p(normals):
         with handlers.block(), handlers.trace() as trace, handlers.seed(rng_seed=0):
