@@ -50,7 +50,7 @@ def tempered(data: Epochs, temperature: jax.Array | float) -> Epochs:
 
 def log_likelihood(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
     """What the brightness adds to −U, ln p(y | z) to the power of the data's information."""
-    return problem.potential(z, tempered(data, 0.0)) - problem.potential(z, data)
+    return data.information * jnp.sum(problem.log_likelihood(z, data))
 
 
 def each(f: Callable, rows: Any) -> Any:
