@@ -17,8 +17,9 @@ from lcbayes._jax import jax, jnp
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.inference import evidence, search, smc, solutions, symmetry
+from lcbayes.inference import evidence, search, smc, solutions
 from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.modes import OVERLAP, Mode, overlap
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.sample import Timing
@@ -56,7 +57,7 @@ def sample(
         Of the search, as centres to begin with.
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
-    z = np.stack([_evenly(r.z, LOOKED_AT * settings.num_samples) for r in runs])
+    z = np.stack([evenly(r.z, LOOKED_AT * settings.num_samples) for r in runs])
     centres = _centres(problem, data, z, found, order, 4 * settings.max_modes, workers)
     label, matched = _told_apart(problem, data, z, centres, order)
     label = _joined(label, matched, order)
@@ -100,47 +101,27 @@ def _runs(
     timing: Timing,
     progress,
 ) -> list[smc.Result]:
-    """Those that the checkpoint holds, and the rest."""
-    mirror = symmetry.plane_mirror(problem, data)
-    runs = []
-    for c, own in enumerate(jax.random.split(key, settings.num_chains)):
-        stored = checkpoint.load(f"population-{c}")
-        if stored is None:
-            try:
-                result = smc.run(
-                    problem, data, own, settings.num_samples,
-                    mirror=mirror, workers=workers, progress=progress,
-                )  # fmt: skip
-            except smc.Collapse as fault:
-                raise InputError(f"{fault} (--num-samples), or choose --sampler nuts") from None
-            stored = {
-                "z": result.z,
-                "log_likelihood": result.log_likelihood,
-                "numbers": np.array([result.log_evidence, result.gradients, result.seconds]),
-                "points": np.array(result.points),
-                "reasons": np.array(result.reasons, dtype=str),
-            }
-            checkpoint.save(f"population-{c}", stored)
-        log_evidence, gradients, seconds = stored["numbers"]
-        timing.gradients += int(gradients)
-        timing.sampling_s += float(seconds)
-        runs.append(
-            smc.Result(
-                stored["z"], stored["log_likelihood"], float(log_evidence), [],
-                int(stored["points"]), int(gradients), float(seconds), stored["reasons"].tolist(),
-            )
+    """One for each chain that the settings ask for."""
+    try:
+        runs = independent_runs(
+            problem, data, key, settings.num_samples, settings.num_chains,
+            name="population", checkpoint=checkpoint, workers=workers, progress=progress,
         )  # fmt: skip
+    except smc.Collapse as fault:
+        raise InputError(f"{fault} (--num-samples), or choose --sampler nuts") from None
+    timing.gradients += sum(r.gradients for r in runs)
+    timing.sampling_s += sum(r.seconds for r in runs)
     return runs
 
 
-def _evenly(rows: NDArray, n: int) -> NDArray:
+def evenly(rows: NDArray, n: int) -> NDArray:
     """n of the rows, or each several times where there are fewer."""
     return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
 def _centres(problem, data, z, found, order: FacetOrder, most: int, workers: int):
     """The optima of the search and those that particles of each run are near, best first."""
-    climbers = np.concatenate([_evenly(row, CLIMBERS) for row in z])
+    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
     rows = np.concatenate([np.stack([s.z for s in found]), climbers])
     ends = search.polish(problem, data, rows, workers)
     best_first = np.argsort(ends.potential, kind="stable")
@@ -194,7 +175,7 @@ def _chains(matched: Floats, here: NDArray[np.bool_], n: int) -> Floats:
     every = matched[here]
     return np.stack(
         [
-            _evenly(rows[own] if own.any() else every, n)
+            evenly(rows[own] if own.any() else every, n)
             for rows, own in zip(matched, here, strict=True)
         ]
     )

@@ -1,0 +1,128 @@
+"""From the evidence of each number of facets to probabilities, and to one sentence about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+DRAWS = 20_000  # of what the evidences may be
+EXCLUDED = 0.05  # a number whose probability is below this, error and all, is excluded
+TELLING = 2.0  # times the probability of the next: from here on one number stands out
+TOO_WIDE = 0.5  # an interval of a probability wider than this says nothing
+
+
+class Odds(NamedTuple):
+    """Posterior probability of each number of facets, (K,) each."""
+
+    probability: Floats
+    low: Floats  # 5 and 95 % of what it may be, for the errors of the evidences
+    high: Floats
+
+
+def probabilities(log_evidence: Floats, se: Floats, n_runs: int, seed: int = 0) -> Odds:
+    """p(N | y) ∝ Z_N under the same prior probability for each N.
+
+    Facets have no names, and the prior is the same whatever their order. Z_N is an integral over
+    all N! orders of every body, with a prior that integrates to one over all of them; each body
+    has N! peaks of 1/N! the prior density, and the two cancel. So Z_N is the evidence as it
+    stands: dividing it by N! would count the orders twice.
+
+    Each ln Z_N has an error that is itself estimated from ``n_runs`` runs, so it is Student-t with
+    n_runs − 1 degrees of freedom; the interval is that of the probabilities when each ln Z_N is
+    drawn from its own.
+
+    Parameters
+    ----------
+    log_evidence, se : (K,)
+        Under priors that integrate to one.
+    """
+    rng = np.random.default_rng(seed)
+    error = rng.standard_t(n_runs - 1, (DRAWS, len(se))) * se
+    low, high = np.quantile(_shares(log_evidence + error), [0.05, 0.95], axis=0)
+    return Odds(_shares(log_evidence), low, high)
+
+
+def _shares(log_evidence: Floats) -> Floats:
+    share = np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
+    return share / share.sum(axis=-1, keepdims=True)
+
+
+class Verdict(NamedTuple):
+    """What the probabilities say."""
+
+    best: int
+    rivals: list[int]  # that cannot be told from it
+    possible: list[int]  # less probable, but not excluded
+    sentence: str
+
+
+def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
+    """The number of facets, or which numbers the data cannot tell from each other.
+
+    A number is excluded whose probability is below 0.05, its error included. The best one stands
+    out if it is at least twice as probable as the next and their intervals do not overlap.
+    """
+    order = np.argsort(-odds.probability, kind="stable")
+    top = order[0]
+    left = [k for k in order[1:] if odds.high[k] > EXCLUDED]
+    near = [
+        k
+        for k in left
+        if TELLING * odds.probability[k] > odds.probability[top] or odds.high[k] > odds.low[top]
+    ]
+    far = [k for k in left if k not in near]
+
+    def named(ks: Sequence[int]) -> str:
+        return _listed([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
+
+    chance = _two(odds.probability[top])
+    if near:
+        alike = sorted([int(top), *near], key=lambda k: counts[k])
+        *others, last = [str(counts[k]) for k in alike]
+        chances = ", ".join(_two(odds.probability[k]) for k in alike)
+        text = f"the data cannot tell {_listed(others)} from {last} facets ({chances})"
+        if far:
+            text += f", and {named(far)} cannot be excluded"
+    else:
+        text = f"{_facets(counts[top])} most probable ({chance}); "
+        text += f"{named(far)} cannot be excluded" if far else "no other number tried is likely"
+    most = max(counts)
+    if counts[top] == most or any(counts[k] == most for k in left):
+        text += f"; more than {most} were not tried"
+    return Verdict(
+        counts[top], sorted(counts[k] for k in near), sorted(counts[k] for k in far), text
+    )
+
+
+def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
+    """Why the runs do not bear a verdict, in words: at most one reason, of the worst number."""
+    width = odds.high - odds.low
+    k = int(np.argmax(width))
+    if width[k] <= TOO_WIDE:
+        return []
+    return [
+        f"independent runs differ too much: the probability of {_facets(counts[k], verb=False)} "
+        f"may be anything from {_two(odds.low[k])} to {_two(odds.high[k])}; take more particles "
+        "with --num-particles, or more runs with --num-runs"
+    ]
+
+
+def _facets(n: int, *, verb: bool = True) -> str:
+    words = f"{n} facet" if n == 1 else f"{n} facets"
+    return words + (" is" if n == 1 else " are") * verb
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _two(probability: float) -> str:
+    """Two decimals, but never 1 or 0 of what is neither."""
+    if 0.995 <= probability < 1.0:
+        return "> 0.99"
+    return "< 0.01" if 0.0 < probability < 0.005 else f"{probability:.2f}"
