@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +12,7 @@ import numpy as np
 
 from lcbayes.checkpoint import Checkpoint, write_atomic
 from lcbayes.errors import InputError
+from lcbayes.folders import alone_in, installed_version, make_folder, record, to_toml
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 
@@ -28,6 +25,7 @@ FRAMES = {
     "ecliptic-j2000": "the axes of the ecliptic of J2000",
     "inertial": "the inertial axes of the file",
 }
+WRITTEN = ("posterior.nc", "summary.json", "run.toml")
 
 
 class Fit:
@@ -158,12 +156,9 @@ def fit(
     settings = Settings(sampler, seed, num_warmup, num_samples, num_chains, num_starts, max_modes)
     entry = gallery.find(model)
     checked = entry.check(options)
-    if curve.geometry_only:
-        raise InputError("the curve has no brightness to fit; add a column flux or mag")
-    if curve.n_obs < 3:
-        raise InputError(f"the curve has {curve.n_obs} points; at least 3 are needed to fit")
-    identity = engine.identity(curve, entry, checked, settings, _version())
-    with _alone_in(out) as folder:
+    check_curve(curve)
+    identity = engine.identity(curve, entry, checked, settings, installed_version())
+    with alone_in(out, WRITTEN) as folder:
         checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
         if checkpoint.resumed:
             progress.say(f"resuming the run that stopped in {folder}")
@@ -171,15 +166,7 @@ def fit(
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
         tree.attrs = _attributes(curve, summary, entry.name, seed, checked)
-        run = {
-            "curve": os.path.abspath(curve.source["file"]) if curve.source.get("file") else "",
-            "model": str(Path(model).resolve()) if model.endswith(".py") else model,
-            **settings.as_dict(),
-            "options": checked,
-            "reading": dict(reading or {}),
-            "input": {k: curve.source[k] for k in ("format", "sha256") if k in curve.source},
-            "version": _version(),
-        }
+        run = record(curve, model, settings.as_dict(), checked, reading)
         found = Fit(tree, summary, run)
         if folder is not None:
             found.save(folder)
@@ -187,11 +174,12 @@ def fit(
     return found
 
 
-def _version() -> str:
-    try:
-        return version("lcbayes")
-    except PackageNotFoundError:  # an uninstalled checkout
-        return "0+checkout"
+def check_curve(curve: LightCurve) -> None:
+    """An InputError where there is nothing to fit."""
+    if curve.geometry_only:
+        raise InputError("the curve has no brightness to fit; add a column flux or mag")
+    if curve.n_obs < 3:
+        raise InputError(f"the curve has {curve.n_obs} points; at least 3 are needed to fit")
 
 
 def _attributes(curve: LightCurve, summary, model: str, seed: int, options) -> dict[str, Any]:
@@ -204,7 +192,7 @@ def _attributes(curve: LightCurve, summary, model: str, seed: int, options) -> d
         "frame": curve.frame,
         "n_facets": summary["n_facets"],
         "seed": seed,
-        "version": _version(),
+        "version": installed_version(),
         "command": "lcbayes fit --config run.toml",
         "source_file": str(curve.source.get("file", "")),
         "assumptions": json.dumps(_assumptions(curve, model, options)),
@@ -248,64 +236,3 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
     if notes := curve.source.get("notes"):
         said.append(str(notes))
     return said
-
-
-def make_folder(folder: str | Path) -> Path:
-    """The folder, made if need be; an InputError where it cannot be written."""
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise InputError(
-            f"the folder {folder} cannot be made ({fault.strerror}); choose another with -o"
-        ) from None
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"the folder {folder} cannot be written; choose another with -o")
-    return folder
-
-
-@contextlib.contextmanager
-def _alone_in(out: str | Path | None) -> Iterator[Path | None]:
-    """The results folder, kept from a second run for as long as this one lasts."""
-    if out is None:
-        yield None
-        return
-    fresh = not Path(out).exists()
-    folder = make_folder(out)
-    import fcntl
-
-    with open(folder / ".lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"another run is writing into {folder}; wait for it or choose another with -o"
-            ) from None
-        for name in ("posterior.nc", "summary.json", "run.toml"):
-            for scratch in folder.glob(f".{name}-*"):  # of a run that was killed while writing
-                scratch.unlink(missing_ok=True)
-        try:
-            yield folder
-        except InputError:
-            if fresh:  # a refused run leaves nothing behind
-                shutil.rmtree(folder, ignore_errors=True)
-            raise
-
-
-def to_toml(content: Mapping[str, Any]) -> str:
-    """TOML of a table of scalars and one level of tables."""
-    lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
-    for name, table in content.items():
-        if isinstance(table, Mapping):
-            lines += ["", f"[{name}]", *(f"{k} = {_toml_value(v)}" for k, v in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    return json.dumps(str(value), ensure_ascii=False)

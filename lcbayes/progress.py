@@ -88,3 +88,45 @@ class _Lines:
             file=sys.stderr,
             flush=True,
         )
+
+
+class Parts:
+    """Stages of different cost within one that has ``units``, shown as a single one."""
+
+    def __init__(self, track: Track, units: int, total: float) -> None:
+        self.track, self.units, self.total = track, units, total
+        self.done, self.told = 0.0, 0
+
+    @contextmanager
+    def part(self, cost: float, name: str, n_stages: int) -> Iterator[Silent]:
+        """What costs ``cost`` of the total and opens up to ``n_stages`` equal stages."""
+        begun = self.done
+        try:
+            yield _Part(self, cost / n_stages, name)
+        finally:
+            self.reach(begun + cost, name)
+
+    def reach(self, done: float, note: str) -> None:
+        self.done = done
+        whole = int(self.units * done / self.total + 1e-9)
+        self.track.advance(whole - self.told, note)
+        self.told = whole
+
+
+class _Part(Silent):
+    def __init__(self, parts: Parts, cost: float, name: str) -> None:
+        self.parts, self.cost, self.name = parts, cost, name
+
+    @contextmanager
+    def stage(self, title: str, total: int, unit: str) -> Iterator[Track]:  # noqa: ARG002
+        yield _Share(self, total)
+
+
+class _Share:
+    def __init__(self, part: _Part, total: int) -> None:
+        self.part, self.total = part, total
+
+    def advance(self, n: int, note: str = "") -> None:
+        part = self.part
+        said = f"{part.name}, {note}" if note else part.name
+        part.parts.reach(part.parts.done + part.cost * n / self.total, said)

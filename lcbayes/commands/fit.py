@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.model_options import FLAGS, add_model_arguments, model_options
+from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "posterior over shape, spin and surface of one object, with a report"
@@ -24,15 +25,6 @@ examples:
 A run that was stopped goes on when the same command is given again.
 `lcbayes models NAME` lists the options of a model.
 """
-# Options of models that have a flag of their own; --set gives any other.
-FLAGS = {
-    "n_facets": (int, "N", "number of facets (of grid normals for convex-grid)"),
-    "period": (float, "HOURS", "sidereal period, about"),
-    "law": (str, "NAME", "reflectance law"),
-    "noise_law": (str, "NAME", "gaussian or student-t"),
-    "spin": (str, "KIND", "free, or none for a body that does not turn"),
-}
-READING = ("format", "tle", "site", "error", "error_floor")
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_warmup": "warm-up draws per chain (default 200 for nuts, more for others)",
@@ -55,12 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="nuts (default), ahmc, smc (many solutions), hmc, rmhmc, mh; ahmc-paper is biased",
     )
-    for name, (kind, letter, text) in FLAGS.items():
-        flag = "--noise" if name == "noise_law" else "--" + name.replace("_", "-")
-        parser.add_argument(flag, dest=name, type=kind, metavar=letter, help=text)
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the model"
-    )
+    add_model_arguments(parser, FLAGS)
     for name, text in SETTINGS.items():
         parser.add_argument(
             "--" + name.replace("_", "-"), dest=name, type=int, metavar="N", help=text
@@ -76,12 +63,7 @@ def run(args: argparse.Namespace) -> int:
     for name in ("model", "sampler", *SETTINGS):
         if getattr(args, name) is not None:
             keywords[name] = getattr(args, name)
-    keywords |= {k: getattr(args, k) for k in FLAGS if getattr(args, k) is not None}
-    for pair in args.set:
-        name, equals, value = pair.partition("=")
-        if not equals:
-            raise InputError(f"--set {pair}: expected NAME=VALUE, such as --set omega_sd=0.2")
-        keywords[name.strip().replace("-", "_")] = value.strip()
+    keywords |= model_options(args)
     if args.curve is None:
         raise InputError("give a light curve, or --config run.toml")
     curve = read_from(args)
@@ -95,10 +77,7 @@ def run(args: argparse.Namespace) -> int:
     from lcbayes.progress import Console, Silent
 
     progress = Silent() if args.json else Console()
-    reading = {k: getattr(args, k) for k in READING if getattr(args, k) is not None}
-    if "tle" in reading:  # run.toml may be read from another folder
-        reading["tle"] = str(Path(reading["tle"]).resolve())
-    found = fit(curve, out=args.out, progress=progress, reading=reading, **keywords)
+    found = fit(curve, out=args.out, progress=progress, reading=how_read(args), **keywords)
     summary = found.summary()
     if not args.no_report:
         from lcbayes.analysis import report

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lcbayes.lightcurve import LightCurve
+
+READING = ("format", "tle", "site", "error", "error_floor")
 
 
 def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> None:
@@ -42,3 +45,11 @@ def read_from(args: Namespace) -> LightCurve:
         error=args.error,
         error_floor=args.error_floor,
     )
+
+
+def how_read(args: Namespace) -> dict[str, Any]:
+    """Those options that were given, to be kept in run.toml."""
+    given = {k: getattr(args, k) for k in READING if getattr(args, k) is not None}
+    if "tle" in given:  # run.toml may be read from another folder
+        given["tle"] = str(Path(given["tle"]).resolve())
+    return given

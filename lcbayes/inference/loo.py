@@ -97,5 +97,7 @@ def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of many models; the table says what there is to say
         table: Any = az.compare(given, method="stacking", round_to="none")
-    columns = (table.loc[list(given), name].to_numpy(float) for name in ("weight", "elpd_diff", "dse"))
+    columns = (
+        table.loc[list(given), name].to_numpy(float) for name in ("weight", "elpd_diff", "dse")
+    )
     return Stacked(*columns)

@@ -89,7 +89,8 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
         if far:
             text += f", and {named(far)} cannot be excluded"
     else:
-        text = f"{_facets(counts[top])} most probable ({chance}); "
+        verb = "is" if counts[top] == 1 else "are"
+        text = f"{facets(counts[top])} {verb} most probable ({chance}); "
         text += f"{named(far)} cannot be excluded" if far else "no other number tried is likely"
     most = max(counts)
     if counts[top] == most or any(counts[k] == most for k in left):
@@ -106,15 +107,15 @@ def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
     if width[k] <= TOO_WIDE:
         return []
     return [
-        f"independent runs differ too much: the probability of {_facets(counts[k], verb=False)} "
+        f"independent runs differ too much: the probability of {facets(counts[k])} "
         f"may be anything from {_two(odds.low[k])} to {_two(odds.high[k])}; take more particles "
         "with --num-particles, or more runs with --num-runs"
     ]
 
 
-def _facets(n: int, *, verb: bool = True) -> str:
-    words = f"{n} facet" if n == 1 else f"{n} facets"
-    return words + (" is" if n == 1 else " are") * verb
+def facets(n: int) -> str:
+    """ "1 facet", "2 facets"."""
+    return f"{n} facet" if n == 1 else f"{n} facets"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -1,0 +1,278 @@
+"""How many facets: the evidence of each number, under one weight of the data for all of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from lcbayes._jax import jax, jnp
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.gallery import Entry
+from lcbayes.inference import information, search, smc, sparse
+from lcbayes.inference.independent import independent_runs
+from lcbayes.inference.loo import Loo, loo
+from lcbayes.inference.odds import facets
+from lcbayes.inference.population import evenly
+from lcbayes.inference.prior_mass import log_prior_mass
+from lcbayes.inference.problem import Problem
+from lcbayes.inference.settings import Settings
+from lcbayes.lightcurve import LightCurve
+from lcbayes.progress import Parts, Silent
+
+Floats = NDArray[np.float64]
+
+STARTS = 64  # of the search, for each number of facets
+LOO_DRAWS = 2000
+CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A number of facets and what the data say of it.
+
+    Attributes
+    ----------
+    n_facets, dim : int
+        Facets, and parameters in all.
+    log_evidences : (R,)
+        Of each run, under the prior given that every facet is seen.
+    log_evidence, se : float
+        ln of their mean; its error, with that of the prior's mass.
+    spread : float
+        Standard deviation of the runs' ln evidence.
+    log_prior_mass : float
+        `lcbayes.inference.prior_mass`; taken off already.
+    loo : Loo
+    chi2 : float or None
+        Of the best particle, where the errors of the data are known.
+    information : float
+        Per point, of the best particle's residuals.
+    best : float
+        ln likelihood of the best particle, each point taken whole.
+    reasons : list of str
+        Why not to trust it; empty where nothing is wrong.
+    """
+
+    n_facets: int
+    dim: int
+    log_evidences: Floats
+    log_evidence: float
+    se: float
+    log_prior_mass: float
+    loo: Loo
+    chi2: float | None
+    information: float
+    best: float
+    gradients: int
+    seconds: float
+    reasons: list[str] = field(default_factory=list)
+
+    @property
+    def spread(self) -> float:
+        return float(np.std(self.log_evidences, ddof=1))
+
+
+@dataclass
+class Compared:
+    """Everything a comparison finds, before it is put into words and files."""
+
+    candidates: list[Candidate]  # by rising number of facets
+    failed: list[str]  # numbers that could not be followed, and why
+    information: float  # per point, the same for all
+    weighed_at: int  # facets of the fit whose residuals it is from
+    path: sparse.SparsePath | None
+    search_s: float
+
+
+def run(
+    curve: LightCurve,
+    entry: Entry,
+    options: Mapping[str, Any],
+    counts: Sequence[int],
+    settings: Settings,
+    upper_bound: int | None,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Compared:
+    """Evidence and LOO of each number of facets, by `smc` from the prior.
+
+    The likelihood is raised to the same power for every number, as evidences of different data
+    cannot be compared. The power is that of the residuals of the best fit of all
+    (`lcbayes.inference.information`): correlation that the best model leaves is the data's own, and
+    what a poorer model leaves on top of it is its fault, for which it has to pay. If the search
+    misses the best fit the power is too low, and the result too timid rather than too sure; where
+    the particles then find one that fits with cleaner residuals, the candidate says so.
+
+    Parameters
+    ----------
+    counts
+        Numbers of facets.
+    settings
+        Of sampler "smc".
+    upper_bound
+        Facets with which the sparse path begins, or None for no such path. The number at which it
+        ends is compared with the others.
+
+    Raises
+    ------
+    InputError
+        If no number of facets can be followed from the prior.
+    """
+    data = Epochs.of(curve)
+    keys = jax.random.split(jax.random.key(settings.seed), 4)
+    workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
+    with entry.blamed():
+        posed = {n: Problem(entry.bind({**options, "n_facets": n}), data) for n in counts}
+
+    begun = time.monotonic()
+    ends = {
+        n: _best_fit(problem, data, keys[0], n, settings, workers, checkpoint, progress)
+        for n, problem in posed.items()
+    }
+    ends = {n: z for n, z in ends.items() if z is not None}
+    if not ends:
+        raise InputError(
+            "no start of the search has a finite posterior density; check the errors and the "
+            "geometry, or widen the priors"
+        )
+    weighed_at = max(ends, key=lambda n: _log_likelihood(posed[n], ends[n], data).sum())
+    weighed = information.weighed(posed[weighed_at], ends[weighed_at], data)
+    search_s = time.monotonic() - begun
+
+    def candidate(n: int, problem: Problem, within: Silent) -> Candidate:
+        runs = independent_runs(
+            problem, weighed, jax.random.fold_in(keys[1], n), settings.num_samples,
+            settings.num_chains, name=f"facets-{n}-run", checkpoint=checkpoint, workers=workers,
+            progress=within,
+        )  # fmt: skip
+        return _candidate(n, problem, weighed, runs, jax.random.fold_in(keys[2], n))
+
+    found, failed, path = {}, [], None
+    with progress.stage("comparing", 100, "%") as track:
+        parts = Parts(track, 100, sum(map(_cost, [*counts, *([upper_bound] * bool(upper_bound))])))
+        if upper_bound:
+            area = _area(posed[weighed_at], ends[weighed_at], data)
+            with parts.part(_cost(upper_bound), "sparse path", 1) as within:
+                try:
+                    path = _sparse_path(
+                        entry, options, weighed, upper_bound, area, settings, keys[3], workers,
+                        checkpoint, within,
+                    )  # fmt: skip
+                except (smc.Collapse, InputError) as fault:
+                    failed.append(f"the sparse path from {upper_bound} facets: {fault}")
+            if path and path.n_facets not in posed:
+                end = entry.bind({**options, "n_facets": path.n_facets})
+                posed[path.n_facets] = Problem(end, data)
+                parts.total += _cost(path.n_facets)
+        for n, problem in sorted(posed.items()):
+            with parts.part(_cost(n), facets(n), settings.num_chains) as within:
+                try:
+                    found[n] = candidate(n, problem, within)
+                except (smc.Collapse, InputError) as fault:
+                    failed.append(f"{facets(n)}: {fault}")
+    if not found:
+        raise InputError(failed[0])
+    return Compared(
+        [found[n] for n in sorted(found)], failed, float(weighed.information), weighed_at, path,
+        search_s,
+    )  # fmt: skip
+
+
+def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) -> Floats | None:
+    """z of the best end of a search, (D,)."""
+    stored = checkpoint.load(f"search-{n}")
+    if stored is None:
+        draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
+        keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
+        ends = search.race(problem, data, draw(keys, data), workers, progress)
+        stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
+        checkpoint.save(f"search-{n}", stored)
+    return stored["z"] if np.isfinite(stored["potential"]) else None
+
+
+def _candidate(
+    n: int, problem: Problem, data: Epochs, runs: Sequence[smc.Result], key: jax.Array
+) -> Candidate:
+    mass = log_prior_mass(problem, data, key)
+    both = smc.Runs(list(runs))
+    log_z = both.log_evidences - mass.value
+    draws, best = _pooled(runs), _best_particle(runs)
+    pointwise = jax.jit(
+        lambda rows, d: jax.lax.map(lambda row: problem.log_likelihood(row, d), rows)
+    )
+    own = information.weighed(problem, best, data)
+    reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
+    return Candidate(
+        n_facets=n,
+        dim=problem.dim,
+        log_evidences=log_z,
+        log_evidence=both.log_evidence - mass.value,
+        se=float(np.hypot(both.se, mass.se)),
+        log_prior_mass=mass.value,
+        loo=loo(np.asarray(pointwise(jnp.asarray(draws), data)), float(data.information)),
+        chi2=_chi2(problem, best, data),
+        information=float(own.information),
+        best=float(_log_likelihood(problem, best, data).sum()),
+        gradients=sum(r.gradients for r in runs),
+        seconds=sum(r.seconds for r in runs),
+        reasons=reasons,
+    )
+
+
+def _pooled(runs: Sequence[smc.Result]) -> Floats:
+    """Equally weighted draws of all runs, each run counted by its evidence, which is unbiased."""
+    log_z = np.array([r.log_evidence for r in runs])
+    edges = np.round(np.cumsum(np.exp(log_z - logsumexp(log_z))) * LOO_DRAWS).astype(int)
+    parts = np.diff(edges, prepend=0)
+    return np.concatenate([evenly(r.z, k) for r, k in zip(runs, parts, strict=True) if k])
+
+
+def _best_particle(runs: Sequence[smc.Result]) -> Floats:
+    best = max(runs, key=lambda r: r.log_likelihood.max())
+    return best.z[np.argmax(best.log_likelihood)]
+
+
+def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> Floats:
+    """Of each point taken whole, (T,)."""
+    return np.asarray(jax.jit(problem.log_likelihood)(jnp.asarray(z), data))
+
+
+def _chi2(problem: Problem, z: Floats, data: Epochs) -> float | None:
+    if not data.has_error:
+        return None
+    mean = jax.jit(problem.moments)(jnp.asarray(z), data).mean
+    return float(np.sum(((data.brightness - mean) / data.error) ** 2))
+
+
+def _area(problem: Problem, z: Floats, data: Epochs) -> float:
+    return float(np.sum(problem.constrain(jnp.asarray(z), data)["albedo_area"]))
+
+
+def _sparse_path(
+    entry, options, data, upper_bound, area, settings, key, workers, checkpoint, progress
+) -> sparse.SparsePath:
+    """One run under the sparse prior: it only proposes a number, which the others then judge."""
+    weight = options.get("sparsity") or sparse.weight(area)
+    changed = {
+        **options, "n_facets": upper_bound, "sparsity": weight, "log_area_sd": sparse.LOG_AREA_SD,
+    }  # fmt: skip
+    problem = Problem(entry.bind(changed), data)
+    (found,) = independent_runs(
+        problem, data, key, settings.num_samples, 1, name="sparse", checkpoint=checkpoint,
+        workers=workers, progress=progress,
+    )  # fmt: skip
+    return sparse.path(problem, data, entry.facet_sites, found.z, weight)
+
+
+def _cost(n_facets: int) -> float:
+    """Of a number of facets, about: each gradient and the number of temperatures grow with it."""
+    return (1.0 + n_facets) ** 2
