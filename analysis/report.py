@@ -24,9 +24,9 @@ from lcbayes.analysis import (
 )
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.analysis.pages import environment
 from lcbayes.errors import InputError
 
-TEMPLATES = Path(__file__).parent / "templates"
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
 
@@ -95,8 +95,6 @@ def _put_in_place(scratch: Path, folder: Path) -> None:
 
 
 def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:
-    import jinja2
-
     drawn = results.modes[:MOST_MODES]
     lists = {m.index: list(quantities.quantities(results, m)) for m in drawn}
     few = {m.index: quantities.important(lists[m.index]) for m in drawn}
@@ -146,14 +144,10 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "run_toml": results.run_toml,
         "timing": _timing(results),
     }
-    loader = jinja2.FileSystemLoader(TEMPLATES)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
-    environment.globals["show"] = show
-    environment.filters["weight"] = tables.weight
-    return environment.get_template("report.html.j2").render(values), shapes
+    pages = environment()
+    pages.globals["show"] = show
+    pages.filters["weight"] = tables.weight
+    return pages.get_template("report.html.j2").render(values), shapes
 
 
 def _verdict(results: Results) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it, look at the posterior; see the README.
+``read`` a light curve, ``fit`` a model to it or ``compare`` numbers of facets; see the README.
 """
 
 import sys
@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lcbayes.comparing import Comparison as Comparison
+    from lcbayes.comparing import compare as compare
     from lcbayes.errors import InputError as InputError
     from lcbayes.fitting import Fit as Fit
     from lcbayes.fitting import fit as fit
@@ -16,14 +18,16 @@ if TYPE_CHECKING:
     from lcbayes.lightcurve import LightCurve as LightCurve
 
 _HOMES = {
+    "Comparison": "lcbayes.comparing",
     "Fit": "lcbayes.fitting",
     "InputError": "lcbayes.errors",
     "LightCurve": "lcbayes.lightcurve",
+    "compare": "lcbayes.comparing",
     "fit": "lcbayes.fitting",
     "read": "lcbayes.io",
     "write": "lcbayes.io",
 }
-__all__ = ["Fit", "InputError", "LightCurve", "fit", "read", "write"]
+__all__ = ["Comparison", "Fit", "InputError", "LightCurve", "compare", "fit", "read", "write"]
 
 
 def _load_numpyro_if_begun() -> None:

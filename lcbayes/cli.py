@@ -10,7 +10,7 @@ from importlib import import_module
 
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
-COMMANDS = ("simulate", "fit", "predict", "report", "convert", "models", "doctor")
+COMMANDS = ("simulate", "fit", "compare", "predict", "report", "convert", "models", "doctor")
 
 EPILOG = """\
 examples:

@@ -32,7 +32,6 @@ Floats = NDArray[np.float64]
 
 STARTS = 64  # of the search, for each number of facets
 LOO_DRAWS = 2000
-CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,8 @@ def run(
 
     found, failed, path = {}, [], None
     with progress.stage("comparing", 100, "%") as track:
-        parts = Parts(track, 100, sum(map(_cost, [*counts, *([upper_bound] * bool(upper_bound))])))
+        to_do = [*counts, upper_bound] if upper_bound else counts
+        parts = Parts(track, 100, sum(map(_cost, to_do)))
         if upper_bound:
             area = _area(posed[weighed_at], ends[weighed_at], data)
             with parts.part(_cost(upper_bound), "sparse path", 1) as within:

@@ -52,7 +52,7 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     ----------
     Vehtari, Gelman & Gabry 2017, Stat. Comput. 27, 1413; Vehtari et al. 2024, JMLR 25, 72.
     """
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats
 
     ratio = -power * log_likelihood
     n = len(ratio)
@@ -61,7 +61,7 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     bounded = tail[-1] - tail[0] < ALIKE
     log_weight, khat = ratio.copy(), np.full(ratio.shape[1], -np.inf)
     if not bounded.all():
-        smooth, k = array_stats.psislw(-ratio[:, ~bounded], r_eff=1.0, axis=0)
+        smooth, k = array_stats.psislw(-ratio[:, ~bounded], r_eff=1, axis=0)
         log_weight[:, ~bounded], khat[~bounded] = np.moveaxis(smooth, -1, 0), k
     log_weight -= logsumexp(log_weight, axis=0)
     return Loo(logsumexp(log_weight + log_likelihood, axis=0), khat)

@@ -67,7 +67,7 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
     A number is excluded whose probability is below 0.05, its error included. The best one stands
     out if it is at least twice as probable as the next and their intervals do not overlap.
     """
-    order = np.argsort(-odds.probability, kind="stable")
+    order = [int(k) for k in np.argsort(-odds.probability, kind="stable")]
     top = order[0]
     left = [k for k in order[1:] if odds.high[k] > EXCLUDED]
     near = [
@@ -82,7 +82,7 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
 
     chance = _two(odds.probability[top])
     if near:
-        alike = sorted([int(top), *near], key=lambda k: counts[k])
+        alike = sorted([top, *near], key=lambda k: counts[k])
         *others, last = [str(counts[k]) for k in alike]
         chances = ", ".join(_two(odds.probability[k]) for k in alike)
         text = f"the data cannot tell {_listed(others)} from {last} facets ({chances})"

@@ -38,6 +38,7 @@ def log_prior_mass(problem: Problem, data: Epochs, key: jax.Array) -> LogEvidenc
     By the mean of f over draws from p₀, until its error is 1 %, or 262,144 draws.
     """
     weights = np.zeros(0)
+    mean = error = np.nan
     for i in range(MAX_BATCHES):
         keys = jax.random.split(jax.random.fold_in(key, i), BATCH)
         weights = np.append(weights, np.exp(np.asarray(_factors(problem, data, keys))))

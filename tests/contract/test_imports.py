@@ -25,6 +25,7 @@ ALLOWED = {
     "ground": set(),
 }
 GROUND = {"lcbayes._jax", "lcbayes.errors"}
+FRONT_DOOR = {"lcbayes", "lcbayes.cli", "lcbayes.__main__", "lcbayes.fitting", "lcbayes.comparing"}
 HEAVY = ("jax", "numpyro", "arviz", "astropy", "matplotlib", "scipy", "pandas", "xarray")
 
 
@@ -50,7 +51,7 @@ MODULES = _modules()
 def _layer(module: str) -> str:
     if module in GROUND:
         return "ground"
-    if module in ("lcbayes", "lcbayes.cli", "lcbayes.__main__", "lcbayes.fitting"):
+    if module in FRONT_DOOR:
         return "front door"
     second = module.split(".")[1]
     if second == "commands":

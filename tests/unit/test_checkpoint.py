@@ -7,7 +7,7 @@ import pytest
 
 from lcbayes.checkpoint import Checkpoint, write_atomic
 from lcbayes.errors import InputError
-from lcbayes.fitting import _alone_in, to_toml
+from lcbayes.folders import alone_in, to_toml
 
 IDENTITY = {"seed": 1, "model": "faceted"}
 
@@ -74,7 +74,11 @@ def test_no_pickle_is_read(tmp_path):
 def test_leftovers_of_a_kill_are_swept(tmp_path):
     (tmp_path / ".posterior.nc-abc123.nc").write_text("half")
     (tmp_path / "posterior.nc").write_text("whole")
-    with _alone_in(tmp_path), pytest.raises(InputError, match="another run"), _alone_in(tmp_path):
+    with (
+        alone_in(tmp_path, ()),
+        pytest.raises(InputError, match="another run"),
+        alone_in(tmp_path, ()),
+    ):
         pass
     assert {p.name for p in tmp_path.iterdir()} == {".lock", "posterior.nc"}
 

@@ -1,0 +1,148 @@
+"""Numbers of facets compared: one figure, and one page that needs nothing else."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes import comparison
+from lcbayes.analysis import style
+from lcbayes.analysis.pages import environment
+from lcbayes.checkpoint import write_atomic
+
+DEPTH = 12.0  # nats below the best that are drawn; what lies lower is marked by an arrow
+ALT = "Posterior probability, ln evidence and predictive density of each number of facets."
+CAPTION = (
+    "Left: posterior probability of each number of facets, with its 90 % interval from the "
+    "differences between independent runs. Middle: ln evidence against the best, each run a dot, "
+    "and the standard error of their mean. Right: predictive density of left-out epochs against "
+    "the best, with the standard error of the difference. Arrows: below the scale."
+)
+
+
+def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:
+    """Write `compare.html` and `figures/compare.png` into a folder that `lcbayes compare` wrote.
+
+    Parameters
+    ----------
+    folder : path
+    summary : mapping
+        The content of compare.json.
+    run : mapping
+        That of run.toml.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    import matplotlib
+
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    with (
+        matplotlib.rc_context(style.RC),
+        warnings.catch_warnings(),
+        tempfile.TemporaryDirectory() as scratch,
+    ):
+        warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        gallery = style.Gallery(Path(scratch))
+        figure = draw(summary["candidates"], gallery)
+        image = gallery.add(figure, "compare", ALT, CAPTION)
+        write_atomic(figures / "compare.png", lambda p: figure.savefig(p, dpi=170))
+    heads, rows = comparison.cells(summary)
+    said = summary["conclusion"]
+    page = (
+        environment()
+        .get_template("compare.html.j2")
+        .render(
+            title=Path(run["curve"]).name or "a light curve",
+            conclusion=said[0].upper() + said[1:] + ".",
+            summary=summary,
+            image=image,
+            heads=heads,
+            rows=rows,
+            notes=comparison.notes(summary),
+            run=run,
+        )
+    )
+    write_atomic(folder / "compare.html", lambda p: p.write_text(page, encoding="utf-8"))
+    return folder / "compare.html"
+
+
+def draw(rows: list[Mapping[str, Any]], gallery: style.Gallery) -> Any:
+    """The figure of the rows of `candidates`."""
+    figure = gallery.figure(10.0, 3.3)
+    left, middle, right = figure.subplots(1, 3)
+    n = np.array([row["n_facets"] for row in rows])
+    _probabilities(left, n, rows)
+    top = max(row["log_evidence"] for row in rows)
+    runs = [np.asarray(row["log_evidences"], float) - top for row in rows]
+    depth = _differences(
+        middle, n,
+        np.array([row["log_evidence"] for row in rows]) - top,
+        np.array([row["log_evidence_se"] for row in rows]),
+        "ln evidence − best (nat)",
+    )  # fmt: skip
+    for k, one in zip(n, runs, strict=True):
+        shown = one[one > -depth]
+        middle.plot(np.full(shown.size, k + 0.18), shown, ".", ms=4, color=style.FAINT, zorder=1)
+    _differences(
+        right, n,
+        np.array([row["elpd_diff"] for row in rows]),
+        np.array([row["elpd_diff_se"] for row in rows]),
+        "elpd LOO − best (nat)",
+    )  # fmt: skip
+    for axes in (left, middle, right):
+        axes.set_xlabel("number of facets")
+        axes.set_xticks(n)
+        axes.set_xlim(n.min() - 0.7, n.max() + 0.7)
+    return figure
+
+
+def _probabilities(axes: Any, n: np.ndarray, rows: list[Mapping[str, Any]]) -> None:
+    p = np.array([[row[f"probability{q}"] for row in rows] for q in ("", "_q05", "_q95")])
+    axes.bar(n, p[0], width=0.62, color=style.colour(0), alpha=0.85)
+    reach = np.maximum([p[0] - p[1], p[2] - p[0]], 0.0)
+    axes.errorbar(n, p[0], reach, fmt="none", ecolor=style.INK, elinewidth=1.1, capsize=3)
+    for k, value, high in zip(n, p[0], np.maximum(p[0], p[2]), strict=True):
+        if value >= 0.005:
+            axes.annotate(
+                f"{value:.2f}", (k, high), xytext=(0, 3), textcoords="offset points",
+                ha="center", va="bottom", fontsize=8.5,
+            )  # fmt: skip
+    axes.set_ylim(0.0, 1.12)
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
+    axes.set_ylabel("posterior probability")
+
+
+def _differences(
+    axes: Any, n: np.ndarray, values: np.ndarray, errors: np.ndarray, label: str
+) -> float:
+    """Values below the best with their errors; how far down the scale goes."""
+    within = values[values > -DEPTH]
+    reach = max(1.0, float(np.max((errors - values)[values > -DEPTH])) if within.size else 1.0)
+    depth = 1.12 * reach
+    shown = values > -depth
+    axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0)
+    axes.errorbar(
+        n[shown], values[shown], errors[shown], fmt="o", ms=5, capsize=3, elinewidth=1.1,
+        color=style.colour(0), zorder=2,
+    )  # fmt: skip
+    for k, value in zip(n[~shown], values[~shown], strict=True):
+        axes.annotate(
+            "", (k, -depth), xytext=(k, -0.88 * depth),
+            arrowprops={"arrowstyle": "->", "color": style.FAINT},
+        )  # fmt: skip
+        axes.annotate(
+            f"{value:.0f}".replace("-", "−"), (k, -0.87 * depth), ha="center", va="bottom",
+            fontsize=7.5, color=style.FAINT, rotation=90,
+        )  # fmt: skip
+    axes.set_ylim(-depth, max(0.08 * depth, 1.15 * float(np.max((values + errors)[shown]))))
+    axes.set_ylabel(label)
+    return depth
