@@ -15,7 +15,7 @@ from lcbayes.folders import alone_in, installed_version, make_folder, record, to
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 
-WRITTEN = ("compare.json", "compare.csv", "run.toml")
+WRITTEN = ("compare.json", "compare.csv", "compare.html", "run.toml")
 MOST = 50  # facets; a guard against slips, far beyond what data tell
 
 

@@ -1,0 +1,142 @@
+"""`lcbayes compare` from the command line: files in, files out, and the exit status."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small
+
+import lcbayes
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.cli import main
+from lcbayes.commands.compare import numbers
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.io import write
+
+FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
+       "--num-starts", "8", "--seed", "1", "--sparse", "2")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def curve(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("curve") / "curve.csv"
+    write(small.curve(16), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(curve) -> tuple[Path, int]:
+    out = curve.parent / "out"
+    return out, main(["compare", str(curve), "-o", str(out), *FEW])
+
+
+def test_what_is_written(result, curve):
+    out, status = result
+    assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
+        "compare.json", "compare.csv", "compare.html", "run.toml", "figures", "checkpoint"
+    }  # fmt: skip
+    told = json.loads((out / "compare.json").read_text())
+    assert status == (EXIT_DONE if told["converged"] else EXIT_NOT_TRUSTED)
+    assert [row["n_facets"] for row in told["candidates"]] == [1, 2]
+    assert sum(row["probability"] for row in told["candidates"]) == pytest.approx(1.0)
+    for row in told["candidates"]:
+        assert len(row["log_evidences"]) == 2
+        assert np.isfinite([row["log_evidence"], row["elpd_loo"], row["log_prior_mass"]]).all()
+        assert row["chi2"] < 80
+    table = [x for x in (out / "compare.csv").read_text().splitlines() if x[0] != "#"]
+    rows = list(csv.DictReader(table))
+    assert float(rows[1]["log_evidence"]) == told["candidates"][1]["log_evidence"]
+    assert str(curve) in (out / "run.toml").read_text()
+
+
+def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
+    """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30."""
+    import one_facet
+
+    from lcbayes.epochs import Epochs
+
+    row = json.loads((result[0] / "compare.json").read_text())["candidates"][0]
+    data = Epochs.of(lcbayes.read(curve))
+    exact = one_facet.Quadrature.of(data).log_evidence(data)
+    assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
+
+
+def test_a_stopped_run_goes_on_to_the_same_numbers(result, curve, monkeypatch, capsys):
+    out = curve.parent / "broken"
+    save, stored = Checkpoint.save, []
+
+    def save_or_stop(self, name, arrays):
+        save(self, name, arrays)
+        stored.append(name)
+        if len(stored) == 4:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoint, "save", save_or_stop)
+        main(["compare", str(curve), "-o", str(out), *FEW])
+    assert stored == ["search-1", "search-2", "sparse-0", "facets-1-run-0"]
+    assert not (out / "compare.json").exists()
+    capsys.readouterr()
+    main(["compare", str(curve), "-o", str(out), *FEW, "--no-report"])
+    assert "resuming the run" in capsys.readouterr().err
+    one, two = (json.loads((d / "compare.json").read_text()) for d in (result[0], out))
+    for key in ("conclusion", "information_per_point", "reasons"):
+        assert one[key] == two[key]
+    for a, b in zip(one["candidates"], two["candidates"], strict=True):
+        assert {k: v for k, v in a.items() if k != "seconds"} == {
+            k: v for k, v in b.items() if k != "seconds"
+        }
+
+
+def test_the_sparse_path(result):
+    """From two facets it ends at one or two, of which the table marks one."""
+    path = json.loads((result[0] / "compare.json").read_text())["sparse"]
+    assert path["upper_bound"] == 2
+    assert sum(path["shares"].values()) == pytest.approx(1.0)
+    assert path["n_facets"] in (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (("--facets", "3"), "give two numbers or more"),
+        (("--facets", "4-2"), "'4-2' is no number or range; expected 1-8 or 1,2,4"),
+        (("--facets", "1,x"), "'x' is no number or range"),
+        (("--facets", "0-2"), "give numbers from 1 to 50"),
+        (("--num-runs", "1"), "--num-runs is 1; give a whole number >= 2"),
+        (("--num-particles", "3"), "--num-particles is 3"),
+        (("--model", "convex-grid"), "--model convex-grid has no number of facets"),
+        (("--model", "round"), "unknown model 'round'"),
+        (("--set", "n_facets=3"), "name the numbers with --facets"),
+        (("--set", "colour=3"), "no option 'colour'"),
+        (("--set", "omega_sd"), "expected NAME=VALUE"),
+        (("--sparse", "1"), "--sparse is 1; give an upper bound of facets from 2 to 50"),
+        (("--law", "shiny"), "'shiny'"),
+    ],
+)
+def test_faults_are_told_in_a_line(curve, tmp_path, capsys, given, says):
+    out = tmp_path / "out"
+    command = ["compare", str(curve), "-o", str(out), "--facets", "1-2", *given]
+    assert main(command) == EXIT_BAD_INPUT
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_folder_is_needed(curve, capsys):
+    assert main(["compare", str(curve)]) == EXIT_BAD_INPUT
+    assert "-o DIR" in capsys.readouterr().err
+
+
+def test_numbers_of_facets():
+    assert numbers("1-4") == [1, 2, 3, 4]
+    assert numbers("1,2, 4") == [1, 2, 4]
+    assert numbers("1-3,6") == [1, 2, 3, 6]
+    for text in ("", "1-", "-2", "1.5", "1 2", "1e9"):
+        with pytest.raises(InputError, match="expected 1-8 or 1,2,4"):
+            numbers(text)
