@@ -12,7 +12,7 @@ from scipy.stats import chi2 as chi2_distribution
 from lcbayes.inference import odds
 from lcbayes.inference.compare import Candidate, Compared
 from lcbayes.inference.loo import BAD_K, stacking
-from lcbayes.inference.odds import facets
+from lcbayes.inference.odds import facets, listed
 from lcbayes.summary import MIN_FIT
 
 CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
@@ -153,7 +153,7 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
                 f"{row['elpd_loo']:.1f} ± {row['elpd_se']:.1f}",
                 f"{row['elpd_diff']:.1f} ± {row['elpd_diff_se']:.1f}",
                 f"{row['stacking_weight']:.2f}",
-                f"{k:.2f}" if np.isfinite(k) else "–",
+                "–" if np.isneginf(k) else f"{k:.2f}",
                 str(row["n_bad_pareto_k"]),
                 "–" if chi2 is None else f"{chi2:.0f}/{row['dof']}",
             ]
@@ -177,11 +177,11 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
             f"* where the sparse path from {facets(path['upper_bound'])} ends (shares of its "
             f"particles by facets that remain: {shares})."
         )
-    bad = [facets(r["n_facets"]) for r in summary["candidates"] if r["n_bad_pareto_k"]]
+    bad = [r["n_facets"] for r in summary["candidates"] if r["n_bad_pareto_k"]]
     if bad:
         said.append(
-            f"LOO of {', '.join(bad)} rests on epochs whose Pareto k exceeds {BAD_K}: it may be "
-            "too favourable there."
+            f"LOO of {listed([*map(str, bad[:-1]), facets(bad[-1])])} rests on epochs whose Pareto "
+            f"k exceeds {BAD_K}: it may be too favourable there."
         )
     return said
 

@@ -143,7 +143,7 @@ def run(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
-    weighed_at = max(ends, key=lambda n: _log_likelihood(posed[n], ends[n], data).sum())
+    weighed_at = max(ends, key=lambda n: _log_likelihood(posed[n], ends[n], data))
     weighed = information.weighed(posed[weighed_at], ends[weighed_at], data)
     search_s = time.monotonic() - begun
 
@@ -205,10 +205,12 @@ def _candidate(
     mass = log_prior_mass(problem, data, key)
     both = smc.Runs(list(runs))
     log_z = both.log_evidences - mass.value
-    draws, best = _pooled(runs), _best_particle(runs)
+    best = _best_particle(runs)
+    rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     pointwise = jax.jit(
         lambda rows, d: jax.lax.map(lambda row: problem.log_likelihood(row, d), rows)
     )
+    log_likelihood = np.asarray(pointwise(rows, data))
     own = information.weighed(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
     return Candidate(
@@ -218,10 +220,10 @@ def _candidate(
         log_evidence=both.log_evidence - mass.value,
         se=float(np.hypot(both.se, mass.se)),
         log_prior_mass=mass.value,
-        loo=loo(np.asarray(pointwise(jnp.asarray(draws), data)), float(data.information)),
+        loo=loo(log_likelihood[:-1], float(data.information)),
         chi2=_chi2(problem, best, data),
         information=float(own.information),
-        best=float(_log_likelihood(problem, best, data).sum()),
+        best=float(log_likelihood[-1].sum()),
         gradients=sum(r.gradients for r in runs),
         seconds=sum(r.seconds for r in runs),
         reasons=reasons,
@@ -231,9 +233,10 @@ def _candidate(
 def _pooled(runs: Sequence[smc.Result]) -> Floats:
     """Equally weighted draws of all runs, each run counted by its evidence, which is unbiased."""
     log_z = np.array([r.log_evidence for r in runs])
-    edges = np.round(np.cumsum(np.exp(log_z - logsumexp(log_z))) * LOO_DRAWS).astype(int)
-    parts = np.diff(edges, prepend=0)
-    return np.concatenate([evenly(r.z, k) for r, k in zip(runs, parts, strict=True) if k])
+    share = np.exp(log_z - logsumexp(log_z))
+    n = min(LOO_DRAWS, min(len(r.z) for r in runs) / share.max())
+    parts = np.floor(n * share).astype(int)
+    return np.concatenate([evenly(r.z, k) for r, k in zip(runs, parts, strict=True)])
 
 
 def _best_particle(runs: Sequence[smc.Result]) -> Floats:
@@ -241,9 +244,9 @@ def _best_particle(runs: Sequence[smc.Result]) -> Floats:
     return best.z[np.argmax(best.log_likelihood)]
 
 
-def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> Floats:
-    """Of each point taken whole, (T,)."""
-    return np.asarray(jax.jit(problem.log_likelihood)(jnp.asarray(z), data))
+def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
+    """Of all points, each taken whole."""
+    return float(jax.jit(problem.log_likelihood)(jnp.asarray(z), data).sum())
 
 
 def _chi2(problem: Problem, z: Floats, data: Epochs) -> float | None:

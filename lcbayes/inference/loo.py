@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +62,8 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     if not bounded.all():
         smooth, k = array_stats.psislw(-ratio[:, ~bounded], r_eff=1, axis=0)
         log_weight[:, ~bounded], khat[~bounded] = np.moveaxis(smooth, -1, 0), k
-    log_weight -= logsumexp(log_weight, axis=0)
-    return Loo(logsumexp(log_weight + log_likelihood, axis=0), khat)
+    log_weight -= np.logaddexp.reduce(log_weight, axis=0)
+    return Loo(np.logaddexp.reduce(log_weight + log_likelihood, axis=0), khat)
 
 
 def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
