@@ -13,6 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes._jax import jnp
 from lcbayes.inference.fit import Posterior
+from lcbayes.inference.loo import loo
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
 from lcbayes.names import label, reported
@@ -143,7 +144,7 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
     log_z = np.array([m.log_evidence.value for m in posterior.modes])
     total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
     se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
-    elpd, elpd_se, khat = _loo(found)
+    elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
     chi2 = None
     if curve.error is not None:
         mean = posterior.problem.moments(
@@ -167,28 +168,16 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
     }
 
 
-def _loo(found: xr.DataTree) -> tuple[float, float, float]:
-    """PSIS-LOO; epochs whose likelihood no draw changes (dark ones) count as they are."""
-    import arviz as az
-
-    pointwise = found["log_likelihood"].to_dataset()["brightness"]
-    values = pointwise.to_numpy()
-    constant = np.ptp(values, axis=(0, 1)) < 1e-12
-    fixed = values[0, 0, constant]
-    free = xr.DataTree.from_dict(
-        {
-            "posterior": found["posterior"].to_dataset(),
-            "log_likelihood": xr.Dataset({"brightness": pointwise.isel(time=~constant)}),
-        }
+def _loo(found: xr.DataTree, information: float) -> tuple[float, float, float]:
+    """PSIS-LOO, its error with points that follow each other counted for what they are worth, and
+    the largest Pareto k."""
+    pointwise = found["log_likelihood"]["brightness"].to_numpy()
+    each, khat = loo(pointwise.reshape(-1, pointwise.shape[-1]), information)
+    return (
+        float(each.sum()),
+        float(np.sqrt(each.size * each.var() / information)),
+        float(khat.max()),
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # k-hat is reported in words
-        try:
-            loo: Any = az.loo(free, pointwise=True, reff=1.0)
-        except ValueError:
-            return float("nan"), float("nan"), float("nan")
-    each = np.concatenate([np.ravel(loo.elpd_i), fixed])
-    return float(each.sum()), float(np.sqrt(each.size * each.var())), float(np.max(loo.pareto_k))
 
 
 def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) -> Iterator[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 ALIKE = 1e-9  # log weights that differ by less are the same but for rounding
+SHORTEST = 5  # draws of a tail that a Pareto distribution can be fitted to
 BAD_K = 0.7  # Pareto k above which an epoch's value cannot be relied on
 
 
@@ -19,7 +20,7 @@ class Loo(NamedTuple):
     """Of each epoch, (T,)."""
 
     elpd: Floats  # ln p(y_i | the others)
-    khat: Floats  # Pareto k; -inf where the importance weights are bounded
+    khat: Floats  # Pareto k; -inf where all weights of the tail are the same, inf where unknown
 
 
 class Stacked(NamedTuple):
@@ -37,8 +38,9 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     p(yᵢ|z)^(−power), smoothed by a Pareto tail, and what they predict is p(yᵢ|z) itself.
 
     An epoch at which the body is dark has the same likelihood for all draws, or for all draws of
-    the tail: there is nothing to smooth, and ArviZ raises an error. The weights are bounded then
-    and are used as they are, which for a constant is exact: elpdᵢ is that constant.
+    the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
+    are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
+    many draws that their weight reaches into the tail, only what lies above it is the tail.
 
     Parameters
     ----------
@@ -51,19 +53,34 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     ----------
     Vehtari, Gelman & Gabry 2017, Stat. Comput. 27, 1413; Vehtari et al. 2024, JMLR 25, 72.
     """
-    from arviz_stats.base.array import array_stats
-
     ratio = -power * log_likelihood
-    n = len(ratio)
-    n_tail = int(np.ceil(min(0.2 * n, 3.0 * np.sqrt(n))))  # as ArviZ cuts it
-    tail = np.sort(ratio, axis=0)[-n_tail:]
-    bounded = tail[-1] - tail[0] < ALIKE
-    log_weight, khat = ratio.copy(), np.full(ratio.shape[1], -np.inf)
-    if not bounded.all():
-        smooth, k = array_stats.psislw(-ratio[:, ~bounded], r_eff=1, axis=0)
-        log_weight[:, ~bounded], khat[~bounded] = np.moveaxis(smooth, -1, 0), k
+    n_tail = _tail(len(ratio))
+    ends = np.sort(ratio, axis=0)[-n_tail - 1 :]
+    above = np.sum(ends[1:] > ends[0] + ALIKE, axis=0)
+    alike = ends[-1] - ends[1] < ALIKE
+    log_weight, khat = ratio.copy(), np.where(alike, -np.inf, np.inf)
+    for n in np.unique(above[~alike & (above >= SHORTEST)]):
+        here = ~alike & (above == n)
+        log_weight[:, here], khat[here] = _smoothed(ratio[:, here], int(n))
     log_weight -= np.logaddexp.reduce(log_weight, axis=0)
     return Loo(np.logaddexp.reduce(log_weight + log_likelihood, axis=0), khat)
+
+
+def _tail(n_draws: int) -> int:
+    """Draws that ArviZ takes for the tail."""
+    return int(3.0 * np.sqrt(n_draws)) if n_draws > 225 else n_draws // 5
+
+
+def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
+    """Log weights (S, T) with a tail of that many draws smoothed, and Pareto k (T,)."""
+    from arviz_stats.base.array import array_stats
+
+    n = len(ratio)
+    # ArviZ takes the tail's length from an efficiency: 3 √(S / r), rounded down
+    efficiency: Any = 1.0 if n_tail == _tail(n) else 9.0 * n / (n_tail + 0.5) ** 2
+    with np.errstate(all="ignore"):  # weights too far apart for a fit: k is NaN
+        smooth, khat = array_stats.psislw(-ratio, r_eff=efficiency, axis=0)
+    return np.moveaxis(smooth, -1, 0), np.nan_to_num(np.asarray(khat, float), nan=np.inf)
 
 
 def stacking(pointwise: Mapping[int, Loo]) -> Stacked:

@@ -63,6 +63,32 @@ def test_an_epoch_dark_in_most_draws():
     assert np.isneginf(found.khat[0])
 
 
+def test_an_epoch_dark_in_so_many_draws_that_they_reach_into_the_tail():
+    """Of 2,000 draws 100 are lit, fewer than ArviZ takes for the tail: the tail is those 100, as
+    it would be of 1,112 draws."""
+    rng = np.random.default_rng(6)
+    lit = -4.0 - rng.exponential(0.4, 100)
+    found = loo(np.r_[np.full(1900, -4.0), lit][:, None])
+    fewer = loo(np.r_[np.full(1012, -4.0), lit][:, None])
+    np.testing.assert_allclose(found.khat, fewer.khat)
+    assert -0.5 < found.khat[0] < 0.7
+    by_hand = np.log(2000) - np.log(1900 * np.exp(4.0) + np.exp(-lit).sum())
+    assert found.elpd[0] == pytest.approx(by_hand, abs=1e-3)
+
+
+def test_where_nothing_is_known_of_the_tail():
+    """Three draws lit of 500, or 20 draws in all: the weights as they are, and k counts as bad."""
+    few = np.r_[np.full(497, -4.0), -5.0, -6.0, -7.0][:, None]
+    short = np.random.default_rng(7).standard_normal((20, 1))
+    far = -1e4 * np.random.default_rng(8).random((500, 1))
+    for given in (few, short, far):
+        found = loo(given)
+        assert found.khat == [np.inf]
+        top = given.min()
+        by_hand = top - np.log(np.mean(np.exp(top - given)))
+        assert found.elpd[0] == pytest.approx(by_hand, rel=1e-9)
+
+
 def made(elpd) -> Loo:
     return Loo(np.asarray(elpd), np.zeros(len(elpd)))
 
