@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tempfile
 import warnings
 from collections.abc import Mapping
@@ -68,11 +69,27 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
             heads=heads,
             rows=rows,
             notes=comparison.notes(summary),
-            run=run,
+            command=_command(run),
+            version=run["version"],
         )
     )
     write_atomic(folder / "compare.html", lambda p: p.write_text(page, encoding="utf-8"))
     return folder / "compare.html"
+
+
+def _command(run: Mapping[str, Any]) -> str:
+    """What to type for the same numbers."""
+    words = ["lcbayes", "compare", run["curve"], "--facets", run["facets"]]
+    for name in ("sparse", "num_starts"):  # 0 where they were not given
+        if run[name]:
+            words += ["--" + name.replace("_", "-"), run[name]]
+    for name in ("model", "seed", "num_particles", "num_runs"):
+        words += ["--" + name.replace("_", "-"), run[name]]
+    for table, flag in (("reading", "--{}"), ("options", "--set")):
+        for name, value in run[table].items():
+            given = value if table == "reading" else f"{name}={value}"
+            words += [flag.format(name.replace("_", "-")), given]
+    return shlex.join(map(str, [*words, "-o", "DIR"]))
 
 
 def draw(rows: list[Mapping[str, Any]], gallery: style.Gallery) -> Any:
@@ -88,6 +105,7 @@ def draw(rows: list[Mapping[str, Any]], gallery: style.Gallery) -> Any:
         np.array([row["log_evidence"] for row in rows]) - top,
         np.array([row["log_evidence_se"] for row in rows]),
         "ln evidence − best (nat)",
+        np.concatenate(runs),
     )  # fmt: skip
     for k, one in zip(n, runs, strict=True):
         shown = one[one > -depth]
@@ -122,12 +140,19 @@ def _probabilities(axes: Any, n: np.ndarray, rows: list[Mapping[str, Any]]) -> N
 
 
 def _differences(
-    axes: Any, n: np.ndarray, values: np.ndarray, errors: np.ndarray, label: str
+    axes: Any,
+    n: np.ndarray,
+    values: np.ndarray,
+    errors: np.ndarray,
+    label: str,
+    others: np.ndarray | None = None,
 ) -> float:
-    """Values below the best with their errors; how far down the scale goes."""
-    within = values[values > -DEPTH]
-    reach = max(1.0, float(np.max((errors - values)[values > -DEPTH])) if within.size else 1.0)
-    depth = 1.12 * reach
+    """Values below the best with their errors; how far down the scale goes, which has room for
+    ``others`` too, unless they are far."""
+    lowest = (values - errors)[values > -DEPTH]
+    if others is not None:
+        lowest = np.append(lowest, others[others > -DEPTH])
+    depth = 1.12 * max(1.0, -lowest.min(initial=0.0))
     shown = values > -depth
     axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0)
     axes.errorbar(
@@ -143,6 +168,7 @@ def _differences(
             f"{value:.0f}".replace("-", "−"), (k, -0.87 * depth), ha="center", va="bottom",
             fontsize=7.5, color=style.FAINT, rotation=90,
         )  # fmt: skip
-    axes.set_ylim(-depth, max(0.08 * depth, 1.15 * float(np.max((values + errors)[shown]))))
+    highest = np.append((values + errors)[shown], [] if others is None else others)
+    axes.set_ylim(-depth, max(0.08 * depth, 1.15 * float(highest.max())))
     axes.set_ylabel(label)
     return depth

@@ -20,7 +20,7 @@ IDENTITY = {"model": "faceted"}
 RUN = {
     "curve": "/far/pass.csv", "model": "faceted", "facets": "2,3,4", "sparse": 6, "seed": 3,
     "num_particles": 50, "num_runs": 4, "num_starts": 0, "version": "1",
-    "options": {"spin": "none"},
+    "options": {"spin": "none"}, "reading": {"error_floor": 0.01},
 }  # fmt: skip
 
 
@@ -135,8 +135,8 @@ def test_the_page(tmp_path, good):
     assert ("Do not trust these numbers" in page) is not good
     assert ("5 facets: &lt;lost&gt;" in page) is not good
     assert "3 facets are most probable" in page
-    assert "--facets 2,3,4 --sparse 6" in page
-    assert "--set spin=none" in page
+    assert "lcbayes compare /far/pass.csv --facets 2,3,4 --sparse 6 --model faceted" in page
+    assert "--error-floor 0.01 --set spin=none -o DIR" in page
     assert 'src="data:image/svg+xml' in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert not list(Path(tmp_path).glob(".*"))
