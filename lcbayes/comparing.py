@@ -205,10 +205,11 @@ def _check_model(entry: Any, sparse: int | None, counts: list[int]) -> None:
         )
     if sparse is None:
         return
-    if not {"sparsity", "log_area_sd"} <= set(entry.options):
+    asked = {"sparsity", "log_area_sd"}
+    if not asked <= set(entry.options) or "normals_base" not in entry.facet_sites:
         raise InputError(
-            f"--sparse needs a model with the options sparsity and log_area_sd; {entry.name} has "
-            f"{', '.join(entry.options)}"
+            f"--sparse goes with faceted and faceted-brdf: {entry.name} lacks their options "
+            "sparsity and log_area_sd, or their site normals_base"
         )
     if not counts[0] < sparse <= MOST:
         raise InputError(

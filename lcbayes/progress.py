@@ -108,7 +108,7 @@ class Parts:
 
     def reach(self, done: float, note: str) -> None:
         self.done = done
-        whole = int(self.units * done / self.total + 1e-9)
+        whole = max(self.told, int(self.units * done / self.total + 1e-9))  # the total may grow
         self.track.advance(whole - self.told, note)
         self.told = whole
 

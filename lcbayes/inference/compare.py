@@ -129,8 +129,10 @@ def run(
     data = Epochs.of(curve)
     keys = jax.random.split(jax.random.key(settings.seed), 4)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
+    plain = dict(options)
+    sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # of the path alone
     with entry.blamed():
-        posed = {n: Problem(entry.bind({**options, "n_facets": n}), data) for n in counts}
+        posed = {n: Problem(entry.bind({**plain, "n_facets": n}), data) for n in counts}
 
     begun = time.monotonic()
     ends = {
@@ -161,16 +163,17 @@ def run(
         parts = Parts(track, 100, sum(map(_cost, to_do)))
         if upper_bound:
             area = _area(posed[weighed_at], ends[weighed_at], data)
+            weight = sparsity or sparse.weight(area)
             with parts.part(_cost(upper_bound), "sparse path", 1) as within:
                 try:
                     path = _sparse_path(
-                        entry, options, weighed, upper_bound, area, settings, keys[3], workers,
+                        entry, plain, weighed, upper_bound, weight, settings, keys[3], workers,
                         checkpoint, within,
                     )  # fmt: skip
                 except (smc.Collapse, InputError) as fault:
                     failed.append(f"the sparse path from {upper_bound} facets: {fault}")
             if path and path.n_facets not in posed:
-                end = entry.bind({**options, "n_facets": path.n_facets})
+                end = entry.bind({**plain, "n_facets": path.n_facets})
                 posed[path.n_facets] = Problem(end, data)
                 parts.total += _cost(path.n_facets)
         for n, problem in sorted(posed.items()):
@@ -261,10 +264,9 @@ def _area(problem: Problem, z: Floats, data: Epochs) -> float:
 
 
 def _sparse_path(
-    entry, options, data, upper_bound, area, settings, key, workers, checkpoint, progress
+    entry, options, data, upper_bound, weight, settings, key, workers, checkpoint, progress
 ) -> sparse.SparsePath:
     """One run under the sparse prior: it only proposes a number, which the others then judge."""
-    weight = options.get("sparsity") or sparse.weight(area)
     changed = {
         **options, "n_facets": upper_bound, "sparsity": weight, "log_area_sd": sparse.LOG_AREA_SD,
     }  # fmt: skip

@@ -42,3 +42,16 @@ def test_a_part_that_fails_is_over():
     ):
         stage.advance(1 // 0)
     assert track.done == 25
+
+
+def test_it_never_goes_back():
+    """More turns out to be needed on the way: it waits, and ends at the whole all the same."""
+    track = Noted()
+    parts = Parts(track, 100, 4.0)
+    with parts.part(3.0, "one", 1):
+        pass
+    parts.total = 10.0
+    for done in (75, 100):
+        with parts.part(3.5, "more", 1):
+            pass
+        assert track.done == done
