@@ -16,6 +16,7 @@ from lcbayes.inference.odds import facets, listed
 from lcbayes.summary import MIN_FIT
 
 CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
+ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
 LOST = 20.0  # nats below the best, error aside, from which a poor run does not matter
 
 # Columns of compare.csv, of each row of `candidates`, and what they are.
@@ -123,6 +124,14 @@ def _reasons(found: Compared, rows: list[dict[str, Any]], verdict: odds.Verdict)
             f"fit of the search, but the particles found a better one whose residuals are worth "
             f"{fits.information:.2g}: search longer with --num-starts"
         )
+    if found.path is not None:
+        behind = found.information * fits.best - found.path.best
+        if behind > ASTRAY:
+            yield (
+                f"the sparse path from {facets(found.path.upper_bound)} went astray: its best "
+                f"particle fits by {behind:.0f} nats worse than that of {facets(fits.n_facets)}; "
+                "take more particles with --num-particles"
+            )
     best = next(row for row in rows if row["n_facets"] == verdict.best)
     chi2, dof = best["chi2"], best["dof"]
     if chi2 is not None and dof > 0 and chi2_distribution.sf(chi2, dof) < MIN_FIT:

@@ -275,7 +275,7 @@ def _sparse_path(
         problem, data, key, settings.num_samples, 1, name="sparse", checkpoint=checkpoint,
         workers=workers, progress=progress,
     )  # fmt: skip
-    return sparse.path(problem, data, entry.facet_sites, found.z, weight)
+    return sparse.path(problem, data, entry.facet_sites, found, weight)
 
 
 def _cost(n_facets: int) -> float:

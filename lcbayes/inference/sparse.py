@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference import smc
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.problem import Problem
 
@@ -43,12 +44,15 @@ class SparsePath:
         Of the particles, by the number of facets that remain of them.
     n_facets : int
         The most frequent number.
+    best : float
+        ln likelihood of the best particle, as it was weighed: whether the path found a good fit.
     """
 
     upper_bound: int
     sparsity: float
     shares: dict[int, float]
     n_facets: int
+    best: float
 
 
 def weight(area: float) -> float:
@@ -61,9 +65,10 @@ def weight(area: float) -> float:
 
 
 def path(
-    problem: Problem, data: Epochs, sites: tuple[str, ...], z: Floats, sparsity: float
+    problem: Problem, data: Epochs, sites: tuple[str, ...], found: smc.Result, sparsity: float
 ) -> SparsePath:
-    """Thin out particles z (n, D) of the posterior under the sparse prior, each by itself."""
+    """Thin out particles of the posterior under the sparse prior, each by itself."""
+    z = found.z
     rows = z[np.linspace(0, len(z) - 1, min(LOOKED_AT, len(z))).round().astype(int)]
     index = problem.unravel(jnp.arange(float(problem.dim)))
     base = np.asarray(index["normals_base"], int)
@@ -78,7 +83,8 @@ def path(
     numbers, hits = np.unique(left, return_counts=True)
     shares = {int(n): float(h / len(left)) for n, h in zip(numbers, hits, strict=True)}
     n_facets = max(shares, key=lambda n: shares[n])
-    return SparsePath(FacetOrder(problem, sites).n_facets, sparsity, shares, n_facets)
+    start = FacetOrder(problem, sites).n_facets
+    return SparsePath(start, sparsity, shares, n_facets, float(found.log_likelihood.max()))
 
 
 def remaining(vectors: Floats, areas: Floats, covariance: Floats) -> int:

@@ -100,8 +100,19 @@ def test_residuals_cleaner_than_the_search_found_are_told():
     assert "--num-starts" in reason
 
 
+def test_a_path_that_went_astray_is_told():
+    """The best particle of four facets has 54; half of it where points count half."""
+    path = SparsePath(6, 0.1, {6: 1.0}, 6, 45.0)
+    assert summary(*THREE, path=path)["reasons"] == []
+    (reason,) = summary(*THREE, path=replace(path, best=14.0))["reasons"]
+    assert "the sparse path from 6 facets went astray" in reason
+    assert "40 nats worse than that of 4 facets" in reason
+    half = [replace(c, information=0.5) for c in THREE]
+    assert summary(*half, path=replace(path, best=20.0), information=0.5)["reasons"] == []
+
+
 def test_the_table():
-    path = SparsePath(6, 0.1, {3: 0.75, 4: 0.25}, 3)
+    path = SparsePath(6, 0.1, {3: 0.75, 4: 0.25}, 3, 50.0)
     bad = candidate(4, -2.0, loo=Loo(THREE[2].loo.elpd, np.r_[0.9, np.full(T - 1, 0.1)]))
     dark = candidate(2, -8.0, loo=Loo(np.ones(T), np.full(T, -np.inf)), chi2=None)
     lines = comparison.table(summary(dark, THREE[1], bad, path=path)).split("\n")

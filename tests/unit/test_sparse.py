@@ -7,7 +7,7 @@ import pytest
 import small
 
 from lcbayes._jax import jnp
-from lcbayes.inference import sparse
+from lcbayes.inference import smc, sparse
 
 AXES = np.eye(3)
 SD = 0.02
@@ -87,8 +87,9 @@ def test_particles_of_a_known_body(swap):
             for _ in range(6)
         ]
     )
-    found = sparse.path(problem, data, ("normals_base", "log_albedo_area"), z, 0.5)
-    assert found == sparse.SparsePath(4, 0.5, {2: 1.0}, 2)
+    run = smc.Result(z, np.arange(6.0), 0.0, [], 1, 0, 0.0)
+    found = sparse.path(problem, data, ("normals_base", "log_albedo_area"), run, 0.5)
+    assert found == sparse.SparsePath(4, 0.5, {2: 1.0}, 2, 5.0)
 
 
 def test_the_weight_costs_fifty_nats():
