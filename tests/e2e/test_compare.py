@@ -14,7 +14,7 @@ import lcbayes
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.cli import main
 from lcbayes.commands.compare import numbers
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED, InputError
 from lcbayes.io import write
 
 FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
@@ -30,8 +30,29 @@ def curve(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def result(curve) -> tuple[Path, int]:
-    out = curve.parent / "out"
-    return out, main(["compare", str(curve), "-o", str(out), *FEW])
+    """Folder and exit status of a run that is stopped once and goes on.
+
+    That it comes to the numbers of one that is not stopped is held by test_independent.py.
+    """
+    out, save, stored = curve.parent / "out", Checkpoint.save, []
+    command = ["compare", str(curve), "-o", str(out), *FEW]
+
+    def save_or_stop(self, name, arrays):
+        save(self, name, arrays)
+        stored.append(name)
+        if len(stored) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Checkpoint, "save", save_or_stop)
+        assert main(command) == EXIT_INTERRUPTED
+    assert stored == ["search-1", "search-2", "sparse-0"]
+    assert not (out / "compare.json").exists()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Checkpoint, "save", lambda _self, name, _arrays: stored.append(name))
+        status = main(command)
+    assert stored[3:] == [f"facets-{n}-run-{i}" for n in (1, 2) for i in (0, 1)]
+    return out, status
 
 
 def test_what_is_written(result, curve):
@@ -63,33 +84,6 @@ def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     data = Epochs.of(lcbayes.read(curve))
     exact = one_facet.Quadrature.of(data).log_evidence(data)
     assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
-
-
-def test_a_stopped_run_goes_on_to_the_same_numbers(result, curve, monkeypatch, capsys):
-    out = curve.parent / "broken"
-    save, stored = Checkpoint.save, []
-
-    def save_or_stop(self, name, arrays):
-        save(self, name, arrays)
-        stored.append(name)
-        if len(stored) == 4:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Checkpoint, "save", save_or_stop)
-        main(["compare", str(curve), "-o", str(out), *FEW])
-    assert stored == ["search-1", "search-2", "sparse-0", "facets-1-run-0"]
-    assert not (out / "compare.json").exists()
-    capsys.readouterr()
-    main(["compare", str(curve), "-o", str(out), *FEW, "--no-report"])
-    assert "resuming the run" in capsys.readouterr().err
-    one, two = (json.loads((d / "compare.json").read_text()) for d in (result[0], out))
-    for key in ("conclusion", "information_per_point", "reasons"):
-        assert one[key] == two[key]
-    for a, b in zip(one["candidates"], two["candidates"], strict=True):
-        assert {k: v for k, v in a.items() if k != "seconds"} == {
-            k: v for k, v in b.items() if k != "seconds"
-        }
 
 
 def test_the_sparse_path(result):
