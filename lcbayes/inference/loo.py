@@ -13,6 +13,7 @@ Floats = NDArray[np.float64]
 
 ALIKE = 1e-9  # log weights that differ by less are the same but for rounding
 SHORTEST = 5  # draws of a tail that a Pareto distribution can be fitted to
+LITTLE = 0.01  # share of the weight that a few draws may have whatever their tail is like
 BAD_K = 0.7  # Pareto k above which an epoch's value cannot be relied on
 
 
@@ -20,7 +21,7 @@ class Loo(NamedTuple):
     """Of each epoch, (T,)."""
 
     elpd: Floats  # ln p(y_i | the others)
-    khat: Floats  # Pareto k; -inf where all weights of the tail are the same, inf where unknown
+    khat: Floats  # Pareto k; -inf where the weights have no tail, inf where it is unknown
 
 
 class Stacked(NamedTuple):
@@ -40,7 +41,8 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     An epoch at which the body is dark has the same likelihood for all draws, or for all draws of
     the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
     are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
-    many draws that their weight reaches into the tail, only what lies above it is the tail.
+    many draws that their weight reaches into the tail, only what lies above it is the tail; if that
+    is less than five draws k is unknown, unless they hold less than 1 % of the weight.
 
     Parameters
     ----------
@@ -63,6 +65,9 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
         here = ~alike & (above == n)
         log_weight[:, here], khat[here] = _smoothed(ratio[:, here], int(n))
     log_weight -= np.logaddexp.reduce(log_weight, axis=0)
+    few = (above < SHORTEST) & (len(ratio) >= 5 * SHORTEST)
+    held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + ALIKE)
+    khat[few & (held < LITTLE)] = -np.inf
     return Loo(np.logaddexp.reduce(log_weight + log_likelihood, axis=0), khat)
 
 

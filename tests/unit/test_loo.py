@@ -89,6 +89,13 @@ def test_where_nothing_is_known_of_the_tail():
         assert found.elpd[0] == pytest.approx(by_hand, rel=1e-9)
 
 
+def test_a_few_draws_of_little_weight_are_no_tail():
+    light = np.r_[np.full(497, -4.0), -4.1, -4.1, -4.2][:, None]
+    found = loo(light)
+    assert np.isneginf(found.khat[0])
+    assert found.elpd[0] == pytest.approx(-np.log(np.mean(np.exp(-light))), rel=1e-12)
+
+
 def made(elpd) -> Loo:
     return Loo(np.asarray(elpd), np.zeros(len(elpd)))
 
