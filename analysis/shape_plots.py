@@ -12,7 +12,9 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import FAINT, Gallery, Image, colour
 from lcbayes.errors import InputError
-from lcbayes.shape import Polyhedron, close, closure, minkowski
+from lcbayes.physics.closure import close, closure
+from lcbayes.polyhedron import Polyhedron
+from lcbayes.shape import minkowski
 
 Floats = NDArray[np.float64]
 
@@ -82,19 +84,15 @@ def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]
             f"The facets do not close (gap {gap:.2f} of their total area, at most {CLOSED} is "
             "needed), so no convex body has them."
         )
-    closed = close(normals, areas)
-    if np.any(closed < 0):
-        return None, "The facets do not close, so no convex body has them."
     try:
-        return minkowski(normals, closed), ""
+        return minkowski(normals, close(normals, areas)), ""
     except InputError as fault:
         return None, f"No convex body was found ({fault})."
 
 
 def _proportions(body: Polyhedron) -> str:
-    """Extents along the principal axes of the vertices, shortest = 1."""
-    _, _, axes = np.linalg.svd(body.vertices - body.vertices.mean(axis=0), full_matrices=False)
-    extent = np.sort(np.ptp(body.vertices @ axes.T, axis=0))[::-1]
+    """Extents along the principal axes of inertia, shortest = 1."""
+    extent = np.sort(body.dimensions)[::-1]
     return " : ".join(f"{x / extent[-1]:.2f}" for x in extent)
 
 

@@ -5,65 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.errors import InputError
+from lcbayes.physics.closure import close, closure
+from lcbayes.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-# Facets below this fraction of the mean area are left out: they change the body by less than its
-# picture can show, and make the equations stiff.
-SMALLEST = 1e-4
+# Facets below this fraction of the mean area are left out: they change the body by less than any
+# light curve can show, and make the equations stiff.
+SMALLEST = 1e-8
+ALIKE = 1e-7  # rad; facets closer than this are one
+OPEN = 1e-6  # |Σ A n|/Σ A up to which facets count as closed
+FLAT = 1e-10  # of Σ A n nᵀ's eigenvalues, smallest to largest: below, the body has no thickness
+PRECISE = 1e-10  # error of each area, relative to it, at which the iteration ends
+FOUND = 1e-6  # error relative to the mean area up to which a body counts as found
+MAX_STEPS = 200  # of Newton's; a few dozen do
 
 
-@dataclass(frozen=True)
-class Polyhedron:
-    """A convex polyhedron, centroid at the origin.
-
-    Attributes
-    ----------
-    vertices : (V, 3)
-        In the square root of the unit of the areas.
-    faces : list of (k,) int
-        Indices into ``vertices``, counter-clockwise seen from outside.
-    facet : (F,) int
-        Which of the given facets each face is; facets of negligible area have none.
-    areas : (N,)
-        Areas of the faces of this body, 0 where a facet has none.
-    volume : float
-    """
-
-    vertices: Floats
-    faces: list[NDArray[np.integer]]
-    facet: NDArray[np.integer]
-    areas: Floats
-    volume: float
-
-    def obj(self, comment: str = "") -> str:
-        """Wavefront OBJ text."""
-        lines = [f"# {line}" for line in comment.splitlines()]
-        lines += ["v {:.9g} {:.9g} {:.9g}".format(*v) for v in self.vertices]
-        lines += ["f " + " ".join(str(i + 1) for i in face) for face in self.faces]
-        return "\n".join(lines) + "\n"
-
-
-def closure(normals: Floats, areas: Floats) -> float:
-    """How far facets are from closing: |Σ Aᵢ nᵢ| / Σ Aᵢ, 0 for every closed body."""
-    return float(np.linalg.norm(areas @ normals) / np.sum(areas))
-
-
-def close(normals: Floats, areas: Floats) -> Floats:
-    """The areas Aᵢ(1 − λ·nᵢ), of the one λ for which Σ Aᵢ nᵢ = 0; may be negative if far from it.
-
-    It is the smallest change of the areas, each weighed by its size.
-    """
-    tensor = np.einsum("n,ni,nj->ij", areas, normals, normals)
-    return areas * (1.0 - normals @ np.linalg.solve(tensor, areas @ normals))
-
-
-def minkowski(
-    normals: Floats, areas: Floats, tolerance: float = 1e-6, max_steps: int = 200
-) -> Polyhedron:
+def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
     """The convex polyhedron with these outward unit normals and facet areas.
 
     Minimises the convex function Σ Aᵢ hᵢ − log V(h) of the support distances h by damped Newton
@@ -74,16 +35,22 @@ def minkowski(
     iteration converge from the ball. Minkowski's theorem says that the body exists and is unique
     (up to a shift) exactly when the facets close and do not lie in one plane.
 
+    The body solved for is the affine image whose facets face all ways equally, Σ A n nᵀ ∝ 1: area
+    vectors w = A n map by w → B w as points map by x → √(det B) B⁻ᵀ x. So a thin plate is as easy
+    as a cube. Facets whose normals agree to 10⁻⁷ rad are merged; they share their face's area as
+    given. Facets below 10⁻⁸ of the mean area are left out.
+
     Parameters
     ----------
     normals : (N, 3)
-        Outward unit normals, no two alike.
+        Outward unit normals, body frame.
     areas : (N,)
-        Not negative. They must close to 10⁻⁶ of their sum (see `close`).
-    tolerance : float
-        Largest error of an area allowed, relative to the mean area.
-    max_steps : int
-        Newton steps; a few dozen do.
+        Not negative. They must close to 10⁻⁶ of their sum (see `physics.closure.close`).
+    Returns
+    -------
+    Polyhedron
+        Each area right to 10⁻¹⁰, relative to it, or to where rounding stops the iteration: no area
+        is wrong by more than 10⁻⁶ of the mean area.
 
     Raises
     ------
@@ -94,30 +61,100 @@ def minkowski(
     ----------
     Minkowski 1897; Little 1983, *An iterative method for reconstructing convex polyhedra from
     extended Gaussian images*. Kitagawa, Mérigot & Thibert 2019, *Convergence of a Newton algorithm
-    for semi-discrete optimal transport* (the damping). Schneider, *Convex Bodies*, ch. 8.
+    for semi-discrete optimal transport* (the damping). Petty 1961, *Surface area of a convex body
+    under affine transformations* (the image). Schneider, *Convex Bodies*, ch. 8.
     """
-    if np.any(areas < 0):
-        raise InputError(f"an area is negative ({np.min(areas):.3g}), so no convex body has it")
-    gap = closure(normals, areas)
-    if not gap <= 1e-6:
+    normals, given = _checked(normals, areas)
+    merged, group = _merge(normals)
+    area = np.bincount(group, given)
+    kept = np.flatnonzero(area > SMALLEST * np.mean(area))
+    closed = close(merged[kept], area[kept])  # those left out have opened it a little
+    vectors, back = _isotropic(merged[kept] * closed[:, None])
+    target = np.linalg.norm(vectors, axis=1)
+    n = vectors / target[:, None]
+    total = target.sum()
+    body = _solve(n, target / total)
+    vertices, faces = _faces(n, body)
+    back = back * np.sqrt(total / body.areas.sum())
+    found = np.linalg.norm((n * body.areas[:, None]) @ _cofactor(back).T, axis=1)
+    kept_faces = [i for i, f in enumerate(faces) if len(f)]
+    first = np.array([np.flatnonzero(group == k)[0] for k in kept])
+    face_area = np.zeros(len(merged))
+    face_area[kept] = found
+    return Polyhedron(
+        vertices=(vertices - body.centroid) @ back.T,
+        faces=[faces[i] for i in kept_faces],
+        facet=first[kept_faces],
+        areas=face_area[group] * given / np.where(area > 0, area, 1.0)[group],
+        volume=body.volume * float(np.linalg.det(back)),
+    )
+
+
+def _checked(normals: ArrayLike, areas: ArrayLike) -> tuple[Floats, Floats]:
+    n, a = np.asarray(normals, float), np.asarray(areas, float)
+    if n.ndim != 2 or n.shape[1] != 3 or a.shape != n.shape[:1]:
+        raise InputError(f"normals {n.shape} and areas {a.shape}; expected (N, 3) and (N,)")
+    if not (np.all(np.isfinite(n)) and np.all(np.isfinite(a))):
+        raise InputError("a facet's normal or area is not finite; remove it")
+    if np.any(np.abs(np.linalg.norm(n, axis=1) - 1.0) > 1e-6):
+        raise InputError("a facet's normal is not of unit length; divide normals by their lengths")
+    if np.any(a < 0):
+        raise InputError(f"an area is negative ({np.min(a):.3g}), so no convex body has it")
+    if not np.any(a > 0):
+        raise InputError("no facet has an area, so no convex body has them")
+    gap = closure(n, a)
+    if not gap <= OPEN:
         raise InputError(
-            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2g} exceeds 1e-6, "
+            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2g} exceeds {OPEN:g}, "
             "so no convex body has them (Minkowski)"
         )
-    kept = np.flatnonzero(areas > SMALLEST * np.mean(areas))
-    n = normals[kept]
-    if np.linalg.matrix_rank(n, tol=1e-6) < 3:
-        raise InputError("facets lie in one plane, so no convex body has them (Minkowski)")
-    target = close(n, areas[kept])  # the small ones left out have opened it a little
-    target = target / target.sum()
+    return n, a
 
-    h = np.ones(len(n))
+
+def _merge(normals: Floats) -> tuple[Floats, NDArray[np.integer]]:
+    """Mean normals of facets that face the same way, (M, 3), and which of them each is of, (N,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(normals).query_pairs(ALIKE, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(normals),) * 2)
+    count, group = connected_components(links, directed=False)
+    mean = np.zeros((count, 3))
+    np.add.at(mean, group, normals)
+    return mean / np.linalg.norm(mean, axis=1, keepdims=True), group
+
+
+def _isotropic(vectors: Floats) -> tuple[Floats, Floats]:
+    """Area vectors (N, 3) of the affine image with Σ A n nᵀ ∝ 1, and the map back of its points."""
+    image, total = vectors, np.eye(3)
+    for _ in range(100):
+        length = np.linalg.norm(image, axis=1)
+        tensor = 3.0 / length.sum() * (image / length[:, None]).T @ image
+        values, axes = np.linalg.eigh(tensor)
+        if values[0] < FLAT * values[2]:
+            raise InputError("facets lie in one plane, so no convex body has them (Minkowski)")
+        if values[2] - values[0] < 1e-3:
+            break
+        step = axes @ np.diag(values**-0.5) @ axes.T
+        image, total = image @ step, step @ total
+    return image, total.T / np.sqrt(np.linalg.det(total))
+
+
+def _cofactor(matrix: Floats) -> Floats:
+    """What area vectors are multiplied by where points are multiplied by ``matrix``."""
+    return np.linalg.det(matrix) * np.linalg.inv(matrix).T
+
+
+def _solve(n: Floats, target: Floats) -> _Cut:
+    """The polyhedron, of any size, with areas in proportion to ``target``, which sums to one."""
+    h = np.full(len(n), 3.0)  # the ball with Σ a = V, as at the minimum
     body = _cut(n, h)
     # No facet may be lost on the way: a plane that passes the body by has no slope towards it.
     least = 0.5 * min(np.min(body.areas / body.areas.sum()), np.min(target))
-    for _ in range(max_steps):
+    for _ in range(MAX_STEPS):
         gradient = target - body.areas / body.volume
-        if np.max(np.abs(body.areas / body.areas.sum() - target)) < tolerance / len(n):
+        if np.all(np.abs(body.areas / body.areas.sum() - target) < PRECISE * target):
             break
         step = _newton_step(n, body, gradient)
         size = 1.0
@@ -136,19 +173,9 @@ def minkowski(
         h = trial - n @ new.centroid  # keep the origin well inside
         body = _cut(n, h)
     error = np.max(np.abs(body.areas / body.areas.sum() - target)) * len(n)
-    if error > 1e-3:
+    if not error <= FOUND:
         raise InputError(f"the shape was not found: an area is off by {error:.2g} of the mean area")
-    vertices, faces = _faces(n, body)
-    scale = np.sqrt(areas.sum() / body.areas.sum())
-    full = np.zeros(len(normals))
-    full[kept] = body.areas * scale**2
-    return Polyhedron(
-        vertices=(vertices - body.centroid) * scale,
-        faces=[f for f in faces if len(f)],
-        facet=kept[[i for i, f in enumerate(faces) if len(f)]],
-        areas=full,
-        volume=body.volume * scale**3,
-    )
+    return body
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.errors import InputError
+from lcbayes.physics.closure import close
 
 Floats = NDArray[np.float64]
 
@@ -112,7 +113,8 @@ def sphere(radius: float = 0.5, n: int = 200) -> Body:
     from lcbayes.physics.facets import grid
 
     normals = grid(n)
-    return body(normals, _close(normals, np.full(n, 4.0 * np.pi * radius**2 / n)))
+    areas = close(normals, np.full(n, 1.0 / n))
+    return body(normals, 4.0 * np.pi * radius**2 * areas / areas.sum())
 
 
 def plate(x: float = 1.0, y: float = 1.0) -> Body:
@@ -171,19 +173,6 @@ def shape(name: str, **sizes: float) -> Body:
         return SHAPES[name](**sizes)
     except TypeError as fault:
         raise InputError(f"shape {name!r} cannot be made with {sizes}: {fault}") from None
-
-
-def closure(normals: ArrayLike, areas: ArrayLike) -> float:
-    """|Σ A n| / Σ A: zero for a closed surface."""
-    a = np.asarray(areas, float)
-    return float(np.linalg.norm(a @ np.asarray(normals, float)) / a.sum())
-
-
-def _close(normals: Floats, areas: Floats) -> Floats:
-    """The nearest areas (least squares) for which Σ A n = 0, of the same total."""
-    condition = np.column_stack([normals, np.ones(len(normals))])
-    excess = np.append(areas @ normals, 0.0)
-    return areas - condition @ np.linalg.solve(condition.T @ condition, excess)
 
 
 def read_obj(path: str | Path) -> Body:

@@ -7,6 +7,7 @@ import scipy.special
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.physics import facets, shapes
+from lcbayes.physics.closure import closure
 
 CUBE = """# a unit cube
 o box
@@ -40,7 +41,7 @@ def test_bodies_close_and_are_well_formed(name):
     np.testing.assert_allclose(np.linalg.norm(b.normals, axis=1), 1.0, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(b.u_axes, axis=1), 1.0, atol=1e-14)
     np.testing.assert_allclose(np.sum(b.normals * b.u_axes, axis=1), 0.0, atol=1e-14)
-    assert shapes.closure(b.normals, b.areas) < 1e-14
+    assert closure(b.normals, b.areas) < 1e-14
 
 
 def test_areas_are_those_of_the_bodies():
@@ -54,7 +55,7 @@ def test_areas_are_those_of_the_bodies():
     np.testing.assert_allclose(
         wing.normals[wing.labels.index("panel")], [np.sqrt(0.75), 0, -0.5], atol=1e-15
     )
-    assert shapes.closure(np.eye(3), np.ones(3)) == pytest.approx(np.sqrt(3) / 3)
+    assert closure(np.eye(3), np.ones(3)) == pytest.approx(np.sqrt(3) / 3)
 
 
 def test_sphere_areas_stay_nearly_equal():
@@ -78,7 +79,7 @@ def test_reads_obj_with_polygons_negative_indices_and_materials(tmp_path):
         b.normals, [[0, 0, -1], [0, 0, 1], [0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0]], atol=1e-15
     )
     assert b.labels == ("box", "box", "panel", "panel", "panel", "panel")
-    assert shapes.closure(b.normals, b.areas) < 1e-15
+    assert closure(b.normals, b.areas) < 1e-15
 
 
 def test_obj_round_trip(tmp_path):

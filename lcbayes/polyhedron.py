@@ -1,0 +1,93 @@
+"""A convex polyhedron: volume, dimensions, moments of inertia, and its OBJ and PLY files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Polyhedron:
+    """A convex polyhedron, centroid at the origin.
+
+    Attributes
+    ----------
+    vertices : (V, 3)
+        In the square root of the unit of the areas (m for m²), body frame.
+    faces : list of (k,) int
+        Indices into ``vertices``, counter-clockwise seen from outside.
+    facet : (F,) int
+        Which of the given facets each face is; facets of negligible area have none.
+    areas : (N,)
+        Areas that the given facets have on this body, 0 where a facet has no face.
+    volume : float
+    """
+
+    vertices: Floats
+    faces: list[NDArray[np.integer]]
+    facet: NDArray[np.integer]
+    areas: Floats
+    volume: float
+
+    @cached_property
+    def inertia(self) -> Floats:
+        """Tensor of inertia about the centroid over the mass, uniform density, (3, 3) m².
+
+        I/M = tr(C) 1 − C with C = ∫ x xᵀ dV / V. A tetrahedron from the origin over the triangle
+        (a, b, c) has ∫ x xᵀ dV = v/20 (a aᵀ + b bᵀ + c cᵀ + s sᵀ), s = a + b + c, v its volume.
+        """
+        second, volume = np.zeros((3, 3)), 0.0
+        for a, b, c in self._triangles():
+            corners = np.stack([a, b, c, a + b + c])
+            v = float(np.linalg.det(corners[:3])) / 6.0
+            second += v / 20.0 * corners.T @ corners
+            volume += v
+        second /= volume
+        return np.trace(second) * np.eye(3) - second
+
+    @cached_property
+    def principal(self) -> tuple[Floats, Floats]:
+        """Principal moments over the mass, smallest first, (3,) m², and axes, rows of (3, 3).
+
+        The rows are right-handed, in the body frame. The first axis is the longest one of the body.
+        """
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes = axes.T
+        axes *= np.sign(axes[np.arange(3), np.argmax(np.abs(axes), axis=1)])[:, None]
+        return moments, axes * [[1.0], [1.0], [np.linalg.det(axes)]]
+
+    @property
+    def dimensions(self) -> Floats:
+        """Extents along the principal axes of inertia, in their order, (3,) m."""
+        return np.ptp(self.vertices @ self.principal[1].T, axis=0)
+
+    def _triangles(self) -> Iterator[Floats]:
+        for face in self.faces:
+            for i in range(1, len(face) - 1):
+                yield self.vertices[face[[0, i, i + 1]]]
+
+    def obj(self, comment: str = "") -> str:
+        """Wavefront OBJ text."""
+        lines = [f"# {line}" for line in comment.splitlines()]
+        lines += ["v {:.9g} {:.9g} {:.9g}".format(*v) for v in self.vertices]
+        lines += ["f " + " ".join(str(i + 1) for i in face) for face in self.faces]
+        return "\n".join(lines) + "\n"
+
+    def ply(self, comment: str = "") -> str:
+        """Stanford PLY text (ASCII 1.0), a list of vertex indices for each face."""
+        lines = ["ply", "format ascii 1.0"]
+        lines += [f"comment {line}" for line in comment.splitlines()]
+        lines += [f"element vertex {len(self.vertices)}"]
+        lines += [f"property double {axis}" for axis in "xyz"]
+        count = "uchar" if max(map(len, self.faces)) < 256 else "int"
+        lines += [f"element face {len(self.faces)}", f"property list {count} int vertex_indices"]
+        lines += ["end_header"]
+        lines += ["{:.9g} {:.9g} {:.9g}".format(*v) for v in self.vertices]
+        lines += [f"{len(face)} " + " ".join(map(str, face)) for face in self.faces]
+        return "\n".join(lines) + "\n"
