@@ -1,0 +1,242 @@
+"""From a grid to the few facets that explain a light curve: refine, merge, leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.albedo_area.distribution import Distribution, solve
+from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
+from lcbayes.albedo_area.observed import Observed
+
+Floats = NDArray[np.float64]
+
+LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees to 0.15
+RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
+NEGLIGIBLE = 1e-6  # of Σα
+MAX_STEPS = 40
+
+
+@dataclass(frozen=True)
+class Facets(Distribution):
+    """A distribution of few facets, with what the noise leaves open.
+
+    Attributes
+    ----------
+    covariance : (n, 3, n, 3) m⁴
+        Of the area vectors αᵢ nᵢ, from the curvature of χ²; scales are marginalised.
+    """
+
+    covariance: Floats
+
+    @property
+    def area_sd(self) -> Floats:
+        """Standard deviation of each albedo-area, (n,) m²."""
+        own = np.einsum("iaib->iab", self.covariance)
+        return np.sqrt(np.einsum("ia,iab,ib->i", self.normals, own, self.normals))
+
+    @property
+    def direction_sd(self) -> Floats:
+        """Standard deviation of each normal in one of the two ways across it, (n,) rad."""
+        own = np.einsum("iaia->i", self.covariance)
+        return np.sqrt(np.maximum(own - self.area_sd**2, 0.0) / 2.0) / self.areas
+
+
+def refine(
+    seen: Observed, coarse: Distribution, matrix: Floats, materials: Sequence[Material]
+) -> Distribution:
+    """The distribution on normals that are free to move: the grid, made finer where needed.
+
+    Six candidates about each normal that carries area are added to the grid, at 0.6 of its
+    spacing, and all is solved again; then at half the distance about what carries area then, and so
+    on. Each step is the same convex problem on more columns, so that χ² falls, and no start of a
+    search has to be right.
+
+    Parameters
+    ----------
+    coarse : Distribution
+        On the grid, with ``matrix`` (T, n) its columns.
+    """
+    spacing = np.sqrt(4.0 * np.pi / np.sum(coarse.which == 0))
+    found = coarse
+    for level in range(LEVELS):
+        kept = found.areas > 0
+        around = _around(found.normals[kept], 0.6 * spacing / 2**level)
+        normals = np.concatenate([found.normals[kept], around])
+        which = np.concatenate([found.which[kept], np.repeat(found.which[kept], NEIGHBOURS)])
+        more = columns(seen, normals, which, materials)
+        found = solve(
+            seen,
+            np.concatenate([coarse.normals, normals]),
+            np.concatenate([coarse.which, which]),
+            np.hstack([matrix, more]),
+            start=found,
+        )
+    kept = found.areas > NEGLIGIBLE * found.areas.sum()
+    return Distribution(
+        found.normals[kept], found.which[kept], found.areas[kept],
+        found.scale, found.flux, found.chi2,
+    )  # fmt: skip
+
+
+NEIGHBOURS = 6
+
+
+def _around(normals: Floats, angle: float) -> Floats:
+    """Six directions about each, (6n, 3): those of one normal follow each other."""
+    helper = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    u = np.cross(normals, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(normals, u)
+    turn = 2.0 * np.pi * np.arange(NEIGHBOURS)[:, None] / NEIGHBOURS
+    ring = np.cos(turn) * u[:, None] + np.sin(turn) * v[:, None]
+    return (np.cos(angle) * normals[:, None] + np.sin(angle) * ring).reshape(-1, 3)
+
+
+def few(
+    seen: Observed,
+    fine: Distribution,
+    materials: Sequence[Material] = (LAMBERTIAN,),
+    cost: float | None = None,
+) -> Facets:
+    """The facets worth their cost: those that are close merge, those that add little go.
+
+    Minimises χ² + cost × number of facets, over merging all of one material within each of `RADII`
+    (average linkage), each time moving normals and areas to the least χ² (Levenberg-Marquardt in
+    the area vectors αn); then the facet whose loss would raise χ² least goes, as long as the sum
+    falls.
+
+    Parameters
+    ----------
+    fine : Distribution
+        From `refine`, or on a grid.
+    cost : float
+        What a facet must lower χ² by. Default: 3 ln T, that of three parameters by the Bayesian
+        information criterion (Schwarz 1978).
+
+    Returns
+    -------
+    Facets
+    """
+    cost = 3.0 * np.log(len(seen.flux)) if cost is None else cost
+    best, value = None, np.inf
+    for radius in RADII:
+        found = _settle(seen, *_merged(fine, radius), fine.scale, materials)
+        total = found.chi2 + cost * len(found.areas)
+        if total < value:
+            best, value = found, total
+    assert best is not None
+    while len(best.areas) > 1:
+        weakest = np.argmin(_loss(best))
+        kept = np.arange(len(best.areas)) != weakest
+        vectors = (best.areas[:, None] * best.normals)[kept]
+        found = _settle(seen, vectors, best.which[kept], best.scale, materials)
+        total = found.chi2 + cost * len(found.areas)
+        if total >= value:
+            break
+        best, value = found, total
+    return best
+
+
+def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.integer]]:
+    """Area vectors of facets merged within an angle, and their materials."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    vectors, which = [], []
+    for m in np.unique(fine.which):
+        here = fine.which == m
+        normals, areas = fine.normals[here], fine.areas[here]
+        group = np.ones(len(areas), int)
+        if len(areas) > 1:
+            reach = 2.0 * np.sin(np.radians(degrees) / 2.0)
+            group = fcluster(linkage(normals, "average"), reach, "distance")
+        for g in np.unique(group):
+            total = areas[group == g] @ normals[group == g]
+            vectors.append(areas[group == g].sum() * total / np.linalg.norm(total))
+            which.append(m)
+    return np.array(vectors), np.array(which)
+
+
+def _loss(found: Facets) -> Floats:
+    """What χ² would rise by without each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
+    vectors = found.areas[:, None] * found.normals
+    own = np.einsum("iaib->iab", found.covariance)
+    return np.einsum("ia,iab,ib->i", vectors, np.linalg.inv(own), vectors)
+
+
+def _settle(
+    seen: Observed,
+    vectors: Floats,
+    which: NDArray[np.integer],
+    scale: Floats,
+    materials: Sequence[Material],
+) -> Facets:
+    """The least χ² near these area vectors w = αn, by Levenberg-Marquardt.
+
+    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]: smooth without bounds, as an area that
+    shrinks to nothing has no direction.
+    """
+    free = np.flatnonzero(seen.free)
+    n = len(vectors)
+
+    def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
+        vectors = parameters[: 3 * n].reshape(n, 3)
+        areas = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
+        normals = vectors / areas[:, None]
+        value, slope = slopes(seen, normals, which, materials)
+        by = value[:, :, None] * normals + slope
+        by -= np.sum(slope * normals, axis=2, keepdims=True) * normals
+        every = np.ones(len(seen.free))
+        every[free] = parameters[3 * n :]
+        of = every[seen.curve]
+        model = value @ areas
+        jacobian = np.hstack(
+            [
+                of[:, None] * by.reshape(len(model), -1),
+                np.where(seen.curve[:, None] == free, model[:, None], 0.0),
+            ]
+        ) / seen.error[:, None]
+        residual = (seen.flux - of * model) / seen.error
+        chi2 = float(residual @ residual)
+        return Distribution(normals, which, areas, every, of * model, chi2), jacobian, residual
+
+    here = np.concatenate([vectors.ravel(), scale[free]])
+    found, jacobian, residual = evaluated(here)
+    damping = 1e-3
+    for _ in range(MAX_STEPS):
+        normal = jacobian.T @ jacobian
+        ridge = np.diag(damping * np.maximum(np.diag(normal), 1e-12 * np.trace(normal) / len(here)))
+        step = np.linalg.solve(normal + ridge, jacobian.T @ residual)
+        new = evaluated(here + step)
+        if new[0].chi2 < found.chi2:
+            settled = found.chi2 - new[0].chi2 < 1e-4
+            here = here + step
+            found, jacobian, residual = new
+            damping = max(damping / 5.0, 1e-9)
+            if settled:
+                break
+        else:
+            damping *= 4.0
+            if damping > 1e6:
+                break
+    kept = found.areas > NEGLIGIBLE * found.areas.sum()
+    if not np.all(kept):
+        vectors = found.areas[:, None] * found.normals
+        return _settle(seen, vectors[kept], which[kept], found.scale, materials)
+    return _with_covariance(seen, found, jacobian)
+
+
+def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> Facets:
+    n, count = len(found.areas), jacobian.shape[1]
+    areas, scale = found.areas, found.scale
+    normal = jacobian.T @ jacobian
+    if np.all(seen.free):  # size and scales are one: hold the mean of the scales
+        gauge = np.concatenate([np.zeros(3 * n), np.ones(count - 3 * n) / len(scale)])
+        normal = normal + 1e8 * np.outer(gauge, gauge)
+        areas, scale = areas * scale.mean(), scale / scale.mean()
+    covariance = np.linalg.pinv(normal, rcond=1e-14, hermitian=True)[: 3 * n, : 3 * n]
+    covariance = covariance.reshape(n, 3, n, 3)
+    return Facets(found.normals, found.which, areas, scale, found.flux, found.chi2, covariance)
