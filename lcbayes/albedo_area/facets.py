@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.albedo_area.distribution import Distribution, solve
+from lcbayes.albedo_area.distribution import GAUGE, Distribution, solve
 from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
 from lcbayes.albedo_area.observed import Observed
 
@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 
 LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees to 0.15
 RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
+NEIGHBOURS = 6
 NEGLIGIBLE = 1e-6  # of Σα
 MAX_STEPS = 40
 
@@ -80,9 +81,6 @@ def refine(
         found.normals[kept], found.which[kept], found.areas[kept],
         found.scale, found.flux, found.chi2,
     )  # fmt: skip
-
-
-NEIGHBOURS = 6
 
 
 def _around(normals: Floats, angle: float) -> Floats:
@@ -174,36 +172,15 @@ def _settle(
     scale: Floats,
     materials: Sequence[Material],
 ) -> Facets:
-    """The least χ² near these area vectors w = αn, by Levenberg-Marquardt.
-
-    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]: smooth without bounds, as an area that
-    shrinks to nothing has no direction.
-    """
-    free = np.flatnonzero(seen.free)
+    """The least χ² near these area vectors, by Levenberg-Marquardt."""
     n = len(vectors)
 
     def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
-        vectors = parameters[: 3 * n].reshape(n, 3)
-        areas = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
-        normals = vectors / areas[:, None]
-        value, slope = slopes(seen, normals, which, materials)
-        by = value[:, :, None] * normals + slope
-        by -= np.sum(slope * normals, axis=2, keepdims=True) * normals
         every = np.ones(len(seen.free))
-        every[free] = parameters[3 * n :]
-        of = every[seen.curve]
-        model = value @ areas
-        jacobian = np.hstack(
-            [
-                of[:, None] * by.reshape(len(model), -1),
-                np.where(seen.curve[:, None] == free, model[:, None], 0.0),
-            ]
-        ) / seen.error[:, None]
-        residual = (seen.flux - of * model) / seen.error
-        chi2 = float(residual @ residual)
-        return Distribution(normals, which, areas, every, of * model, chi2), jacobian, residual
+        every[seen.free] = parameters[3 * n :]
+        return linear(seen, parameters[: 3 * n].reshape(n, 3), which, every, materials)
 
-    here = np.concatenate([vectors.ravel(), scale[free]])
+    here = np.concatenate([vectors.ravel(), scale[seen.free]])
     found, jacobian, residual = evaluated(here)
     damping = 1e-3
     for _ in range(MAX_STEPS):
@@ -229,13 +206,54 @@ def _settle(
     return _with_covariance(seen, found, jacobian)
 
 
+def linear(
+    seen: Observed,
+    vectors: Floats,
+    which: NDArray[np.integer],
+    scale: Floats,
+    materials: Sequence[Material],
+) -> tuple[Distribution, Floats, Floats]:
+    """Model, Jacobian and residual, in units of the errors, at area vectors w = αn (n, 3).
+
+    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]: smooth without bounds, as an area that
+    shrinks to nothing has no direction. Free scales follow the area vectors as parameters.
+
+    Returns
+    -------
+    Distribution
+    jacobian : (T, 3n + free scales)
+    residual : (T,)
+        (f − model)/σ.
+    """
+    areas = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
+    normals = vectors / areas[:, None]
+    value, slope = slopes(seen, normals, which, materials)
+    by = value[:, :, None] * normals + slope
+    by -= np.sum(slope * normals, axis=2, keepdims=True) * normals
+    of, model = scale[seen.curve], value @ areas
+    by_scale = np.where(seen.curve[:, None] == np.flatnonzero(seen.free), model[:, None], 0.0)
+    jacobian = np.hstack([of[:, None] * by.reshape(len(model), -1), by_scale])
+    residual = (seen.flux - of * model) / seen.error
+    chi2 = float(residual @ residual)
+    found = Distribution(normals, which, areas, scale, of * model, chi2)
+    return found, jacobian / seen.error[:, None], residual
+
+
+def held(seen: Observed, count: int) -> Floats:
+    """Row (count,) that holds the mean of the scales where all are free: size and scales are one."""
+    row = np.zeros(count)
+    if np.all(seen.free):
+        row[-len(seen.free) :] = GAUGE / len(seen.free)
+    return row
+
+
 def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> Facets:
     n, count = len(found.areas), jacobian.shape[1]
     areas, scale = found.areas, found.scale
     normal = jacobian.T @ jacobian
-    if np.all(seen.free):  # size and scales are one: hold the mean of the scales
-        gauge = np.concatenate([np.zeros(3 * n), np.ones(count - 3 * n) / len(scale)])
-        normal = normal + 1e8 * np.outer(gauge, gauge)
+    row = held(seen, count)
+    normal += np.outer(row, row) * np.trace(normal) / count
+    if np.all(seen.free):
         areas, scale = areas * scale.mean(), scale / scale.mean()
     covariance = np.linalg.pinv(normal, rcond=1e-14, hermitian=True)[: 3 * n, : 3 * n]
     covariance = covariance.reshape(n, 3, n, 3)
