@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.albedo_area import nnls
-from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns
+from lcbayes.albedo_area.kernel import LAMBERTIAN, Material
 from lcbayes.albedo_area.observed import Observed
 from lcbayes.errors import InputError
 from lcbayes.physics import facets

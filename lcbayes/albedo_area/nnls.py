@@ -127,9 +127,7 @@ def _polished(g, c, x, z):
     positive = x > z
     both = positive[:, None] & positive
     masked = jnp.where(both, g, 0.0) + jnp.diag(jnp.where(positive, 0.0, 1.0))
-    y = jax.scipy.linalg.cho_solve(
-        jax.scipy.linalg.cho_factor(masked), jnp.where(positive, c, 0.0)
-    )
+    y = jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(masked), jnp.where(positive, c, 0.0))
     good = jnp.all(jnp.isfinite(y)) & jnp.all(y >= 0.0) & jnp.all((g @ y - c) > -1e-9)
     return jnp.where(good, y, x)
 
