@@ -61,7 +61,7 @@ def distributions(
     """Areas (B, n) of a distribution on given normals, one for each set of weights (B, T).
 
     Free scales are solved for with the areas, linearised about the solution. An area that data put
-    at zero stays there in most draws: read its spread as how far noise lifts it, not as an interval.
+    at zero stays there in most draws: its spread says how far noise lifts it, and is no interval.
     """
     extra = Rows(
         np.concatenate([p.matrix for p in penalties] or [np.zeros((0, len(found.areas)))]),

@@ -27,6 +27,7 @@ PATCH = 30.0  # degrees; densities are means over caps of this radius
 EVEN = 0.25  # of the mean density: patches nearer to it are even
 LARGE = 0.4  # of all directions: less is not called an even region, as any body has some
 ANGLES = (90.0, 60.0, 45.0)
+BODIES = {90.0: "a box or a prism", 60.0: "a hexagonal prism", 45.0: "an octagonal prism"}
 ANGLE_SD = 3.0  # degrees, in which an angle counts as met
 ALONG = 5.0  # degrees within which facets are taken to lie opposite each other
 SMALL = 0.03  # share of the area from which a facet counts for angles
@@ -42,7 +43,7 @@ class Cue:
     name : "clusters", "arc", "uniform", "angle-90", "angle-60" or "angle-45"
     statistic : float
     p_value : float
-        Chance of a statistic at least as large under ``null``, by simulation: (1 + as large)/(1 + n).
+        Chance of so large a statistic under ``null``, from n simulations: (1 + as large)/(1 + n).
     null : str
         In words.
     words : str
@@ -184,7 +185,7 @@ def find(
     ]
 
 
-def _p(statistic: float, null: Sequence[float]) -> float:
+def _p(statistic: float, null: Sequence[float] | Floats) -> float:
     return float((1 + np.sum(np.asarray(null) >= statistic)) / (1 + len(null)))
 
 
@@ -289,6 +290,6 @@ def angles(few: Distribution, seed: int) -> list[Cue]:
             angle
         ]
         words = f"{met} of {len(i)} angles between {n} axes of facets are {angle:.0f} degrees"
-        words += f", as in {body}" if p <= SIGNIFICANT else ", no more than by chance"
+        words += f", as in {BODIES[angle]}" if p <= SIGNIFICANT else ", no more than by chance"
         cues.append(Cue(f"angle-{angle:.0f}", float(statistic), p, null, words, {"n_axes": n}))
     return cues

@@ -88,23 +88,10 @@ def smooth(normals: Floats, which: NDArray[np.integer], weight: float, unit: flo
     matrix = np.eye(len(normals))
     for m in np.unique(which):
         here = np.flatnonzero(which == m)
-        _, near = KDTree(normals[here]).query(normals[here], NEIGHBOURS + 1)
-        for i, neighbours in zip(here, near, strict=True):
-            matrix[i, here[neighbours[neighbours != np.flatnonzero(here == i)]]] -= 1 / NEIGHBOURS
+        near = np.asarray(KDTree(normals[here]).query(normals[here], NEIGHBOURS + 1)[1])
+        for i in range(len(here)):
+            matrix[here[i], here[near[i][near[i] != i]]] -= 1.0 / NEIGHBOURS
     return Rows(np.sqrt(weight) / unit * matrix, np.zeros(len(normals)))
-
-
-def closed(normals: Floats, sd: float, total: float) -> Rows:
-    """|Σ αᵢ nᵢ|²/(sd Σα)²: the facets of a convex body of one albedo close.
-
-    Parameters
-    ----------
-    sd : float
-        Gap |Σ α n|/Σα of each component that costs one unit of χ².
-    total : float
-        Σα, about.
-    """
-    return Rows(normals.T / (sd * total), np.zeros(3))
 
 
 def solve(

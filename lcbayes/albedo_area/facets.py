@@ -61,7 +61,7 @@ def refine(
     coarse : Distribution
         On the grid, with ``matrix`` (T, n) its columns.
     """
-    spacing = np.sqrt(4.0 * np.pi / np.sum(coarse.which == 0))
+    spacing = float(np.sqrt(4.0 * np.pi / np.sum(coarse.which == 0)))
     found = coarse
     for level in range(LEVELS):
         kept = found.areas > 0
@@ -119,14 +119,10 @@ def few(
     -------
     Facets
     """
-    cost = 3.0 * np.log(len(seen.flux)) if cost is None else cost
-    best, value = None, np.inf
-    for radius in RADII:
-        found = _settle(seen, *_merged(fine, radius), fine.scale, materials)
-        total = found.chi2 + cost * len(found.areas)
-        if total < value:
-            best, value = found, total
-    assert best is not None
+    cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
+    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials) for r in RADII]
+    best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
+    value = best.chi2 + cost * len(best.areas)
     while len(best.areas) > 1:
         weakest = np.argmin(_loss(best))
         kept = np.arange(len(best.areas)) != weakest
@@ -240,7 +236,7 @@ def linear(
 
 
 def held(seen: Observed, count: int) -> Floats:
-    """Row (count,) that holds the mean of the scales where all are free: size and scales are one."""
+    """Row (count,) that holds the mean of the scales where all are free, as only αs is known."""
     row = np.zeros(count)
     if np.all(seen.free):
         row[-len(seen.free) :] = GAUGE / len(seen.free)
