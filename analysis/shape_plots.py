@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,7 +71,8 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
         "labels": [] if body is not None else np.round(1.02 * normals, 4).tolist(),
         "axis": _axis(mode) if _turns(mode) else None,
     }
-    image = _picture(faces, hues, scene, mode, gallery, caption)
+    name, alt = f"shape-{mode.index + 1}", f"Shape of {mode.name.lower()} from three sides."
+    image = draw_views(faces, hues, gallery, name, alt, caption, scene["labels"])
     return Shape(mode, image, scene, body, caption)
 
 
@@ -131,20 +133,25 @@ def _view(lon: float, lat: float) -> Floats:
     return np.stack([right, np.cross(towards, right), towards])
 
 
-def _picture(
+def draw_views(
     faces: list[Floats],
-    hues: list[tuple[float, float, float]],
-    scene: dict[str, Any],
-    mode: Mode,
+    hues: Sequence[tuple[float, float, float]],
     gallery: Gallery,
-    caption: str,
+    name: str,
+    alt: str,
+    caption: str = "",
+    labels: Sequence[Sequence[float]] = (),
 ) -> Image:
-    """Three views, two along the equator and one from the pole, all with the same light."""
+    """Three views, two along the equator and one from the pole, all with the same light.
+
+    Faces within the unit sphere are those of a solid body; with ``labels``, a place for each face's
+    number, they are discs, all of them in sight.
+    """
     from matplotlib import patheffects
     from matplotlib.collections import PolyCollection
 
     figure = gallery.figure(6.4, 2.5)
-    solid = scene["solid"]
+    solid = not labels
     reach = 1.05 if solid else 1.45
     views = ((0, 0, "from longitude 0°"), (90, 0, "from longitude 90°"), (0, 90, "from the pole"))
     for axes, (lon, lat, title) in zip(figure.subplots(1, 3), views, strict=True):
@@ -166,7 +173,7 @@ def _picture(
                 [turned[i][:, :2] for i in order], facecolors=shade, edgecolors=edge, linewidths=0.4
             )
         )
-        for number, where in enumerate(scene["labels"]):
+        for number, where in enumerate(labels):
             x, y, z = view @ np.array(where)
             text = axes.text(x, y, str(number), ha="center", va="center", fontsize=8,
                              alpha=1.0 if z > 0 else 0.45)  # fmt: skip
@@ -176,12 +183,7 @@ def _picture(
         axes.set_aspect("equal")
         axes.axis("off")
         axes.set_title(title, fontsize=8.5)
-    return gallery.add(
-        figure,
-        f"shape-{mode.index + 1}",
-        f"Shape of {mode.name.lower()} from three sides.",
-        caption,
-    )
+    return gallery.add(figure, name, alt, caption)
 
 
 def _normal(face: Floats) -> Floats:

@@ -25,7 +25,7 @@ def frame_words(results: Results) -> str:
     return FRAMES.get(results.frame, results.frame)
 
 
-def _mollweide(figure: Any, position: Any = 111) -> Any:
+def mollweide(figure: Any, position: Any = 111) -> Any:
     """An equal-area map with longitude 0 in the middle, east to the right, in degrees."""
     axes = figure.add_subplot(position, projection="mollweide")
     axes.grid(color="#d5d8dd", lw=0.5)
@@ -38,7 +38,7 @@ def _mollweide(figure: Any, position: Any = 111) -> Any:
     return axes
 
 
-def _place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
+def place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
     """Degrees to the map's radians, longitude in [−π, π)."""
     return np.radians((np.asarray(lon) + 180.0) % 360.0 - 180.0), np.radians(lat)
 
@@ -60,15 +60,15 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
     if normals is None:
         return []
     figure = gallery.figure(5.4, 2.9)
-    axes = _mollweide(figure)
+    axes = mollweide(figure)
     largest = float(np.mean(areas, axis=(0, 1)).max())
     for i in range(areas.shape[-1]):
         hue = colour(i)
-        lon, lat = _place(*lon_lat(_some(normals[:, :, i])))
+        lon, lat = place(*lon_lat(_some(normals[:, :, i])))
         axes.plot(lon, lat, ".", ms=2.2, color=hue, alpha=0.35, mew=0, rasterized=True)
     for i in range(areas.shape[-1]):
         middle = normals[:, :, i].mean(axis=(0, 1))
-        lon, lat = _place(*lon_lat(middle))
+        lon, lat = place(*lon_lat(middle))
         size = 330 * float(np.mean(areas[..., i])) / largest
         axes.scatter(
             lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4, clip_on=False
@@ -95,18 +95,23 @@ def _prefix(results: Results, mode: Mode) -> str:
     return f"{mode.name}. " if len(results.modes) > 1 else ""
 
 
-def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) -> list[Image]:
-    from scipy.spatial import cKDTree
+def nearest_pixels(grid: Floats) -> tuple[Floats, Floats, NDArray[np.integer]]:
+    """Edges of a map's pixels in longitude and latitude (deg), and the normal nearest to each."""
+    from scipy.spatial import KDTree
 
-    grid = results.normals
-    assert grid is not None
     lon_edges, lat_edges = np.linspace(-180, 180, 181), np.linspace(-90, 90, 91)
     lon, lat = np.meshgrid(
         np.radians(0.5 * (lon_edges[1:] + lon_edges[:-1])),
         np.radians(0.5 * (lat_edges[1:] + lat_edges[:-1])),
     )
     pixels = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
-    nearest = cKDTree(grid).query(pixels)[1]
+    return lon_edges, lat_edges, np.asarray(KDTree(grid).query(pixels)[1])
+
+
+def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) -> list[Image]:
+    grid = results.normals
+    assert grid is not None
+    lon_edges, lat_edges, nearest = nearest_pixels(grid)
     mean = areas.mean(axis=(0, 1))
     spread = areas.std(axis=(0, 1)) / np.maximum(mean, 1e-300)
     images = []
@@ -119,7 +124,7 @@ def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) ->
     )  # fmt: skip
     for key, values, label, cmap, caption in maps:
         figure = gallery.figure(5.4, 2.55)
-        axes = _mollweide(figure)
+        axes = mollweide(figure)
         picture = axes.pcolormesh(
             np.radians(lon_edges), np.radians(lat_edges), values[nearest], cmap=cmap,
             rasterized=True,
@@ -145,11 +150,11 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         return []
     several = len(results.modes) > 1
     figure = gallery.figure(5.4, 3.2 if several else 2.8)
-    axes = _mollweide(figure)
+    axes = mollweide(figure)
     for mode, lon, lat, _ in clouds:
-        x, y = _place(_some(lon.values), _some(lat.values))
+        x, y = place(_some(lon.values), _some(lat.values))
         axes.plot(x, y, ".", ms=3, color=colour(mode.index), alpha=0.4, mew=0, rasterized=True)
-        x, y = _place(np.array(lon.mean), np.array(lat.mean))
+        x, y = place(np.array(lon.mean), np.array(lat.mean))
         axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
                   label=mode.name)  # fmt: skip
     if several:

@@ -10,7 +10,9 @@ from importlib import import_module
 
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
-COMMANDS = ("simulate", "fit", "compare", "predict", "report", "convert", "models", "doctor")
+COMMANDS = (
+    "simulate", "fit", "compare", "albedo-area", "predict", "report", "convert", "models", "doctor",
+)  # fmt: skip
 
 EPILOG = """\
 examples:
@@ -33,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
-        module = import_module(f"lcbayes.commands.{name}")
+        module = import_module(f"lcbayes.commands.{name.replace('-', '_')}")
         sub = commands.add_parser(
             name,
             help=module.HELP,

@@ -99,11 +99,12 @@ def facets(
     found: Facets,
     materials: Sequence[Material],
     weight: Floats,
-    bodies: bool = True,
+    albedo: float = 1.0,
 ) -> FacetDraws:
     """Few facets once more for each set of weights (B, T), by one Gauss-Newton step.
 
-    Which facets there are is taken as given.
+    Which facets there are is taken as given, and the ``albedo`` that areas are divided by for the
+    bodies.
     """
     n = len(found.areas)
     vectors = found.areas[:, None] * found.normals
@@ -116,11 +117,11 @@ def facets(
         step = np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ (jacobian.T @ (w * residual))
         draws[b] = vectors + step[: 3 * n].reshape(n, 3)
     volumes, dimensions = [], []
-    for draw in draws if bodies else []:
+    for draw in draws:
         areas = np.linalg.norm(draw, axis=1)
         normals = draw / areas[:, None]
         try:
-            body = minkowski(normals, close(normals, areas))
+            body = minkowski(normals, close(normals, areas) / albedo)
         except InputError:
             continue
         volumes.append(body.volume)

@@ -177,9 +177,12 @@ def find(
     scattered = np.array([total(a) for a in scattered])
     areas = total(found.areas)
     arc = _arc(maps, areas, smooth, scattered, few)
+    clusters = _clusters(maps, areas, smooth, arc)
+    stand_out = np.array([c["direction"] for c in clusters.details["clusters"]]).reshape(-1, 3)
+    near = np.any(few.normals @ stand_out.T > np.cos(np.radians(CAP)), axis=1)
     return [
-        _clusters(maps, areas, smooth, arc),
-        *angles(few, seed + 2),
+        clusters,
+        *angles(few.normals[near], few.areas[near] / few.areas.sum(), seed + 2),
         arc,
         _uniform(maps, areas, scattered),
     ]
@@ -241,21 +244,27 @@ def _uniform(maps: Maps, areas: Floats, scattered: Floats) -> Cue:
     return Cue("uniform", statistic, p, "the same facets facing at random", words)
 
 
-def angles(few: Distribution, seed: int) -> list[Cue]:
+def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
     """Whether facets stand at 90, 60 or 45 degrees to each other more than chance has it.
 
     Facets that lie opposite each other, to 5 degrees, count once, as an axis; angles are folded to
     0..90. The statistic is Σ_{i<j} aᵢaⱼ exp(−(θ_ij − ψ)²/2(3°)²)/Σ_{i<j} aᵢaⱼ over facets of at
     least 3 % of the area. Null: the same areas about axes that point at random.
+
+    Parameters
+    ----------
+    normals : (n, 3)
+        Of facets that stand out; without any nothing is tested.
+    share : (n,)
+        Of the body's whole area.
     """
-    share = few.areas / few.areas.sum()
     large = np.argsort(-share)
     large = large[share[large] >= SMALL]
     axes: list[Floats] = []
     for i in large:
-        vector = share[i] * few.normals[i]
+        vector = share[i] * normals[i]
         for k, axis in enumerate(axes):
-            cosine = few.normals[i] @ axis / np.linalg.norm(axis)
+            cosine = normals[i] @ axis / np.linalg.norm(axis)
             if abs(cosine) > np.cos(np.radians(ALONG)):
                 axes[k] = axis + np.sign(cosine) * vector
                 break
@@ -265,7 +274,7 @@ def angles(few: Distribution, seed: int) -> list[Cue]:
     n = len(vectors)
     null = "axes of the same areas that point at random"
     if n < 2:
-        words = "fewer than two axes of facets"
+        words = "fewer than two axes of facets that stand out"
         return [Cue(f"angle-{a:.0f}", 0.0, 1.0, null, words) for a in ANGLES]
     area = np.linalg.norm(vectors, axis=1)
     random = np.random.default_rng(seed).normal(size=(ANGLE_DRAWS, n, 3))
@@ -286,9 +295,6 @@ def angles(few: Distribution, seed: int) -> list[Cue]:
         )
         p = _p(float(statistic), drawn)
         met = int(np.sum(np.abs(seen_angles - angle) < 2 * ANGLE_SD))
-        body = {90.0: "a box or a prism", 60.0: "a hexagonal prism", 45.0: "an octagonal prism"}[
-            angle
-        ]
         words = f"{met} of {len(i)} angles between {n} axes of facets are {angle:.0f} degrees"
         words += f", as in {BODIES[angle]}" if p <= SIGNIFICANT else ", no more than by chance"
         cues.append(Cue(f"angle-{angle:.0f}", float(statistic), p, null, words, {"n_axes": n}))

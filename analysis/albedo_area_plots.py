@@ -1,0 +1,108 @@
+"""Figures of an albedo-area distribution: the map of directions, the fit, the body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.albedo_area.inversion import Inversion
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.shape_plots import STONE, draw_views
+from lcbayes.analysis.sky_plots import mollweide, nearest_pixels, place
+from lcbayes.analysis.style import DATA, FAINT, RC, Gallery, colour
+
+Floats = NDArray[np.float64]
+
+
+def draw(result: Inversion, gallery: Gallery) -> None:
+    """All figures, as SVG in the gallery's folder."""
+    from matplotlib import rc_context
+
+    with rc_context(RC):
+        draw_map(result, gallery)
+        draw_fit(result, gallery)
+        if result.shape is not None:
+            body = result.shape
+            reach = float(np.max(np.linalg.norm(body.vertices, axis=1)))
+            faces = [body.vertices[f] / reach for f in body.faces]
+            draw_views(faces, [STONE] * len(faces), gallery, "shape", "Shape from three sides.")
+
+
+def draw_map(result: Inversion, gallery: Gallery) -> None:
+    """Mollweide map of the body frame: density on the grid, facets as rings, the arc if any."""
+    figure = gallery.figure(7.0, 3.6)
+    axes = mollweide(figure)
+    found = result.on_grid
+    count = int(np.sum(found.which == 0))
+    density = found.areas.reshape(-1, count).sum(axis=0)
+    lon_edges, lat_edges, pixels = nearest_pixels(found.normals[:count])
+    share = 100.0 * density / density.sum()
+    # the eye must see one per cent beside fifty: a square root
+    from matplotlib.colors import PowerNorm
+
+    picture = axes.pcolormesh(
+        np.radians(lon_edges), np.radians(lat_edges), share[pixels], cmap="Blues",
+        norm=PowerNorm(0.5, 0.0, float(share.max())), rasterized=True,
+    )  # fmt: skip
+    figure.colorbar(picture, ax=axes, label="share of a grid cell (%)", shrink=0.8, pad=0.03)
+    for cue in result.cues:
+        if cue.name == "arc" and cue.significant:
+            x, y = place(*lon_lat(_circle(np.asarray(cue.details["pole"]))))
+            order = np.argsort(x)
+            axes.plot(x[order], y[order], ".", ms=1.5, color=DATA, label="great circle of the arc")
+    if result.facets is not None:
+        few = result.facets
+        largest = few.areas.max()
+        for m, material in enumerate(result.materials):
+            here = few.which == m
+            if not np.any(here):
+                continue
+            x, y = place(*lon_lat(few.normals[here]))
+            axes.scatter(
+                x, y, s=np.maximum(300.0 * few.areas[here] / largest, 12.0), fc="none",
+                ec=colour(m + 1), lw=1.3, zorder=4, clip_on=False, label=f"facets, {material.law}",
+            )  # fmt: skip
+        figure.legend(loc="outside lower center", ncols=3)
+    gallery.add(
+        figure,
+        "albedo-area",
+        "Map of the body frame: albedo-area that faces each direction.",
+        "Albedo-area that faces each direction of the body frame, azimuth to the right, z at the "
+        "top. Rings are the few facets that explain the data, their size in proportion to area.",
+    )
+
+
+def draw_fit(result: Inversion, gallery: Gallery) -> None:
+    """Observed against fitted flux, and residuals in units of the error."""
+    figure = gallery.figure(7.0, 3.0)
+    left, right = figure.subplots(1, 2)
+    seen, fitted = result.seen, result.best.flux
+    mean = np.bincount(seen.curve, seen.flux) / np.bincount(seen.curve)
+    unit = mean[seen.curve]
+    _plain(left)
+    ends = [0.0, 1.05 * float(np.max(seen.flux / unit))]
+    left.plot(ends, ends, color=FAINT, lw=0.8)
+    left.plot(fitted / unit, seen.flux / unit, ".", ms=2.5, color=colour(0), rasterized=True)
+    left.set_xlabel("fitted flux ÷ mean of the curve")
+    left.set_ylabel("observed flux ÷ mean")
+    residual = (seen.flux - fitted) / seen.error
+    _plain(right)
+    right.axhline(0.0, color=FAINT, lw=0.8)
+    right.plot(residual, ".", ms=2.5, color=colour(0), rasterized=True)
+    right.set_xlabel("point")
+    right.set_ylabel("residual ÷ error")
+    gallery.add(figure, "fit", "Observed and fitted flux, and residuals.", "Observed and fitted.")
+
+
+def _plain(axes: Any) -> None:
+    axes.locator_params(nbins=6)
+
+
+def _circle(pole: Floats) -> Floats:
+    u = np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))])
+    u /= np.linalg.norm(u)
+    v = np.cross(pole, u)
+    turn = np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
+    return np.cos(turn) * u + np.sin(turn) * v

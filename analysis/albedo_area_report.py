@@ -1,0 +1,202 @@
+"""What `lcbayes albedo-area` writes: the numbers, the words, the figures and the body."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.albedo_area.inversion import Inversion
+from lcbayes.analysis import albedo_area_plots
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.style import Gallery
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+from lcbayes.results import save_json
+
+NUMBERS, WORDS = "albedo_area.json", "albedo_area.txt"
+FINER = "as many facets as lower chi2 at all"
+BODY = ("shape.obj", "shape.ply")
+
+
+def write(
+    result: Inversion, curve: LightCurve, folder: Path, about: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write `albedo_area.json`, `albedo_area.txt`, `figures/`, `shape.obj` and `shape.ply`.
+
+    All are made aside and then put in place; a body of an earlier run does not outlive it.
+
+    Parameters
+    ----------
+    about : mapping
+        What was asked for, put into the file as it is.
+
+    Returns
+    -------
+    dict
+        The content of `albedo_area.json`.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=".albedo-area-", dir=folder))
+    except OSError as fault:
+        raise InputError(
+            f"{folder} cannot be written ({fault.strerror}); choose another with -o"
+        ) from None
+    content = dict(about) | numbers(result, curve)
+    try:
+        figures = scratch / "figures"
+        figures.mkdir(mode=0o755)
+        save_json(content, scratch / NUMBERS)
+        (scratch / WORDS).write_text("\n".join(words(result, curve)) + "\n", encoding="utf-8")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            albedo_area_plots.draw(result, Gallery(figures))
+        for name in BODY:
+            (folder / name).unlink(missing_ok=True)
+        if result.shape is not None:
+            comment = "convex body of one albedo, lcbayes albedo-area"
+            (scratch / BODY[0]).write_text(result.shape.obj(comment))
+            (scratch / BODY[1]).write_text(result.shape.ply(comment))
+        if (folder / "figures").exists():
+            shutil.rmtree(folder / "figures")
+        for made in scratch.iterdir():
+            os.replace(made, folder / made.name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return content
+
+
+def numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
+    """The content of `albedo_area.json`: m², m³, m and degrees, body frame."""
+    seen, best, found = result.seen, result.best, result.on_grid
+    calibrated = not np.all(seen.free)
+    return {
+        "n_obs": len(seen.flux),
+        "n_curves": len(seen.free),
+        "calibrated": bool(calibrated),
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "fit": {
+            "chi2": best.chi2,
+            "dof": result.dof,
+            "rms_relative": result.rms,
+            "errors": "given" if seen.error_known else "estimated from the residuals",
+        },
+        "unseen": result.unseen,
+        "scales": {
+            name: float(s)
+            for name, s, free in zip(curve.curve_names, best.scale, seen.free, strict=True)
+            if free
+        },
+        "materials": [str(m) for m in result.materials],
+        "cues": [
+            {
+                "name": c.name,
+                "statistic": c.statistic,
+                "p_value": c.p_value,
+                "null": c.null,
+                "words": c.words,
+                "details": c.details,
+            }
+            for c in result.cues
+        ],
+        "facets": _facets(result),
+        "gap": result.gap,
+        "changed_to_close": result.changed,
+        "shape": _body(result, calibrated),
+        "no_shape": result.no_shape or None,
+        "distribution": {
+            "normals": found.normals,
+            "material": found.which,
+            "albedo_area": found.areas,
+            "albedo_area_sd": result.grid_sd,
+        },
+    }
+
+
+def _facets(result: Inversion) -> list[dict[str, Any]]:
+    few = result.facets
+    if few is None:
+        return []
+    spread = [None] * len(few.areas)
+    if result.draws is not None:
+        spread = list(np.linalg.norm(result.draws.vectors, axis=2).std(axis=0))
+    lon, lat = lon_lat(few.normals)
+    return [
+        {
+            "normal": few.normals[i],
+            "lon_deg": lon[i],
+            "lat_deg": lat[i],
+            "direction_sd_deg": float(np.degrees(few.direction_sd[i])),
+            "material": int(few.which[i]),
+            "albedo_area": few.areas[i],
+            "share": few.areas[i] / few.areas.sum(),
+            "sd": few.area_sd[i],
+            "sd_bootstrap": spread[i],
+        }
+        for i in np.argsort(-few.areas)
+    ]
+
+
+def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
+    body = result.shape
+    if body is None:
+        return None
+    moments, axes = body.principal
+    size = body.dimensions
+    draws = result.draws
+    known = draws is not None and len(draws.volumes) > 1
+    return {
+        "n_faces": len(body.faces),
+        "dimensions": size if calibrated else size / size.min(),
+        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore
+        "volume": body.volume if calibrated else None,
+        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore
+        "volume_finer_facets": result.finer_volume if calibrated else None,
+        "moments_of_inertia": moments if calibrated else moments / moments.min(),
+        "principal_axes": axes,
+    }
+
+
+def words(result: Inversion, curve: LightCurve) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    seen, best = result.seen, result.best
+    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    kind = "facets" if result.facets is not None else "grid normals with area"
+    count = int(np.sum(best.areas > 0))
+    errors = "" if seen.error_known else " (errors estimated from the residuals)"
+    lines += [
+        f"{len(seen.flux)} points in {len(curve.curve_names)} curve(s); {count} {kind}: "
+        f"chi2 {best.chi2:.1f} for {result.dof} degrees of freedom{errors}, "
+        f"rms {100 * result.rms:.2f} % of the mean flux"
+    ]
+    lines += [f"{c.name:9s} p = {c.p_value:.4f}  {c.words}" for c in result.cues]
+    if result.shape is None:
+        return [*lines, f"no shape: {result.no_shape}"]
+    body, size = result.shape, result.shape.dimensions
+    if np.all(seen.free):
+        extent = " : ".join(f"{x / size.min():.3g}" for x in size)
+        lines.append(f"shape: {len(body.faces)} faces, extents as {extent} (size unknown)")
+    else:
+        extent = " x ".join(f"{x:.4g}" for x in size)
+        volume = f"{body.volume:.4g}"
+        if result.draws is not None and len(result.draws.volumes) > 1:
+            volume += f" ± {result.draws.volumes.std():.1g}"
+        lines.append(f"shape: {len(body.faces)} faces, {extent} m, volume {volume} m³")
+        if result.finer_volume is not None:
+            lines.append(
+                f"with {FINER} the volume is {result.finer_volume:.4g} m³; the difference "
+                "is what choosing few facets may do, above all to a round body"
+            )
+    lines.append(
+        f"areas closed to {result.gap:.2g} of their sum; {100 * result.changed:.2g} % of it was "
+        "changed to close them"
+    )
+    return lines
