@@ -46,12 +46,13 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
         np.radians(lon_edges), np.radians(lat_edges), share[pixels], cmap="Blues",
         norm=PowerNorm(0.5, 0.0, float(share.max())), rasterized=True,
     )  # fmt: skip
+    axes.set_axisbelow(False)
     figure.colorbar(picture, ax=axes, label="share of a grid cell (%)", shrink=0.8, pad=0.03)
     for cue in result.cues:
         if cue.name == "arc" and cue.significant:
             x, y = place(*lon_lat(_circle(np.asarray(cue.details["pole"]))))
-            order = np.argsort(x)
-            axes.plot(x[order], y[order], ".", ms=1.5, color=DATA, label="great circle of the arc")
+            x = np.where(np.abs(np.diff(x, append=x[0])) > np.pi, np.nan, x)  # across the edge
+            axes.plot(x, y, color=DATA, lw=1.0, label="great circle of the arc")
     if result.facets is not None:
         few = result.facets
         largest = few.areas.max()

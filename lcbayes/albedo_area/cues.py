@@ -219,6 +219,9 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
 def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, few: Distribution) -> Cue:
     statistic, pole = maps.arc(areas)
     p = max(_p(statistic, [maps.arc(a)[0] for a in null]) for null in (smooth, scattered))
+    near = np.abs(maps.normals @ pole) < np.sin(np.radians(BAND))
+    tensor = np.einsum("n,ni,nj->ij", areas * near, maps.normals, maps.normals)
+    pole = np.linalg.eigh(tensor)[1][:, 0]  # off the grid, the plane through what lies along it
     along = int(np.sum(np.abs(few.normals @ pole) < np.sin(np.radians(BAND))))
     words = "no great circle along which the area lies evenly"
     if p <= SIGNIFICANT:
