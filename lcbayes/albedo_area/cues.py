@@ -102,9 +102,14 @@ class Maps:
             left = np.where(self.normals @ mean > np.cos(np.radians(APART)), 0.0, left)
         return found
 
-    def heaviest(self, areas: Floats) -> float:
-        """Largest share of the area in a cap."""
-        return float(np.max(self.cap @ areas) / areas.sum())
+    def excess(self, areas: Floats, expected: Floats) -> Floats:
+        """(share − expected)/√(expected + its mean) of every cap, (N,).
+
+        Spikes are as heavy wherever they are, so that their number, and with it the variance of a
+        cap's share, goes with what is expected there.
+        """
+        share = self.cap @ areas / areas.sum()
+        return (share - expected) / np.sqrt(expected + expected.mean())
 
     def arc(self, areas: Floats) -> tuple[float, Floats]:
         """How much lies evenly along a great circle, and the circle's pole.
@@ -193,9 +198,16 @@ def _p(statistic: float, null: Sequence[float] | Floats) -> float:
 
 
 def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
-    null = [maps.heaviest(a) for a in smooth]
+    # the observed is one of the pool, as it would be if the null were true
+    pool = np.vstack([smooth, areas])
+    expected = np.mean([maps.cap @ a / a.sum() for a in pool], axis=0)
+    null = [np.max(maps.excess(a, expected)) for a in smooth]
+    excess = maps.excess(areas, expected)
     all_ = maps.clusters(areas)
-    found = [c | {"p_value": p} for c in all_ if (p := _p(c["share"], null)) <= SIGNIFICANT]
+    for c in all_:
+        near = np.argsort(-(maps.normals @ c["direction"]))[:4]  # it lies between grid normals
+        c["p_value"] = _p(float(excess[near].max()), null)
+    found = [c for c in all_ if c["p_value"] <= SIGNIFICANT]
     flat = found
     if arc.significant:  # what lies along an arc is part of it, unless it stands out
         off = np.sin(np.radians(CAP))
@@ -203,7 +215,7 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
         flat = [c for c in found if abs(c["direction"] @ pole) > off or c["share"] > HEAVY]
     for c in found:
         c["flat"] = any(c is f for f in flat)
-    largest = all_[0]["share"] if all_ else 0.0
+    largest = float(np.max(excess))
     if not found:
         words = "no direction stands out from what a smooth body gives"
     elif len(flat) < len(found):
@@ -251,8 +263,8 @@ def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
     """Whether facets stand at 90, 60 or 45 degrees to each other more than chance has it.
 
     Facets that lie opposite each other, to 5 degrees, count once, as an axis; angles are folded to
-    0..90. The statistic is Σ_{i<j} aᵢaⱼ exp(−(θ_ij − ψ)²/2(3°)²)/Σ_{i<j} aᵢaⱼ over facets of at
-    least 3 % of the area. Null: the same areas about axes that point at random.
+    0..90. The statistic is the mean of exp(−(θ_ij − ψ)²/2(3°)²) over all pairs of axes with at
+    least 3 % of the area. Null: as many axes that point at random.
 
     Parameters
     ----------
@@ -275,25 +287,24 @@ def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
             axes.append(vector)
     vectors = np.array(axes)
     n = len(vectors)
-    null = "axes of the same areas that point at random"
+    null = "as many axes that point at random"
     if n < 2:
         words = "fewer than two axes of facets that stand out"
         return [Cue(f"angle-{a:.0f}", 0.0, 1.0, null, words) for a in ANGLES]
-    area = np.linalg.norm(vectors, axis=1)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     random = np.random.default_rng(seed).normal(size=(ANGLE_DRAWS, n, 3))
     random /= np.linalg.norm(random, axis=2, keepdims=True)
     i, j = np.triu_indices(n, 1)
-    weight = area[i] * area[j] / np.sum(area[i] * area[j])
 
     def between(axes: Floats) -> Floats:
         cosine = np.abs(np.sum(axes[..., i, :] * axes[..., j, :], axis=-1))
         return np.degrees(np.arccos(np.minimum(cosine, 1.0)))
 
-    seen_angles, null_angles = between(vectors / area[:, None]), between(random)
+    seen_angles, null_angles = between(vectors), between(random)
     cues = []
     for angle in ANGLES:
         statistic, drawn = (
-            np.exp(-0.5 * ((a - angle) / ANGLE_SD) ** 2) @ weight
+            np.mean(np.exp(-0.5 * ((a - angle) / ANGLE_SD) ** 2), axis=-1)
             for a in (seen_angles, null_angles)
         )
         p = _p(float(statistic), drawn)

@@ -158,7 +158,7 @@ def _loss(found: Facets) -> Floats:
     """What χ² would rise by without each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
     vectors = found.areas[:, None] * found.normals
     own = np.einsum("iaib->iab", found.covariance)
-    return np.einsum("ia,iab,ib->i", vectors, np.linalg.inv(own), vectors)
+    return np.einsum("ia,iab,ib->i", vectors, np.linalg.pinv(own, hermitian=True), vectors)
 
 
 def _settle(
