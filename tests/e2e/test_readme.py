@@ -52,7 +52,7 @@ def test_commands_of_the_pages_exist():
     text = "".join(
         p.read_text(encoding="utf-8") for p in [ROOT / "README.md", *ROOT.glob("docs/*.md")]
     )
-    named = set(re.findall(r"(?m)(?:^|`)lcbayes ([a-z]+)\b", text))
+    named = set(re.findall(r"(?m)(?:^|`)lcbayes ([a-z]+(?:-[a-z]+)*)\b", text))
     assert {"fit", "predict", "simulate"} <= named
     assert named <= set(cli.COMMANDS), named - set(cli.COMMANDS)
 

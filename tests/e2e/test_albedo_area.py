@@ -1,0 +1,124 @@
+"""`lcbayes albedo-area` from a file to its results, and its refusals."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from seen import curve_of
+
+import lcbayes
+from lcbayes import cli
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.physics import shapes
+
+BRICK = shapes.box(2.0, 1.4, 0.8)
+QUICK = ["--n-normals", "250", "--nulls", "19", "--bootstrap", "20"]
+
+
+@pytest.fixture
+def brick(tmp_path):
+    lcbayes.write(curve_of(BRICK), tmp_path / "brick.csv")
+    return tmp_path / "brick.csv"
+
+
+def test_a_brick_from_file_to_shape(brick, tmp_path, capsys):
+    out = tmp_path / "out"
+    (out / "figures").mkdir(parents=True)
+    (out / "figures" / "stale.svg").write_text("")
+    argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), *QUICK]
+    assert cli.main(argv) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert "6 flat facets at least" in told
+    assert "of 3 angles between 3 axes of facets are 90 degrees" in told
+    assert "shape: 6 faces" in told
+    assert (out / "albedo_area.txt").read_text().splitlines() == told.splitlines()[:-2]
+    found = json.loads((out / "albedo_area.json").read_text())
+    assert found["trusted"]
+    assert found["n_obs"] == 300
+    assert len(found["facets"]) == 6
+    assert [f["albedo_area"] for f in found["facets"]] == pytest.approx(
+        sorted(BRICK.areas, reverse=True), rel=0.02
+    )
+    assert found["shape"]["volume"] == pytest.approx(2.24, rel=0.02)
+    assert found["shape"]["dimensions"] == pytest.approx([2.0, 1.4, 0.8], rel=0.02)
+    assert len(found["distribution"]["albedo_area_sd"]) == 250
+    assert {c["name"] for c in found["cues"]} == {
+        "clusters", "angle-90", "angle-60", "angle-45", "arc", "uniform",
+    }  # fmt: skip
+    body = shapes.read_obj(out / "shape.obj")
+    assert np.sort(body.areas) == pytest.approx(np.sort(BRICK.areas), rel=0.02)
+    assert (out / "shape.ply").read_text().startswith("ply\n")
+    names = {p.name for p in (out / "figures").iterdir()}
+    assert names == {"albedo-area.svg", "fit.svg", "shape.svg"}
+    assert not list(out.glob(".*"))
+    # the same command gives the same numbers
+    assert cli.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
+    assert json.loads(capsys.readouterr().out) == found
+
+
+def test_relative_curves_have_proportions_alone(tmp_path, capsys):
+    group = np.arange(300) // 30
+    curve = curve_of(BRICK, curve=group, free_scale=np.ones(10, bool))
+    lcbayes.write(curve, tmp_path / "relative.csv")
+    out = tmp_path / "out"
+    argv = ["albedo-area", str(tmp_path / "relative.csv"), "--attitude", "none", "-o", str(out)]
+    assert cli.main([*argv, *QUICK, "--nulls", "0"]) == EXIT_DONE
+    assert "(size unknown)" in capsys.readouterr().out
+    found = json.loads((out / "albedo_area.json").read_text())
+    assert not found["calibrated"]
+    assert found["shape"]["volume"] is None
+    assert found["shape"]["dimensions"] == pytest.approx([2.5, 1.75, 1.0], rel=0.05)
+    assert len(found["scales"]) == 10
+
+
+def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
+    out = tmp_path / "out"
+    argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), "--nulls", "0"]
+    assert cli.main([*argv, "--smoothness", "0.1", "--bootstrap", "0"]) in (
+        EXIT_DONE,
+        EXIT_NOT_TRUSTED,
+    )
+    assert "grid normals with area" in capsys.readouterr().out
+    found = json.loads((out / "albedo_area.json").read_text())
+    assert found["facets"] == []
+    assert found["shape"]["n_faces"] > 20
+
+
+def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):
+    argv = ["albedo-area", str(brick), "--omega", "0.1,0.2,0.3", "-o", str(tmp_path / "out")]
+    assert cli.main([*argv, "--nulls", "0", "--bootstrap", "0"]) == EXIT_NOT_TRUSTED
+    assert capsys.readouterr().out.startswith("NOT to be trusted: chi2 is")
+    assert not json.loads((tmp_path / "out" / "albedo_area.json").read_text())["trusted"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "one attitude is needed, and none is given; give --pole LON,LAT with --period"),
+        (["--attitude", "none", "--omega", "0,0,1"], "--attitude and --omega are given"),
+        (["--pole", "3,4"], "both --pole LON,LAT and --period HOURS"),
+        (["--pole", "3", "--period", "4"], "--pole is '3'; expected 2 numbers in degrees"),
+        (["--omega", "0,0,fast"], "--omega is '0,0,fast'; expected 3 numbers in rad/s"),
+        (["--attitude", "none", "--material", "chalk"], "unknown law 'chalk'; available:"),
+        (["--attitude", "none", "--nulls", "-1"], "--nulls is -1; expected a whole number >= 0"),
+        (["--attitude", "none", "--n-normals", "3"], "at least 50 normals"),
+    ],
+)
+def test_faults_are_one_line(brick, tmp_path, capsys, options, message):
+    out = tmp_path / "out"
+    assert cli.main(["albedo-area", str(brick), "-o", str(out), *options]) == EXIT_BAD_INPUT
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert message in told.err
+    assert not out.exists()
+
+
+def test_the_folder_of_a_fit_is_left_alone(brick, tmp_path, capsys):
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "fit" / "posterior.nc").write_text("")
+    argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(tmp_path / "fit")]
+    assert cli.main(argv) == EXIT_BAD_INPUT
+    assert "holds a fit; give another folder" in capsys.readouterr().err

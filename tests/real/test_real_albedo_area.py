@@ -1,0 +1,33 @@
+"""The albedo-area distribution of an asteroid whose spin is known."""
+
+import numpy as np
+import pytest
+
+from lcbayes.albedo_area.distribution import grid, solve
+from lcbayes.albedo_area.kernel import Material, columns
+from lcbayes.albedo_area.observed import Attitude, Observed
+from lcbayes.io import read
+from lcbayes.physics.closure import close, closure
+from lcbayes.shape import minkowski
+
+pytestmark = pytest.mark.real
+
+
+def test_ariadne_fits_as_well_as_least_squares_over_harmonics(data_dir):
+    curve = read(data_dir / "damit" / "43_Ariadne_rel.lcs")
+    materials = (Material.parse("lommel-seeliger-lambert"),)
+    misfit = {}
+    for pole in ((253.2, -17.2), (100.0, 40.0)):
+        attitude = Attitude(pole_lon_deg=pole[0], pole_lat_deg=pole[1], period_h=5.76198)
+        seen = Observed.of(curve, attitude)
+        normals, which = grid(300, materials)
+        found = solve(seen, normals, which, columns(seen, normals, which, materials))
+        # each curve is given with mean 1
+        misfit[pole] = float(np.sum((seen.flux - found.flux) ** 2))
+        if pole[0] == 253.2:
+            assert closure(normals, found.areas) < 0.05
+            extent = np.sort(minkowski(normals, close(normals, found.areas)).dimensions)
+            assert 1.2 < extent[2] / extent[1] < 2.0
+    # the published solution, with 300 facets of harmonics to degree 6, has 0.3533
+    assert misfit[253.2, -17.2] < 0.3533
+    assert misfit[100.0, 40.0] > 3.0
