@@ -4,5 +4,5 @@
 `kernel` says what a unit of albedo-area of a material sends; `nnls` solves for areas that are not
 negative; `distribution` does so on a grid of normals, with scales of curves and penalties; `facets`
 goes on to the few facets that explain the data; `bootstrap` says how well all this is known;
-`cues` says what body it points to.
+`cues` says what body it points to; `inversion` does it all.
 """

@@ -8,10 +8,11 @@ from scipy.stats import kstest
 from seen import curve_of, directions
 
 from lcbayes.albedo_area import cues, nulls
-from lcbayes.albedo_area.cues import Cue, Maps
+from lcbayes.albedo_area.cues import Cue
 from lcbayes.albedo_area.distribution import Distribution, grid, solve
 from lcbayes.albedo_area.facets import few, refine
 from lcbayes.albedo_area.kernel import LAMBERTIAN, columns
+from lcbayes.albedo_area.maps import Maps
 from lcbayes.albedo_area.observed import Attitude, Observed
 from lcbayes.physics import facets, shapes
 from lcbayes.physics.closure import close

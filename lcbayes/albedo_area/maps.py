@@ -1,0 +1,96 @@
+"""Statistics of a distribution on an equal-area grid: caps, great circles, even regions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+CAP = 15.0  # degrees; what lies within this of a direction is one cluster
+APART = 25.0  # degrees between clusters
+HEAVY = 0.15  # share of the area in a cap from which it is left out of the search for arcs
+BAND = 12.0  # degrees either side of a great circle
+BINS = 24  # along it
+PATCH = 30.0  # degrees; densities are means over caps of this radius
+EVEN = 0.25  # of the mean density: patches nearer to it are even
+LARGE = 0.4  # of all directions: less is not called an even region, as any body has some
+
+
+class Maps:
+    """Statistics of areas on a grid of normals; those of a body do not depend on its size.
+
+    Parameters
+    ----------
+    normals : (N, 3)
+        Equal-area grid.
+    """
+
+    def __init__(self, normals: Floats) -> None:
+        self.normals = normals
+        cosine = normals @ normals.T
+        self.cap = (cosine > np.cos(np.radians(CAP))).astype(float)
+        self.patch = (cosine > np.cos(np.radians(PATCH))).astype(float)
+        self.patch /= self.patch.sum(axis=1, keepdims=True)
+        self.poles = normals[normals[:, 2] >= 0.0]
+        self.bands = np.zeros((len(self.poles) * BINS, len(normals)))
+        for i, pole in enumerate(self.poles):
+            u = np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))])
+            v = np.cross(pole, u)
+            near = np.flatnonzero(np.abs(normals @ pole) < np.sin(np.radians(BAND)))
+            turn = np.arctan2(normals[near] @ v / np.linalg.norm(v), normals[near] @ u)
+            self.bands[i * BINS + np.floor(turn / (2 * np.pi) * BINS).astype(int) % BINS, near] = 1
+
+    def clusters(self, areas: Floats, least: float = 0.0, most: int = 20) -> list[dict[str, Any]]:
+        """Heaviest caps, one after the other: mean direction and share of all area."""
+        left, total, found = areas.copy(), areas.sum(), []
+        while len(found) < most and total > 0:
+            heaviest = int(np.argmax(self.cap @ left))
+            inside = self.cap[heaviest] * left
+            share = float(inside.sum() / total)
+            if share <= max(least, 0.0):
+                break
+            mean = inside @ self.normals
+            mean /= np.linalg.norm(mean)
+            found.append({"direction": mean, "share": share})
+            left = np.where(self.normals @ mean > np.cos(np.radians(APART)), 0.0, left)
+        return found
+
+    def excess(self, areas: Floats, expected: Floats) -> Floats:
+        """(share − expected)/√(expected + its mean) of every cap, (N,).
+
+        Spikes are as heavy wherever they are, so that their number, and with it the variance of a
+        cap's share, goes with what is expected there.
+        """
+        share = self.cap @ areas / areas.sum()
+        return (share - expected) / np.sqrt(expected + expected.mean())
+
+    def arc(self, areas: Floats) -> tuple[float, Floats]:
+        """How much lies evenly along a great circle, and the circle's pole.
+
+        Caps that hold more than `HEAVY` of the area are left out first: the ends of a cylinder
+        must not hide its side. Of the rest, Σ_bins min(share, 1/24) over 24 bins along the band
+        about a circle, the largest over all circles: 1 for the side of a cylinder, 4/24 to 8/24
+        for four faces, about 1/4 for a sphere.
+        """
+        rest = areas
+        for cluster in self.clusters(areas, HEAVY):
+            rest = np.where(
+                self.normals @ cluster["direction"] > np.cos(np.radians(CAP)), 0.0, rest
+            )
+        if rest.sum() < 1e-3 * areas.sum():
+            return 0.0, self.poles[0]
+        share = (self.bands @ rest).reshape(-1, BINS) / rest.sum()
+        even = np.minimum(share, 1.0 / BINS).sum(axis=1)
+        return float(even.max()), self.poles[np.argmax(even)]
+
+    def uniform(self, areas: Floats) -> float:
+        """Part of all directions about which the density is the mean of all, to 25 %.
+
+        1 for a sphere. Less than 40 % counts as 0: there is always some place between few and many.
+        """
+        density = self.patch @ areas
+        part = float(np.mean(np.abs(density / density.mean() - 1.0) < EVEN))
+        return part if part >= LARGE else 0.0

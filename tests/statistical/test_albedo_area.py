@@ -1,0 +1,38 @@
+"""The spread given for facets is the spread of what is found from data sets of the same body."""
+
+from __future__ import annotations
+
+import numpy as np
+from seen import curve_of
+
+from lcbayes.albedo_area import bootstrap
+from lcbayes.albedo_area.distribution import grid, solve
+from lcbayes.albedo_area.facets import few, refine
+from lcbayes.albedo_area.kernel import LAMBERTIAN, columns
+from lcbayes.albedo_area.observed import Attitude, Observed
+from lcbayes.physics import shapes
+
+BRICK = shapes.box(2.0, 1.4, 0.8)
+ONE = (LAMBERTIAN,)
+
+
+def test_areas_directions_and_volume_scatter_as_they_say():
+    area, across, volume = [], [], []
+    for seed in range(10):
+        seen = Observed.of(curve_of(BRICK, 250, 0.02, seed), Attitude())
+        normals, which = grid(200)
+        matrix = columns(seen, normals, which)
+        coarse = solve(seen, normals, which, matrix)
+        found = few(seen, refine(seen, coarse, matrix, ONE), ONE)
+        index = np.argmax(BRICK.normals @ found.normals.T, axis=1)
+        area.append((found.areas[index] - BRICK.areas) / found.area_sd[index])
+        sine = np.linalg.norm(np.cross(BRICK.normals, found.normals[index]), axis=1)
+        across.append(sine / found.direction_sd[index])
+        draws = bootstrap.facets(seen, found, ONE, bootstrap.weights(seen, 40, seed))
+        volume.append((np.median(draws.volumes) - 2.24) / draws.volumes.std())
+    # 60 pulls: their root mean square has a standard deviation of 0.09
+    assert 0.75 < np.sqrt(np.mean(np.square(area))) < 1.3
+    # two components each
+    assert 0.75 < np.sqrt(np.mean(np.square(across)) / 2) < 1.3
+    # 10 pulls of the volume, which the choice of facets moves as well
+    assert np.sqrt(np.mean(np.square(volume))) < 2.0
