@@ -81,7 +81,7 @@ def draw_fit(result: Inversion, gallery: Gallery) -> None:
     left, right = figure.subplots(1, 2)
     seen, fitted = result.seen, result.best.flux
     mean = np.bincount(seen.curve, seen.flux) / np.bincount(seen.curve)
-    unit = mean[seen.curve]
+    unit = np.where(mean > 0, mean, np.mean(seen.flux))[seen.curve]
     _plain(left)
     ends = [0.0, 1.05 * float(np.max(seen.flux / unit))]
     left.plot(ends, ends, color=FAINT, lw=0.8)

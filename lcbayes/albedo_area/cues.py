@@ -116,7 +116,7 @@ def _p(statistic: float, null: Sequence[float] | Floats) -> float:
 def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
     # the observed is one of the pool, as it would be if the null were true
     pool = np.vstack([smooth, areas])
-    expected = np.mean([maps.cap @ a / a.sum() for a in pool], axis=0)
+    expected = np.mean([maps.shares(a) for a in pool], axis=0)
     null = [np.max(maps.excess(a, expected)) for a in smooth]
     excess = maps.excess(areas, expected)
     all_ = maps.clusters(areas)

@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 OPEN = 0.1  # gap |Σ α n|/Σα up to which facets are taken for those of a closed body
 POOR = 2.0  # χ² per degree of freedom, with errors known, from which the attitude is in doubt
 LOOSE = 0.2  # rms residual over mean flux from which it is, with errors unknown
+CHANGED = 0.1  # part of all area that was changed to close it from which the shape is in doubt
+FEWEST = 10  # points
 UNSEEN = 0.1  # part of all directions never lit and seen from which the shape is in doubt
 
 
@@ -90,6 +92,7 @@ class Inversion:
     def rms(self) -> float:
         """Rms residual over the mean flux, curve by curve."""
         mean = np.bincount(self.seen.curve, self.seen.flux) / np.bincount(self.seen.curve)
+        mean = np.where(mean > 0, mean, np.mean(self.seen.flux))
         residual = (self.seen.flux - self.best.flux) / mean[self.seen.curve]
         return float(np.sqrt(np.mean(residual**2)))
 
@@ -145,6 +148,11 @@ def invert(
     if not (n_normals >= 50 and smoothness >= 0.0 and albedo > 0.0):
         raise InputError(
             "give at least 50 normals, a smoothness that is not negative and a positive albedo"
+        )
+    if curve.n_obs < FEWEST:
+        raise InputError(
+            f"the light curve has {curve.n_obs} point(s); an albedo-area distribution needs at "
+            f"least {FEWEST}, and a shape many more"
         )
     progress = progress or Silent()
     seen = Observed.of(curve, attitude)
@@ -230,6 +238,17 @@ def _doubts(result: Inversion) -> list[str]:
         reasons.append(
             f"residuals are {100 * result.rms:.0f} % of the mean flux: no convex body of these "
             "materials with this attitude gives this light curve"
+        )
+    used = len(result.seen.flux) - result.dof
+    if result.facets is not None and used > result.dof:
+        reasons.append(
+            f"{used} numbers were fitted to {len(result.seen.flux)} points: other facets would do "
+            "as well"
+        )
+    if result.changed > CHANGED:
+        reasons.append(
+            f"areas had to be changed by {100 * result.changed:.0f} % of their sum to close: "
+            "albedos differ, or facets are missing, and the shape is not the body's"
         )
     if result.unseen > UNSEEN:
         reasons.append(

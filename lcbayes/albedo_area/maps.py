@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+TINY = 1e-300  # instead of the area of nothing
 CAP = 15.0  # degrees; what lies within this of a direction is one cluster
 APART = 25.0  # degrees between clusters
 HEAVY = 0.15  # share of the area in a cap from which it is left out of the search for arcs
@@ -58,13 +59,17 @@ class Maps:
             left = np.where(self.normals @ mean > np.cos(np.radians(APART)), 0.0, left)
         return found
 
+    def shares(self, areas: Floats) -> Floats:
+        """Share of all area in the cap about each normal, (N,)."""
+        return self.cap @ areas / max(float(areas.sum()), TINY)
+
     def excess(self, areas: Floats, expected: Floats) -> Floats:
         """(share − expected)/√(expected + its mean) of every cap, (N,).
 
         Spikes are as heavy wherever they are, so that their number, and with it the variance of a
         cap's share, goes with what is expected there.
         """
-        share = self.cap @ areas / areas.sum()
+        share = self.shares(areas)
         return (share - expected) / np.sqrt(expected + expected.mean())
 
     def arc(self, areas: Floats) -> tuple[float, Floats]:
@@ -80,7 +85,7 @@ class Maps:
             rest = np.where(
                 self.normals @ cluster["direction"] > np.cos(np.radians(CAP)), 0.0, rest
             )
-        if rest.sum() < 1e-3 * areas.sum():
+        if rest.sum() <= 1e-3 * areas.sum():
             return 0.0, self.poles[0]
         share = (self.bands @ rest).reshape(-1, BINS) / rest.sum()
         even = np.minimum(share, 1.0 / BINS).sum(axis=1)
@@ -92,5 +97,5 @@ class Maps:
         1 for a sphere. Less than 40 % counts as 0: there is always some place between few and many.
         """
         density = self.patch @ areas
-        part = float(np.mean(np.abs(density / density.mean() - 1.0) < EVEN))
+        part = float(np.mean(np.abs(density / max(float(density.mean()), TINY) - 1.0) < EVEN))
         return part if part >= LARGE else 0.0

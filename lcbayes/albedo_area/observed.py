@@ -106,6 +106,14 @@ class Observed:
         else:
             flux, error = brightness / dilution, np.asarray(data.error) / dilution
         group = np.asarray(data.curve)
+        mean = np.bincount(group, flux) / np.bincount(group)
+        lost = np.flatnonzero(np.asarray(data.free_scale) & ~(mean > 0))
+        if len(lost):
+            name = curve.curve_names[lost[0]]
+            raise InputError(
+                f"curve {name!r} has no flux (mean {mean[lost[0]]:.3g}), so its scale is unknown; "
+                "leave it out"
+            )
         if not data.has_error:
             mean = np.bincount(group, np.abs(flux)) / np.bincount(group)
             error = UNKNOWN_ERROR * mean[group]
