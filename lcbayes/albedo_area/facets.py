@@ -18,7 +18,8 @@ LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees 
 RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
 NEIGHBOURS = 6
 NEGLIGIBLE = 1e-6  # of Σα
-MAX_STEPS = 40
+MAX_STEPS = 60
+TRIED = 5  # of the weakest facets, before all are kept
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,43 @@ class Facets(Distribution):
         return np.sqrt(np.maximum(own - self.area_sd**2, 0.0) / 2.0) / self.areas
 
 
+def explain(
+    seen: Observed,
+    coarse: Distribution,
+    matrix: Floats,
+    materials: Sequence[Material],
+    cost: float | None = None,
+) -> tuple[Distribution, Facets]:
+    """The refined distribution and the few facets of a light curve, from that on a grid.
+
+    With several materials each is tried alone as well, and the cheapest explanation kept: where
+    columns of two can stand for one another, leaving out one after the other does not get there.
+
+    Returns
+    -------
+    fine : Distribution
+        From `refine`.
+    few : Facets
+        From `few`.
+    """
+    cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
+    found = []
+    alone = range(len(materials)) if len(materials) > 1 else ()
+    for only in (None, *alone):
+        start, part = coarse, matrix
+        if only is not None:
+            here = coarse.which == only
+            part = matrix[:, here]
+            if not np.any(part):
+                continue
+            start = solve(seen, coarse.normals[here], coarse.which[here], part)
+            if not np.any(start.areas > 0):
+                continue
+        fine = refine(seen, start, part, materials)
+        found.append((fine, few(seen, fine, materials, cost)))
+    return min(found, key=lambda pair: pair[1].chi2 + cost * len(pair[1].areas))
+
+
 def refine(
     seen: Observed, coarse: Distribution, matrix: Floats, materials: Sequence[Material]
 ) -> Distribution:
@@ -61,7 +99,7 @@ def refine(
     coarse : Distribution
         On the grid, with ``matrix`` (T, n) its columns.
     """
-    spacing = float(np.sqrt(4.0 * np.pi / np.sum(coarse.which == 0)))
+    spacing = float(np.sqrt(4.0 * np.pi / np.bincount(coarse.which).max()))
     found = coarse
     for level in range(LEVELS):
         kept = found.areas > 0
@@ -104,7 +142,7 @@ def few(
 
     Minimises χ² + cost × number of facets, over merging all of one material within each of `RADII`
     (average linkage), each time moving normals and areas to the least χ² (Levenberg-Marquardt in
-    the area vectors αn); then the facet whose loss would raise χ² least goes, as long as the sum
+    the area vectors αn); then a facet whose loss would raise χ² little goes, as long as the sum
     falls.
 
     Parameters
@@ -123,16 +161,24 @@ def few(
     merged = [_settle(seen, *_merged(fine, r), fine.scale, materials) for r in RADII]
     best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
     value = best.chi2 + cost * len(best.areas)
-    while len(best.areas) > 1:
-        weakest = np.argmin(_loss(best))
-        kept = np.arange(len(best.areas)) != weakest
-        vectors = (best.areas[:, None] * best.normals)[kept]
-        found = _settle(seen, vectors, best.which[kept], best.scale, materials)
-        total = found.chi2 + cost * len(found.areas)
-        if total >= value:
-            break
-        best, value = found, total
+    while (found := _without_one(seen, best, value, cost, materials)) is not None:
+        best, value = found, found.chi2 + cost * len(found.areas)
     return best
+
+
+def _without_one(
+    seen: Observed, best: Facets, value: float, cost: float, materials: Sequence[Material]
+) -> Facets | None:
+    """A facet fewer at a lower cost in all, if one of the weakest can be spared."""
+    vectors = best.areas[:, None] * best.normals
+    for weakest in np.argsort(_loss(best))[:TRIED]:
+        kept = np.arange(len(vectors)) != weakest
+        if not np.any(kept):
+            break
+        found = _settle(seen, vectors[kept], best.which[kept], best.scale, materials)
+        if found.chi2 + cost * len(found.areas) < value:
+            return found
+    return None
 
 
 def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.integer]]:
@@ -185,7 +231,7 @@ def _settle(
         step = np.linalg.solve(normal + ridge, jacobian.T @ residual)
         new = evaluated(here + step)
         if new[0].chi2 < found.chi2:
-            settled = found.chi2 - new[0].chi2 < 1e-4
+            settled = found.chi2 - new[0].chi2 < 1e-3 and damping <= 1e-3
             here = here + step
             found, jacobian, residual = new
             damping = max(damping / 5.0, 1e-9)

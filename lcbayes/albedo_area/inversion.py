@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lcbayes.albedo_area import bootstrap, cues
 from lcbayes.albedo_area.distribution import Distribution, Rows, grid, smooth, solve, typical
-from lcbayes.albedo_area.facets import Facets, few, refine
+from lcbayes.albedo_area.facets import Facets, explain
 from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.albedo_area.observed import Attitude, Observed
 from lcbayes.errors import InputError
@@ -173,8 +173,7 @@ def invert(
     found = fine = None
     if smoothness == 0 or n_null > 0:
         progress.say("refining the grid to few facets")
-        fine = refine(seen, plain, matrix, materials)
-        found = few(seen, fine, materials, cost)
+        fine, found = explain(seen, plain, matrix, materials, cost)
     found_cues = []
     if found is not None and n_null > 0:
         with progress.stage("shape cues", 2 * n_null, "bodies") as track:

@@ -8,7 +8,7 @@ from seen import curve_of, directions
 
 from lcbayes.albedo_area import bootstrap
 from lcbayes.albedo_area.distribution import Distribution, grid, smooth, solve, typical
-from lcbayes.albedo_area.facets import Facets, few, linear, refine
+from lcbayes.albedo_area.facets import Facets, explain, few, linear, refine
 from lcbayes.albedo_area.inversion import invert
 from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.albedo_area.observed import Attitude, Observed
@@ -109,6 +109,18 @@ def test_a_shiny_panel_on_a_dull_brick():
                             found.scale, found.flux, 0.0)  # fmt: skip
         index = matched(part, normals[which == m])
         assert part.areas[index] == pytest.approx(areas[which == m], rel=0.05)
+
+
+def test_a_material_that_is_not_there_is_left_out():
+    materials = (LAMBERTIAN, Material.parse("blinn-phong:n=50"))
+    seen = Observed.of(curve_of(BRICK, 70), Attitude())
+    normals, which = grid(60, materials)
+    matrix = columns(seen, normals, which, materials)
+    coarse = solve(seen, normals, which, matrix)
+    _, found = explain(seen, coarse, matrix, materials)
+    assert len(found.areas) == 6
+    assert not found.which.any()
+    assert found.areas[matched(found, BRICK.normals)] == pytest.approx(BRICK.areas, rel=0.05)
 
 
 def test_curves_of_unknown_scale_give_the_proportions():
