@@ -46,7 +46,7 @@ class Epochs:
     curve : (T,) int
         Group of the point.
     exposure_s : (T,) s
-    information : float
+    information : scalar or (T,)
         What a point is worth, 1 where errors are independent: the power of its likelihood.
     kind : "flux" or "mag"
     has_error, has_exposure : bool

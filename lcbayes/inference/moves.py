@@ -1,14 +1,14 @@
-"""Particles at one temperature: their densities, their widths, one move of each."""
+"""Particles at one step of the path: their densities, their widths, one move of each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference import path
 from lcbayes.inference.problem import Problem
 from lcbayes.kernels import ahmc, metric, trajectory
 from lcbayes.kernels.adaptation import Params
@@ -20,14 +20,14 @@ class Drawn(NamedTuple):
 
     z: Any  # (N, D)
     log_factors: Any  # (N,) ln of what the model multiplies the prior with
-    log_likelihood: Any  # (N,)
+    log_likelihood: Any  # (N, BINS)
 
 
 class Moved(NamedTuple):
     """One transition of each particle."""
 
     state: State  # (n, ...)
-    log_likelihood: Any  # (n,)
+    log_likelihood: Any  # (n, BINS)
     accept: Any  # (n,)
     num_steps: Any  # (n,)
 
@@ -43,14 +43,9 @@ class Tuning(NamedTuple):
     width: Any  # (D,) of the solutions, not of the particles
 
 
-def tempered(data: Epochs, temperature: jax.Array | float) -> Epochs:
-    """The data with their likelihood raised to a power, on top of `Epochs.information`."""
-    return replace(data, information=temperature * data.information)
-
-
-def log_likelihood(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
-    """What the brightness adds to −U, ln p(y | z) to the power of the data's information."""
-    return data.information * jnp.sum(problem.log_likelihood(z, data))
+def log_likelihood(problem: Problem, z: jax.Array, data: Epochs, bins: jax.Array) -> jax.Array:
+    """ln p(y | z) to the power of the data's information, the sum over each bin, (BINS,)."""
+    return path.binned(data.information * problem.log_likelihood(z, data), bins)
 
 
 def each(f: Callable, rows: Any) -> Any:
@@ -59,38 +54,31 @@ def each(f: Callable, rows: Any) -> Any:
 
 
 @partial(jax.jit, static_argnums=0)
-def draw(problem: Problem, data: Epochs, keys: jax.Array) -> Drawn:
+def draw(problem: Problem, data: Epochs, bins: jax.Array, keys: jax.Array) -> Drawn:
     """One draw from the prior for each key (N,)."""
 
     def one(key: jax.Array) -> Drawn:
         z = problem.prior_draw(key, data)
-        return Drawn(z, problem.log_factors(z, data), log_likelihood(problem, z, data))
+        return Drawn(z, problem.log_factors(z, data), log_likelihood(problem, z, data, bins))
 
     return each(one, keys)
 
 
 @partial(jax.jit, static_argnums=0)
-def start(problem: Problem, data: Epochs, temperature: jax.Array, z: jax.Array) -> State:
-    """Potential and gradient at a temperature, of particles z (n, D)."""
-    at = tempered(data, temperature)
+def start(problem: Problem, at: Epochs, z: jax.Array) -> State:
+    """Potential and gradient of particles z (n, D)."""
     return each(lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z)
 
 
 @partial(jax.jit, static_argnums=0)
 def reflect(
-    problem: Problem,
-    data: Epochs,
-    temperature: jax.Array,
-    mirror: jax.Array,
-    keys: jax.Array,
-    state: State,
+    problem: Problem, at: Epochs, mirror: jax.Array, keys: jax.Array, state: State
 ) -> State:
     """Every other particle to its mirror image, z → Q z, with probability min{1, exp(U − U′)}.
 
     Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Only
     half are proposed to: if all changed over, the sides would only swap their weights.
     """
-    at = tempered(data, temperature)
 
     def one(row: tuple[jax.Array, State]) -> State:
         key, state = row
@@ -105,11 +93,8 @@ def reflect(
 
 
 @partial(jax.jit, static_argnums=0)
-def inform(
-    problem: Problem, data: Epochs, temperature: jax.Array, z: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Information G (n, D, D) at a temperature and the diagonal of its inverse (n, D)."""
-    at = tempered(data, temperature)
+def inform(problem: Problem, at: Epochs, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Information G (n, D, D) and the diagonal of its inverse (n, D)."""
 
     def one(z: jax.Array) -> tuple[jax.Array, jax.Array]:
         information = problem.fisher(z, at)
@@ -122,19 +107,20 @@ def inform(
 @partial(jax.jit, static_argnums=0)
 def move(
     problem: Problem,
+    at: Epochs,
     data: Epochs,
-    temperature: jax.Array,
+    bins: jax.Array,
     tuning: Tuning,
     keys: jax.Array,
     state: State,
 ) -> Moved:
-    """One transition of each particle by the exact kernel, which leaves exp(−U) at a temperature
-    invariant. Keys and states (n,).
+    """One transition of each particle by the exact kernel, which leaves exp(−U) of the data as they
+    count ``at`` a step of the path invariant; the likelihood is that of ``data`` at their full
+    weight. Keys and states (n,).
 
     Step sizes are drawn apart from the states, over a wide range: where a facet turns away the
     posterior has an edge that only small steps pass, and elsewhere large ones go far.
     """
-    at = tempered(data, temperature)
     kernel = ahmc.build_kernel(lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at))
     scale = metric.Scale(
         jnp.zeros(problem.dim), jnp.diag(tuning.width), jnp.diag(1.0 / tuning.width)
@@ -147,7 +133,7 @@ def move(
         step = jnp.minimum(step, tuning.length)
         num_steps = jnp.minimum(jnp.ceil(tuning.length / step), tuning.max_steps).astype(int)
         state, info = kernel(key, state, Params(step, num_steps, tuning.delta, scale))
-        reached = log_likelihood(problem, state.z, data)
+        reached = log_likelihood(problem, state.z, data, bins)
         return Moved(state, reached, info.accept_prob, info.num_steps)
 
     return each(one, (keys, state))

@@ -116,7 +116,7 @@ class Problem:
         """−log p(y, z) with respect to z."""
         trace, log_det = self._trace(z, data)
         return -log_det - sum(
-            jnp.sum(v["fn"].log_prob(v["value"])) * _power(v)
+            jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
             for v in trace.values()
             if v["type"] == "sample"
         )
@@ -129,7 +129,7 @@ class Problem:
         trace, _ = self._trace(z, data)
         return sum(
             (
-                jnp.sum(v["fn"].log_prob(v["value"])) * _power(v)
+                jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
                 for k, v in trace.items()
                 if v["type"] == "sample" and v["is_observed"] and k != OBSERVED
             ),

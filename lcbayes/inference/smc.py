@@ -1,13 +1,13 @@
 """Tempered sequential Monte Carlo: all solutions, their weights and the evidence, from the prior.
 
-Particles drawn from the prior p₀ go to the posterior p₀ Lᵏ at powers λ = 0 → 1 of the likelihood L.
-At each temperature
+Particles drawn from the prior p₀ go to the posterior p₀ Πₜ Lₜ by way of p₀ Πₜ Lₜ^wₜ(s), s = 0 → 1,
+all powers wₜ rising from 0 to 1 (`lcbayes.inference.path`). At each step
 
-1. λ′ is as far from λ as leaves a share of the particles effective; the evidence grows by the mean
-   of L^(λ′ − λ) over the particles of λ;
-2. as many as there shall be chains are chosen in proportion to L^(λ′ − λ);
+1. s′ is as far from s as leaves a share of the particles effective; the evidence grows by the mean
+   of what the likelihood gains, Π Lₜ^(wₜ(s′) − wₜ(s)), over the particles of s;
+2. as many as there shall be chains are chosen in proportion to that gain;
 3. each moves by the exact Fisher-adaptive kernel (`lcbayes.kernels`), until they have moved about
-   as far as a solution is wide. All points passed are particles of λ′: nothing is thrown away.
+   as far as a solution is wide. All points passed are particles of s′: nothing is thrown away.
 
 Step size and scale follow the particles themselves, all of them at once: an adaptation that a
 single particle hardly sees, whose bias is O(1/N).
@@ -15,7 +15,7 @@ single particle hardly sees, whose bias is O(1/N).
 References
 ----------
 Del Moral, Doucet & Jasra 2006, JRSS B 68, 411; Dau & Chopin 2022, JRSS B 84, 114 (waste-free: the
-points passed are particles); Jasra et al. 2011, Scand. J. Stat. 38, 1 (adaptive temperatures).
+points passed are particles); Jasra et al. 2011, Scand. J. Stat. 38, 1 (adaptive steps).
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference import moves, tempering
 from lcbayes.inference.moves import Moved, Tuning
+from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 from lcbayes.progress import Silent, Track
 
@@ -42,7 +43,7 @@ Floats = NDArray[np.float64]
 
 BLOCKS = 4  # of particles, for the threads; a constant, so that numbers do not hang on their count
 PROBES = 256  # particles whose information tells how wide a solution is
-MAX_TEMPERATURES = 300
+MAX_STAGES = 300
 LEAST_ACCEPTANCE = 0.15
 
 
@@ -54,7 +55,7 @@ class Collapse(RuntimeError):
 class Plan:
     """What may be turned; the defaults were measured (benchmarks/smc.py)."""
 
-    share: float = 0.8  # of the particles, effective after a change of temperature
+    share: float = 0.8  # of the particles, effective after a step
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
     spread: float = 0.5  # of the logarithm of step sizes
@@ -68,9 +69,9 @@ class Plan:
 
 @dataclass
 class Stage:
-    """One temperature."""
+    """One step of the path."""
 
-    temperature: float
+    s: float
     num_moves: int
     accept: float  # mean of the last moves
     step_size: float
@@ -90,7 +91,7 @@ class Result:
     log_evidence : float
         ln ∫ exp(−U) dz, with the U of the problem and the data as given.
     stages : list of Stage
-        The temperatures, rising to 1.
+        Their s rises to 1.
     reasons : list of str
         Why not to trust it, in words; empty where nothing is wrong that the run itself can see.
     """
@@ -105,13 +106,8 @@ class Result:
     reasons: list[str] = field(default_factory=list)
 
     @property
-    def log_temperatures(self) -> Floats:
-        """(K,), the last 0."""
-        return np.log([s.temperature for s in self.stages])
-
-    @property
     def acceptance(self) -> Floats:
-        """Of each temperature, (K,)."""
+        """Of each stage, (K,)."""
         return np.array([s.accept for s in self.stages])
 
 
@@ -131,14 +127,14 @@ def run(
     Parameters
     ----------
     problem, data
-        Each temperature is a power of `Epochs.information`: nothing is compiled twice.
+        Each stage is a power of `Epochs.information`: nothing is compiled twice.
     key : random key
     n_particles : int
-        Chains at each temperature; the particles are all points that they pass.
+        Chains at each stage; the particles are all points that they pass.
     plan : Plan, optional
     mirror : (D, D), optional
         A matrix that is its own inverse, under which the posterior is thought to be symmetric
-        (`lcbayes.inference.symmetry`): at each temperature half of the particles try their image.
+        (`lcbayes.inference.symmetry`): at each stage half of the particles try their image.
     workers : int
         Threads.
     progress : Silent or Console
@@ -149,7 +145,7 @@ def run(
         The model's likelihood does not follow `Epochs.information`, so it cannot be tempered; or
         hardly any draw from its prior has any density.
     Collapse
-        No move is accepted any more, or the temperature cannot rise.
+        No move is accepted any more, or no step can be taken.
     """
     progress = progress or Silent()
     with ThreadPoolExecutor(workers) as pool, progress.stage("tempering", 100, "%") as track:
@@ -157,7 +153,7 @@ def run(
 
 
 class _Run:
-    """The state of a run, from temperature to temperature."""
+    """The state of a run, from stage to stage."""
 
     def __init__(
         self,
@@ -171,6 +167,7 @@ class _Run:
     ) -> None:
         self.problem, self.data, self.n, self.plan, self.mirror = problem, data, n, plan, mirror
         self.pool, self.track = pool, track
+        self.path = Path.of(data, problem.dim)
         self.step_size, self.gradients, self.told = 0.5, 0, 0
         self.stages: list[Stage] = []
         self.reasons: list[str] = []
@@ -179,28 +176,29 @@ class _Run:
         begun = time.monotonic()
         key, key_draw = jax.random.split(key)
         z, log_likelihood, log_weights, log_evidence = self._first(key_draw)
-        temperature = 0.0
-        while temperature < 1.0:
-            new = tempering.next_temperature(
-                log_weights, log_likelihood, temperature, self.plan.share
+        s = 0.0
+        while s < 1.0:
+            new = tempering.next_step(
+                log_weights, log_likelihood, self.path.powers, s, self.plan.share
             )
-            if new <= temperature or len(self.stages) == MAX_TEMPERATURES:
+            if new <= s or len(self.stages) == MAX_STAGES:
                 raise Collapse(
-                    f"tempering stopped at {temperature:.3g} of the likelihood after "
-                    f"{len(self.stages)} temperatures: the likelihood differs too much between "
-                    "particles; give more particles"
+                    f"the particles stopped {s:.0%} of the way to the posterior after "
+                    f"{len(self.stages)} steps: the likelihood differs too much between them; "
+                    "give more particles"
                 )
-            log_weights = log_weights + (new - temperature) * log_likelihood
+            rise = self.path.powers(new) - self.path.powers(s)
+            log_weights = log_weights + tempering.change(log_likelihood, rise)
             log_evidence += tempering.log_sum(log_weights)
-            temperature = new
+            s = new
             key, key_choice, key_move = jax.random.split(key, 3)
             uniform = float(jax.random.uniform(key_choice))
             chosen = tempering.systematic(log_weights, self.n, uniform)
-            z, log_likelihood = self._moved(key_move, temperature, z[chosen], log_evidence)
+            z, log_likelihood = self._moved(key_move, s, z[chosen], log_evidence)
             log_weights = np.full(len(z), -np.log(len(z)))
             self._tell()
         return Result(
-            z, log_likelihood, float(log_evidence), self.stages, len(z) // self.n,
+            z, log_likelihood.sum(axis=1), float(log_evidence), self.stages, len(z) // self.n,
             self.gradients, time.monotonic() - begun, self.reasons,
         )  # fmt: skip
 
@@ -209,8 +207,10 @@ class _Run:
         drawn, n_pool = [], 0
         for i in range(self.plan.max_pool):
             keys = jax.random.split(jax.random.fold_in(key, i), self.n)
-            parts = self._blocks(lambda k: moves.draw(self.problem, self.data, k), keys)
-            good = np.isfinite(parts.log_factors) & np.isfinite(parts.log_likelihood)
+            parts = self._blocks(
+                lambda k: moves.draw(self.problem, self.data, self.path.bins, k), keys
+            )
+            good = np.isfinite(parts.log_factors) & np.isfinite(parts.log_likelihood).all(axis=1)
             drawn.append(jax.tree.map(lambda x, good=good: x[good], parts))
             n_pool += self.n
             pooled = jax.tree.map(lambda *x: np.concatenate(x), *drawn)
@@ -223,7 +223,7 @@ class _Run:
                     f"of {n_pool} draws from the prior only about {found:.0f} have any density "
                     "(every facet must be lit and seen); ask for fewer facets or more particles"
                 )
-        if not np.any(pooled.log_likelihood):
+        if not self._follows(pooled.z[0], pooled.log_likelihood[0].sum()):
             raise InputError(
                 "the model's likelihood does not follow data.information, so that it cannot be "
                 "tempered; end the model with lcbayes.noise.observe(data, flux)"
@@ -233,21 +233,27 @@ class _Run:
         log_evidence = float(tempering.log_sum(log_factors) - np.log(n_pool))
         return z, log_likelihood, tempering.normalised(log_factors), log_evidence
 
+    def _follows(self, z: Floats, log_likelihood: float) -> bool:
+        """Whether the model leaves its likelihood out where the data have no information."""
+        potential = jax.jit(self.problem.potential)
+        gone = potential(z, self.path.at(self.data, 0.0)) - potential(z, self.data)
+        return bool(np.isclose(gone, log_likelihood, rtol=1e-6))
+
     def _moved(
-        self, key: jax.Array, temperature: float, z: Floats, log_evidence: float
+        self, key: jax.Array, s: float, z: Floats, log_evidence: float
     ) -> tuple[Floats, Floats]:
-        """Chains from z (n, D) at a temperature: all points passed, chain by chain."""
-        plan, lam = self.plan, jnp.asarray(temperature)
-        state = self._blocks(lambda z: moves.start(self.problem, self.data, lam, z), z)
+        """Chains from z (n, D) at a step of the path: all points passed, chain by chain."""
+        plan, at = self.plan, self.path.at(self.data, s)
+        state = self._blocks(lambda z: moves.start(self.problem, at, z), z)
         if self.mirror is not None:
             keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), self.n)
-            turn = partial(moves.reflect, self.problem, self.data, lam, jnp.asarray(self.mirror))
+            turn = partial(moves.reflect, self.problem, at, jnp.asarray(self.mirror))
             state = self._blocks(turn, keys, state)
             z = state.z
         probes = np.linspace(0, self.n - 1, min(PROBES, self.n)).astype(int)
         information, variance = (
             np.asarray(x) for x in self._blocks(
-                lambda z: moves.inform(self.problem, self.data, lam, z), z[probes]
+                lambda z: moves.inform(self.problem, at, z), z[probes]
             )
         )  # fmt: skip
         width = _width(variance, z)
@@ -259,7 +265,7 @@ class _Run:
             keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
-                    self.problem, self.data, lam, tuning, k, s
+                    self.problem, at, self.data, self.path.bins, tuning, k, s
                 ),
                 keys, state,
             )  # fmt: skip
@@ -271,21 +277,21 @@ class _Run:
             moved = _moved_by(np.asarray(state.z[probes]) - z[probes], information)
         accept = float(np.mean(accepted[-5:]))
         self.stages.append(
-            Stage(temperature, len(passed), accept, self.step_size, moved, float(log_evidence))
+            Stage(s, len(passed), accept, self.step_size, moved, float(log_evidence))
         )
         if accept < LEAST_ACCEPTANCE:
             raise Collapse(
-                f"at {temperature:.3g} of the likelihood {accept:.1%} of the moves are accepted "
+                f"{s:.0%} of the way to the posterior {accept:.1%} of the moves are accepted "
                 f"after {len(passed)} changes of the step size (now {self.step_size:.2g}); the "
                 "posterior is too rough to follow: check the errors of the data"
             )
         if moved < 0.5 * plan.moved:
             self.reasons.append(
-                f"at {temperature:.3g} of the likelihood the particles moved {moved:.0%} of what "
+                f"{s:.0%} of the way to the posterior the particles moved {moved:.0%} of what "
                 f"independent ones would in {len(passed)} moves"
             )
         points, reached = (np.stack(x, axis=1) for x in zip(*passed, strict=True))
-        return points.reshape(-1, points.shape[-1]), reached.ravel()
+        return points.reshape(-1, points.shape[-1]), reached.reshape(-1, reached.shape[-1])
 
     def _blocks(self, f: Callable[..., Any], *rows: Any) -> Any:
         """f of rows, which have a common first axis, in blocks of one size on the threads."""
@@ -300,15 +306,10 @@ class _Run:
         return jax.tree.map(lambda *x: np.concatenate(x)[:n], *parts)
 
     def _tell(self) -> None:
-        """Progress as the share of the way, on a logarithmic scale of temperature."""
-        now, first = self.stages[-1], self.stages[0]
-        way = 1.0
-        if now.temperature < 1.0:
-            way = 1.0 - np.log(now.temperature) / min(np.log(first.temperature), -1e-9)
-        done = int(100 * way)
-        self.track.advance(
-            done - self.told, f"temperature {now.temperature:.2g}, {now.accept:.0%} accepted"
-        )
+        """Progress as the share of the way."""
+        now = self.stages[-1]
+        done = int(100 * now.s)
+        self.track.advance(done - self.told, f"{now.accept:.0%} accepted")
         self.told = done
 
 

@@ -1,6 +1,8 @@
-"""From one temperature to the next: how far, what it adds to the evidence, and who goes on."""
+"""From one step to the next: how far, what it adds to the evidence, and who goes on."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,40 +43,53 @@ def effective_number(log_weights: Floats) -> float:
     return float(np.exp(2 * log_sum(log_weights) - log_sum(2 * log_weights)))
 
 
-def next_temperature(
-    log_weights: Floats, log_likelihood: Floats, temperature: float, share: float
+def next_step(
+    log_weights: Floats,
+    log_likelihood: Floats,
+    powers: Callable[[float], Floats],
+    s: float,
+    share: float,
 ) -> float:
-    """The λ′ in (λ, 1] at which the conditional effective share falls to ``share``, by bisection.
+    """The s′ in (s, 1] at which the conditional effective share falls to ``share``, by bisection.
 
     Parameters
     ----------
-    log_weights, log_likelihood : (N,)
-    temperature : float
-        λ, the power of the likelihood so far.
+    log_weights : (N,)
+    log_likelihood : (N, K)
+        Of each particle, in parts.
+    powers
+        s -> (K,), of the parts; rising.
+    s : float
+        Where the particles are.
     """
+    here = powers(s)
 
     def left(new: float) -> float:
-        with np.errstate(invalid="ignore"):  # 0 times -inf, where a likelihood is none
-            return effective_share(log_weights, (new - temperature) * log_likelihood)
+        return effective_share(log_weights, change(log_likelihood, powers(new) - here))
 
     if left(1.0) >= share:
         return 1.0
-    low, high = 0.0, 1.0 - temperature  # of the step, whose scale is not known: halve its log
+    low, high = 0.0, 1.0 - s  # of the step, whose scale is not known: halve its log
     for _ in range(200):
         middle = np.sqrt(low * high) if low > 0 else 0.01 * high
-        if left(temperature + middle) < share:
+        if left(s + middle) < share:
             high = middle
         else:
             low = middle
         if low > 0 and high / low < 1.001:
             break
-    return min(temperature + low, 1.0) if low > 0 else temperature
+    return min(s + low, 1.0) if low > 0 else s
+
+
+def change(log_likelihood: Floats, by: Floats) -> Floats:
+    """Σₖ bₖ ℓₖ (N,), of powers that rise by b (K,); a part that does not rise does not count."""
+    return log_likelihood[:, by > 0] @ by[by > 0]
 
 
 def systematic(log_weights: Floats, n: int, uniform: float) -> NDArray[np.int64]:
     """Indices (n,) of those that go on, each n W times to within one; in rising order.
 
-    Children of one parent stay neighbours from one temperature to the next, and so do the members
+    Children of one parent stay neighbours from one step to the next, and so do the members
     of a solution, all descending from the same few: a run of neighbours has its right number of
     children to within one, so that the weights of solutions do not drift by chance.
 

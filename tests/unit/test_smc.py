@@ -15,6 +15,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference import moves, smc, tempering
+from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 
 N = 200
@@ -90,8 +91,8 @@ def test_points_of_less_weight(gaussian):
 def test_a_run_says_how_it_went(runs):
     found = runs.runs[0]
     assert found.reasons == []
-    assert found.log_temperatures[-1] == 0.0
-    assert np.all(np.diff(found.log_temperatures) > 0)
+    assert found.stages[-1].s == 1.0
+    assert np.all(np.diff([stage.s for stage in found.stages]) > 0)
     assert np.all((found.acceptance > 0.5) & (found.acceptance <= 1.0))
     assert found.z.shape == (N * found.points, 3)
     assert found.log_likelihood.shape == (N * found.points,)
@@ -147,17 +148,42 @@ def test_factors_are_all_but_prior_and_brightness():
     np.testing.assert_allclose(*jax.jit(jax.vmap(both))(z), rtol=1e-9)
 
 
-def test_next_temperature_leaves_the_share_asked_for():
+def test_next_step_leaves_the_share_asked_for():
     rng = np.random.default_rng(0)
-    log_likelihood, log_weights = -300 * rng.random(500), np.log(rng.dirichlet(np.ones(500)))
-    new = tempering.next_temperature(log_weights, log_likelihood, 0.01, 0.6)
-    assert 0.01 < new < 1
-    w, change = np.exp(log_weights), np.exp((new - 0.01) * log_likelihood)
+    log_likelihood, log_weights = -100 * rng.random((500, 3)), np.log(rng.dirichlet(np.ones(500)))
+
+    def powers(s):  # the parts come in one after the other
+        return np.clip(3 * s - np.arange(3), 0.0, 1.0)
+
+    new = tempering.next_step(log_weights, log_likelihood, powers, 0.3, 0.6)
+    assert 0.3 < new < 1
+    w = np.exp(log_weights)
+    change = np.exp(log_likelihood @ (powers(new) - powers(0.3)))
     np.testing.assert_allclose((w @ change) ** 2 / (w @ change**2), 0.6, rtol=0.01)
-    assert tempering.next_temperature(log_weights, 1e-3 * log_likelihood, 0.01, 0.6) == 1.0
+    assert tempering.next_step(log_weights, 1e-3 * log_likelihood, powers, 0.3, 0.6) == 1.0
     # Where half of the particles have no likelihood at all, 0.6 of them are never effective.
-    none = np.where(np.arange(500) % 2, -np.inf, 0.0)
-    assert tempering.next_temperature(np.full(500, -np.log(500)), none, 0.0, 0.6) == 0.0
+    none = np.where(np.arange(500) % 2, -np.inf, 0.0)[:, None] * np.ones(3)
+    assert tempering.next_step(np.full(500, -np.log(500)), none, powers, 0.0, 0.6) == 0.0
+
+
+def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
+    problem, data = gaussian
+    shuffled = jax.tree.map(lambda x: x[::-1] if x.ndim and x.shape[0] == 20 else x, data)
+    for epochs in (data, shuffled):
+        path = Path.of(epochs, problem.dim)
+        powers = np.array([path.at(epochs, s).information for s in np.linspace(0, 1, 201)])
+        assert np.all(powers[0] == 0.0)
+        np.testing.assert_allclose(powers[-1], 1.0)
+        assert np.all(np.diff(powers, axis=0) >= 0)
+        np.testing.assert_allclose(powers[100], path.plateau)
+        early = np.argsort(epochs.t)
+        assert np.all(np.diff(powers[40][early]) <= 0)
+        assert powers[40][early[0]] == path.plateau
+        assert powers[40][early[-1]] == 0.0
+    loud = replace(data, error=100.0 * data.error)
+    assert Path.of(loud, problem.dim).plateau == 1.0
+    unknown = replace(data, error=jnp.full(20, jnp.nan), has_error=False)
+    assert 0.0 < Path.of(unknown, problem.dim).plateau < 1.0
 
 
 def test_systematic_choice_keeps_to_the_weights():
@@ -225,12 +251,13 @@ def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
     _, mean, cov = exact(data, 0.1)
     n, lam = 2000, jnp.asarray(0.1)
     z = np.random.default_rng(0).multivariate_normal(mean, cov, n)
-    state = moves.start(problem, data, lam, jnp.asarray(z))
+    at, bins = replace(data, information=lam), Path.of(data, 3).bins
+    state = moves.start(problem, at, jnp.asarray(z))
     width = jnp.sqrt(jnp.diagonal(jnp.asarray(cov)))
     tuning = moves.Tuning(0.9, 0.3, 1.5, 8, 0.5, width)
     for i in range(20):
         keys = jax.random.split(jax.random.key(i), n)
-        out = moves.move(problem, data, lam, tuning, keys, state)
+        out = moves.move(problem, at, data, bins, tuning, keys, state)
         state = out.state
     assert np.mean(out.accept) > 0.6
     white = np.linalg.solve(np.linalg.cholesky(cov), (np.asarray(state.z) - mean).T)
