@@ -12,9 +12,10 @@ from lcbayes.epochs import Epochs
 
 Floats = NDArray[np.float64]
 
+HALF = 0.5  # of the path, where all points have come in
 BINS = 48  # of the epochs, in order of time: what a particle keeps of its likelihood
 RAMP = 0.3  # share of the points that are coming in together
-SIGNAL = 30.0  # squared signal over noise for each parameter, to which the power is first held
+SIGNAL = 100.0  # squared signal over noise for each parameter, to which the power is first held
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,12 @@ class Path:
     the power of all rises to λ₀^(2 − 2s).
 
     A spin is known to about 1/T once it has been seen for a time T. If all points counted a
-    little from the beginning there would be T³ times as many spins to tell apart as particles, and
+    little from the beginning there would be far more spins to tell apart than particles, and
     chance would decide how many of these are near the right one when it begins to win: ln Z of four
-    facets that turn scattered by 2.9 between runs, all of it from there. As the time grows bit by
-    bit no more spins come up than the particles can follow, and the scatter is a quarter. The power
-    λ₀ leaves as much signal as parameters need to be told, so that no step is needlessly narrow.
+    facets that turn scattered by 2.9 between runs of 500 particles, all of it from there. As the
+    time grows bit by bit no more spins come up than the particles can follow. The power λ₀ leaves
+    as much signal as parameters need to be told; more of it makes the first steps narrow, less
+    brings the many spins back.
 
     Attributes
     ----------
@@ -61,10 +63,10 @@ class Path:
 
     def powers(self, s: float) -> Floats:
         """Of each bin, (BINS,)."""
-        if s > 0.5:
-            return np.full(BINS, self.plateau ** (2.0 - 2.0 * s))
-        place = np.arange(BINS) / BINS
-        return self.plateau * np.clip((2.0 * s * (1.0 + RAMP) - place) / RAMP, 0.0, 1.0)
+        if s > HALF:
+            return np.full(BINS, self.plateau ** ((1.0 - s) / (1.0 - HALF)))
+        front, place = s / HALF * (1.0 + RAMP), np.arange(BINS) / BINS
+        return self.plateau * np.clip((front - place) / RAMP, 0.0, 1.0)
 
     def at(self, data: Epochs, s: float) -> Epochs:
         """The data as they count at s, on top of `Epochs.information`."""

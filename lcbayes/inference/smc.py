@@ -35,13 +35,13 @@ from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference import moves, tempering
 from lcbayes.inference.moves import Moved, Tuning
-from lcbayes.inference.path import Path
+from lcbayes.inference.path import HALF, Path
 from lcbayes.inference.problem import Problem
 from lcbayes.progress import Silent, Track
 
 Floats = NDArray[np.float64]
 
-BLOCKS = 4  # of particles, for the threads; a constant, so that numbers do not hang on their count
+BLOCKS = 4  # of particles, for the threads: a constant, so that numbers do not hang on their count
 PROBES = 256  # particles whose information tells how wide a solution is
 MAX_STAGES = 300
 LEAST_ACCEPTANCE = 0.15
@@ -55,6 +55,7 @@ class Collapse(RuntimeError):
 class Plan:
     """What may be turned; the defaults were measured (benchmarks/smc.py)."""
 
+    crowd: int = 4  # times as many chains while points come in: there it is decided what is found
     share: float = 0.8  # of the particles, effective after a step
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
@@ -64,7 +65,7 @@ class Plan:
     moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
     min_moves: int = 8  # with 3 most runs on four facets lost the truth
     max_moves: int = 40
-    max_pool: int = 256  # draws from the prior, at most, over n_particles
+    max_pool: int = 64  # draws from the prior, at most, over the chains
 
 
 @dataclass
@@ -193,7 +194,8 @@ class _Run:
             s = new
             key, key_choice, key_move = jax.random.split(key, 3)
             uniform = float(jax.random.uniform(key_choice))
-            chosen = tempering.systematic(log_weights, self.n, uniform)
+            n_chains = self.n if s > HALF else self.n * self.plan.crowd
+            chosen = tempering.systematic(log_weights, n_chains, uniform)
             z, log_likelihood = self._moved(key_move, s, z[chosen], log_evidence)
             log_weights = np.full(len(z), -np.log(len(z)))
             self._tell()
@@ -204,21 +206,21 @@ class _Run:
 
     def _first(self, key: jax.Array) -> tuple[Floats, Floats, Floats, float]:
         """Draws from the prior, weighed by the model's factors, enough for n particles."""
-        drawn, n_pool = [], 0
+        drawn, n_pool, wanted = [], 0, self.n * self.plan.crowd
         for i in range(self.plan.max_pool):
-            keys = jax.random.split(jax.random.fold_in(key, i), self.n)
+            keys = jax.random.split(jax.random.fold_in(key, i), wanted)
             parts = self._blocks(
                 lambda k: moves.draw(self.problem, self.data, self.path.bins, k), keys
             )
             good = np.isfinite(parts.log_factors) & np.isfinite(parts.log_likelihood).all(axis=1)
             drawn.append(jax.tree.map(lambda x, good=good: x[good], parts))
-            n_pool += self.n
+            n_pool += wanted
             pooled = jax.tree.map(lambda *x: np.concatenate(x), *drawn)
-            if len(pooled.z) and tempering.effective_number(pooled.log_factors) >= self.n:
+            if len(pooled.z) and tempering.effective_number(pooled.log_factors) >= wanted:
                 break
         else:
             found = tempering.effective_number(pooled.log_factors) if len(pooled.z) else 0.0
-            if found < 0.05 * self.n:
+            if found < 0.05 * wanted:
                 raise InputError(
                     f"of {n_pool} draws from the prior only about {found:.0f} have any density "
                     "(every facet must be lit and seen); ask for fewer facets or more particles"
@@ -235,9 +237,12 @@ class _Run:
 
     def _follows(self, z: Floats, log_likelihood: float) -> bool:
         """Whether the model leaves its likelihood out where the data have no information."""
-        potential = jax.jit(self.problem.potential)
-        gone = potential(z, self.path.at(self.data, 0.0)) - potential(z, self.data)
-        return bool(np.isclose(gone, log_likelihood, rtol=1e-6))
+        ends = (self.path.at(self.data, 0.0), self.path.at(self.data, 1.0))
+        without, whole = (
+            self._blocks(lambda z, at=at: moves.start(self.problem, at, z), z[None]).potential[0]
+            for at in ends
+        )
+        return bool(np.isclose(without - whole, log_likelihood, rtol=1e-6))
 
     def _moved(
         self, key: jax.Array, s: float, z: Floats, log_evidence: float
@@ -246,11 +251,11 @@ class _Run:
         plan, at = self.plan, self.path.at(self.data, s)
         state = self._blocks(lambda z: moves.start(self.problem, at, z), z)
         if self.mirror is not None:
-            keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), self.n)
+            keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), len(z))
             turn = partial(moves.reflect, self.problem, at, jnp.asarray(self.mirror))
             state = self._blocks(turn, keys, state)
             z = state.z
-        probes = np.linspace(0, self.n - 1, min(PROBES, self.n)).astype(int)
+        probes = np.linspace(0, len(z) - 1, min(PROBES, len(z))).astype(int)
         information, variance = (
             np.asarray(x) for x in self._blocks(
                 lambda z: moves.inform(self.problem, at, z), z[probes]
@@ -262,7 +267,7 @@ class _Run:
             tuning = Tuning(
                 self.step_size, plan.spread, plan.length, plan.max_steps, plan.delta, width
             )
-            keys = jax.random.split(jax.random.fold_in(key, len(passed)), self.n)
+            keys = jax.random.split(jax.random.fold_in(key, len(passed)), len(z))
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
                     self.problem, at, self.data, self.path.bins, tuning, k, s
@@ -296,8 +301,8 @@ class _Run:
     def _blocks(self, f: Callable[..., Any], *rows: Any) -> Any:
         """f of rows, which have a common first axis, in blocks of one size on the threads."""
         n = len(jax.tree.leaves(rows)[0])
-        size = -(-n // BLOCKS)
-        index = np.resize(np.arange(n), BLOCKS * size).reshape(BLOCKS, size)
+        size = -(-self.n // BLOCKS)
+        index = np.resize(np.arange(n), (-(-n // size), size))
 
         def one(i: NDArray[np.int64]) -> Any:
             return jax.tree.map(np.asarray, f(*jax.tree.map(lambda x: x[i], rows)))

@@ -229,7 +229,7 @@ def test_a_prior_without_density_is_refused():
 
     data = Epochs.of(small.curve(10))
     with pytest.raises(InputError, match="of 80 draws from the prior"):
-        smc.run(Problem(nowhere, data), data, jax.random.key(0), 20, plan=smc.Plan(max_pool=4))
+        smc.run(Problem(nowhere, data), data, jax.random.key(0), 20, plan=smc.Plan(max_pool=1))
 
 
 def test_little_movement_is_told(gaussian):
