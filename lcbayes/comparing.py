@@ -88,7 +88,7 @@ def compare(
     model: str = "faceted",
     *,
     seed: int = 0,
-    num_particles: int = 750,
+    num_particles: int = 100,
     num_runs: int = 4,
     num_starts: int = 0,
     sparse: int | None = None,

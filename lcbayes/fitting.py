@@ -89,7 +89,7 @@ def fit(
     sampler: str = "nuts",
     seed: int = 0,
     num_warmup: int | None = None,
-    num_samples: int = 750,
+    num_samples: int = 0,
     num_chains: int = 4,
     num_starts: int = 0,
     max_modes: int = 4,
@@ -116,8 +116,8 @@ def fit(
     seed : int
         The same input, version, seed and device give the same numbers.
     num_warmup, num_samples, num_chains : int
-        Per solution. A warm-up of None takes what serves the sampler: 200 for NUTS. For "smc" the
-        number of particles that move, and of independent runs.
+        Per solution. None and 0 take what serves the sampler: a warm-up of 200 for NUTS, and 750
+        draws. For "smc" the number of particles that move (250), and of independent runs.
     num_starts : int
         Starts of the search where the model has no own; 0 chooses by the number of parameters.
     max_modes : int

@@ -27,7 +27,7 @@ A run that was stopped goes on when the same command is given again.
 FLAGS = ("law", "noise_law", "spin")
 SETTINGS = {
     "seed": "of every random number (default 0)",
-    "num_particles": "particles that move, in each run (default 750)",
+    "num_particles": "particles that move, in each run (default 100)",
     "num_runs": "independent runs for each number of facets (default 4)",
     "num_starts": "starts of the search for the best fit (default 64)",
 }

@@ -28,7 +28,8 @@ from lcbayes.progress import Silent
 
 Floats = NDArray[np.float64]
 
-LOOKED_AT = 4  # particles of a run that are told apart, in units of the draws kept of a solution
+LOOKED_AT = 8  # points of a run that are told apart, for each particle that moves
+KEPT = 3  # of them draws of a solution
 CLIMBERS = 32  # particles of each run that climb to the optimum they are near
 LIGHTEST = 1e-3  # a solution of less weight is not shown
 DISAGREE = 0.1  # standard deviation of a weight between runs from which they disagree
@@ -74,7 +75,7 @@ def sample(
     total_se = log_z.std(ddof=1) / np.sqrt(len(runs))
     modes, reasons = [], [reason for r in runs for reason in r.reasons]
     for place, k in enumerate(kept):
-        draws = _chains(matched[k], label == k, settings.num_samples)
+        draws = _chains(matched[k], label == k, KEPT * settings.num_samples)
         share = weight[k] / weight[kept].sum()
         sd = float(spread[k] / np.sqrt(len(runs)))
         own = evidence.LogEvidence(

@@ -13,6 +13,7 @@ WARMUP = {
     "nuts": 200, "ahmc": 600, "ahmc-paper": 600, "hmc": 600, "rmhmc": 600, "mh": 2000, "smc": 0,
 }  # fmt: skip
 PARTICLES = "smc"
+DRAWS, MOVING = 750, 250  # by default: draws of a chain, particles that move
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -25,7 +26,7 @@ class Settings:
     sampler : name of the kernel
     seed : of every random number drawn
     num_warmup : per chain; None takes what serves the sampler, `WARMUP`
-    num_samples : per chain; for smc the particles that move at each temperature
+    num_samples : per chain; for smc the particles that move; 0 takes 750, or 250 particles
     num_chains : per solution; for smc the independent runs
     num_starts : of the search, where the model does not choose its own; 0 chooses by dimension
     max_modes : solutions that are sampled, at most
@@ -34,7 +35,7 @@ class Settings:
     sampler: str = "nuts"
     seed: int = 0
     num_warmup: int | None = None
-    num_samples: int = 750
+    num_samples: int = 0
     num_chains: int = 4
     num_starts: int = 0
     max_modes: int = 4
@@ -44,6 +45,9 @@ class Settings:
             raise InputError(f"unknown sampler {self.sampler!r}; available: {', '.join(WARMUP)}")
         if self.num_warmup is None:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
+        if self.num_samples == 0:
+            number = MOVING if self.sampler == PARTICLES else DRAWS
+            object.__setattr__(self, "num_samples", number)
         least = {
             "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
             "max_modes": 1, "seed": 0,

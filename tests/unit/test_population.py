@@ -54,7 +54,7 @@ def centres(two) -> list[np.ndarray]:
     return [z for z, _ in two]
 
 
-def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=300):
+def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150):
     """`population.sample` of runs that hold these clouds."""
     problem, data, order = posed
     runs = [
@@ -89,7 +89,7 @@ def test_weights_and_their_spread(posed, two, monkeypatch):
     assert modes[0].weight_sd == pytest.approx(0.02 / np.sqrt(3), rel=1e-6)
     assert modes[0].log_evidence.value == pytest.approx(np.log(0.7), abs=1e-3)
     for mode, centre in zip(modes, centres(two), strict=True):
-        assert mode.z.shape == (N_RUNS, 300, posed[0].dim)
+        assert mode.z.shape == (N_RUNS, 450, posed[0].dim)
         np.testing.assert_allclose(mode.z.mean((0, 1)), centre, atol=0.05)
 
 
