@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "analysis" / "papers"), str(HERE.parent / "tests")]
 NOISE_SEED = 1
 PARTICLES, RUNS = 1000, 4
-LIVE, NESTED_RUNS = 1000, 2
+LIVE, NESTED_RUNS = 1000, 4
 
 
 class Part(NamedTuple):
@@ -43,13 +43,6 @@ PARTS = {
     "three": Part(HERE / "still-facets.toml", 3, False, "three facets"),
 }
 HEADS = ["", "ln Z", "error", "from", "likelihoods or gradients", "wall (s)"]
-
-
-def pooled(values: list[float], errors: list[float]) -> tuple[float, float]:
-    """Mean over runs and its error: from each run's own, or from their scatter if that is more."""
-    own = float(np.sqrt(np.mean(np.square(errors)) / len(values)))
-    scatter = float(np.std(values, ddof=1) / np.sqrt(len(values)))
-    return float(np.mean(values)), max(own, scatter)
 
 
 def compare(name: str) -> None:
@@ -86,7 +79,7 @@ def compare(name: str) -> None:
         evaluations.append(n)
         print(one, flush=True)
     took = (time.monotonic() - begun) / NESTED_RUNS
-    value, error = pooled([f.value for f in found], [f.se for f in found])
+    value, error = nested.pooled(found)
     each = ", ".join(f"{f.value:.2f} ± {f.se:.2f}" for f in found)
     lines.append(["nested slice sampling", value, error,
                   f"{NESTED_RUNS} runs of {LIVE} live points ({each})",

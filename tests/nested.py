@@ -18,6 +18,7 @@ from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.problem import Problem, Sites
 
 LEFT = -5.0  # ln of the share of the evidence in the live points at which a run ends
+SLICES = 5  # for each dimension and new point; fewer leave runs further apart
 SHRINKAGES = 200  # simulated, for the error
 
 
@@ -37,7 +38,7 @@ def log_evidence(
 ) -> tuple[LogEvidence, int]:
     """ln ∫ p(y | u) f(u) N(u; 0, I) du, f the model's factors, and evaluations of the likelihood.
 
-    A tenth of the live points is replaced at a time, each by three slices for each dimension; the
+    A tenth of the live points is replaced at a time, each by `SLICES` for each dimension; the
     error is that of the volumes, simulated. That the slices mix is not in it: repeat with other keys.
     """
     from blackjax.ns import nss
@@ -53,7 +54,7 @@ def log_evidence(
         return -0.5 * jnp.sum(u**2)
 
     sampler = nss.as_top_level_api(
-        prior, likelihood, num_inner_steps=3 * dim, num_delete=n_live // 10
+        prior, likelihood, num_inner_steps=SLICES * dim, num_delete=n_live // 10
     )
     step = jax.jit(sampler.step)
     key, key_first = jax.random.split(key)
@@ -69,3 +70,11 @@ def log_evidence(
     update: Any = everything.update_info
     spent = int(update.num_expansions.sum() + update.num_shrink.sum())
     return LogEvidence(float(values.mean()), float(values.std())), spent
+
+
+def pooled(runs: list[LogEvidence]) -> LogEvidence:
+    """Mean over runs; its error from each run's own, or from their scatter where that is more."""
+    values = [run.value for run in runs]
+    own = np.sqrt(np.mean([run.se**2 for run in runs]))
+    scatter = np.std(values, ddof=1)
+    return LogEvidence(float(np.mean(values)), float(max(own, scatter) / np.sqrt(len(runs))))

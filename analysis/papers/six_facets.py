@@ -1,0 +1,126 @@
+"""Sec. VII.C of Linares & Crassidis: a cube of six diffuse facets, and ten to begin with.
+
+Eq. (32) has six facets of 10 m² along ±x, ±y and ±z on a body that does not turn; eq. (31) has Sun
+and observer in the x-y plane throughout. Those along ±z are never lit: their flux is zero, the
+prior (8) forbids them, and nothing that is measured tells of them. So the same pass is taken three
+times here, with Sun *and* observer turned from x-y into y-z and z-x: each facet is lit in two.
+
+The paper gives neither rates nor phases. Here the Sun goes around once in a pass, the observer
+twice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes import gallery, scenario
+from lcbayes._jax import jax, jnp
+from lcbayes.checkpoint import Checkpoint
+from lcbayes.epochs import Epochs
+from lcbayes.inference import smc, sparse
+from lcbayes.inference.independent import independent_runs
+from lcbayes.inference.population import evenly
+from lcbayes.inference.problem import Problem
+from lcbayes.lightcurve import LightCurve
+from lcbayes.scenarios.epochs import epochs
+from lcbayes.simulate import flux_at
+
+Floats = NDArray[np.float64]
+
+SCENARIO = Path(__file__).with_name("six-facets.toml")
+UPPER_BOUND = 10
+AREA = 10.0  # m², of each facet
+PAUSE = 5.0  # s, between passes
+ENTRY = gallery.find("faceted")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A light curve of the cube, without noise beside it."""
+
+    curve: LightCurve
+    clean: Floats
+    normals: Floats
+
+    @property
+    def data(self) -> Epochs:
+        return Epochs.of(self.curve)
+
+    def best_seen(self) -> Floats:
+        """maxₜ min(μ₀, μ) of each facet, (6,): lit and seen where it is above zero."""
+        both = np.minimum(self.normals @ self.curve.sun.T, self.normals @ self.curve.obs.T)
+        return both.max(axis=1)
+
+
+def experiment(seed: int, n_passes: int = 3) -> Experiment:
+    """One pass is the paper's; each further one has the axes rolled on by one."""
+    what = scenario.load(SCENARIO)
+    base = epochs(what.geometry)
+    length = base.t[-1] - base.t[0] + PAUSE
+    t = np.concatenate([base.t + i * length for i in range(n_passes)])
+    sun, obs = (
+        np.concatenate([np.roll(v, i, axis=1) for i in range(n_passes)])
+        for v in (base.sun, base.obs)
+    )
+    clean = flux_at(what, t, sun, obs)
+    sigma = np.full(t.size, what.noise.value)
+    noise = sigma * np.random.default_rng(seed).standard_normal(t.size)
+    curve = LightCurve(t=t, brightness=clean + noise, error=sigma, kind="flux", sun=sun, obs=obs)
+    return Experiment(curve, clean, np.asarray(what.body.normals))
+
+
+def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
+    return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
+
+
+def sample(
+    problem: Problem, data: Epochs, seed: int, n_particles: int, n_runs: int, name: str, out: Path
+) -> list[smc.Result]:
+    """Runs of tempered particles; kept beside the figures, so that the next figure has them."""
+    identity = {
+        "name": name, "seed": seed, "particles": n_particles, "dim": problem.dim,
+        "data": float(np.sum(np.asarray(data.brightness) * np.arange(data.t.size))),
+    }  # fmt: skip
+    return independent_runs(
+        problem, data, jax.random.key(seed), n_particles, n_runs, name=name,
+        checkpoint=Checkpoint(out / f"{name}-runs", identity),
+    )  # fmt: skip
+
+
+def sparse_problem(data: Epochs, n_facets: int, area: float) -> tuple[Problem, float]:
+    """The squared-L1 prior of sec. VI, and its weight."""
+    weight = sparse.weight(area)
+    return posed(n_facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD), weight
+
+
+def facets(problem: Problem, data: Epochs, z: Floats) -> tuple[Floats, Floats]:
+    """Areas (S, N) and normals (S, N, 3) of vectors z (S, D), facets by falling area."""
+
+    def one(row: jax.Array) -> tuple[jax.Array, jax.Array]:
+        sites = problem.constrain(row, data)
+        order = jnp.argsort(-sites["albedo_area"])
+        return sites["albedo_area"][order], sites["normals"][order]
+
+    areas, normals = jax.jit(jax.vmap(one))(jnp.asarray(z))
+    return np.asarray(areas), np.asarray(normals)
+
+
+def misfit(problem: Problem, data: Epochs, z: Floats) -> Floats:
+    """χ² of vectors z (S, D)."""
+
+    def one(row: jax.Array) -> jax.Array:
+        return jnp.sum(((data.brightness - problem.moments(row, data).mean) / data.error) ** 2)
+
+    return np.asarray(jax.jit(lambda z: jax.lax.map(one, z))(jnp.asarray(z)))
+
+
+def pooled(runs: list[smc.Result], n: int) -> Floats:
+    """n draws (n, D) at most: each run counts by its evidence, which is unbiased."""
+    log_z = np.array([r.log_evidence for r in runs])
+    share = np.exp(log_z - np.logaddexp.reduce(log_z))
+    counts = np.floor(share * min(n, min(len(r.z) for r in runs) / share.max())).astype(int)
+    return np.concatenate([evenly(r.z, k) for r, k in zip(runs, counts, strict=True)])
