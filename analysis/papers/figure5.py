@@ -1,0 +1,93 @@
+"""Figure 5 of Linares & Crassidis: the burn-in from ten facets, of which six are true.
+
+First printed: which facets of eq. (32) are lit and seen in the paper's one pass, and in the three
+of `six_facets`. Left: the ten albedo-areas of the chain that ends with the best fit, against the
+transition, under the squared-L1 prior; right: where its facets face at the end, their areas as
+those of the rings, with the sides of the cube as crosses. Below: χ² of all chains, which the paper
+does not show.
+"""
+
+from __future__ import annotations
+
+import _script
+import burn_in
+import numpy as np
+import six_facets
+from figure6 import AXES, SIDES
+from six_facets import AREA, ENTRY, UPPER_BOUND
+
+from lcbayes.analysis import style
+
+CHAINS = 4
+
+
+def lit() -> None:
+    """Say what the paper's geometry cannot light."""
+    for n, what in ((1, "the paper's pass, in x-y"), (3, "three passes, in x-y, y-z and z-x")):
+        made = six_facets.experiment(0, n)
+        seen = [f"{s} {b:.2f}" for s, b in zip(_names(made.normals), made.best_seen(), strict=True)]
+        print(f"largest min(μ₀, μ) in {what}: {', '.join(seen)}")
+
+
+def _names(normals: np.ndarray) -> list[str]:
+    return [SIDES[int(np.argmax(AXES @ n))] for n in normals]
+
+
+def main() -> None:
+    parser = _script.parser(__doc__ or "")
+    parser.add_argument("--facets", type=int, default=UPPER_BOUND, help="to begin with")
+    parser.add_argument("--chains", type=int, default=CHAINS)
+    parser.add_argument("--transitions", type=int, default=burn_in.TRANSITIONS)
+    args = parser.parse_args()
+    lit()
+    data = six_facets.experiment(args.seed).data
+    problem, weight = six_facets.sparse_problem(data, args.facets, AREA * len(SIDES))
+    found = burn_in.run(problem, data, weight, args.chains, args.transitions, args.seed)
+    for c in np.argsort(found.ends.mean(axis=1)):
+        path = found.path(int(c), ENTRY.facet_sites)
+        shares = ", ".join(f"{n}: {share:.2f}" for n, share in path.shares.items())
+        print(f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
+              f"remain {path.n_facets} ({shares})")  # fmt: skip
+
+    import jax
+
+    row = found.z[found.best]
+    sites = jax.jit(jax.vmap(lambda z: problem.constrain(z, data)))(row)
+    areas, normals = np.asarray(sites["albedo_area"]), np.asarray(sites["normals"])
+    figure = _script.figure(9.6, 5.6)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    above, below = left.subplots(2, 1, sharex=True)
+    order = np.argsort(-areas[-1])
+    for i, k in enumerate(order):
+        above.plot(areas[:, k], lw=0.9, color=style.colour(i), alpha=0.9)
+    above.axhline(AREA, color=style.INK, lw=0.8, ls=":")
+    above.set_yscale("log")
+    above.set_ylim(1e-3, 60.0)
+    above.set_ylabel(r"albedo-area $\alpha$ (m²)")
+    above.set_title(f"chain {found.best}: the areas of {args.facets} facets", loc="left")
+    for c in range(args.chains):
+        best = c == found.best
+        below.plot(found.chi2[c], lw=1.2 if best else 0.7,
+                   color=style.PALETTE[0] if best else style.FAINT)  # fmt: skip
+    below.axhline(data.t.size, color=style.INK, lw=0.8, ls=":")
+    below.set_yscale("log")
+    below.set_ylabel(r"$\chi^2$, all chains")
+    below.set_xlabel("transition")
+    sky = right.add_subplot(projection="mollweide")
+    sky.grid(color="#d5d8dd", lw=0.5)
+    sky.set_xticklabels([])
+    sky.set_yticklabels([])
+    sky.set_title("normals at the end; crosses: the cube", loc="left", pad=12)
+    for i, k in enumerate(order):
+        x, y, z = normals[-1, k]
+        sky.scatter(np.arctan2(y, x), np.arcsin(z), s=25 * max(areas[-1, k], 0.2), fc="none",
+                    ec=style.colour(i), lw=1.5, clip_on=False)  # fmt: skip
+    for n, name in zip(AXES, SIDES, strict=True):
+        at = (np.arctan2(n[1], n[0]), np.arcsin(n[2]))
+        sky.plot(*at, "+", color=style.INK, ms=8, mew=1.2, clip_on=False)
+        sky.annotate(name, at, (5, 5), textcoords="offset points", fontsize=8)
+    _script.save(figure, args.out, "figure5")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Figure 8 of Linares & Crassidis: a glint of a geosynchronous satellite, and its prediction.
+
+Facets of Ashikhmin-Shirley's law, the body does not turn. The paper says neither what is true nor
+when it was seen; here a panel and two sides of a bus, in two nights, the second out of the plane of
+the first. Printed: how many facets remain of ten after a burn-in under the squared-L1 prior, as the
+paper counts them. Drawn: the posterior of three facets under the log-normal prior, by tempered
+particles; the bands hold 50 and 90 % of the measurements, noise included.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import _script
+import burn_in
+import numpy as np
+import six_facets
+from figure4 import band
+from six_facets import UPPER_BOUND
+
+from lcbayes import gallery, scenario
+from lcbayes._jax import jax, jnp
+from lcbayes.analysis import style
+from lcbayes.epochs import Epochs
+from lcbayes.inference import sparse
+from lcbayes.inference.problem import Problem
+from lcbayes.simulate import simulate
+
+SCENARIO = Path(__file__).with_name("geo-glint.toml")
+ENTRY = gallery.find("faceted-brdf")
+CHAINS, PARTICLES, RUNS = 4, 150, 2
+HOUR = 3600.0
+
+
+def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
+    return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
+
+
+def main() -> None:
+    parser = _script.parser(__doc__ or "", draws=4000)
+    parser.add_argument(
+        "--facets", type=int, default=UPPER_BOUND, help="to begin with; 0: no burn-in"
+    )
+    parser.add_argument("--chains", type=int, default=CHAINS)
+    parser.add_argument("--transitions", type=int, default=burn_in.TRANSITIONS)
+    parser.add_argument("--particles", type=int, default=PARTICLES)
+    args = parser.parse_args()
+    what = scenario.load(SCENARIO)
+    curve, told = simulate(what, args.seed)
+    data, clean = Epochs.of(curve), np.array(told["flux"])
+    reflected = [what.materials[k].parameters for k in what.body.labels]
+    area = sum(
+        a * (p["r_diff"] + p["r_spec"]) for a, p in zip(what.body.areas, reflected, strict=True)
+    )
+    if args.facets:
+        weight = sparse.weight(float(area))
+        many = posed(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
+        found = burn_in.run(many, data, weight, args.chains, args.transitions, args.seed)
+        for c in np.argsort(found.ends.mean(axis=1)):
+            path = found.path(int(c), ENTRY.facet_sites)
+            print(f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets "
+                  f"that remain {path.n_facets} {path.shares}")  # fmt: skip
+
+    problem = posed(3, data)
+    runs = six_facets.sample(problem, data, args.seed, args.particles, RUNS, "glint", args.out)
+    z = six_facets.pooled(runs, args.draws)
+    chi2 = six_facets.misfit(problem, data, z)
+    evidence = ", ".join(f"{r.log_evidence:.2f}" for r in runs)
+    print(f"three facets: ln Z of the runs {evidence}; chi2 {np.median(chi2):.0f}")
+    for reason in {reason for r in runs for reason in r.reasons}:
+        print(f"  {reason}")
+    keys = jax.random.split(jax.random.key(args.seed), len(z))
+    replicated = jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))
+    drawn = np.asarray(replicated(jnp.asarray(z), keys))
+    assert curve.error is not None
+    hours, sigma = curve.t / HOUR, float(np.median(curve.error))
+    off = drawn.mean(axis=0)
+    figure = _script.figure(8.6, 4.6)
+    panels = figure.subplots(2, 2, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
+    for night, (upper, lower) in enumerate(panels.T):
+        here = (hours > 12.0) == bool(night)
+        t = hours[here]
+        band(upper, t, drawn[:, here], np.zeros(here.sum()), 1.0, style.PALETTE[0],
+             "predicted, 50 and 90 %")  # fmt: skip
+        band(lower, t, drawn[:, here], off[here], sigma, style.PALETTE[0], "")
+        upper.plot(t, clean[here], color=style.INK, lw=0.9, label="truth")
+        upper.plot(t, curve.brightness[here], ".", ms=4, color=style.DATA, label="measured")
+        lower.plot(t, (curve.brightness - off)[here] / sigma, ".", ms=4, color=style.DATA)
+        lower.axhline(0.0, color=style.FAINT, lw=0.6)
+        lower.set_xlabel("time (h)")
+        upper.set_title(("first night", "second night")[night], loc="left")
+    panels[0, 1].legend(loc="best")
+    panels[0, 0].set_ylabel("flux at unit distance (m²)")
+    panels[1, 0].set_ylabel("residual / σ")
+    _script.save(figure, args.out, "figure8")
+
+
+if __name__ == "__main__":
+    main()
