@@ -1,9 +1,9 @@
 """Evidence by nested slice sampling, which has nothing in common with tempering but the model.
 
-blackjax's sampler, in coordinates in which every prior is a standard Gaussian: an isotropic Gaussian
-vector for each direction, whose length says nothing; (ln α − mean)/sd for each albedo-area; ω over
-its sd. Neither the density of the package's priors nor a Jacobian enters: only how the model turns
-values of its sites into a likelihood, and the factors it multiplies in.
+blackjax's sampler, in coordinates in which every prior is a standard Gaussian: an isotropic
+Gaussian vector for each direction, whose length says nothing; (ln α − mean)/sd for each
+albedo-area; ω over its sd. Neither the density of the package's priors nor a Jacobian enters: only
+how the model turns values of its sites into a likelihood, and the factors it multiplies in.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.problem import Problem, Sites
 
 LEFT = -5.0  # ln of the share of the evidence in the live points at which a run ends
-SLICES = 5  # for each dimension and new point; fewer leave runs further apart
+SLICES = 5  # for each dimension and new point
 SHRINKAGES = 200  # simulated, for the error
 
 
@@ -38,8 +38,8 @@ def log_evidence(
 ) -> tuple[LogEvidence, int]:
     """ln ∫ p(y | u) f(u) N(u; 0, I) du, f the model's factors, and evaluations of the likelihood.
 
-    A tenth of the live points is replaced at a time, each by `SLICES` for each dimension; the
-    error is that of the volumes, simulated. That the slices mix is not in it: repeat with other keys.
+    A tenth of the live points is replaced at a time, each by `SLICES` slices for each dimension.
+    The error is that of the volumes, simulated; whether the slices mix only other keys show.
     """
     from blackjax.ns import nss
     from blackjax.ns.utils import finalise, log_weights

@@ -61,8 +61,9 @@ def main() -> None:
         upper.spines["left"].set_visible(False)
         low, high = np.quantile(areas[:, i], [0.05, 0.95])
         held = "holds" if low <= AREA <= high else "misses"
-        print(f"{side}: area {np.mean(areas[:, i]):.2f} m², 90 % {low:.2f} to {high:.2f} ({held} "
-              f"{AREA:g}), tilt {across.std(axis=0)[0]:.2f}° and {across.std(axis=0)[1]:.2f}°")  # fmt: skip
+        mean, tilt = np.mean(areas[:, i]), across.std(axis=0)
+        print(f"{side}: area {mean:.2f} m², 90 % {low:.2f} to {high:.2f} ({held} {AREA:g}); "
+              f"sd of the tilts {tilt[0]:.2f}°, {tilt[1]:.2f}°")  # fmt: skip
     reach = 1.05 * max(np.abs(axes.get_ylim()).max() for axes in rows[1])
     for axes in rows[1]:
         axes.set_xlim(-reach, reach)
