@@ -36,6 +36,19 @@ def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
     return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
 
 
+def glossy(problem: Problem, data: Epochs, z: np.ndarray, panel: np.ndarray) -> None:
+    """Say what is known of the facet nearest to the panel, the first of the true ones."""
+    sites = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)))(jnp.asarray(z))
+    cosines = np.asarray(sites["normals"]) @ panel
+    nearest = np.argmax(cosines, axis=1)
+    rows = np.arange(len(z))
+    off = np.degrees(np.arccos(np.clip(cosines[rows, nearest], -1.0, 1.0)))
+    print(f"panel: 90 % of the draws have a facet within {np.quantile(off, 0.9):.1f}° of it; its")
+    for name in ("albedo_area", "r_spec", "r_diff", "nu"):
+        low, mid, high = np.quantile(np.asarray(sites[name])[rows, nearest], [0.05, 0.5, 0.95])
+        print(f"  {name} {mid:.3g}, 90 % {low:.3g} to {high:.3g}")
+
+
 def main() -> None:
     parser = _script.parser(__doc__ or "", draws=4000)
     parser.add_argument(
@@ -69,6 +82,7 @@ def main() -> None:
     print(f"three facets: ln Z of the runs {evidence}; chi2 {np.median(chi2):.0f}")
     for reason in {reason for r in runs for reason in r.reasons}:
         print(f"  {reason}")
+    glossy(problem, data, z, np.asarray(what.body.normals[0]))
     keys = jax.random.split(jax.random.key(args.seed), len(z))
     replicated = jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))
     drawn = np.asarray(replicated(jnp.asarray(z), keys))
