@@ -58,8 +58,10 @@ def main() -> None:
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
     above, below = left.subplots(2, 1, sharex=True)
     order = np.argsort(-areas[-1])
-    for i, k in enumerate(order):
-        above.plot(areas[:, k], lw=0.9, color=style.colour(i), alpha=0.9)
+    # the six that are largest at the end in colour, over the others
+    hues = [style.colour(i) if i < len(SIDES) else style.FAINT for i in range(args.facets)]
+    for hue, k in reversed(list(zip(hues, order, strict=True))):
+        above.plot(areas[:, k], lw=0.6 if hue == style.FAINT else 1.1, color=hue)
     above.axhline(AREA, color=style.INK, lw=0.8, ls=":")
     above.set_yscale("log")
     above.set_ylim(1e-3, 60.0)
@@ -78,10 +80,10 @@ def main() -> None:
     sky.set_xticklabels([])
     sky.set_yticklabels([])
     sky.set_title("normals at the end; crosses: the cube", loc="left", pad=12)
-    for i, k in enumerate(order):
+    for hue, k in zip(hues, order, strict=True):
         x, y, z = normals[-1, k]
         sky.scatter(np.arctan2(y, x), np.arcsin(z), s=25 * max(areas[-1, k], 0.2), fc="none",
-                    ec=style.colour(i), lw=1.5, clip_on=False)  # fmt: skip
+                    ec=hue, lw=1.5, clip_on=False)  # fmt: skip
     for n, name in zip(AXES, SIDES, strict=True):
         at = (np.arctan2(n[1], n[0]), np.arcsin(n[2]))
         sky.plot(*at, "+", color=style.INK, ms=8, mew=1.2, clip_on=False)
