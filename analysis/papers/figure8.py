@@ -28,7 +28,7 @@ from lcbayes.simulate import simulate
 
 SCENARIO = Path(__file__).with_name("geo-glint.toml")
 ENTRY = gallery.find("faceted-brdf")
-CHAINS, PARTICLES, RUNS = 4, 150, 2
+CHAINS, TRANSITIONS, PARTICLES, RUNS = 3, 200, 80, 2
 HOUR = 3600.0
 
 
@@ -55,7 +55,7 @@ def main() -> None:
         "--facets", type=int, default=UPPER_BOUND, help="to begin with; 0: no burn-in"
     )
     parser.add_argument("--chains", type=int, default=CHAINS)
-    parser.add_argument("--transitions", type=int, default=burn_in.TRANSITIONS)
+    parser.add_argument("--transitions", type=int, default=TRANSITIONS)
     parser.add_argument("--particles", type=int, default=PARTICLES)
     args = parser.parse_args()
     what = scenario.load(SCENARIO)
