@@ -33,6 +33,11 @@ def _names(normals: np.ndarray) -> list[str]:
     return [SIDES[int(np.argmax(AXES @ n))] for n in normals]
 
 
+def _across(lon: float) -> float:
+    """Place on the map, in [−π, π): its edge at 225°, where no side of the cube faces."""
+    return (lon - 0.25 * np.pi + np.pi) % (2 * np.pi) - np.pi
+
+
 def main() -> None:
     parser = _script.parser(__doc__ or "")
     parser.add_argument("--facets", type=int, default=UPPER_BOUND, help="to begin with")
@@ -82,10 +87,10 @@ def main() -> None:
     sky.set_title("normals at the end; crosses: the cube", loc="left", pad=12)
     for hue, k in zip(hues, order, strict=True):
         x, y, z = normals[-1, k]
-        sky.scatter(np.arctan2(y, x), np.arcsin(z), s=25 * max(areas[-1, k], 0.2), fc="none",
-                    ec=hue, lw=1.5, clip_on=False)  # fmt: skip
+        at, size = (_across(np.arctan2(y, x)), np.arcsin(z)), 25 * max(areas[-1, k], 0.2)
+        sky.scatter(*at, s=size, fc="none", ec=hue, lw=1.5, clip_on=False)
     for n, name in zip(AXES, SIDES, strict=True):
-        at = (np.arctan2(n[1], n[0]), np.arcsin(n[2]))
+        at = (_across(np.arctan2(n[1], n[0])), np.arcsin(n[2]))
         sky.plot(*at, "+", color=style.INK, ms=8, mew=1.2, clip_on=False)
         sky.annotate(name, at, (5, 5), textcoords="offset points", fontsize=8)
     _script.save(figure, args.out, "figure5")
