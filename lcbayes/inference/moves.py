@@ -72,24 +72,24 @@ def start(problem: Problem, at: Epochs, z: jax.Array) -> State:
 
 @partial(jax.jit, static_argnums=0)
 def reflect(
-    problem: Problem, at: Epochs, mirror: jax.Array, keys: jax.Array, state: State
+    problem: Problem, at: Epochs, mirror: jax.Array, odd: jax.Array, keys: jax.Array, state: State
 ) -> State:
-    """Every other particle to its mirror image, z → Q z, with probability min{1, exp(U − U′)}.
+    """Particles for which ``odd`` (n,) holds to their mirror image, z → Q z, with probability
+    min{1, exp(U − U′)}.
 
-    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Only
-    half are proposed to: if all changed over, the sides would only swap their weights.
+    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Every
+    other one is to be proposed to: if all changed over, the sides would only swap their weights,
+    and if each tossed a coin these would scatter as the tosses do.
     """
 
-    def one(row: tuple[jax.Array, State]) -> State:
-        key, state = row
+    def one(row: tuple[jax.Array, jax.Array, State]) -> State:
+        odd, key, state = row
         image = trajectory.init(mirror @ state.z, lambda z: problem.potential(z, at))
-        key_half, key_accept = jax.random.split(key)
-        uniform = jax.random.uniform(key_accept)
-        taken = uniform < jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
-        taken &= jax.random.bernoulli(key_half)
+        ratio = jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
+        taken = odd & (jax.random.uniform(key) < ratio)
         return jax.tree.map(lambda a, b: jnp.where(taken, a, b), image, state)
 
-    return each(one, (keys, state))
+    return each(one, (odd, keys, state))
 
 
 @partial(jax.jit, static_argnums=0)

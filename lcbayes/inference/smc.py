@@ -253,7 +253,7 @@ class _Run:
         if self.mirror is not None:
             keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), len(z))
             turn = partial(moves.reflect, self.problem, at, jnp.asarray(self.mirror))
-            state = self._blocks(turn, keys, state)
+            state = self._blocks(turn, np.arange(len(z)) % 2 == 1, keys, state)
             z = state.z
         probes = np.linspace(0, len(z) - 1, min(PROBES, len(z))).astype(int)
         information, variance = (
