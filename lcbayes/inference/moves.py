@@ -70,26 +70,20 @@ def start(problem: Problem, at: Epochs, z: jax.Array) -> State:
     return each(lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z)
 
 
-@partial(jax.jit, static_argnums=0)
 def reflect(
-    problem: Problem, at: Epochs, mirror: jax.Array, odd: jax.Array, keys: jax.Array, state: State
+    potential: Callable[[jax.Array], jax.Array], mirror: jax.Array, key: jax.Array, state: State
 ) -> State:
-    """Particles for which ``odd`` (n,) holds to their mirror image, z → Q z, with probability
+    """A particle to its mirror image, z → Q z, if a coin says so, with probability
     min{1, exp(U − U′)}.
 
-    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Every
-    other one is to be proposed to: if all changed over, the sides would only swap their weights,
-    and if each tossed a coin these would scatter as the tosses do.
+    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Without
+    the coin the sides would only swap their weights.
     """
-
-    def one(row: tuple[jax.Array, jax.Array, State]) -> State:
-        odd, key, state = row
-        image = trajectory.init(mirror @ state.z, lambda z: problem.potential(z, at))
-        ratio = jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
-        taken = odd & (jax.random.uniform(key) < ratio)
-        return jax.tree.map(lambda a, b: jnp.where(taken, a, b), image, state)
-
-    return each(one, (odd, keys, state))
+    image = trajectory.init(mirror @ state.z, potential)
+    key_coin, key_accept = jax.random.split(key)
+    ratio = jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
+    taken = jax.random.bernoulli(key_coin) & (jax.random.uniform(key_accept) < ratio)
+    return jax.tree.map(lambda a, b: jnp.where(taken, a, b), image, state)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -111,12 +105,13 @@ def move(
     data: Epochs,
     bins: jax.Array,
     tuning: Tuning,
+    mirror: jax.Array | None,
     keys: jax.Array,
     state: State,
 ) -> Moved:
-    """One transition of each particle by the exact kernel, which leaves exp(−U) of the data as they
-    count ``at`` a step of the path invariant; the likelihood is that of ``data`` at their full
-    weight. Keys and states (n,).
+    """One transition of each particle by the exact kernel, and to its image by ``mirror`` (D, D),
+    which leave exp(−U) of the data as they count ``at`` a step of the path invariant; the
+    likelihood is that of ``data`` at their full weight. Keys and states (n,).
 
     Step sizes are drawn apart from the states, over a wide range: where a facet turns away the
     posterior has an edge that only small steps pass, and elsewhere large ones go far.
@@ -132,7 +127,10 @@ def move(
         step = tuning.step_size * jnp.exp(tuning.spread * jax.random.normal(key_step))
         step = jnp.minimum(step, tuning.length)
         num_steps = jnp.minimum(jnp.ceil(tuning.length / step), tuning.max_steps).astype(int)
+        key_mirror, key = jax.random.split(key)
         state, info = kernel(key, state, Params(step, num_steps, tuning.delta, scale))
+        if mirror is not None:
+            state = reflect(lambda z: problem.potential(z, at), mirror, key_mirror, state)
         reached = log_likelihood(problem, state.z, data, bins)
         return Moved(state, reached, info.accept_prob, info.num_steps)
 

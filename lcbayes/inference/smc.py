@@ -24,13 +24,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
+from lcbayes._jax import jax
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference import moves, tempering
@@ -135,7 +134,7 @@ def run(
     plan : Plan, optional
     mirror : (D, D), optional
         A matrix that is its own inverse, under which the posterior is thought to be symmetric
-        (`lcbayes.inference.symmetry`): at each stage half of the particles try their image.
+        (`lcbayes.inference.symmetry`): after each move half of the particles try their image.
     workers : int
         Threads.
     progress : Silent or Console
@@ -250,11 +249,6 @@ class _Run:
         """Chains from z (n, D) at a step of the path: all points passed, chain by chain."""
         plan, at = self.plan, self.path.at(self.data, s)
         state = self._blocks(lambda z: moves.start(self.problem, at, z), z)
-        if self.mirror is not None:
-            keys = jax.random.split(jax.random.fold_in(key, plan.max_moves), len(z))
-            turn = partial(moves.reflect, self.problem, at, jnp.asarray(self.mirror))
-            state = self._blocks(turn, np.arange(len(z)) % 2 == 1, keys, state)
-            z = state.z
         probes = np.linspace(0, len(z) - 1, min(PROBES, len(z))).astype(int)
         information, variance = (
             np.asarray(x) for x in self._blocks(
@@ -270,7 +264,7 @@ class _Run:
             keys = jax.random.split(jax.random.fold_in(key, len(passed)), len(z))
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
-                    self.problem, at, self.data, self.path.bins, tuning, k, s
+                    self.problem, at, self.data, self.path.bins, tuning, self.mirror, k, s
                 ),
                 keys, state,
             )  # fmt: skip

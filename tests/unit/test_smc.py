@@ -257,7 +257,7 @@ def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
     tuning = moves.Tuning(0.9, 0.3, 1.5, 8, 0.5, width)
     for i in range(20):
         keys = jax.random.split(jax.random.key(i), n)
-        out = moves.move(problem, at, data, bins, tuning, keys, state)
+        out = moves.move(problem, at, data, bins, tuning, None, keys, state)
         state = out.state
     assert np.mean(out.accept) > 0.6
     white = np.linalg.solve(np.linalg.cholesky(cov), (np.asarray(state.z) - mean).T)
