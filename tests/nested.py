@@ -8,6 +8,7 @@ how the model turns values of its sites into a likelihood, and the factors it mu
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,8 @@ def log_evidence(
     A tenth of the live points is replaced at a time, each by `SLICES` slices for each dimension.
     The error is that of the volumes, simulated; whether the slices mix only other keys show.
     """
-    from blackjax.ns import nss
-    from blackjax.ns.utils import finalise, log_weights
+    nss = import_module("blackjax.ns.nss")  # not in every environment, nor for a type checker
+    utils = import_module("blackjax.ns.utils")
 
     dim = 4 * n_facets + 3 * spin
 
@@ -64,8 +65,8 @@ def log_evidence(
         key, key_step = jax.random.split(key)
         state, info = step(key_step, state)
         dead.append(info)
-    everything = finalise(state, dead)
-    weights = np.asarray(log_weights(key, everything, SHRINKAGES))
+    everything = utils.finalise(state, dead)
+    weights = np.asarray(utils.log_weights(key, everything, SHRINKAGES))
     values = np.logaddexp.reduce(weights, axis=0)
     update: Any = everything.update_info
     spent = int(update.num_expansions.sum() + update.num_shrink.sum())
