@@ -11,20 +11,18 @@ from typing import Any
 from lcbayes.checkpoint import Checkpoint, write_atomic
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve
-from lcbayes.folders import alone_in, installed_version, make_folder, record, to_toml
+from lcbayes.folders import alone_in, installed_version, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
+from lcbayes.verdict import Judged
 
 WRITTEN = ("compare.json", "compare.csv", "compare.html", "run.toml")
 MOST = 50  # facets; a guard against slips, far beyond what data tell
 
 
-class Comparison:
-    """Numbers of facets with their evidence, and what follows from it."""
-
-    def __init__(self, summary: dict[str, Any], run: Mapping[str, Any]) -> None:
-        self._summary = summary
-        self._run = dict(run)
+class Comparison(Judged):
+    """Numbers of facets with their evidence, and what follows from it; `summary` is the content of
+    ``compare.json``."""
 
     @property
     def conclusion(self) -> str:
@@ -32,22 +30,9 @@ class Comparison:
         return self._summary["conclusion"]
 
     @property
-    def converged(self) -> bool:
-        return self._summary["converged"]
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why the result must not be trusted, in words; empty where it may be."""
-        return self._summary["reasons"]
-
-    @property
     def probability(self) -> dict[int, float]:
         """Of each number of facets."""
         return {row["n_facets"]: float(row["probability"]) for row in self._summary["candidates"]}
-
-    def summary(self) -> dict[str, Any]:
-        """The content of ``compare.json``."""
-        return self._summary
 
     def table(self) -> str:
         """The numbers, the notes they need and the conclusion, as text."""
@@ -58,7 +43,6 @@ class Comparison:
     def save(self, folder: str | Path) -> Path:
         """Write compare.json, compare.csv and run.toml."""
         from lcbayes.comparison import COLUMNS
-        from lcbayes.results import save_json
 
         folder = make_folder(folder)
         text = io.StringIO()
@@ -66,9 +50,8 @@ class Comparison:
         rows = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
         rows.writeheader()
         rows.writerows(self._summary["candidates"])
-        save_json(self._summary, folder / "compare.json")
+        self._write(folder, "compare.json")
         write_atomic(folder / "compare.csv", lambda p: p.write_text(text.getvalue()))
-        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)))
         return folder
 
     def report(self, folder: str | Path) -> Path:

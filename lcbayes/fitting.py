@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
-from lcbayes.folders import alone_in, installed_version, make_folder, record, to_toml
+from lcbayes.folders import alone_in, installed_version, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
+from lcbayes.verdict import Judged
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,8 +29,8 @@ FRAMES = {
 WRITTEN = ("posterior.nc", "summary.json", "run.toml")
 
 
-class Fit:
-    """A posterior with its summary.
+class Fit(Judged):
+    """A posterior with its summary, the content of ``summary.json``.
 
     Attributes
     ----------
@@ -38,36 +39,21 @@ class Fit:
     """
 
     def __init__(self, tree: xr.DataTree, summary: dict[str, Any], run: Mapping[str, Any]) -> None:
+        super().__init__(summary, run)
         self.tree = tree
-        self._summary = summary
-        self._run = dict(run)
 
     @property
     def posterior(self) -> xr.Dataset:
         """Equally weighted draws; the variable ``mode`` says to which solution each belongs."""
         return self.tree["posterior"].to_dataset()
 
-    @property
-    def converged(self) -> bool:
-        return self._summary["converged"]
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why the result must not be trusted, in words; empty where it may be."""
-        return self._summary["reasons"]
-
-    def summary(self) -> dict[str, Any]:
-        """The content of ``summary.json``."""
-        return self._summary
-
     def save(self, folder: str | Path) -> Path:
         """Write posterior.nc, summary.json and run.toml."""
-        from lcbayes.results import save_json, save_tree
+        from lcbayes.results import save_tree
 
         folder = make_folder(folder)
         save_tree(self.tree, folder / "posterior.nc")
-        save_json(self._summary, folder / "summary.json")
-        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)))
+        self._write(folder, "summary.json")
         return folder
 
     def report(self, folder: str | Path) -> Path:

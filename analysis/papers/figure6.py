@@ -12,12 +12,10 @@ import _script
 import numpy as np
 import six_facets
 from scipy.optimize import linear_sum_assignment
-from six_facets import AREA, Floats
+from six_facets import AREA, SIDES, Floats
 
 from lcbayes.analysis import style
 
-PARTICLES, RUNS = 150, 2
-SIDES = ("+x", "+y", "+z", "−x", "−y", "−z")
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 ACROSS = ((1, 2), (2, 0), (0, 1))  # the components of a normal that vanish, for x, y, z
 
@@ -35,8 +33,7 @@ def main() -> None:
     args = _script.parser(__doc__ or "", draws=4000).parse_args()
     made = six_facets.experiment(args.seed)
     data = made.data
-    problem = six_facets.posed(len(SIDES), data)
-    runs = six_facets.sample(problem, data, args.seed, PARTICLES, RUNS, "six", args.out)
+    problem, runs = six_facets.sample_six(data, args.seed, args.out)
     z = six_facets.pooled(runs, args.draws)
     areas, normals = by_side(*six_facets.facets(problem, data, z))
     chi2 = six_facets.misfit(problem, data, z)

@@ -10,7 +10,6 @@ import _script
 import numpy as np
 import six_facets
 from figure4 import band
-from figure6 import PARTICLES, RUNS, SIDES
 
 from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
@@ -20,8 +19,7 @@ def main() -> None:
     args = _script.parser(__doc__ or "", draws=4000).parse_args()
     made = six_facets.experiment(args.seed)
     data = made.data
-    problem = six_facets.posed(len(SIDES), data)
-    runs = six_facets.sample(problem, data, args.seed, PARTICLES, RUNS, "six", args.out)
+    problem, runs = six_facets.sample_six(data, args.seed, args.out)
     z = jnp.asarray(six_facets.pooled(runs, args.draws))
     keys = jax.random.split(jax.random.key(args.seed), len(z))
     drawn = np.asarray(jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))(z, keys))

@@ -36,6 +36,8 @@ UPPER_BOUND = 10
 AREA = 10.0  # m², of each facet
 PAUSE = 5.0  # s, between passes
 ENTRY = gallery.find("faceted")
+SIDES = ("+x", "+y", "+z", "−x", "−y", "−z")
+PARTICLES, RUNS = 150, 2  # of the six facets of figures 6 and 7
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,12 @@ def sample(
         problem, data, jax.random.key(seed), n_particles, n_runs, name=name,
         checkpoint=Checkpoint(out / f"{name}-runs", identity),
     )  # fmt: skip
+
+
+def sample_six(data: Epochs, seed: int, out: Path) -> tuple[Problem, list[smc.Result]]:
+    """The posterior of as many facets as the cube has."""
+    problem = posed(len(SIDES), data)
+    return problem, sample(problem, data, seed, PARTICLES, RUNS, "six", out)
 
 
 def sparse_problem(data: Epochs, n_facets: int, area: float) -> tuple[Problem, float]:

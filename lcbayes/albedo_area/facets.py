@@ -19,6 +19,8 @@ RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facet
 NEIGHBOURS = 6
 NEGLIGIBLE = 1e-6  # of Σα
 MAX_STEPS = 60
+SETTLED = 1e-3  # gain in χ² of two steps in a row that ends a descent
+ROUGHLY = 0.02  # the same over the cost of a facet, where facets are only being chosen
 TRIED = 5  # of the weakest facets, before all are kept
 
 
@@ -158,24 +160,26 @@ def few(
     Facets
     """
     cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
-    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials) for r in RADII]
+    enough = max(SETTLED, ROUGHLY * cost)
+    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials, enough) for r in RADII]
     best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
-    value = best.chi2 + cost * len(best.areas)
-    while (found := _without_one(seen, best, value, cost, materials)) is not None:
-        best, value = found, found.chi2 + cost * len(found.areas)
-    return best
+    while (found := _without_one(seen, best, cost, materials, enough)) is not None:
+        best = found
+    vectors = best.areas[:, None] * best.normals
+    return _settle(seen, vectors, best.which, best.scale, materials, SETTLED)
 
 
 def _without_one(
-    seen: Observed, best: Facets, value: float, cost: float, materials: Sequence[Material]
+    seen: Observed, best: Facets, cost: float, materials: Sequence[Material], enough: float
 ) -> Facets | None:
     """A facet fewer at a lower cost in all, if one of the weakest can be spared."""
+    value = best.chi2 + cost * len(best.areas)
     vectors = best.areas[:, None] * best.normals
     for weakest in np.argsort(_loss(best))[:TRIED]:
         kept = np.arange(len(vectors)) != weakest
         if not np.any(kept):
             break
-        found = _settle(seen, vectors[kept], best.which[kept], best.scale, materials)
+        found = _settle(seen, vectors[kept], best.which[kept], best.scale, materials, enough)
         if found.chi2 + cost * len(found.areas) < value:
             return found
     return None
@@ -213,9 +217,11 @@ def _settle(
     which: NDArray[np.integer],
     scale: Floats,
     materials: Sequence[Material],
+    enough: float,
 ) -> Facets:
-    """The least χ² near these area vectors, by Levenberg-Marquardt."""
-    n = len(vectors)
+    """The least χ² near these area vectors, by Levenberg-Marquardt, until two steps in a row gain
+    less than ``enough``."""
+    n, small = len(vectors), 0
 
     def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
         every = np.ones(len(seen.free))
@@ -231,11 +237,11 @@ def _settle(
         step = np.linalg.solve(normal + ridge, jacobian.T @ residual)
         new = evaluated(here + step)
         if new[0].chi2 < found.chi2:
-            settled = found.chi2 - new[0].chi2 < 1e-3 and damping <= 1e-3
+            small = small + 1 if found.chi2 - new[0].chi2 < enough else 0
             here = here + step
             found, jacobian, residual = new
             damping = max(damping / 5.0, 1e-9)
-            if settled:
+            if small == 2:
                 break
         else:
             damping *= 4.0
@@ -244,7 +250,7 @@ def _settle(
     kept = found.areas > NEGLIGIBLE * found.areas.sum()
     if not np.all(kept):
         vectors = found.areas[:, None] * found.normals
-        return _settle(seen, vectors[kept], which[kept], found.scale, materials)
+        return _settle(seen, vectors[kept], which[kept], found.scale, materials, enough)
     return _with_covariance(seen, found, jacobian)
 
 

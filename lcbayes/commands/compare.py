@@ -7,7 +7,7 @@ import re
 import sys
 from pathlib import Path
 
-from lcbayes.commands.model_options import add_model_arguments, model_options
+from lcbayes.commands.model_options import add_model_arguments, add_settings, model_options
 from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -47,10 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="also take the sparse path from N facets, and compare where it ends",
     )
-    for name, text in SETTINGS.items():
-        parser.add_argument(
-            "--" + name.replace("_", "-"), dest=name, type=int, metavar="N", help=text
-        )
+    add_settings(parser, SETTINGS)
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
     parser.add_argument("--json", action="store_true", help="print compare.json on standard output")
 
@@ -71,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     from lcbayes.comparing import compare
     from lcbayes.progress import Console, Silent
+    from lcbayes.verdict import told
 
     progress = Silent() if args.json else Console()
     found = compare(
@@ -82,9 +80,7 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.write((args.out / "compare.json").read_text())
     else:
         if not found.converged:
-            print("DO NOT TRUST THIS RESULT:")
-            for reason in found.reasons:
-                print(f"  - {reason}")
+            print(told(found.reasons))
         print(found.table())
         print(f"\nresults: {args.out if args.no_report else args.out / 'compare.html'}")
     return EXIT_DONE if found.converged else EXIT_NOT_TRUSTED

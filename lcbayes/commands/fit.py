@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from lcbayes.commands.model_options import FLAGS, add_model_arguments, model_options
+from lcbayes.commands.model_options import FLAGS, add_model_arguments, add_settings, model_options
 from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -48,10 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="nuts (default), ahmc, smc (many solutions), hmc, rmhmc, mh; ahmc-paper is biased",
     )
     add_model_arguments(parser, FLAGS)
-    for name, text in SETTINGS.items():
-        parser.add_argument(
-            "--" + name.replace("_", "-"), dest=name, type=int, metavar="N", help=text
-        )
+    add_settings(parser, SETTINGS)
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
     parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
 
@@ -121,10 +118,10 @@ def _configured(args: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 def _tell(summary: dict[str, Any]) -> None:
     """The result in a few lines on standard output."""
+    from lcbayes.verdict import told
+
     if not summary["converged"]:
-        print("DO NOT TRUST THIS RESULT:")
-        for reason in summary["reasons"]:
-            print(f"  - {reason}")
+        print(told(summary["reasons"]))
     for i, mode in enumerate(summary["modes"]):
         print(f"solution {i + 1}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g}")
         rows = [

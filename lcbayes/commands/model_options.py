@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from lcbayes.errors import InputError
@@ -27,6 +27,14 @@ def add_model_arguments(parser: ArgumentParser, names: Iterable[str]) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the model"
     )
+
+
+def add_settings(parser: ArgumentParser, texts: Mapping[str, str]) -> None:
+    """Add a flag with a whole number for each name."""
+    for name, text in texts.items():
+        parser.add_argument(
+            "--" + name.replace("_", "-"), dest=name, type=int, metavar="N", help=text
+        )
 
 
 def model_options(args: Namespace) -> dict[str, Any]:

@@ -27,7 +27,7 @@ DRAWS = {
     "hmc": ("--num-warmup", "400", "--num-samples", "400"),
     "rmhmc": ("--num-warmup", "50", "--num-samples", "100", "--num-chains", "2"),
     "mh": ("--num-warmup", "1000", "--num-samples", "2000"),
-    "smc": ("--num-samples", "400"),
+    "smc": ("--num-samples", "100"),
     "ahmc-paper": ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"),
 }
 LIMIT = 5.0  # Monte-Carlo standard errors
@@ -112,7 +112,7 @@ class KilledError(BaseException):
 # then they come block by block, or population by population.
 FEW = {
     "ahmc": (("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"), (2, 4)),
-    "smc": (("--num-samples", "60", "--num-chains", "3"), (2, 4)),
+    "smc": (("--num-samples", "20", "--num-chains", "3"), (2, 4)),
 }
 
 

@@ -38,7 +38,7 @@ from lcbayes.simulate import simulate
 
 STATES = 8
 REPEATS = 16_000
-FEW = 600  # of a kernel whose transitions are dear
+FEW = 250  # of a kernel whose transitions are dear
 LEVEL = 1e-4
 STATISTICS = ("log_albedo_area", "phi", "g", "radius", "potential")
 

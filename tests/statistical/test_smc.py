@@ -13,14 +13,16 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference import smc
 from lcbayes.simulate import simulate
 
+pytestmark = pytest.mark.xdist_group("particles")  # one worker runs them once
 N_RUNS = 8
+PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 
 
 @pytest.fixture(scope="module")
 def one():
     data = Epochs.of(simulate(scenario.load("one-facet"), 0)[0])
     problem = one_facet.posed(data)
-    found = smc.replicate(problem, data, jax.random.key(0), 500, N_RUNS)
+    found = smc.replicate(problem, data, jax.random.key(0), 400, N_RUNS, plan=PLAN)
     return problem, data, one_facet.Quadrature.of(data), found
 
 

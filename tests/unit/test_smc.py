@@ -18,7 +18,9 @@ from lcbayes.inference import moves, smc, tempering
 from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 
+pytestmark = pytest.mark.xdist_group("gaussian")  # one worker runs it once
 N = 200
+PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 
 
 def linear(data):
@@ -57,7 +59,7 @@ def exact(data, power=1.0):
 @pytest.fixture(scope="module")
 def runs(gaussian):
     problem, data = gaussian
-    return smc.replicate(problem, data, jax.random.key(1), N, 8)
+    return smc.replicate(problem, data, jax.random.key(1), N, 8, plan=PLAN)
 
 
 def test_evidence_of_a_gaussian(gaussian, runs):
@@ -84,7 +86,7 @@ def test_points_of_less_weight(gaussian):
     """The evidence is that of exp(−U) at the data's own information."""
     problem, data = gaussian
     less = replace(data, information=jnp.asarray(0.3))
-    found = smc.replicate(problem, less, jax.random.key(2), N, 4)
+    found = smc.replicate(problem, less, jax.random.key(2), N, 4, plan=PLAN)
     assert abs(found.log_evidence - exact(less, 0.3)[0]) < 0.15
 
 
@@ -102,7 +104,9 @@ def test_a_run_says_how_it_went(runs):
 def test_same_key_same_numbers(gaussian, runs):
     """Whatever the number of threads."""
     problem, data = gaussian
-    again = smc.run(problem, data, jax.random.split(jax.random.key(1), 8)[0], N, workers=1)
+    again = smc.run(
+        problem, data, jax.random.split(jax.random.key(1), 8)[0], N, plan=PLAN, workers=1
+    )
     np.testing.assert_array_equal(again.z, runs.runs[0].z)
     assert again.log_evidence == runs.runs[0].log_evidence
     assert runs.log_evidences[0] != runs.log_evidences[1]
