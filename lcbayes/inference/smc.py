@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.inference import moves, tempering
+from lcbayes.inference import moves, path, tempering
 from lcbayes.inference.moves import Moved, Tuning
 from lcbayes.inference.path import HALF, Path
 from lcbayes.inference.problem import Problem
@@ -167,7 +167,7 @@ class _Run:
     ) -> None:
         self.problem, self.data, self.n, self.plan, self.mirror = problem, data, n, plan, mirror
         self.pool, self.track = pool, track
-        self.path = Path.of(data, problem.dim)
+        self.path = Path.of(data, problem.dim, path.turns(problem, data, jax.random.key(0)))
         self.step_size, self.gradients, self.told = 0.5, 0, 0
         self.stages: list[Stage] = []
         self.reasons: list[str] = []

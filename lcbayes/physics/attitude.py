@@ -50,6 +50,7 @@ def constant_rate_to_body(
     Parameters
     ----------
     t : (T,) s
+        Held fixed in derivatives.
     omega : (3,) rad/s
         Inertial.
     *vectors : (T, 3)

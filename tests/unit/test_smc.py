@@ -14,7 +14,7 @@ from lcbayes import noise
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.inference import moves, smc, tempering
+from lcbayes.inference import moves, path, smc, tempering
 from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 
@@ -174,20 +174,35 @@ def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
     problem, data = gaussian
     shuffled = jax.tree.map(lambda x: x[::-1] if x.ndim and x.shape[0] == 20 else x, data)
     for epochs in (data, shuffled):
-        path = Path.of(epochs, problem.dim)
-        powers = np.array([path.at(epochs, s).information for s in np.linspace(0, 1, 201)])
+        way = Path.of(epochs, problem.dim)
+        powers = np.array([way.at(epochs, s).information for s in np.linspace(0, 1, 201)])
         assert np.all(powers[0] == 0.0)
         np.testing.assert_allclose(powers[-1], 1.0)
         assert np.all(np.diff(powers, axis=0) >= 0)
-        np.testing.assert_allclose(powers[100], path.plateau)
+        np.testing.assert_allclose(powers[100], way.plateau)
         early = np.argsort(epochs.t)
         assert np.all(np.diff(powers[40][early]) <= 0)
-        assert powers[40][early[0]] == path.plateau
+        assert powers[40][early[0]] == way.plateau
         assert powers[40][early[-1]] == 0.0
     loud = replace(data, error=100.0 * data.error)
     assert Path.of(loud, problem.dim).plateau == 1.0
     unknown = replace(data, error=jnp.full(20, jnp.nan), has_error=False)
     assert 0.0 < Path.of(unknown, problem.dim).plateau < 1.0
+
+
+def test_points_come_in_together_where_nothing_turns():
+    """A flux that depends on time by itself turns; facets do if they have a spin."""
+    problem, data = small.posed(small.curve(12), spin="none")
+    assert not path.turns(problem, data, jax.random.key(0))
+    together = Path.of(data, problem.dim, in_time=False)
+    for s in np.linspace(0, 1, 11):
+        assert np.ptp(together.powers(s)) == 0.0
+    in_time = Path.of(data, problem.dim)
+    for s in (0.0, 0.5, 0.7, 1.0):
+        np.testing.assert_allclose(together.powers(s), in_time.powers(s))
+    assert path.turns(*small.posed(small.curve(12), spin="free"), jax.random.key(0))
+    epochs = Epochs.of(small.curve(20))
+    assert path.turns(Problem(linear, epochs), epochs, jax.random.key(0))
 
 
 def test_systematic_choice_keeps_to_the_weights():
