@@ -29,7 +29,7 @@ from lcbayes.simulate import simulate
 HERE = Path(__file__).parent
 TRUTHS, SEEDS = (1, 2, 3, 5), range(5)
 CANDIDATES = range(1, 7)
-PARTICLES, RUNS = 60, 2
+PARTICLES, RUNS = 40, 2
 SNR, EPOCHS, APART = 30.0, 40, np.radians(40.0)
 
 
