@@ -159,6 +159,15 @@ class Table:
             raise self.fault(key, f"is {value!r}; expected {expected}")
         return value
 
+    def flag(self, key: str, default: Any = REQUIRED) -> Any:
+        """true or false."""
+        if self._absent(key, default, "true or false"):
+            return default
+        value = self._data[key]
+        if not isinstance(value, bool):
+            raise self.fault(key, f"is {value!r}; expected true or false")
+        return value
+
     def instant(self, key: str, default: Any = REQUIRED) -> Any:
         """An instant in UTC, from a TOML date and time or a string in ISO 8601."""
         expected = "an instant in UTC such as 2026-03-01T19:30:00Z"

@@ -8,7 +8,7 @@ orientation comes from the IERS table that astropy bundles.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +103,8 @@ class Geometry:
         Height of the satellite over the observer's horizon, without refraction.
     position_km : (T, 3)
         Geocentric place of the satellite, GCRS.
+    velocity_km_s : (T, 3) or None
+        Its velocity, GCRS; None where no orbit is known.
     sunlit : (T,) bool
         Whether the whole disc of the Sun is seen from there past a spherical Earth.
     notes : sentences about assumptions that mattered
@@ -115,6 +117,7 @@ class Geometry:
     position_km: Floats
     sunlit: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
+    velocity_km_s: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -350,5 +353,5 @@ def from_tle(
         The elements are older than `max_age_days` at some time, or SGP4 cannot propagate them.
     """
     earth = Earth(time)
-    teme = tle.teme(time, max_age_days)
-    return _seen(time, site, earth.teme_to_gcrs(teme), earth)
+    position, velocity = (earth.teme_to_gcrs(v) for v in tle.states(time, max_age_days))
+    return replace(_seen(time, site, position, earth), velocity_km_s=velocity)

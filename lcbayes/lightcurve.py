@@ -14,6 +14,7 @@ from lcbayes.errors import InputError
 Floats = NDArray[np.float64]
 
 KINDS = ("flux", "mag")
+ORBIT = ("position_km", "velocity_km_s")
 FRAMES = ("icrs", "ecliptic-j2000", "inertial")
 UNIT_TOLERANCE = 1e-6  # of the length of sun and obs
 
@@ -61,6 +62,9 @@ class LightCurve:
         Unit vectors from the object to the Sun and to the observer, axes of ``frame``.
     range_km : (T,) or None
         Distance between object and observer.
+    position_km, velocity_km_s : (T, 3) or None
+        Geocentric place of the object and its velocity, in the same axes (``frame`` "icrs"), which
+        attitude laws ask for; None where no orbit is known.
     curve : (T,) int
         Index of the group a point belongs to, 0 .. n_curves-1.
     free_scale : (n_curves,) bool
@@ -95,6 +99,8 @@ class LightCurve:
     obs: Floats
     kind: str = "flux"
     range_km: Floats | None = None
+    position_km: Floats | None = None
+    velocity_km_s: Floats | None = None
     curve: NDArray[np.int64] = _MADE  # all zero when absent
     free_scale: NDArray[np.bool_] = _MADE  # all False when absent
     curve_names: tuple[str, ...] = ()  # numbered from 0 when absent
@@ -151,8 +157,14 @@ class LightCurve:
 
     def _check_points(self) -> None:
         """Every number that the physics uses must be one it can use."""
-        for name in ("t", "error", "range_km", "exposure_s"):
+        for name in ("t", "error", "range_km", "exposure_s", *ORBIT):
             _reject(name, getattr(self, name), ~_finite(getattr(self, name)), "not finite", _DROP)
+        if self.position_km is not None and self.frame != "icrs":
+            raise InputError(
+                f"an orbit is given for directions in {self.frame!r} axes; both must be in icrs"
+            )
+        if self.velocity_km_s is not None and self.position_km is None:
+            raise InputError("velocity_km_s is given without position_km; give both")
         if not self.geometry_only:
             bad = ~np.isfinite(self.brightness)
             _reject("brightness", self.brightness, bad, "not finite", _DROP)
@@ -223,8 +235,10 @@ class LightCurve:
         return replace(
             self,
             **per_point,
-            error=None if self.error is None else self.error[index],
-            range_km=None if self.range_km is None else self.range_km[index],
+            **{
+                name: None if (values := getattr(self, name)) is None else values[index]
+                for name in _OPTIONAL
+            },
             curve=curve,
             free_scale=self.free_scale[kept],
             curve_names=tuple(self.curve_names[i] for i in kept),
@@ -243,8 +257,9 @@ class LightCurve:
 
 
 _SHAPES = {"brightness": (), "error": (), "sun": (3,), "obs": (3,), "range_km": ()} | {
-    "exposure_s": ()
-}
+    "position_km": (3,), "velocity_km_s": (3,), "exposure_s": ()
+}  # fmt: skip
+_OPTIONAL = ("error", "range_km", *ORBIT)
 _DROP = "drop those rows"
 _GIVE_ERRORS = "give positive errors, drop those rows, or set a floor with --error-floor"
 _RANGES = "give distances in km, greater than 0"
@@ -281,7 +296,9 @@ def _same_shape(name: str, value: Any, shape: tuple[int, ...], per: str = "time"
 
 
 def _finite(value: Floats | None) -> NDArray[np.bool_]:
-    return np.ones(0, bool) if value is None else np.isfinite(value)
+    if value is None:
+        return np.ones(0, bool)
+    return np.isfinite(value).reshape(len(value), -1).all(axis=1)
 
 
 def _below(value: Floats | None, limit: float, equal: bool = False) -> NDArray[np.bool_]:

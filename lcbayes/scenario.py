@@ -12,34 +12,14 @@ from pathlib import Path
 
 from lcbayes._toml import Table, read_toml
 from lcbayes.errors import InputError
-from lcbayes.physics import shapes
+from lcbayes.physics import catalogue, shapes
+from lcbayes.physics.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis
 from lcbayes.scenarios import bundled
 from lcbayes.scenarios.body import Material, read_body, read_materials
 from lcbayes.scenarios.viewing import Orbit, Planar, Vectors, read_geometry
 
 HOUR = 3600.0
-
-
-@dataclass(frozen=True)
-class ConstantRate:
-    """A(t) = exp([ω×] t), ω (3,) rad/s inertial; A = I at t = 0."""
-
-    omega_rad_s: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class PrincipalAxis:
-    """Rotation about the body's z axis; pole in the frame of the geometry, phase0 at t = 0."""
-
-    pole_lon_deg: float
-    pole_lat_deg: float
-    period_s: float
-    phase0_deg: float
-
-
-@dataclass(frozen=True)
-class Fixed:
-    """The body's axes are the inertial axes."""
+FREE = ("constant-rate", "principal-axis", "fixed")
 
 
 @dataclass(frozen=True)
@@ -63,17 +43,20 @@ class Scenario:
     kind : "flux" or "mag"
     band : photometric band, for magnitudes
     exposure_s : 0 for instantaneous brightness
+    on_array : for each facet, whether it turns with the solar array of the attitude law; the normal
+        of such a facet is in the array's axes (front x, hinge y)
     """
 
     name: str
     body: shapes.Body
     materials: Mapping[str, Material]
-    attitude: ConstantRate | PrincipalAxis | Fixed
+    attitude: Attitude
     geometry: Planar | Orbit | Vectors
     noise: Noise
     kind: str
     band: str
     exposure_s: float
+    on_array: tuple[bool, ...] = ()
 
 
 def load(scenario: str | Path) -> Scenario:
@@ -95,8 +78,14 @@ def load(scenario: str | Path) -> Scenario:
         path = named[str(scenario)]
     root = read_toml(path)
     materials = read_materials(root)
-    body = read_body(root.table("body"), materials)
+    body, on_array = read_body(root.table("body"), materials)
     attitude = _attitude(root.table("attitude"))
+    if attitude.array and not any(on_array):
+        raise root.table("body").fault(
+            None,
+            f"has no facet on the solar array that the law {attitude.name!r} turns; name a part "
+            "'panel' or 'back', or set on_array = true for its facets",
+        )
     geometry = read_geometry(root.table("geometry"))
     noise = _noise(root.table("noise"))
     output = root.table("output", None) or root.blank()
@@ -115,31 +104,56 @@ def load(scenario: str | Path) -> Scenario:
             None, "has no 'range_km'; a magnitude needs a distance (or set output.kind = 'flux')"
         )
     return Scenario(
-        path.stem, body, materials, attitude, geometry, noise, kind, band, exposure
+        path.stem, body, materials, attitude, geometry, noise, kind, band, exposure,
+        on_array if attitude.array else (),
     )  # fmt: skip
 
 
-def _attitude(table: Table) -> ConstantRate | PrincipalAxis | Fixed:
-    law = table.text("law", choices=("constant-rate", "principal-axis", "fixed"))
+def _attitude(table: Table) -> Attitude:
+    law = table.text("law")
+    if law not in FREE:
+        return _stabilised(law, table)
+    found: Attitude
     if law == "constant-rate":
         found = ConstantRate(table.vector("omega_rad_s"))
     elif law == "principal-axis":
-        if ("period_h" in table) == ("period_s" in table):
-            raise table.fault(None, "needs one of 'period_h' and 'period_s'")
-        unit, scale = ("period_h", HOUR) if "period_h" in table else ("period_s", 1.0)
-        period = table.number(unit)
-        if period == 0:
-            raise table.fault(unit, "is 0; a period is positive, or negative for the other sense")
+        period = _period(table)
         found = PrincipalAxis(
             table.number("pole_lon_deg"),
             table.number("pole_lat_deg", low=-90.0, high=90.0),
-            period * scale,
+            period,
             table.number("phase0_deg", 0.0),
         )
     else:
         found = Fixed()
     table.done()
     return found
+
+
+def _stabilised(name: str, table: Table) -> Law:
+    """A law of the catalogue."""
+    try:
+        law = catalogue.find(name)
+    except InputError:
+        known = ", ".join((*FREE, *catalogue.LAWS))
+        raise table.fault("law", f"is {name!r}; expected one of: {known}") from None
+    given: dict[str, float] = {"period_s": _period(table)} if law.spins else {}
+    for key in law.keys:
+        if key != "period_s":
+            given[key] = table.number(key, 0.0)
+    table.done()
+    return law.set(**given)
+
+
+def _period(table: Table) -> float:
+    """In s, from `period_h` or `period_s`."""
+    if ("period_h" in table) == ("period_s" in table):
+        raise table.fault(None, "needs one of 'period_h' and 'period_s'")
+    unit, scale = ("period_h", HOUR) if "period_h" in table else ("period_s", 1.0)
+    period = table.number(unit)
+    if period == 0:
+        raise table.fault(unit, "is 0; a period is positive, or negative for the other sense")
+    return period * scale
 
 
 def _noise(table: Table) -> Noise:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
+from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, brightness, facets, photometry
+from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis
 from lcbayes.physics.reflectance import LAWS
-from lcbayes.scenario import ConstantRate, PrincipalAxis, Scenario
+from lcbayes.scenario import Scenario
 from lcbayes.scenarios.epochs import epochs
 
 Floats = NDArray[np.float64]
@@ -46,7 +48,7 @@ def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, A
         The geometry has no usable epoch, or the body is dark at all of them.
     """
     curve = epochs(scenario.geometry)
-    flux = flux_at(scenario, curve.t, curve.sun, curve.obs)
+    flux = flux_at(scenario, curve.t, curve.sun, curve.obs, ephemeris(curve))
     if scenario.kind == "mag" or scenario.noise.kind == "mag_err":
         kept = flux > 0.0
         if not kept.any():
@@ -73,7 +75,9 @@ def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, A
     return curve, truth(scenario, seed, curve, clean, n_dark)
 
 
-def flux_at(scenario: Scenario, t: Floats, sun: Floats, obs: Floats) -> Floats:
+def flux_at(
+    scenario: Scenario, t: Floats, sun: Floats, obs: Floats, orbit: Ephemeris | None = None
+) -> Floats:
     """Noise-free flux at unit distance under unit irradiance, averaged over the exposure, m².
 
     Parameters
@@ -82,45 +86,49 @@ def flux_at(scenario: Scenario, t: Floats, sun: Floats, obs: Floats) -> Floats:
         Time since the instant at which the attitude law starts.
     sun, obs : (T, 3)
         Unit vectors to Sun and observer, inertial; constant during an exposure.
+    orbit : Ephemeris, optional
+        At the same times, for laws that ask for more than time and Sun; constant during an
+        exposure but for the time.
     """
     exposure = scenario.exposure_s
+    moving = np.array(scenario.on_array or [False] * len(scenario.body.areas))
+    along = Ephemeris(jnp.asarray(t), jnp.asarray(sun)) if orbit is None else orbit
+    poles = {name: getattr(along, name) for name in ("celestial_north", "ecliptic_north")}
 
     @jax.jit
-    def part(t: jax.Array, sun: jax.Array, obs: jax.Array) -> jax.Array:
+    def part(rows: Ephemeris, obs: jax.Array) -> jax.Array:
         def at(instants: jax.Array) -> jax.Array:
-            rotation = _attitude(scenario, instants)
-            return _body_flux(
-                scenario, attitude.to_body(rotation, sun), attitude.to_body(rotation, obs)
-            )
+            made = scenario.attitude.frames(rows._replace(t=instants, **poles))
+            total = jnp.zeros(instants.shape)
+            for rotation, which in ((made.body, ~moving), (made.array, moving)):
+                if rotation is not None and which.any():
+                    total += _body_flux(
+                        scenario, which, *(attitude.to_body(rotation, v) for v in (rows.sun, obs))
+                    )
+            return total
 
+        t = rows.t
         return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
 
     size = max(1, CHUNK // len(scenario.body.areas))
-    parts = [
-        np.asarray(part(*map(jnp.asarray, (t[i : i + size], sun[i : i + size], obs[i : i + size]))))
-        for i in range(0, len(t), size)
-    ]
+    whole = along._replace(**dict.fromkeys(poles)), jnp.asarray(obs)
+    parts = []
+    for i in range(0, len(t), size):
+        rows = jax.tree.map(lambda x, i=i: x[i : i + size], whole)
+        parts.append(np.asarray(part(*rows)))
     return np.concatenate(parts)
 
 
-def _attitude(scenario: Scenario, t: jax.Array) -> jax.Array:
-    law = scenario.attitude
-    if isinstance(law, ConstantRate):
-        return attitude.constant_rate(t, jnp.asarray(law.omega_rad_s))
-    if isinstance(law, PrincipalAxis):
-        lon, lat, phase = np.deg2rad([law.pole_lon_deg, law.pole_lat_deg, law.phase0_deg])
-        return attitude.principal_axis(
-            t, jnp.asarray(lon), jnp.asarray(lat), jnp.asarray(law.period_s), jnp.asarray(phase)
-        )
-    return attitude.fixed(t)
-
-
-def _body_flux(scenario: Scenario, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array:
-    """Sum over the laws of the body's facets; those of one law go together."""
+def _body_flux(
+    scenario: Scenario, which: NDArray[np.bool_], sun_body: jax.Array, obs_body: jax.Array
+) -> jax.Array:
+    """Sum over the laws of these facets of the body; those of one law go together."""
     body, materials = scenario.body, scenario.materials
-    laws = [materials[label].law for label in body.labels]
+    laws = [
+        materials[label].law if mine else "" for label, mine in zip(body.labels, which, strict=True)
+    ]
     total = jnp.zeros(sun_body.shape[0])
-    for law in sorted(set(laws)):
+    for law in sorted(set(laws) - {""}):
         here = np.array([one == law for one in laws])
         mine = [materials[label].parameters for label in np.array(body.labels)[here]]
         params = {key: jnp.array([p[key] for p in mine]) for key in LAWS[law].parameters}
@@ -171,7 +179,8 @@ def truth(
 
     Normals are given for body axes that are the inertial axes at the first point of the curve
     (``t_ref_s``), as Linares & Crassidis have them (A(t₀) = I); for a principal-axis spin they
-    are in its own body axes, z towards the pole. `albedo_area_m2` is None for facets whose
+    are in its own body axes, z towards the pole, and so for laws of the catalogue, where those of
+    facets that are ``on_array`` are in the array's axes. `albedo_area_m2` is None for facets whose
     reflectance is not one factor.
     """
     law = scenario.attitude
@@ -179,9 +188,9 @@ def truth(
     normals, u_axes = scenario.body.normals, scenario.body.u_axes
     spin: dict[str, Any]
     if isinstance(law, ConstantRate):
-        rotation = np.asarray(_attitude(scenario, jnp.array([t_ref])))[0]
-        normals, u_axes = normals @ rotation.T, u_axes @ rotation.T
-        spin = {"law": "constant-rate", "omega_rad_s": list(law.omega_rad_s)}
+        rotation = attitude.constant_rate(jnp.array([t_ref]), jnp.asarray(law.omega_rad_s))
+        normals, u_axes = (v @ np.asarray(rotation[0]).T for v in (normals, u_axes))
+        spin = {"law": law.name, **law.settings()}
     elif isinstance(law, PrincipalAxis):
         spin = {
             "law": "principal-axis",
@@ -191,7 +200,7 @@ def truth(
             "phase0_deg": law.phase0_deg,
         }
     else:
-        spin = {"law": "fixed"}
+        spin = {"law": law.name, **law.settings()}
     phi, g = facets.angles(jnp.asarray(normals))
     used = set(scenario.body.labels)
     return {
@@ -213,6 +222,7 @@ def truth(
                 "area_m2": float(area),
                 "albedo_area_m2": _albedo_area(scenario, i),
                 "material": scenario.body.labels[i],
+                **({"on_array": scenario.on_array[i]} if scenario.on_array else {}),
             }
             for i, area in enumerate(scenario.body.areas)
         ],

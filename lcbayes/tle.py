@@ -47,6 +47,13 @@ class Tle:
     def teme(self, time: Times, max_age_days: float | None = None) -> Floats:
         """Positions in SGP4's own frame (true equator, mean equinox), km, (T, 3).
 
+        Raises as `states`.
+        """
+        return self.states(time, max_age_days)[0]
+
+    def states(self, time: Times, max_age_days: float | None = None) -> tuple[Floats, Floats]:
+        """Positions (km) and velocities (km/s) in SGP4's own frame, (T, 3) each.
+
         Raises
         ------
         InputError
@@ -63,18 +70,18 @@ class Tle:
             what = f"are {oldest.max():.0f} days from some of the times"
             remedy = f"get elements within {max_age_days:g} days of every observation"
             raise RowError(f"the elements in {self.name}", what, row, time.text(row), remedy)
-        position = np.empty((jd1.size, 3))
+        position, velocity = np.empty((2, jd1.size, 3))
         for index in np.unique(nearest):
             rows = np.flatnonzero(nearest == index)
-            code, place, _ = self.satellites[index].sgp4_array(jd1[rows], jd2[rows])
+            code, place, motion = self.satellites[index].sgp4_array(jd1[rows], jd2[rows])
             if code.any():
                 row = rows[int(np.argmax(code != 0))]
                 what = f"cannot be propagated: {SGP4_ERRORS.get(int(code[code != 0][0]), 'failed')}"
                 raise RowError(
                     f"the elements in {self.name}", what, int(row), time.text(row), "get newer ones"
                 )
-            position[rows] = place
-        return position
+            position[rows], velocity[rows] = place, motion
+        return position, velocity
 
 
 def read_tle(path: str | os.PathLike[str]) -> Tle:

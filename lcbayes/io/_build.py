@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
-from lcbayes.io._columns import ALTAZ, BRIGHTNESS, RADEC, TIMES, VECTORS, Options, need
+from lcbayes.io._columns import (
+    ALTAZ,
+    BRIGHTNESS,
+    PLACE,
+    RADEC,
+    TIMES,
+    VECTORS,
+    VELOCITY,
+    Options,
+    need,
+)
 from lcbayes.io._table import Table
 from lcbayes.io._time import seconds_from_jd, seconds_from_utc, utc_days_to_seconds
 from lcbayes.lightcurve import FRAMES, LightCurve, RowError
@@ -39,7 +49,7 @@ def build(
         optional["exposure_s"] = table.number("exposure_s")
     used |= {*optional}
     _check_order(table, t, curve, time_name)
-    sun, obs, range_km, frame, more, extra = _geometry(table, options, t, epoch_jd, used)
+    directions, more, extra = _geometry(table, options, t, epoch_jd, used)
     columns = table.texts | table.numbers
     kept = {table.label(name): columns[name] for name in columns if name not in used}
     try:
@@ -47,18 +57,15 @@ def build(
             t=t,
             brightness=brightness,
             error=error,
-            sun=sun,
-            obs=obs,
             kind=kind,
-            range_km=range_km,
             curve=curve,
             free_scale=free_scale,
             curve_names=names,
             epoch_jd=epoch_jd,
-            frame=frame,
             extra=kept | extra,
             source=source_of(table, file_format, (*notes, *more)),
             **optional,
+            **directions,
         )
     except RowError as fault:
         label = {"t": time_name, **labels}.get(fault.name, fault.name)
@@ -203,8 +210,9 @@ _REPEATS = (
 
 def _geometry(
     table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
-) -> tuple[Floats, Floats, Floats | None, str, tuple[str, ...], dict[str, Any]]:
-    """Directions to Sun and observer by the one way the file and the options give."""
+) -> tuple[dict[str, Any], tuple[str, ...], dict[str, Any]]:
+    """Directions to Sun and observer by the one way the file and the options give, as fields of
+    the light curve; notes; columns to add to `extra`."""
     given = [
         what
         for what, here in (
@@ -233,18 +241,35 @@ def _geometry(
         if options.site is not None:
             raise InputError(f"{name} has directions of its own; leave out --site")
         used |= {*VECTORS, "range_km"}
-        ranges = table.numbers.get("range_km")
-        sun, obs = _directions(table, "sun"), _directions(table, "obs")
-        return sun, obs, ranges, frame or "inertial", (), {}
+        found = {name: _directions(table, name) for name in ("sun", "obs")}
+        found |= {"range_km": table.numbers.get("range_km"), "frame": frame or "inertial"}
+        return found | _given_orbit(table, used), (), {}
     if frame not in (None, "icrs"):
         raise InputError(
             f"{name} says its frame is {frame!r}, but directions computed from {given[0]} are in "
             "icrs; remove the frame, or give vectors"
         )
+    if any(column in table for column in (*PLACE, *VELOCITY)):
+        raise InputError(
+            f"{name} has columns {PLACE[0]} …, and the satellite's place is computed from "
+            f"{given[0]} as well; remove those columns"
+        )
     from lcbayes.io._sky import computed_geometry
 
-    found, notes, extra = computed_geometry(table, options, t, epoch_jd, used)
-    return found.sun, found.obs, found.range_km, "icrs", notes, extra
+    seen, notes, extra = computed_geometry(table, options, t, epoch_jd, used)
+    fields = ("sun", "obs", "range_km", "position_km", "velocity_km_s")
+    return {name: getattr(seen, name) for name in fields} | {"frame": "icrs"}, notes, extra
+
+
+def _given_orbit(table: Table, used: set[str]) -> dict[str, Floats]:
+    """Place and velocity of the satellite, where the file has them."""
+    found = {}
+    for field, names in (("position_km", PLACE), ("velocity_km_s", VELOCITY)):
+        if any(name in table for name in names):
+            need(table, names)
+            used |= {*names}
+            found[field] = np.stack([table.number(name) for name in names], axis=1)
+    return found
 
 
 def _declared_frame(table: Table, used: set[str]) -> str | None:

@@ -16,10 +16,12 @@ TIMES = ("utc", "jd", "t")
 VECTORS = ("sun_x", "sun_y", "sun_z", "obs_x", "obs_y", "obs_z")
 RADEC = ("ra_deg", "dec_deg", "range_km")
 ALTAZ = ("altitude_deg", "azimuth_deg", "height_km")
+PLACE = ("sat_x_km", "sat_y_km", "sat_z_km")
+VELOCITY = ("sat_vx_km_s", "sat_vy_km_s", "sat_vz_km_s")
 SITE = ("site_lat_deg", "site_lon_deg", "site_height_m")
 BRIGHTNESS = ("flux", "mag")
 _PLAIN = ("jd", "t", "flux", "mag", "flux_err", "mag_err", "exposure_s")
-NUMERIC = frozenset((*_PLAIN, *VECTORS, *RADEC, *ALTAZ, *SITE))
+NUMERIC = frozenset((*_PLAIN, *VECTORS, *RADEC, *ALTAZ, *SITE, *PLACE, *VELOCITY))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from lcbayes.lightcurve import LightCurve
 
 UNITS = {"jd": "d", "t": "s", "mag": "mag", "mag_err": "mag", "exposure_s": "s"} | {
     name: unit
-    for ending, unit in (("_deg", "deg"), ("_km", "km"), ("_m", "m"))
+    for ending, unit in (("_deg", "deg"), ("_km_s", "km / s"), ("_km", "km"), ("_m", "m"))
     for name in NUMERIC
     if name.endswith(ending)
 }

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.errors import InputError
-from lcbayes.io._columns import NUMERIC, SITE, VECTORS
+from lcbayes.io._columns import NUMERIC, PLACE, SITE, VECTORS, VELOCITY
 from lcbayes.io._ecsv import UNITS
 from lcbayes.io._files import write_text
 from lcbayes.lightcurve import LightCurve
@@ -47,6 +47,9 @@ def _columns(curve: LightCurve) -> dict[str, Any]:
     columns |= dict(zip(VECTORS, both.T, strict=True))
     if curve.range_km is not None:
         columns["range_km"] = curve.range_km
+    for names, vectors in ((PLACE, curve.position_km), (VELOCITY, curve.velocity_km_s)):
+        if vectors is not None:
+            columns |= dict(zip(names, vectors.T, strict=True))
     plain = curve.curve_names == ("0",) and not np.any(curve.free_scale)
     if not plain:
         index = curve.curve

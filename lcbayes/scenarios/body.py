@@ -48,8 +48,15 @@ def _material(table: Table) -> Material:
     return Material(name, values)
 
 
-def read_body(table: Table, materials: Mapping[str, Material]) -> shapes.Body:
-    """The table [body]; the labels of the body that is returned are names of materials.
+ON_ARRAY = ("panel", "back")  # parts that a solar array consists of, unless told otherwise
+
+
+def read_body(
+    table: Table, materials: Mapping[str, Material]
+) -> tuple[shapes.Body, tuple[bool, ...]]:
+    """The table [body], and which of its facets are on a solar array.
+
+    The labels of the body that is returned are names of materials.
 
     A facet without a material of its own takes that of its part's name (shapes and files), else
     ``body.material``, else the only one there is.
@@ -60,8 +67,9 @@ def read_body(table: Table, materials: Mapping[str, Material]) -> shapes.Body:
         raise table.fault(None, f"needs one of 'facets', 'shape' and 'file'; it has {given}")
     only = next(iter(materials)) if len(materials) == 1 else None
     default = table.text("material", only, tuple(materials))
+    told: list[bool | None] = []
     if ways == ["facets"]:
-        body = _facets(table, default, materials)
+        body, told = _facets(table, default, materials)
     elif ways == ["shape"]:
         name = table.text("shape", choices=tuple(shapes.SHAPES))
         body = shapes.shape(name, **_sizes(table, name))
@@ -75,14 +83,20 @@ def read_body(table: Table, materials: Mapping[str, Material]) -> shapes.Body:
                 f"has a part {label!r} without a material; describe [materials.{label}] or set "
                 "body.material",
             )
-    return body._replace(
-        labels=tuple(label if label in materials else str(default) for label in body.labels)
+    told = told or [None] * len(body.labels)
+    on_array = tuple(
+        label in ON_ARRAY if one is None else one
+        for one, label in zip(told, body.labels, strict=True)
     )
+    labels = tuple(label if label in materials else str(default) for label in body.labels)
+    return body._replace(labels=labels), on_array
 
 
-def _facets(table: Table, default: str | None, materials: Mapping[str, Material]) -> shapes.Body:
-    """The tables [[body.facets]]."""
-    normals, areas, axes, labels = [], [], [], []
+def _facets(
+    table: Table, default: str | None, materials: Mapping[str, Material]
+) -> tuple[shapes.Body, list[bool | None]]:
+    """The tables [[body.facets]], and what each says of the solar array."""
+    normals, areas, axes, labels, on_array = [], [], [], [], []
     for facet in table.tables("facets"):
         normal = _normal(facet)
         normals.append(normal)
@@ -90,10 +104,12 @@ def _facets(table: Table, default: str | None, materials: Mapping[str, Material]
         axes.append(_in_plane(facet, normal))
         fallback = REQUIRED if default is None else default
         labels.append(facet.text("material", fallback, choices=tuple(materials)))
+        on_array.append(facet.flag("on_array", None))
         facet.done()
     if not normals:
         raise table.fault("facets", "is empty; give at least one [[body.facets]]")
-    return shapes.Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
+    made = shapes.Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
+    return made, on_array
 
 
 def _normal(facet: Table) -> shapes.Floats:

@@ -88,6 +88,8 @@ def _orbit(geometry: Orbit) -> LightCurve:
         sun=joined("sun"),
         obs=joined("obs"),
         range_km=joined("range_km"),
+        position_km=joined("position_km"),
+        velocity_km_s=joined("velocity_km_s"),
         site=np.repeat(np.array(names), sizes)[order],
         epoch_jd=_julian_date(zero),
         frame="icrs",
@@ -98,6 +100,8 @@ class _Seen(NamedTuple):
     sun: Floats
     obs: Floats
     range_km: Floats
+    position_km: Floats
+    velocity_km_s: Floats
 
 
 def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
@@ -124,7 +128,7 @@ def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
             f"{one.max_sun_elevation_deg:g} deg; choose another start and stop"
         )
     begin = float(dt[kept[0]])
-    directions = _Seen(seen.sun[kept], seen.obs[kept], seen.range_km[kept])
+    directions = _Seen(*(getattr(seen, name)[kept] for name in _Seen._fields))
     return one.start + timedelta(seconds=begin), dt[kept] - begin, directions
 
 
