@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,14 +9,11 @@ from typing import Any
 import numpy as np
 
 from lcbayes.albedo_area.inversion import Inversion
-from lcbayes.analysis import albedo_area_plots
+from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.quantities import lon_lat
-from lcbayes.analysis.style import Gallery
-from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
-from lcbayes.results import save_json
 
-NUMBERS, WORDS = "albedo_area.json", "albedo_area.txt"
+NAME = "albedo_area"
 FINER = "as many facets as lower chi2 at all"
 BODY = ("shape.obj", "shape.ply")
 
@@ -42,34 +35,16 @@ def write(
     dict
         The content of `albedo_area.json`.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=".albedo-area-", dir=folder))
-    except OSError as fault:
-        raise InputError(
-            f"{folder} cannot be written ({fault.strerror}); choose another with -o"
-        ) from None
     content = dict(about) | numbers(result, curve)
-    try:
-        figures = scratch / "figures"
-        figures.mkdir(mode=0o755)
-        save_json(content, scratch / NUMBERS)
-        (scratch / WORDS).write_text("\n".join(words(result, curve)) + "\n", encoding="utf-8")
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
-            albedo_area_plots.draw(result, Gallery(figures))
-        for name in BODY:
-            (folder / name).unlink(missing_ok=True)
-        if result.shape is not None:
-            comment = "convex body of one albedo, lcbayes albedo-area"
-            (scratch / BODY[0]).write_text(result.shape.obj(comment))
-            (scratch / BODY[1]).write_text(result.shape.ply(comment))
-        if (folder / "figures").exists():
-            shutil.rmtree(folder / "figures")
-        for made in scratch.iterdir():
-            os.replace(made, folder / made.name)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    body = result.shape
+    comment = "convex body of one albedo, lcbayes albedo-area"
+    texts = dict.fromkeys(BODY) if body is None else dict(
+        zip(BODY, (body.obj(comment), body.ply(comment)), strict=True)
+    )  # fmt: skip
+    small_report.write(
+        folder, NAME, content, words(result, curve),
+        lambda gallery: albedo_area_plots.draw(result, gallery), texts,
+    )  # fmt: skip
     return content
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
     from lcbayes.albedo_area.inversion import invert
     from lcbayes.albedo_area.kernel import Material
     from lcbayes.analysis import albedo_area_report as report
+    from lcbayes.analysis.small_report import tell
     from lcbayes.progress import Console, Silent
 
     materials = [Material.parse(text) for text in args.material or ["lambertian"]]
@@ -113,12 +112,7 @@ def run(args: argparse.Namespace) -> int:
         "seed": args.seed,
     }
     report.write(result, curve, args.out, about)
-    if args.json:
-        json.dump(json.loads((args.out / report.NUMBERS).read_text()), sys.stdout, indent=1)
-        print()
-    else:
-        print("\n".join(report.words(result, curve)))
-        print(f"\nresults: {args.out}")
+    tell(args.out, report.NAME, report.words(result, curve), args.json)
     return EXIT_NOT_TRUSTED if result.reasons else EXIT_DONE
 
 

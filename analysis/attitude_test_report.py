@@ -1,0 +1,114 @@
+"""What `lcbayes attitude-test` writes: the ranking, the words, the pairs behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.style import FAINT, Gallery, colour
+from lcbayes.separated.attitude_test import AttitudeTest, Verdict
+
+NAME = "attitude_test"
+
+
+def write(result: AttitudeTest, folder: Path, about: Mapping[str, Any]) -> None:
+    """`attitude_test.json`, `attitude_test.txt` and `figures/`."""
+    content = dict(about) | numbers(result)
+    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
+
+
+def numbers(result: AttitudeTest) -> dict[str, Any]:
+    """The content of `attitude_test.json`."""
+    keys = ("name", "settings", "tested", "reason", "p_value", "statistic", "expected",
+            "n_pairs", "n_points", "same_as")  # fmt: skip
+    return {
+        "n_obs": result.n_obs,
+        "n_glints_left_out": result.n_glints,
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "level": result.level,
+        "laws": [
+            {k: getattr(v, k) for k in keys} | {"rejected": result.rejected(v)}
+            for v in result.verdicts
+        ],
+    }
+
+
+def words(result: AttitudeTest) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
+    lines.append(f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}")
+    lines += [_line(v, result) for v in result.verdicts]
+    held = [v for v in result.verdicts if v.tested and not result.rejected(v)]
+    tested = [v for v in result.verdicts if v.tested]
+    if len(held) > 1:
+        lines.append(
+            f"{len(held)} of {len(tested)} laws are consistent with the data, which do not tell "
+            "them apart; the order among them is no evidence"
+        )
+    elif len(held) == 1:
+        lines.append(
+            f"{held[0].name} alone of {len(tested)} laws is not rejected; another law, not in the "
+            "list, may hold as well"
+        )
+    elif tested:
+        lines.append("every law that could be tested is rejected")
+    return lines
+
+
+def _line(v: Verdict, result: AttitudeTest) -> str:
+    if not v.tested:
+        return f"{v.name:20s} not tested: {v.reason}"
+    verdict = "rejected" if result.rejected(v) else "consistent"
+    same = f"; the same here: {', '.join(v.same_as)}" if v.same_as else ""
+    return (
+        f"{v.name:20s} p = {v.p_value:.3f}  {verdict}  ({v.n_pairs} pairs of {v.n_points} points"
+        f"{same})"
+    )
+
+
+def draw(result: AttitudeTest, gallery: Gallery) -> None:
+    """The p-values, and the differences within pairs of the best law and of the worst."""
+    tested = [v for v in result.verdicts if v.tested]
+    if not tested:
+        return
+    figure = gallery.figure(6.4, 1.0 + 0.2 * len(tested))
+    axes = figure.subplots()
+    y = np.arange(len(tested))[::-1]
+    hue = [colour(1) if result.rejected(v) else colour(0) for v in tested]
+    axes.hlines(y, 1e-3, [max(v.p_value, 1.05e-3) for v in tested], color=hue, lw=1.0, alpha=0.5)
+    axes.scatter([v.p_value for v in tested], y, s=22, c=hue, zorder=3)
+    axes.axvline(result.level, color=FAINT, lw=0.8, ls="--")
+    axes.set_xscale("log")
+    axes.set_xlim(1e-3, 1.3)
+    axes.set_xticks([0.001, 0.01, 0.1, 1.0], ["0.001", "0.01", "0.1", "1"])
+    axes.set_yticks(y, [v.name for v in tested])
+    axes.set_ylim(-0.7, len(tested) - 0.3)
+    axes.set_xlabel(f"p-value (dashed: {result.level:g}, below it a law is rejected)")
+    gallery.add(figure, "laws", "p-value of each attitude law.", "p-value of each attitude law.")
+    shown = [tested[0], tested[-1]] if len(tested) > 1 else tested
+    figure = gallery.figure(3.4 * len(shown), 3.0)
+    for k, (v, axes) in enumerate(zip(shown, np.atleast_1d(figure.subplots(1, len(shown),
+                                  sharey=True)), strict=True)):  # fmt: skip
+        pairs, seen = v.pairs, result.seen
+        assert pairs is not None
+        size = float(np.mean(seen.flux))
+        change = np.abs(seen.flux[pairs.i] - seen.flux[pairs.j]) / size
+        noise = float(np.median(np.hypot(seen.error[pairs.i], seen.error[pairs.j]))) / size
+        axes.plot(np.degrees(pairs.d), 100 * change, ".", ms=3.5, alpha=0.6, color=colour(k))
+        axes.axhline(100 * noise, color=FAINT, lw=0.8, ls="--", label="noise of a difference")
+        axes.set_title(f"{v.name}: p = {v.p_value:.3f}", loc="left")
+        axes.set_xlabel("angle between directions (deg)")
+        axes.set_yscale("symlog", linthresh=max(100 * noise, 0.1))
+    first = figure.axes[0]
+    first.set_ylabel("difference of flux (% of the mean)")
+    first.legend(loc="lower left")
+    gallery.add(
+        figure, "pairs", "Differences of flux within pairs.",
+        "Differences of flux within pairs that the law makes alike.",
+    )  # fmt: skip

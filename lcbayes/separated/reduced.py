@@ -1,0 +1,77 @@
+"""Measurements at unit distance, and the passes that they belong to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.albedo_area.observed import Attitude, Observed
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GAP_S = 600.0  # a longer silence ends a pass
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """What a method without inversion reads, points in order of pass and time.
+
+    Attributes
+    ----------
+    t : (T,) s
+    flux, error : (T,)
+        At unit distance under unit irradiance (m²); of curves of unknown scale in any unit.
+    sun, obs : (T, 3)
+        Unit vectors, inertial.
+    one_pass : (T,) int
+        Stretch of one curve, site and band without a gap of 600 s.
+    group : (T,) int
+        Points whose brightness can be compared: one band, and one curve where its scale is free.
+    row : (T,) int
+        Index of the point in the light curve.
+    """
+
+    t: Floats
+    flux: Floats
+    error: Floats
+    sun: Floats
+    obs: Floats
+    one_pass: Ints
+    group: Ints
+    row: Ints
+
+
+def reduce(curve: LightCurve) -> Reduced:
+    """Linear flux at unit distance, pass by pass.
+
+    Raises
+    ------
+    InputError
+        There is no brightness, or no error of it: what is alike cannot be told from what is not.
+    """
+    if curve.error is None:
+        raise InputError(
+            "the light curve gives no errors, so that noise cannot be told from a change; give "
+            "flux_err or mag_err, or one for all points with --error"
+        )
+    seen = Observed.of(curve, Attitude())
+    label = _numbered(curve.curve, curve.site, curve.band)
+    order = np.lexsort((curve.t, label))
+    label, t = label[order], curve.t[order]
+    new = (np.diff(label) != 0) | (np.diff(t) > GAP_S)
+    loose = np.where(curve.free_scale[curve.curve], curve.curve, -1)
+    return Reduced(
+        t, seen.flux[order], seen.error[order], curve.sun[order], curve.obs[order],
+        np.concatenate([[0], np.cumsum(new)]), _numbered(loose, curve.band)[order], order,
+    )  # fmt: skip
+
+
+def _numbered(*columns: NDArray) -> Ints:
+    """(T,) number of each row's combination."""
+    text = np.stack([np.asarray(c).astype(str) for c in columns], axis=1)
+    return np.unique(text, axis=0, return_inverse=True)[1].ravel()
