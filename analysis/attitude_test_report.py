@@ -105,9 +105,11 @@ def draw(result: AttitudeTest, gallery: Gallery) -> None:
         axes.set_title(f"{v.name}: p = {v.p_value:.3f}", loc="left")
         axes.set_xlabel("angle between directions (deg)")
         axes.set_yscale("symlog", linthresh=max(100 * noise, 0.1))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_xlim(left=0.0)
     first = figure.axes[0]
     first.set_ylabel("difference of flux (% of the mean)")
-    first.legend(loc="lower left")
+    figure.legend(*first.get_legend_handles_labels(), loc="outside lower center")
     gallery.add(
         figure, "pairs", "Differences of flux within pairs.",
         "Differences of flux within pairs that the law makes alike.",

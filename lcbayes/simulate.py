@@ -93,12 +93,11 @@ def flux_at(
     exposure = scenario.exposure_s
     moving = np.array(scenario.on_array or [False] * len(scenario.body.areas))
     along = Ephemeris(jnp.asarray(t), jnp.asarray(sun)) if orbit is None else orbit
-    poles = {name: getattr(along, name) for name in ("celestial_north", "ecliptic_north")}
 
     @jax.jit
     def part(rows: Ephemeris, obs: jax.Array) -> jax.Array:
         def at(instants: jax.Array) -> jax.Array:
-            made = scenario.attitude.frames(rows._replace(t=instants, **poles))
+            made = scenario.attitude.frames(rows._replace(t=instants))
             total = jnp.zeros(instants.shape)
             for rotation, which in ((made.body, ~moving), (made.array, moving)):
                 if rotation is not None and which.any():
@@ -111,12 +110,8 @@ def flux_at(
         return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
 
     size = max(1, CHUNK // len(scenario.body.areas))
-    whole = along._replace(**dict.fromkeys(poles)), jnp.asarray(obs)
-    parts = []
-    for i in range(0, len(t), size):
-        rows = jax.tree.map(lambda x, i=i: x[i : i + size], whole)
-        parts.append(np.asarray(part(*rows)))
-    return np.concatenate(parts)
+    blocks = [slice(i, i + size) for i in range(0, len(t), size)]
+    return np.concatenate([part(along.at(rows), jnp.asarray(obs[rows])) for rows in blocks])
 
 
 def _body_flux(

@@ -45,6 +45,12 @@ class Ephemeris(NamedTuple):
     celestial_north: jax.Array | None = None
     ecliptic_north: jax.Array | None = None
 
+    def at(self, rows: Any) -> Ephemeris:
+        """The same at some of its times."""
+        poles = {k: getattr(self, k) for k in ("celestial_north", "ecliptic_north")}
+        along = self._replace(**dict.fromkeys(poles))
+        return jax.tree.map(lambda x: x[rows], along)._replace(**poles)
+
 
 class Frames(NamedTuple):
     """Where the parts of a body point.

@@ -28,15 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from lcbayes._jax import jnp
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.attitude import to_body
-from lcbayes.physics.laws import Attitude, Ephemeris, Frames
+from lcbayes.physics.laws import Attitude, Frames
 from lcbayes.progress import Silent
 from lcbayes.separated import ensemble
-from lcbayes.separated.reduced import Floats, Ints, Reduced, reduce
+from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce
 
 SEPARATION_DEG = 4.0  # of directions that count as alike
 PARTNERS = 6  # nearest ones of a point that are used
@@ -160,8 +158,8 @@ def attitude_test(
     progress = progress or Silent()
     seen = reduce(curve)
     glint = glints(seen)
-    seen = _without(seen, glint)
-    eph = _rows(ephemeris(curve), seen.row)
+    seen = seen.at(np.flatnonzero(~glint))
+    eph = ephemeris(curve).at(seen.row)
     found: list[Verdict] = []
     axes: dict[str, Floats] = {}
     with progress.stage("testing laws", len(laws), "laws") as track:
@@ -210,18 +208,6 @@ def glints(seen: Reduced) -> NDArray[np.bool_]:
     return out
 
 
-def _without(seen: Reduced, bad: NDArray[np.bool_]) -> Reduced:
-    return Reduced(**{k: v[~bad] for k, v in vars(seen).items()})
-
-
-def _rows(eph: Ephemeris, rows: Ints) -> Ephemeris:
-    """The ephemeris at some of its times."""
-    per_time = ("t", "sun", "position_km", "velocity_km_s")
-    return eph._replace(
-        **{k: None if (v := getattr(eph, k)) is None else v[jnp.asarray(rows)] for k in per_time}
-    )
-
-
 def _turns(frames: Frames) -> Floats:
     """(T, F, 3, 3): the axes of all parts."""
     return np.stack([np.asarray(x) for x in frames if x is not None], axis=1)
@@ -248,12 +234,7 @@ def _test(
     law: Attitude, frames: Frames, seen: Reduced, reach: float, n_bodies: int, seed: int
 ) -> Verdict:
     """The verdict on one law."""
-    sun, obs = jnp.asarray(seen.sun), jnp.asarray(seen.obs)
-    parts = [
-        tuple(np.asarray(to_body(turn, v)) for v in (sun, obs))
-        for turn in frames
-        if turn is not None
-    ]
+    parts = in_body(frames, seen)
     found = alike(parts, seen, reach)
     if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
         return Verdict(

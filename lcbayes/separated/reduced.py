@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes._jax import jnp
 from lcbayes.albedo_area.observed import Attitude, Observed
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
+from lcbayes.physics.attitude import to_body
+from lcbayes.physics.laws import Frames
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,6 +48,10 @@ class Reduced:
     group: Ints
     row: Ints
 
+    def at(self, rows: Ints) -> Reduced:
+        """Some of the points, in that order."""
+        return Reduced(**{name: values[rows] for name, values in vars(self).items()})
+
 
 def reduce(curve: LightCurve) -> Reduced:
     """Linear flux at unit distance, pass by pass.
@@ -69,6 +76,16 @@ def reduce(curve: LightCurve) -> Reduced:
         t, seen.flux[order], seen.error[order], curve.sun[order], curve.obs[order],
         np.concatenate([[0], np.cumsum(new)]), _numbered(loose, curve.band)[order], order,
     )  # fmt: skip
+
+
+def in_body(frames: Frames, seen: Reduced) -> list[tuple[Floats, Floats]]:
+    """Directions to Sun and observer, (T, 3) each, in the axes of the body and of its array."""
+    sun, obs = jnp.asarray(seen.sun), jnp.asarray(seen.obs)
+    return [
+        (np.asarray(to_body(turn, sun)), np.asarray(to_body(turn, obs)))
+        for turn in frames
+        if turn is not None
+    ]
 
 
 def _numbered(*columns: NDArray) -> Ints:

@@ -1,0 +1,173 @@
+"""What `lcbayes single-facet` writes: the region, the edges, the words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.separated.single_facet import TOLD, SingleFacet
+
+NAME = "single_facet"
+SIDES = {  # of laws whose z is at nadir and whose x is along the flight
+    "forward": [1, 0, 0], "aft": [-1, 0, 0], "nadir": [0, 0, 1], "zenith": [0, 0, -1],
+    "the right of the flight": [0, 1, 0], "the left of the flight": [0, -1, 0],
+}  # fmt: skip
+FLYING = ("lvlh", "velocity", "ram", "ground-track")
+
+
+def write(result: SingleFacet, folder: Path, about: Mapping[str, Any]) -> None:
+    """`single_facet.json`, `single_facet.txt` and `figures/`."""
+    content = dict(about) | numbers(result)
+    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
+
+
+def numbers(result: SingleFacet) -> dict[str, Any]:
+    """The content of `single_facet.json`: body axes of the law, degrees, s, m²."""
+    lon, lat = lon_lat(result.normal[None])
+    return {
+        "n_obs": len(result.seen.t),
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "law": result.law,
+        "normal": result.normal,
+        "lon_deg": float(lon[0]),
+        "lat_deg": float(lat[0]),
+        "region": {
+            "probability": 0.9,
+            "area_deg2": result.area_sr * np.degrees(1.0) ** 2,
+            "farthest_deg": result.radius_deg,
+            "normals": result.normals[result.region],
+        },
+        "albedo_area_m2": result.albedo_area,
+        "share": result.share,
+        "kind": result.kind,
+        "p_no_edge": result.p_value,
+        "chi2": result.chi2,
+        "dof": result.dof,
+        "edges": [vars(e) for e in result.edges],
+        "kinks": [vars(k) for k in result.kinks],
+        "kinks_apart_s": result.apart_s,
+        "kinks_apart_error_s": result.apart_error_s,
+    }
+
+
+def words(result: SingleFacet) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    lines.append(
+        f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
+        f"chi2 {result.chi2:.1f} for {result.dof} degrees of freedom; an edge by chance: "
+        f"p = {result.p_value:.3f}"
+    )
+    if result.reasons:
+        return lines
+    lon, lat = lon_lat(result.normal[None])
+    lines.append(
+        f"the facet's normal, body axes of {result.law}: azimuth {lon[0]:.1f} deg, latitude "
+        f"{lat[0]:.1f} deg{_side(result)}; with 90 % probability within "
+        f"{result.radius_deg:.1f} deg of it, in a region of "
+        f"{result.area_sr * np.degrees(1.0) ** 2:.3g} square degrees"
+    )
+    likely = max(result.kind, key=lambda name: result.kind[name])
+    sure = result.kind[likely]
+    if sure >= TOLD:
+        lines.append(f"what changes is {_kind(likely)} (probability {sure:.3f})")
+    else:
+        odds = ", ".join(f"{k} {v:.2f}" for k, v in result.kind.items() if v >= 0.01)
+        lines.append(f"the data do not tell what changes: {odds}")
+    start = result.seen.t.min()
+    for e in result.edges:
+        how = "appears" if e.brightens else "goes"
+        seen_from = f" from {e.site}" if e.site else ""
+        lines.append(
+            f"seen{seen_from} it {how} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})"
+        )
+    if np.isfinite(result.apart_s):
+        gap, error = abs(result.apart_s), result.apart_error_s
+        told = "apart" if gap > 3 * error else "within what their errors allow"
+        lines.append(f"kinks of two sites alone lie {gap:.1f} ± {error:.1f} s {told}")
+    if np.isfinite(result.albedo_area):
+        lines.append(f"albedo times area {result.albedo_area:.3g} m² (Lambertian)")
+    return lines
+
+
+def _kind(name: str) -> str:
+    return {
+        "visibility": "what the observer sees of the facet (visibility)",
+        "illumination": "whether the Sun lights the facet (illumination)",
+        "both": "its illumination and its visibility, one after the other",
+        "none": "nothing: it is lit and seen throughout",
+    }[name]
+
+
+def _side(result: SingleFacet) -> str:
+    if result.law not in FLYING:
+        return ""
+    angle = {k: np.degrees(np.arccos(np.clip(result.normal @ v, -1, 1))) for k, v in SIDES.items()}
+    near = min(angle, key=lambda k: angle[k])
+    return f" ({angle[near]:.0f} deg from {near})"
+
+
+def draw(result: SingleFacet, gallery: Gallery) -> None:
+    """The curve with its edges, and the region on the sphere."""
+    seen = result.seen
+    passes = np.unique(seen.one_pass)[:6]
+    figure = gallery.figure(6.6, 3.2)
+    axes = figure.subplots()
+    start, size = seen.t.min(), 10.0 ** np.floor(np.log10(np.abs(seen.flux).max()))
+    apart = len(passes) > 1 and np.ptp(seen.t) > 5400.0
+    for k, i in enumerate(passes):
+        here = seen.one_pass == i
+        t = seen.t[here] - (seen.t[here].min() if apart else start)
+        site = next((e.site for e in (*result.edges, *result.kinks) if e.one_pass == i), "")
+        axes.plot(t, seen.flux[here] / size, ".", ms=3, alpha=0.5, color=colour(k), mew=0)
+        axes.plot(t, result.model[here] / size, lw=1.4, color=colour(k),
+                  label=f"site {site}" if site else f"pass {i + 1}")  # fmt: skip
+        axes.plot(t, result.smooth[here] / size, lw=0.9, ls="--", color=colour(k))
+        for e in result.edges:
+            if e.one_pass == i:
+                at = e.t - (seen.t[here].min() if apart else start)
+                axes.axvline(at, color=colour(k), lw=0.8, ls=":")
+    axes.plot([], [], lw=0.9, ls="--", color=FAINT, label="without the facet")
+    axes.plot([], [], lw=0.8, ls=":", color=FAINT, label="edge")
+    axes.set_xlabel("time since the start of the pass (s)")
+    unit = "m²" if np.isfinite(result.albedo_area) else "file's unit"
+    power = int(np.log10(size))
+    axes.set_ylabel(f"flux at unit distance ($10^{{{power}}}$ {unit})" if power else
+                    f"flux at unit distance ({unit})")  # fmt: skip
+    figure.legend(loc="outside lower center", ncols=4)
+    gallery.add(
+        figure, "edge", "Light curve with the facet's edges.",
+        "Flux at unit distance, the best fit, and its part without the facet.",
+    )  # fmt: skip
+    figure = gallery.figure(5.8, 3.2)
+    axes = mollweide(figure)
+    cloud = result.normals[result.region]
+    cloud = cloud[:: max(1, len(cloud) // 4000)]
+    x, y = place(*lon_lat(cloud))
+    axes.plot(x, y, ".", ms=3, mew=0, color=colour(0), label="90 % region", rasterized=True)
+    x, y = place(*lon_lat(result.normal[None]))
+    axes.plot(x, y, "o", ms=13, mfc="none", mec=DATA, mew=1.2, label="best normal")
+    if result.law in FLYING:
+        for name, v in SIDES.items():
+            x, y = place(*lon_lat(np.array([v], float)))
+            short = name.split()[1] if name.startswith("the ") else name
+            shift = (-14, -9) if name == "aft" else (0, 8 * np.sign(y[0]) if y[0] else -9)
+            axes.annotate(
+                short, (abs(x[0]) if name == "aft" else x[0], y[0]), shift,
+                textcoords="offset points", fontsize=7.5, color=DATA, ha="center", va="center",
+                annotation_clip=False,
+            )  # fmt: skip
+        axes.set_yticks(np.radians([-60, -30, 30, 60]))
+    figure.legend(loc="outside lower center", ncols=2, markerscale=1.5)
+    gallery.add(
+        figure, "normal", "Region of the facet's normal.",
+        f"Where the facet may face, in the body axes of {result.law}.",
+    )  # fmt: skip

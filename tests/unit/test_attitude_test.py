@@ -1,0 +1,145 @@
+"""The test of attitude laws by pairs: its parts by brute force, its verdicts on simulated truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from passes import measured, passes
+from scipy import stats
+
+from lcbayes._jax import jnp
+from lcbayes.ephemeris import ephemeris
+from lcbayes.errors import InputError
+from lcbayes.physics import catalogue
+from lcbayes.physics.attitude import to_body
+from lcbayes.separated import attitude_test as module
+from lcbayes.separated import ensemble
+from lcbayes.separated.attitude_test import attitude_test, glints
+from lcbayes.separated.reduced import reduce
+
+LVLH, SUN, INERTIAL = (catalogue.find(n) for n in ("lvlh", "sun-north", "inertial"))
+
+
+@pytest.fixture(scope="module")
+def geometry():
+    curve = passes(550.0, 53.0, days=28, step=30.0)
+    return curve.select(np.linspace(0, curve.n_obs - 1, 500).astype(int))
+
+
+def curve_of(geometry, law=LVLH, noise=0.02, seed=0):
+    bodies = ensemble.draw(8, np.random.default_rng(seed), bool(law.array))
+    return measured(geometry, law, bodies, noise, seed)
+
+
+def test_pairs_are_all_that_are_alike(geometry):
+    """By comparing every point with every other; followers are those that no stray divides."""
+    seen = reduce(curve_of(geometry))
+    turn = LVLH.frames(ephemeris(geometry)).body[jnp.asarray(seen.row)]
+    sun, obs = (np.asarray(to_body(turn, jnp.asarray(v))) for v in (seen.sun, seen.obs))
+    reach = np.deg2rad(4.0)
+    found = module.alike([(sun, obs)], seen, reach)
+    angle = np.maximum(*(np.arccos(np.clip(v @ v.T, -1, 1)) for v in (sun, obs)))
+    expected = set()
+    for i in range(len(seen.t)):
+        stray = False
+        for j in range(i + 1, len(seen.t)):
+            stray |= bool(
+                seen.one_pass[j] != seen.one_pass[i] or angle[i, j] > 2.0 * reach * 1.0005
+            )
+            if angle[i, j] <= reach and stray:
+                expected.add((i, j))
+    got = set(zip(found.i.tolist(), found.j.tolist(), strict=True))
+    assert got <= expected
+    partners = np.bincount(np.array(sorted(expected)).ravel(), minlength=len(seen.t))
+    few = {pair for pair in expected if max(partners[list(pair)]) <= module.PARTNERS}
+    assert few <= got
+    assert len(few) > 20
+    np.testing.assert_allclose(found.d, angle[found.i, found.j], atol=1e-6)
+
+
+def test_pairs_of_an_articulated_body_are_alike_in_both_frames(geometry):
+    law = catalogue.find("nadir-sun-array")
+    seen = reduce(curve_of(geometry, law))
+    made = law.frames(ephemeris(geometry))
+    parts = [
+        tuple(np.asarray(to_body(t[jnp.asarray(seen.row)], jnp.asarray(v)))
+              for v in (seen.sun, seen.obs))
+        for t in made if t is not None
+    ]  # fmt: skip
+    found = module.alike(parts, seen, np.deg2rad(6.0))
+    assert len(found.i) > 5
+    for part in parts:
+        for v in part:
+            angle = np.arccos(np.clip(np.sum(v[found.i] * v[found.j], axis=1), -1, 1))
+            assert np.degrees(angle.max()) <= 6.0 + 1e-6
+
+
+def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
+    found = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=199)
+    by_name = {v.name: v for v in found.verdicts}
+    assert found.verdicts[0].name == "lvlh"
+    assert by_name["lvlh"].p_value > 0.05
+    assert by_name["sun-north"].p_value <= 0.01
+    assert found.rejected(by_name["sun-north"]) == (by_name["sun-north"].p_value < 0.01)
+    assert not found.reasons
+    again = attitude_test(curve_of(geometry), [LVLH], n_bodies=199)
+    assert again.verdicts[0].p_value == by_name["lvlh"].p_value
+
+
+@pytest.mark.slow
+def test_p_values_of_the_true_law_are_uniform(geometry):
+    """40 bodies, Kolmogorov-Smirnov; false alarm of this test: 1e-3."""
+    p = [
+        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=99, seed=s).verdicts[0].p_value
+        for s in range(40)
+    ]
+    assert stats.kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
+    """A circular orbit: the velocity is where LVLH has x."""
+    found = attitude_test(curve_of(geometry), [LVLH, catalogue.find("velocity")], n_bodies=49)
+    assert {v.same_as for v in found.verdicts} == {("velocity",), ("lvlh",)}
+    assert found.verdicts[0].p_value == pytest.approx(found.verdicts[1].p_value, abs=0.03)
+
+
+def test_curves_of_unknown_scale_are_compared_within(geometry):
+    curve = curve_of(geometry)
+    half = (np.arange(curve.n_obs) >= 250).astype(int)
+    scaled = np.where(half == 1, 7.0, 1.0)
+    scaled = replace(
+        curve, brightness=curve.brightness * scaled, error=curve.error * scaled,
+        curve=half, curve_names=("a", "b"), free_scale=np.array([True, True]),
+    )  # fmt: skip
+    verdict = attitude_test(scaled, [LVLH], n_bodies=99).verdicts[0]
+    assert verdict.pairs is not None
+    assert verdict.p_value > 0.01
+    seen = reduce(scaled)
+    assert np.all(seen.group[verdict.pairs.i] == seen.group[verdict.pairs.j])
+
+
+def test_glints_are_left_out(geometry):
+    curve = curve_of(geometry)
+    assert glints(reduce(curve)).sum() <= 10
+    spiked = curve.brightness.copy()
+    spiked[250] += 20.0 * spiked.mean()
+    found = attitude_test(replace(curve, brightness=spiked), [LVLH], n_bodies=99)
+    base = attitude_test(curve, [LVLH], n_bodies=99)
+    assert found.n_glints >= base.n_glints
+
+
+def test_too_little_is_said(geometry):
+    short = curve_of(geometry).select(np.arange(60))
+    found = attitude_test(short, [LVLH, INERTIAL], n_bodies=19)
+    assert not any(v.tested for v in found.verdicts)
+    assert "no law could be tested" in found.reasons[0]
+    assert all("pairs" in v.reason for v in found.verdicts)
+    bare = replace(short, position_km=None, velocity_km_s=None)
+    told = attitude_test(bare, [LVLH], n_bodies=19).verdicts[0]
+    assert "needs the satellite's orbit" in told.reason
+    with pytest.raises(InputError, match=r"gives no errors.*--error"):
+        attitude_test(replace(short, error=None), [LVLH])
+    with pytest.raises(InputError, match=r"separation_deg is 40; expected"):
+        attitude_test(short, [LVLH], separation_deg=40.0)
