@@ -70,13 +70,13 @@ def passes(
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return LightCurve(
         t=rows[:, 0], site=rows[:, 1].astype(int).astype(str), sun=rows[:, 2:5], obs=rows[:, 5:8],
-        position_km=rows[:, 8:11], velocity_km_s=rows[:, 11:14], brightness=np.full(len(rows), np.nan),
-        error=None, frame="icrs", epoch_jd=2461000.5,
+        position_km=rows[:, 8:11], velocity_km_s=rows[:, 11:14],
+        brightness=np.full(len(rows), np.nan), error=None, frame="icrs", epoch_jd=2461000.5,
     )  # fmt: skip
 
 
 def measured(geometry: LightCurve, law: Attitude, bodies: ensemble.Bodies, noise: float, seed: int):
-    """The first of the bodies that is seen, turned by the law; errors are a part of its mean flux."""
+    """The first body that is seen, turned by the law; errors are a part of its mean flux."""
     made = law.frames(ephemeris(geometry))
     parts = [
         tuple(np.asarray(to_body(turn, jnp.asarray(v))) for v in (geometry.sun, geometry.obs))

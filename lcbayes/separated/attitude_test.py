@@ -260,7 +260,7 @@ def _test(
 
 
 def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -> Pairs:
-    """Pairs whose directions to Sun and observer agree within ``reach`` (rad) in all parts' axes."""
+    """Pairs whose directions to Sun and observer agree within ``reach`` (rad) in every part."""
     place = np.concatenate([v for part in parts for v in part], axis=1)  # (T, 6 F), unit vectors
     # Each of 2F angles is within reach only if the whole chord is within sqrt(2F) of it.
     chord = 2.0 * np.sin(0.5 * reach)

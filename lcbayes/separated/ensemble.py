@@ -48,7 +48,7 @@ def draw(n: int, rng: np.random.Generator, articulated: bool = False) -> Bodies:
     bodies have a specular one too. ``articulated`` puts the wings on a solar array of its own axes.
     """
     wing = shapes.plate().normals[:, [2, 0, 1]]  # front along x
-    blank = np.zeros((SIDES + 2, 3)) + [0.0, 0.0, 1.0]
+    blank = np.tile([0.0, 0.0, 1.0], (SIDES + 2, 1))
     normals = np.empty((n, SIDES + 4, 3))
     areas = np.zeros((n, SIDES + 4))
     for i in range(n):

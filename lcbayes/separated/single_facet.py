@@ -253,8 +253,8 @@ def _reasons(found: SingleFacet, obs: Floats) -> list[str]:
         )
     if found.share < LEAST_SHARE:
         out.append(
-            f"the facet sends {found.share:.1%} of the light at most, and the rest of the body need "
-            "not be as smooth as that"
+            f"the facet sends {found.share:.1%} of the light at most, and the rest of the body "
+            "need not be as smooth as that"
         )
     if found.area_sr > KNOWN * 4.0 * np.pi:
         out.append(
