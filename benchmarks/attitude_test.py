@@ -1,6 +1,6 @@
 """`lcbayes attitude-test` on simulated passes: false alarms of the true law, power against others.
 
-python benchmarks/attitude_test.py [--cases 120]
+python benchmarks/attitude_test.py [--cases 100]
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def share(hits: list[bool]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=120, help="per row (default 120)")
+    parser.add_argument("--cases", type=int, default=100, help="per row (default 100)")
     cases = parser.parse_args().cases
     rows, took = [], []
     for place, geometry in geometries().items():

@@ -11,7 +11,7 @@ from importlib import import_module
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
-    "simulate", "fit", "compare", "albedo-area", "attitude-test", "single-facet",
+    "simulate", "fit", "compare", "albedo-area", "attitude-test", "single-facet", "shape-match",
     "predict", "report", "convert", "models", "doctor",
 )  # fmt: skip
 

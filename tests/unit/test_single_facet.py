@@ -118,8 +118,8 @@ def test_chance_edges_are_as_rare_as_they_should_be():
 def test_conditions_that_are_not_met_are_said(case):
     curve, normal = case
     measured = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1)
-    with pytest.raises(InputError, match=r"no pass has 20 points \(the longest has 12\)"):
-        single_facet(measured.select(np.arange(0, 12)[:, None].repeat(1, 1).ravel()), LVLH)
+    with pytest.raises(InputError, match=r"no pass has 20 points \(the longest has 10\)"):
+        single_facet(measured.select(np.arange(10)), LVLH)
     still = replace(measured, obs=np.broadcast_to(measured.obs[100], measured.obs.shape))
     told = single_facet(still, catalogue.find("inertial")).reasons
     assert any("passes of low orbits" in reason for reason in told)

@@ -1,0 +1,98 @@
+"""What `lcbayes shape-match` writes: the candidates, the words, the distributions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.style import DATA, Gallery, colour
+from lcbayes.separated.shape_match import REACH_MAG, ShapeMatch
+
+NAME = "shape_match"
+PANELS = 8
+
+
+def write(result: ShapeMatch, folder: Path, about: Mapping[str, Any]) -> None:
+    """`shape_match.json`, `shape_match.txt` and `figures/`."""
+    content = dict(about) | numbers(result)
+    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
+
+
+def numbers(result: ShapeMatch) -> dict[str, Any]:
+    """The content of `shape_match.json`."""
+    keys = ("name", "p_value", "p_kolmogorov", "p_energy", "kolmogorov", "energy", "excess")
+    return {
+        "n_obs": result.n_obs,
+        "n_faint_left_out": result.n_faint,
+        "n_used": len(result.phase),
+        "points_per_independent_one": result.correlation,
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "level": result.level,
+        "consistent": [m.name for m in result.consistent],
+        "candidates": [{k: getattr(m, k) for k in keys} for m in result.matches],
+    }
+
+
+def words(result: ShapeMatch) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
+    taken = f", one in {result.stride} taken" if result.stride > 1 else ""
+    lines.append(
+        f"{result.n_obs} points{faint}{taken}: {len(result.phase)} used, phase angles "
+        f"{np.degrees(result.phase.min()):.0f} to {np.degrees(result.phase.max()):.0f} deg"
+    )
+    for m in result.matches:
+        verdict = "consistent" if m.p_value >= result.level else "rejected"
+        lines.append(
+            f"{m.name:14s} p = {m.p_value:.3f}  {verdict}  (Kolmogorov-Smirnov {m.p_kolmogorov:.3f}"
+            f", energy distance {m.p_energy:.3f})"
+        )
+    if result.reasons:
+        return lines
+    left = [m.name for m in result.consistent]
+    if len(left) > 1:
+        lines.append(f"the data do not tell {' and '.join(left)} apart")
+    elif left:
+        lines.append(f"of the candidates only {left[0]} is consistent with the data")
+    else:
+        lines.append("no candidate has this distribution: another shape, or another surface")
+    return lines
+
+
+def draw(result: ShapeMatch, gallery: Gallery) -> None:
+    """The observations over the distribution of each candidate."""
+    shown = [m for m in result.matches if len(m.phase)][:PANELS]
+    columns = min(4, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = gallery.figure(1.0 + 1.9 * columns, 0.8 + 2.0 * rows)
+    grid = np.atleast_2d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False))
+    for k, axes in enumerate(grid.ravel()):
+        if k >= len(shown):
+            axes.set_visible(False)
+            continue
+        m = shown[k]
+        axes.plot(np.degrees(m.phase), m.magnitude, ".", ms=1.2, alpha=0.25, mew=0,
+                  color=colour(0 if m.p_value >= result.level else 1), rasterized=True,
+                  label="_")  # fmt: skip
+        axes.plot(np.degrees(result.phase), result.magnitude, ".", ms=2.6, mew=0, color=DATA)
+        axes.set_title(f"{m.name}, p = {m.p_value:.2g}", loc="left")
+        axes.set_ylim(REACH_MAG, -REACH_MAG)
+        axes.locator_params(axis="x", nbins=4)
+        if k + columns >= len(shown):
+            axes.set_xlabel("phase angle (deg)")
+            axes.tick_params(labelbottom=True)
+    figure.supylabel("magnitude at unit distance − median", fontsize=9)
+    for hue, name in ((colour(0), "candidate, consistent"), (colour(1), "candidate, rejected"),
+                      (DATA, "observed")):  # fmt: skip
+        grid[0, 0].plot([], [], ".", ms=6, color=hue, label=name)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    gallery.add(
+        figure, "distributions", "Brightness over phase angle, observed and of every candidate.",
+        "Brightness over phase angle, observed (dark) and of each candidate turned at random.",
+    )  # fmt: skip
