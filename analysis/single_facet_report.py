@@ -52,9 +52,6 @@ def numbers(result: SingleFacet) -> dict[str, Any]:
         "chi2": result.chi2,
         "dof": result.dof,
         "edges": [vars(e) for e in result.edges],
-        "kinks": [vars(k) for k in result.kinks],
-        "kinks_apart_s": result.apart_s,
-        "kinks_apart_error_s": result.apart_error_s,
     }
 
 
@@ -89,10 +86,6 @@ def words(result: SingleFacet) -> list[str]:
         lines.append(
             f"seen{seen_from} it {how} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})"
         )
-    if np.isfinite(result.apart_s):
-        gap, error = abs(result.apart_s), result.apart_error_s
-        told = "apart" if gap > 3 * error else "within what their errors allow"
-        lines.append(f"kinks of two sites alone lie {gap:.1f} ± {error:.1f} s {told}")
     if np.isfinite(result.albedo_area):
         lines.append(f"albedo times area {result.albedo_area:.3g} m² (Lambertian)")
     return lines
@@ -126,7 +119,7 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
     for k, i in enumerate(passes):
         here = seen.one_pass == i
         t = seen.t[here] - (seen.t[here].min() if apart else start)
-        site = next((e.site for e in (*result.edges, *result.kinks) if e.one_pass == i), "")
+        site = next((e.site for e in result.edges if e.one_pass == i), "")
         axes.plot(t, seen.flux[here] / size, ".", ms=3, alpha=0.5, color=colour(k), mew=0)
         axes.plot(t, result.model[here] / size, lw=1.4, color=colour(k),
                   label=f"site {site}" if site else f"pass {i + 1}")  # fmt: skip

@@ -59,11 +59,9 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
         for noise in NOISE:
             error, radius, inside, told, right, refused = [], [], [], [], [], 0
             for seed in range(cases):
-                whole = one_pass(seed)
-                normal = crossing(whole, LVLH, seed)
-                curve = sites(
-                    with_noise(whole, flux_of(whole, LVLH, normal, 1.0), noise, seed), both
-                )
+                curve = sites(one_pass(seed), both)
+                normal = crossing(sites(one_pass(seed), True), LVLH, seed)
+                curve = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), noise, seed)
                 begun = time.perf_counter()
                 found = single_facet(curve, LVLH, seed=seed)
                 took.append(time.perf_counter() - begun)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from passes import DAY, passes, unit
@@ -16,20 +17,22 @@ MAUI, KAUAI = (20.708, -156.257), (22.126, -159.665)
 ALBEDO, REST_M = 0.3, 0.3  # of everything; radius of the sphere that is the rest
 
 
+@cache
 def one_pass(seed: int, step: float = 2.0) -> LightCurve:
     """A pass of some low orbit that both sites see for 100 points and more."""
     rng = np.random.default_rng(seed)
     while True:
+        orbit = rng.uniform(450, 900), rng.uniform(50, 100), rng.uniform(0, 360)
+        start = rng.uniform(0, 300) * DAY
         try:
-            found = passes(
-                rng.uniform(450, 900), rng.uniform(50, 100), rng.uniform(0, 360), 3.0, step,
-                (MAUI, KAUAI), least_altitude_deg=10.0, start=rng.uniform(0, 300) * DAY,
-            )  # fmt: skip
-        except InputError:
+            found = passes(*orbit, 3.0, 20.0, (MAUI, KAUAI), least_altitude_deg=10.0, start=start)
+        except InputError:  # nothing is seen in three days
             continue
         for rows in np.split(np.arange(found.n_obs), np.flatnonzero(np.diff(found.t) > 600) + 1):
-            if min(np.sum(found.site[rows] == k) for k in "01") > 200.0 / step:
-                return found.select(rows)
+            if min(np.sum(found.site[rows] == k) for k in "01") > 10:
+                begin, end = found.t[rows[0]], found.t[rows[-1]]
+                return passes(*orbit, (end - begin) / DAY, step, (MAUI, KAUAI),
+                              least_altitude_deg=10.0, start=begin)  # fmt: skip
 
 
 def body_directions(curve: LightCurve, law: Attitude) -> tuple[np.ndarray, np.ndarray]:

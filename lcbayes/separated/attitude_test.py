@@ -31,10 +31,10 @@ from scipy.spatial import KDTree
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.laws import Attitude, Frames
+from lcbayes.physics.laws import Attitude
 from lcbayes.progress import Silent
 from lcbayes.separated import ensemble
-from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce
+from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 
 SEPARATION_DEG = 4.0  # of directions that count as alike
 PARTNERS = 6  # nearest ones of a point that are used
@@ -159,20 +159,20 @@ def attitude_test(
     seen = reduce(curve)
     glint = glints(seen)
     seen = seen.at(np.flatnonzero(~glint))
-    eph = ephemeris(curve).at(seen.row)
+    eph = ephemeris(curve)
     found: list[Verdict] = []
     axes: dict[str, Floats] = {}
     with progress.stage("testing laws", len(laws), "laws") as track:
         for law in laws:
             try:
-                frames = law.frames(eph)
+                parts = turns(law, eph, seen)
             except InputError as fault:
                 found.append(Verdict(law.name, law.settings(), False, str(fault)))
                 track.advance(1, law.name)
                 continue
             name = f"{law.name}" if law.name not in axes else f"{law.name} {law.settings()}"
-            axes[name] = _turns(frames)
-            verdict = _test(law, frames, seen, np.deg2rad(separation_deg), n_bodies, seed)
+            axes[name] = np.stack(parts, axis=1)
+            verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, seed)
             found.append(verdict)
             track.advance(1, law.name)
     tested = [v for v in found if v.tested]
@@ -208,11 +208,6 @@ def glints(seen: Reduced) -> NDArray[np.bool_]:
     return out
 
 
-def _turns(frames: Frames) -> Floats:
-    """(T, F, 3, 3): the axes of all parts."""
-    return np.stack([np.asarray(x) for x in frames if x is not None], axis=1)
-
-
 def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
     """Note the laws whose axes differ from this one's by a constant turn, to `SAME_DEG`."""
     mine = axes.get(verdict.name)
@@ -231,10 +226,10 @@ def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
 
 
 def _test(
-    law: Attitude, frames: Frames, seen: Reduced, reach: float, n_bodies: int, seed: int
+    law: Attitude, axes: Sequence[Floats], seen: Reduced, reach: float, n_bodies: int, seed: int
 ) -> Verdict:
     """The verdict on one law."""
-    parts = in_body(frames, seen)
+    parts = in_body(axes, seen)
     found = alike(parts, seen, reach)
     if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
         return Verdict(
@@ -266,7 +261,7 @@ def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -
     chord = 2.0 * np.sin(0.5 * reach)
     raw = KDTree(place).query_pairs(chord * np.sqrt(place.shape[1] / 3), output_type="ndarray")
     i, j = (np.sort(raw, axis=1).T if len(raw) else np.zeros((2, 0), int)).astype(np.int64)
-    apart = np.linalg.norm((place[i] - place[j]).reshape(len(i), -1, 3), axis=2)
+    apart = np.linalg.norm((place[i] - place[j]).reshape(len(i), place.shape[1] // 3, 3), axis=2)
     d = 2.0 * np.arcsin(np.clip(0.5 * apart.max(axis=1, initial=0.0), 0.0, 1.0))
     kept = (d <= reach) & (seen.group[i] == seen.group[j])
     i, j, d = i[kept], j[kept], d[kept]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jnp
 from lcbayes.albedo_area.observed import Attitude, Observed
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.attitude import to_body
-from lcbayes.physics.laws import Frames
+from lcbayes.physics.laws import Attitude as Law
+from lcbayes.physics.laws import Ephemeris
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -78,13 +78,18 @@ def reduce(curve: LightCurve) -> Reduced:
     )  # fmt: skip
 
 
-def in_body(frames: Frames, seen: Reduced) -> list[tuple[Floats, Floats]]:
-    """Directions to Sun and observer, (T, 3) each, in the axes of the body and of its array."""
-    sun, obs = jnp.asarray(seen.sun), jnp.asarray(seen.obs)
+def turns(law: Law, eph: Ephemeris, seen: Reduced) -> list[Floats]:
+    """Axes (T, 3, 3) of the body and, where the law turns one, of its array, point by point.
+
+    ``eph`` is that of the whole light curve, so that a law is compiled for one length alone.
+    """
+    return [np.asarray(x)[seen.row] for x in law.frames(eph) if x is not None]
+
+
+def in_body(axes: Sequence[Floats], seen: Reduced) -> list[tuple[Floats, Floats]]:
+    """Directions to Sun and observer, (T, 3) each, in each of these axes."""
     return [
-        (np.asarray(to_body(turn, sun)), np.asarray(to_body(turn, obs)))
-        for turn in frames
-        if turn is not None
+        (np.einsum("tij,ti->tj", a, seen.sun), np.einsum("tij,ti->tj", a, seen.obs)) for a in axes
     ]
 
 

@@ -28,7 +28,7 @@ from lcbayes.physics import catalogue, shapes
 from lcbayes.physics.brightness import flux_brdf
 from lcbayes.progress import Silent
 from lcbayes.separated.attitude_test import alike
-from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce
+from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.separated.two_samples import Reference
 
 R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
@@ -246,8 +246,8 @@ def _reasons(
     stable, law = stabilised(curve, seen, phase, magnitude, rng)
     if stable < STABLE_P:
         out.append(
-            f"the object looks stabilised: where the law {law!r} repeats the directions, brightness "
-            f"repeats itself (p = {stable:.3f}), so that orientations are not random"
+            f"the object looks stabilised: where the law {law!r} repeats the directions, "
+            f"brightness repeats itself (p = {stable:.3f}), so that orientations are not random"
         )
     return out
 
@@ -262,13 +262,13 @@ def stabilised(
     of the permutations. 1 where no law has pairs enough.
     """
     left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
-    eph = ephemeris(curve).at(seen.row)
+    eph = ephemeris(curve)
     tried = np.array([left, *(rng.permutation(left) for _ in range(199))])
     scores, names = [], []
     for name in STABLE_LAWS:
         law = catalogue.find(name)
         try:
-            parts = in_body(law.frames(eph), seen)[:1]
+            parts = in_body(turns(law, eph, seen)[:1], seen)
         except InputError:
             continue
         pairs = alike(parts, seen, np.radians(STABLE_REACH_DEG))

@@ -25,11 +25,13 @@ from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics.laws import Attitude
-from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce
+from lcbayes.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 
 DEGREE = 3  # of the rest of the body in time
-CELLS = (72, 56)  # of the sphere in azimuth and cosine, equal areas
-MOST_CELLS, LEVELS = 4000, 8
+CELLS = (288, 224)  # of the sphere in azimuth and cosine, equal areas; 1.25 deg apart
+COARSE = (144, 112)  # where chance is judged
+MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # that are quartered at once, how often; rows at a time
+KEPT = (0.3, 0.8, 0.95, 0.99)  # of the largest D, what may hold a larger one within
 ENOUGH = 150  # cells in the region that end the refinement
 REGION = 0.9
 NO_EDGE, MISFIT, KNOWN, TOLD, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
@@ -60,17 +62,6 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class Kink:
-    """The same, found in one pass alone and without a facet: f = b + c₁(t−t₀)₊ + c₂(t−t₀)₊²."""
-
-    one_pass: int
-    site: str
-    t: float
-    error: float
-    chi2_fall: float
-
-
-@dataclass(frozen=True)
 class SingleFacet:
     """What the light curve tells of the facet.
 
@@ -91,9 +82,7 @@ class SingleFacet:
         Probability of each of `KINDS`.
     p_value : that noise alone makes so large a D anywhere
     chi2, dof : of the best
-    edges, kinks : by pass
-    apart_s, apart_error_s : s
-        Largest difference between kinks of different sites in overlapping passes; NaN with fewer.
+    edges : by pass
     model, smooth : (T,)
         Best fit, and its part without the facet, in the order of ``seen``.
     seen : Reduced
@@ -113,9 +102,6 @@ class SingleFacet:
     chi2: float
     dof: int
     edges: list[Edge]
-    kinks: list[Kink]
-    apart_s: float
-    apart_error_s: float
     model: Floats
     smooth: Floats
     seen: Reduced
@@ -151,6 +137,9 @@ class _Problem:
 
     def scores(self, normals: Floats, targets: Floats) -> Floats:
         """D (C, S) for targets (T, S): Σ over groups of (max 0, t)²."""
+        if len(normals) > CHUNK:
+            parts = [normals[i : i + CHUNK] for i in range(0, len(normals), CHUNK)]
+            return np.concatenate([self.scores(part, targets) for part in parts])
         rows = self.columns(normals)
         total = np.zeros((len(normals), targets.shape[1]))
         for g in range(int(self.group.max()) + 1):
@@ -192,13 +181,13 @@ def single_facet(
             "; give a pass that is sampled more densely"
         )
     seen, site = seen.at(np.flatnonzero(keep)), site[keep]
-    parts = in_body(law.frames(ephemeris(curve).at(seen.row)), seen)
+    parts = in_body(turns(law, ephemeris(curve), seen), seen)
     sun, obs = parts[0]
     problem, smooth_columns = _problem(seen, sun, obs)
     normals, fall, cell = _refined(problem)
     best = normals[np.argmax(fall)]
     region = fall >= fall.max() - stats.chi2.ppf(REGION, 2)
-    coarse, _ = _cells()
+    coarse, _ = _cells(COARSE)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((len(seen.t), n_nulls))
     noise -= problem.basis @ (problem.basis.T @ noise)
@@ -212,17 +201,11 @@ def single_facet(
     weight = np.exp(0.5 * (fall - fall.max()))
     kind = _kinds(normals, weight, sun, obs, seen)
     edges = _edges(normals[region], weight[region], best, sun, obs, seen, site)
-    kinks = [
-        k
-        for i in np.unique(seen.one_pass)
-        if (k := _kink(i, smooth_columns, seen, site)) is not None
-    ]
-    apart, apart_error = _apart(kinks, seen)
     share = float(np.max((model - smooth) / np.maximum(model, 1e-300)))
     area = alpha if not np.any(curve.free_scale) else np.nan
     found = SingleFacet(
         law.name, best, area, share, normals, fall, cell, region, kind, float(p), chi2, dof,
-        edges, kinks, apart, apart_error, model, smooth, seen, [],
+        edges, model, smooth, seen, [],
     )  # fmt: skip
     found.reasons.extend(_reasons(found, obs))
     return found
@@ -290,17 +273,15 @@ def _problem(seen: Reduced, sun: Floats, obs: Floats) -> tuple[_Problem, Floats]
     return _Problem(sun, obs, seen.group, seen.error, basis, target), rest
 
 
-def _cells() -> tuple[Floats, Floats]:
+def _cells(shape: tuple[int, int]) -> tuple[Floats, Floats]:
     """Middles of cells of equal area and their corners (φ, g) at the lower edge."""
-    phi, g = np.meshgrid(
-        2 * np.pi * np.arange(CELLS[0]) / CELLS[0], -1 + 2 * np.arange(CELLS[1]) / CELLS[1]
-    )
+    size = np.array([2 * np.pi, 2.0]) / shape
+    phi, g = np.meshgrid(size[0] * np.arange(shape[0]), -1.0 + size[1] * np.arange(shape[1]))
     corner = np.stack([phi.ravel(), g.ravel()], axis=1)
-    return _middle(corner, 0), corner
+    return _middle(corner, size), corner
 
 
-def _middle(corner: Floats, level: int) -> Floats:
-    size = np.array([2 * np.pi / CELLS[0], 2 / CELLS[1]]) * 0.5**level
+def _middle(corner: Floats, size: Floats) -> Floats:
     phi, g = (corner + 0.5 * size).T
     s = np.sqrt(1 - g**2)
     return np.stack([s * np.cos(phi), s * np.sin(phi), g], axis=1)
@@ -311,21 +292,22 @@ def _refined(problem: _Problem) -> tuple[Floats, Floats, float]:
 
     Cells are quartered where D may come near its maximum, until the region has many.
     """
-    normals, corner = _cells()
+    normals, corner = _cells(CELLS)
+    size = np.array([2 * np.pi, 2.0]) / CELLS
     target = problem.target[:, None]
     fall = problem.scores(normals, target)[:, 0]
     level = 0
     while level < LEVELS and np.sum(fall >= fall.max() - 4.6) < ENOUGH:
-        # what the middle of a cell may miss falls by four with every level
-        margin = max(30.0, fall.max() * 0.5 ** (2 * level + 1))
-        kept = np.argsort(-fall)[: MOST_CELLS // 4]
-        kept = kept[fall[kept] >= fall.max() - margin]
+        # D over its maximum is a squared correlation of kernels: geometry, whatever the noise
+        share = KEPT[min(level, len(KEPT) - 1)]
+        kept = np.argsort(-fall)[:MOST_CELLS]
+        kept = kept[fall[kept] >= min(share * fall.max(), fall.max() - 30.0)]
         level += 1
-        size = np.array([2 * np.pi / CELLS[0], 2 / CELLS[1]]) * 0.5**level
+        size = 0.5 * size
         corner = (corner[kept][:, None] + size * [[0, 0], [0, 1], [1, 0], [1, 1]]).reshape(-1, 2)
-        normals = _middle(corner, level)
+        normals = _middle(corner, size)
         fall = problem.scores(normals, target)[:, 0]
-    return normals, fall, 4 * np.pi / (CELLS[0] * CELLS[1]) * 0.25**level
+    return normals, fall, float(np.prod(size))
 
 
 def _fit(
@@ -401,48 +383,3 @@ def _edges(
                  "visibility" if by_view[0, k] else "illumination", bool(up[0, k]))
         )  # fmt: skip
     return out
-
-
-def _kink(one: int, rest: Floats, seen: Reduced, site: NDArray[np.str_]) -> Kink | None:
-    """The kink of a pass by itself, where it lowers χ² by 25 or more."""
-    rows = np.flatnonzero(seen.one_pass == one)
-    t, y, w = seen.t[rows], seen.flux[rows], 1.0 / seen.error[rows]
-    x = (t - t[0]) / (t[-1] - t[0])
-    base = rest[rows] * w[:, None]
-    u, s, _ = np.linalg.svd(base[:, np.any(base != 0, axis=0)], full_matrices=False)
-    q = u[:, s > 1e-10 * s[0]]
-    target = y * w - q @ (q.T @ (y * w))
-    tried = np.linspace(x[2], x[-3], 400)
-    falls = np.zeros(len(tried))
-    for i, at in enumerate(tried):
-        late = np.maximum(x - at, 0.0)
-        added = np.stack([late, late**2], axis=1) * w[:, None]
-        added -= q @ (q.T @ added)
-        fitted, *_ = np.linalg.lstsq(added, target, rcond=1e-10)
-        if fitted[0] > 0:  # both a facet that appears and one that goes bend the curve upwards
-            falls[i] = target @ (added @ fitted)
-    best = int(np.argmax(falls))
-    if falls[best] < 25.0:
-        return None
-    weight = np.exp(0.5 * (falls - falls[best]))
-    middle = np.average(tried, weights=weight)
-    spread = np.sqrt(np.average((tried - middle) ** 2, weights=weight) + (tried[1] - tried[0]) ** 2)
-    length = t[-1] - t[0]
-    return Kink(int(one), str(site[rows[0]]), float(t[0] + length * middle),
-                float(length * spread), float(falls[best]))  # fmt: skip
-
-
-def _apart(kinks: list[Kink], seen: Reduced) -> tuple[float, float]:
-    """The most significant difference between kinks of two sites whose passes overlap."""
-    best = (np.nan, np.nan)
-    for i, a in enumerate(kinks):
-        for b in kinks[i + 1 :]:
-            if a.site == b.site:
-                continue
-            spans = [seen.t[seen.one_pass == k.one_pass] for k in (a, b)]
-            if min(s.max() for s in spans) < max(s.min() for s in spans):
-                continue
-            new = (b.t - a.t, float(np.hypot(a.error, b.error)))
-            if np.isnan(best[0]) or abs(new[0]) / new[1] > abs(best[0]) / best[1]:
-                best = new
-    return best

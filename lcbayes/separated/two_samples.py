@@ -14,7 +14,7 @@ from lcbayes._jax import jax, jnp
 
 Floats = NDArray[np.float64]
 
-NODES, BINS, SOME, ORIGINS = 48, 192, 2500, 200
+NODES, BINS, SOME, ORIGINS = 40, 192, 2000, 200
 PAD = 64  # samples are padded to multiples of this, so that few sizes are compiled
 
 
@@ -29,17 +29,15 @@ class Reference:
         draws = np.clip(draws, self.low, self.high)
         axes = [np.linspace(a, b, NODES) for a, b in zip(self.low, self.high, strict=True)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        some = draws[:: max(1, len(draws) // SOME)]
-        self._potential = _mean_distance(nodes, some).reshape(NODES, NODES)
-        self._own = float(np.mean(_at(self._potential, self._placed(jnp.asarray(draws)))))
+        some = draws[np.arange(SOME) * len(draws) // SOME]  # of one size, to be compiled once
+        self._potential = np.asarray(_mean_distance(jnp.asarray(nodes), jnp.asarray(some)))
+        self._potential = self._potential.reshape(NODES, NODES)
+        place = (some - self.low) / (self.high - self.low)
+        self._own = float(np.mean(_at(self._potential, jnp.asarray(place))))
         count, *_ = np.histogram2d(*draws.T, bins=BINS, range=list(zip(low, high, strict=True)))
         self._below = np.zeros((BINS + 1, BINS + 1))
         self._below[1:, 1:] = np.cumsum(np.cumsum(count, axis=0), axis=1) / len(draws)
-        self._origins = draws[:: max(1, len(draws) // ORIGINS)][:ORIGINS]
-
-    def _placed(self, points: jax.Array) -> jax.Array:
-        """Points as parts (0 .. 1) of the rectangle."""
-        return (points - self.low) / (self.high - self.low)
+        self._origins = draws[np.arange(ORIGINS) * len(draws) // ORIGINS]
 
     def distances(self, samples: list[Floats]) -> tuple[Floats, Floats]:
         """(B,) of each kind, for B samples (n, 2).
@@ -119,10 +117,11 @@ def _at(table, part):
     )
 
 
-def _mean_distance(points: Floats, others: Floats) -> Floats:
+@jax.jit
+def _mean_distance(points, others):
     """Of each point from all others, (n,)."""
-    step = max(1, 2_000_000 // len(others))
-    return np.concatenate([
-        np.mean(np.hypot(*(points[i : i + step, None, k] - others[None, :, k] for k in (0, 1))), 1)
-        for i in range(0, len(points), step)
-    ])  # fmt: skip
+
+    def one(point):
+        return jnp.mean(jnp.sqrt(jnp.sum((others - point) ** 2, axis=1)))
+
+    return jax.lax.map(one, points, batch_size=64)

@@ -16,6 +16,7 @@ from lcbayes._jax import jnp
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = (
     "figure2", "figure3", "figure4", "figure5", "figure6", "figure7", "figure8", "bias",
+    "hall_figure2", "hall_figure3",
 )  # fmt: skip
 SMALL_BURN_IN = ("--facets", "3", "--chains", "2", "--transitions", "20")
 
@@ -39,6 +40,8 @@ def test_help_has_an_example(name):
     ("name", "options"),
     [
         ("figure2", ()),
+        ("hall_figure3", ("--draws", "3000")),
+        pytest.param("hall_figure2", (), marks=pytest.mark.slow),
         pytest.param("figure3", ("--draws", "80"), marks=pytest.mark.slow),
         pytest.param("figure5", SMALL_BURN_IN, marks=pytest.mark.slow),
         pytest.param("figure6", ("--draws", "400"), marks=pytest.mark.slow),

@@ -9,15 +9,13 @@ import pytest
 from passes import measured, passes
 from scipy import stats
 
-from lcbayes._jax import jnp
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.physics import catalogue
-from lcbayes.physics.attitude import to_body
 from lcbayes.separated import attitude_test as module
 from lcbayes.separated import ensemble
 from lcbayes.separated.attitude_test import attitude_test, glints
-from lcbayes.separated.reduced import reduce
+from lcbayes.separated.reduced import in_body, reduce, turns
 
 LVLH, SUN, INERTIAL = (catalogue.find(n) for n in ("lvlh", "sun-north", "inertial"))
 
@@ -36,8 +34,7 @@ def curve_of(geometry, law=LVLH, noise=0.02, seed=0):
 def test_pairs_are_all_that_are_alike(geometry):
     """By comparing every point with every other; followers are those that no stray divides."""
     seen = reduce(curve_of(geometry))
-    turn = LVLH.frames(ephemeris(geometry)).body[jnp.asarray(seen.row)]
-    sun, obs = (np.asarray(to_body(turn, jnp.asarray(v))) for v in (seen.sun, seen.obs))
+    ((sun, obs),) = in_body(turns(LVLH, ephemeris(geometry), seen), seen)
     reach = np.deg2rad(4.0)
     found = module.alike([(sun, obs)], seen, reach)
     angle = np.maximum(*(np.arccos(np.clip(v @ v.T, -1, 1)) for v in (sun, obs)))
@@ -62,12 +59,7 @@ def test_pairs_are_all_that_are_alike(geometry):
 def test_pairs_of_an_articulated_body_are_alike_in_both_frames(geometry):
     law = catalogue.find("nadir-sun-array")
     seen = reduce(curve_of(geometry, law))
-    made = law.frames(ephemeris(geometry))
-    parts = [
-        tuple(np.asarray(to_body(t[jnp.asarray(seen.row)], jnp.asarray(v)))
-              for v in (seen.sun, seen.obs))
-        for t in made if t is not None
-    ]  # fmt: skip
+    parts = in_body(turns(law, ephemeris(geometry), seen), seen)
     found = module.alike(parts, seen, np.deg2rad(6.0))
     assert len(found.i) > 5
     for part in parts:

@@ -88,11 +88,11 @@ def test_the_fall_of_chi2_is_that_of_a_fit(case):
 
 def test_cells_have_equal_area_and_cover_the_sphere():
     """A quadrature of 1, n and n nᵀ over the cells."""
-    normals, corner = module._cells()
+    normals, corner = module._cells(module.CELLS)
     np.testing.assert_allclose(normals.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(3 * normals.T @ normals / len(normals), np.eye(3), atol=1e-3)
-    finer = module._middle(corner, 3)
-    assert np.degrees(np.arccos(np.min(np.sum(finer * normals, axis=1)))) < 10
+    lower = module._middle(corner, np.zeros(2))
+    assert np.degrees(np.arccos(np.min(np.sum(lower * normals, axis=1)))) < 6  # at the poles
 
 
 def test_without_an_edge_nothing_is_claimed(case):
@@ -119,7 +119,7 @@ def test_conditions_that_are_not_met_are_said(case):
     curve, normal = case
     measured = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1)
     with pytest.raises(InputError, match=r"no pass has 20 points \(the longest has 10\)"):
-        single_facet(measured.select(np.arange(10)), LVLH)
+        single_facet(measured.select(np.flatnonzero(curve.site == "0")[:10]), LVLH)
     still = replace(measured, obs=np.broadcast_to(measured.obs[100], measured.obs.shape))
     told = single_facet(still, catalogue.find("inertial")).reasons
     assert any("passes of low orbits" in reason for reason in told)

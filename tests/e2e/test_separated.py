@@ -1,0 +1,74 @@
+"""`lcbayes attitude-test`, `single-facet` and `shape-match` from a file to their results."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from facets_in_pass import crossing, flux_of, one_pass, with_noise
+from passes import measured, passes
+
+import lcbayes
+from lcbayes import cli
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.physics import catalogue
+from lcbayes.separated import ensemble
+
+LVLH = catalogue.find("lvlh")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("curves")
+    geometry = passes(550.0, 53.0, days=28, step=30.0)
+    bodies = ensemble.draw(8, np.random.default_rng(0))
+    lcbayes.write(measured(geometry, LVLH, bodies, 0.03, 0), folder / "weeks.csv")
+    curve = one_pass(3, step=4.0)
+    normal = crossing(curve, LVLH, 5)
+    lcbayes.write(
+        with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1), folder / "pass.csv"
+    )
+    return folder
+
+
+def test_attitude_test(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    argv = ["attitude-test", str(files / "weeks.csv"), "-o", str(out), "--bodies", "99",
+            "--law", "lvlh", "--law", "sun-north", "--law", "polar-spin:period_s=40"]  # fmt: skip
+    assert cli.main(argv) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert "lvlh" in told.splitlines()[1]
+    assert "consistent" in told.splitlines()[1]
+    assert (out / "attitude_test.txt").read_text().splitlines() == told.splitlines()[:-2]
+    found = json.loads((out / "attitude_test.json").read_text())
+    assert found["laws"][0]["name"] == "lvlh"
+    assert {p.name for p in (out / "figures").iterdir()} == {"laws.svg", "pairs.svg"}
+    assert cli.main(["attitude-test", "--list"]) == EXIT_DONE
+    assert "yaw-steering" in capsys.readouterr().out
+    assert cli.main(["attitude-test", "x.csv", "-o", "y", "--law", "hover"]) == EXIT_BAD_INPUT
+    assert "unknown attitude law 'hover'" in capsys.readouterr().err
+
+
+def test_single_facet(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    argv = ["single-facet", str(files / "pass.csv"), "-o", str(out), "--json"]
+    assert cli.main(argv) == EXIT_DONE
+    found = json.loads(capsys.readouterr().out)
+    assert found["trusted"]
+    assert found["law"] == "lvlh"
+    assert found["kind"]["visibility"] + found["kind"]["illumination"] > 0.0
+    assert len(found["region"]["normals"]) >= 150
+    assert {p.name for p in (out / "figures").iterdir()} == {"edge.svg", "normal.svg"}
+
+
+def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    argv = ["shape-match", str(files / "weeks.csv"), "-o", str(out), "--shape", "cube"]
+    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    told = capsys.readouterr().out
+    assert told.startswith("NOT to be trusted: ")
+    assert "looks stabilised" in told or "independent" in told
+    assert (out / "figures" / "distributions.svg").exists()
+    assert cli.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT
+    assert "unknown shape 'pyramid'; available: cube, " in capsys.readouterr().err
