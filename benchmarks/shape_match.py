@@ -49,7 +49,7 @@ def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightC
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     axis *= 2 * np.pi / rng.uniform(5.0, 60.0) / np.linalg.norm(axis)
-    turn = Rotation.from_rotvec(geometry.t[:, None] * axis) * Rotation.random(random_state=rng)
+    turn = Rotation.from_rotvec(geometry.t[:, None] * axis) * Rotation.random(None, rng)
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
     made = noisy(geometry.t, sent(candidates()[name], Surface(), sun, obs), geometry.sun,
                  geometry.obs, noise, rng)  # fmt: skip
@@ -61,7 +61,7 @@ def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve
     """Stabilised, nadir pointing."""
     rng = np.random.default_rng(seed)
     body = np.asarray(frames(catalogue.find("lvlh"), geometry).body)
-    turn = Rotation.from_matrix(body) * Rotation.random(random_state=rng)
+    turn = Rotation.from_matrix(body) * Rotation.random(None, rng)
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
     made = noisy(geometry.t, sent(candidates()[name], Surface(), sun, obs), geometry.sun,
                  geometry.obs, noise, rng)  # fmt: skip

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lcbayes._jax import jnp
 from lcbayes.ephemeris import EARTH_GM, ephemeris
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.attitude import to_body
 from lcbayes.physics.laws import EARTH_RATE, Attitude
 from lcbayes.separated import ensemble
 
@@ -77,13 +75,13 @@ def passes(
 
 def measured(geometry: LightCurve, law: Attitude, bodies: ensemble.Bodies, noise: float, seed: int):
     """The first body that is seen, turned by the law; errors are a part of its mean flux."""
-    made = law.frames(ephemeris(geometry))
     parts = [
-        tuple(np.asarray(to_body(turn, jnp.asarray(v))) for v in (geometry.sun, geometry.obs))
-        for turn in made
+        (np.einsum("tij,ti->tj", turn, geometry.sun), np.einsum("tij,ti->tj", turn, geometry.obs))
+        for turn in law.frames(ephemeris(geometry))
         if turn is not None
     ]
-    flux = ensemble.fluxes(bodies, *parts[0], parts[1] if len(parts) > 1 else None)
+    sun, obs = parts[0]
+    flux = ensemble.fluxes(bodies, sun, obs, parts[1] if len(parts) > 1 else None)
     flux = flux[np.argmax(flux.mean(axis=1) > 0)]
     error = np.full(flux.size, noise * flux.mean())
     noisy = flux + error * np.random.default_rng(seed).standard_normal(flux.size)

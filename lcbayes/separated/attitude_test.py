@@ -22,7 +22,7 @@ Hall et al. 2007, sec. 4.4.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,7 +222,7 @@ def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
         angle = np.arccos(np.clip(0.5 * (np.trace(change, axis1=2, axis2=3) - 1.0), -1.0, 1.0))
         if np.degrees(angle.max()) < SAME_DEG:
             same.append(name)
-    return Verdict(**(vars(verdict) | {"same_as": tuple(same)}))
+    return replace(verdict, same_as=tuple(same))
 
 
 def _test(

@@ -70,8 +70,8 @@ def draw(n: int, rng: np.random.Generator, articulated: bool = False) -> Bodies:
         if kind.endswith(("winged", "wings")):
             areas[i, -2:] = rng.uniform(0.5, 3.0) * made.areas.max()
             if not articulated:
-                front = Rotation.random(random_state=rng).apply(wing)
-        turn = Rotation.random(random_state=rng)
+                front = Rotation.random(None, rng).apply(wing)
+        turn = Rotation.random(None, rng)
         normals[i, :-2] = turn.apply(body)
         normals[i, -2:] = front if articulated else turn.apply(front)
     shape = areas.shape
