@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.reading import (
+    add_reading_arguments,
+    add_result_arguments,
+    asked,
+    check_seed,
+    read_from,
+)
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "test attitude laws by pairs of measurements that each makes alike, without a shape"
@@ -24,7 +29,7 @@ thereby proven.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser, optional=True)
-    parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
+    add_result_arguments(parser, "attitude_test", optional=True)
     parser.add_argument("--list", action="store_true", help="name the laws and stop")
     parser.add_argument(
         "--law", action="append", metavar="LAW[:NAME=NUMBER,...]",
@@ -42,10 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--bodies", type=int, default=499, metavar="N",
         help="bodies drawn for the distribution under each law (default 499)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
-    parser.add_argument(
-        "--json", action="store_true", help="print attitude_test.json on standard output"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,8 +58,7 @@ def run(args: argparse.Namespace) -> int:
         return EXIT_DONE
     if args.curve is None or args.out is None:
         raise InputError("give a light curve, and a folder for the results with -o DIR")
-    if args.seed < 0:
-        raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")
+    check_seed(args)
     laws = [catalogue.parse(text) for text in args.law or ()]
     curve = read_from(args)
 
@@ -76,12 +76,9 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         progress=Silent() if args.json else Console(),
     )
-    about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
+    about = asked(args, curve) | {
         "separation_deg": args.separation,
         "n_bodies": args.bodies,
-        "seed": args.seed,
     }
     report.write(result, args.out, about)
     tell(args.out, report.NAME, report.words(result), args.json)

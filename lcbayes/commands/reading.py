@@ -6,6 +6,8 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lcbayes.errors import InputError
+
 if TYPE_CHECKING:
     from lcbayes.lightcurve import LightCurve
 
@@ -31,6 +33,30 @@ def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> 
     parser.add_argument(
         "--error-floor", type=float, metavar="SD", help="raise smaller errors to this one"
     )
+
+
+def add_result_arguments(parser: ArgumentParser, name: str, *, optional: bool = False) -> None:
+    """Add the folder of the results, the seed, and --json for ``name``.json."""
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="DIR",
+        type=Path,
+        required=not optional,
+        help="folder for the results",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
+    parser.add_argument("--json", action="store_true", help=f"print {name}.json on standard output")
+
+
+def asked(args: Namespace, curve: LightCurve) -> dict[str, Any]:
+    """What opens the file of a result: the light curve and the seed."""
+    return {"curve": str(args.curve), "sha256": curve.source.get("sha256"), "seed": args.seed}
+
+
+def check_seed(args: Namespace) -> None:
+    if args.seed < 0:
+        raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")
 
 
 def read_from(args: Namespace) -> LightCurve:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.reading import (
+    add_reading_arguments,
+    add_result_arguments,
+    asked,
+    check_seed,
+    read_from,
+)
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "match the distribution of brightness over phase angle to shapes, without an attitude"
@@ -23,9 +29,7 @@ Size is not used. Written: shape_match.json, shape_match.txt, figures/.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
-    parser.add_argument(
-        "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
+    add_result_arguments(parser, "shape_match")
     parser.add_argument(
         "--shape", action="append", metavar="NAME|FILE.obj",
         help="a candidate; may be given several times (default: all built-in shapes)",
@@ -44,15 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--level", type=float, default=0.05, metavar="P",
         help="reject candidates below this p-value (default 0.05)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
-    parser.add_argument(
-        "--json", action="store_true", help="print shape_match.json on standard output"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.seed < 0:
-        raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")
+    check_seed(args)
     curve = read_from(args)
 
     from lcbayes.analysis import shape_match_report as report
@@ -77,11 +76,8 @@ def run(args: argparse.Namespace) -> int:
         curve, bodies, surface=surface, level=args.level, seed=args.seed,
         progress=Silent() if args.json else Console(),
     )  # fmt: skip
-    about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
+    about = asked(args, curve) | {
         "surface": vars(surface),
-        "seed": args.seed,
     }
     report.write(result, args.out, about)
     tell(args.out, report.NAME, report.words(result), args.json)
