@@ -126,7 +126,7 @@ def moving(cases: int) -> list[list[str]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--objects", type=int, default=500, help="per noise level (default 500)")
-    parser.add_argument("--moving", type=int, default=42, help="that turn (default 42 per row)")
+    parser.add_argument("--moving", type=int, default=28, help="that turn (default 28 per row)")
     args = parser.parse_args()
     took: list[float] = []
     text = (

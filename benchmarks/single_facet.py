@@ -124,7 +124,7 @@ def main() -> None:
         + table(heads, edges(cases, took))
         + "\n\nWithout a single facet, two sites. The nominal rate of p ≤ 0.01 is 1 % for the "
         "sphere; a box does have edges, of several facets.\n\n"
-        + table(["body", "noise", "p ≤ 0.01", "an orientation is given"], nothing(cases))
+        + table(["body", "noise", "p ≤ 0.01", "an orientation is given"], nothing(cases // 2))
         + f"\n\n{np.median(took):.1f} s a case (median)."
     )
     write_section("Single facets", "python benchmarks/single_facet.py", text)
