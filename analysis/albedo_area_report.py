@@ -38,9 +38,9 @@ def write(
     content = dict(about) | numbers(result, curve)
     body = result.shape
     comment = "convex body of one albedo, lcbayes albedo-area"
-    texts = dict.fromkeys(BODY) if body is None else dict(
-        zip(BODY, (body.obj(comment), body.ply(comment)), strict=True)
-    )  # fmt: skip
+    texts: dict[str, str | None] = dict.fromkeys(BODY)
+    if body is not None:
+        texts = {BODY[0]: body.obj(comment), BODY[1]: body.ply(comment)}
     small_report.write(
         folder, NAME, content, words(result, curve),
         lambda gallery: albedo_area_plots.draw(result, gallery), texts,

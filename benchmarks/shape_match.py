@@ -145,7 +145,8 @@ def main() -> None:
         + table(heads, moving(args.moving))
         + f"\n\n{np.median(took):.2f} s an object against 7 candidates (median)."
     )
-    write_section("Shapes by phase angle and brightness", "python benchmarks/shape_match.py", text)
+    command = f"python benchmarks/shape_match.py --objects {args.objects} --moving {args.moving}"
+    write_section("Shapes by phase angle and brightness", command, text)
 
 
 if __name__ == "__main__":

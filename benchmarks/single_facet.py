@@ -127,7 +127,7 @@ def main() -> None:
         + table(["body", "noise", "p ≤ 0.01", "an orientation is given"], nothing(cases // 2))
         + f"\n\n{np.median(took):.1f} s a case (median)."
     )
-    write_section("Single facets", "python benchmarks/single_facet.py", text)
+    write_section("Single facets", f"python benchmarks/single_facet.py --cases {cases}", text)
 
 
 if __name__ == "__main__":
