@@ -1,0 +1,75 @@
+"""A folder of results without a posterior: numbers, words and figures, put in place together."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lcbayes.analysis.style import RC, Gallery
+from lcbayes.errors import InputError
+from lcbayes.results import save_json
+
+
+def write(
+    folder: Path,
+    name: str,
+    content: Mapping[str, Any],
+    lines: Sequence[str],
+    draw: Callable[[Gallery], None],
+    texts: Mapping[str, str | None] | None = None,
+) -> None:
+    """Write ``name``.json, ``name``.txt and `figures/`; all are made aside, then put in place.
+
+    Parameters
+    ----------
+    content : mapping
+        Of the JSON file; a number that is none becomes null.
+    lines : of the text file
+    draw : puts its figures into the gallery it is given
+    texts : file name → content
+        Further files; None removes what an earlier run left.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=folder))
+    except OSError as fault:
+        raise InputError(
+            f"{folder} cannot be written ({fault.strerror}); choose another with -o"
+        ) from None
+    try:
+        figures = scratch / "figures"
+        figures.mkdir(mode=0o755)
+        save_json(content, scratch / f"{name}.json")
+        (scratch / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        from matplotlib import rc_context
+
+        with warnings.catch_warnings(), rc_context(RC):
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            draw(Gallery(figures))
+        for file, text in (texts or {}).items():
+            (folder / file).unlink(missing_ok=True)
+            if text is not None:
+                (scratch / file).write_text(text, encoding="utf-8")
+        if (folder / "figures").exists():
+            shutil.rmtree(folder / "figures")
+        for made in scratch.iterdir():
+            os.replace(made, folder / made.name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def tell(folder: Path, name: str, lines: Sequence[str], as_json: bool) -> None:
+    """Print the lines and where the results are, or the JSON file alone."""
+    if as_json:
+        json.dump(json.loads((folder / f"{name}.json").read_text()), sys.stdout, indent=1)
+        print()
+    else:
+        print("\n".join(lines))
+        print(f"\nresults: {folder}")
