@@ -122,9 +122,7 @@ def asteroids() -> list[list[str]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument(
-        "--cases", type=int, default=9, help="per body, noise and number of passes"
-    )
+    parser.add_argument("--cases", type=int, default=9, help="per body, noise and number of passes")
     cases = parser.parse_args().cases
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         rows, took = rows_of(cases, pool)
