@@ -32,14 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
     )
-    parser.add_argument(
-        "--attitude", choices=("none",), help="none: the body axes are the inertial axes"
-    )
-    parser.add_argument(
-        "--omega", metavar="X,Y,Z", help="constant angular velocity, rad/s (--omega=-1,0,0)"
-    )
-    parser.add_argument("--pole", metavar="LON,LAT", help="pole of the spin, degrees")
-    parser.add_argument("--period", type=float, metavar="HOURS", help="sidereal period of the spin")
+    add_attitude_arguments(parser)
     parser.add_argument(
         "--material", action="append", metavar="LAW[:NAME=VALUE,...]",
         help="a reflecting component; may be given several times (default lambertian)",
@@ -71,8 +64,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_attitude_arguments(parser: argparse.ArgumentParser) -> None:
+    """The attitude that is taken as known."""
+    parser.add_argument(
+        "--attitude", choices=("none",), help="none: the body axes are the inertial axes"
+    )
+    parser.add_argument(
+        "--omega", metavar="X,Y,Z", help="constant angular velocity, rad/s (--omega=-1,0,0)"
+    )
+    parser.add_argument("--pole", metavar="LON,LAT", help="pole of the spin, degrees")
+    parser.add_argument("--period", type=float, metavar="HOURS", help="sidereal period of the spin")
+
+
 def run(args: argparse.Namespace) -> int:
-    attitude = _attitude(args)
+    attitude = attitude_from(args)
     for name in ("bootstrap", "nulls", "seed"):
         if getattr(args, name) < 0:
             raise InputError(f"--{name} is {getattr(args, name)}; expected a whole number >= 0")
@@ -116,9 +121,10 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_NOT_TRUSTED if result.reasons else EXIT_DONE
 
 
-def _attitude(args: argparse.Namespace) -> Attitude:
+def attitude_from(args: argparse.Namespace, *, optional: bool = False) -> Attitude:
+    """The attitude those options name; fixed axes where none is given and none need be."""
     given = [n for n in ("attitude", "omega", "pole") if getattr(args, n) is not None]
-    if len(given) != 1:
+    if len(given) != 1 and (given or not optional):
         how = " and ".join(f"--{n}" for n in given) + " are given" if given else "none is given"
         raise InputError(
             f"one attitude is needed, and {how}; give --pole LON,LAT with --period HOURS, "
@@ -129,15 +135,16 @@ def _attitude(args: argparse.Namespace) -> Attitude:
     from lcbayes.albedo_area.observed import Attitude
 
     if args.omega is not None:
-        x, y, z = _numbers("--omega", args.omega, 3, "rad/s, as 0,0,0.1")
+        x, y, z = numbers_from("--omega", args.omega, 3, "rad/s, as 0,0,0.1")
         return Attitude(omega=(x, y, z))
     if args.pole is not None:
-        lon, lat = _numbers("--pole", args.pole, 2, "degrees, as 253.2,-17.2")
+        lon, lat = numbers_from("--pole", args.pole, 2, "degrees, as 253.2,-17.2")
         return Attitude(pole_lon_deg=lon, pole_lat_deg=lat, period_h=args.period)
     return Attitude()
 
 
-def _numbers(option: str, text: str, count: int, unit: str) -> list[float]:
+def numbers_from(option: str, text: str, count: int, unit: str) -> list[float]:
+    """So many numbers of an option, separated by commas."""
     try:
         values = [float(x) for x in text.split(",")]
     except ValueError:

@@ -1,0 +1,226 @@
+"""What `lcbayes glints` writes: the numbers, the words and the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.numerals import show
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.glints.attitude import Glints
+from lcbayes.glints.directions import CHI2_90, Direction, axes_across
+from lcbayes.lightcurve import LightCurve
+
+NAME = "glints"
+MOST = 4  # stretches that are drawn: those with the strongest glints
+LISTED = 12  # glints that are told
+
+
+def write(result: Glints, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
+    """`glints.json`, `glints.txt` and `figures/`."""
+    content = dict(about) | numbers(result, curve)
+    small_report.write(folder, NAME, content, words(result, curve), lambda g: draw(result, g))
+
+
+def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
+    """The content of `glints.json`."""
+    panel = result.panel
+    rows = []
+    for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
+        lon, lat = lon_lat(seen.bisector)
+        rows.append(
+            vars(one)
+            | {
+                "bisector": seen.bisector, "lon_deg": float(lon), "lat_deg": float(lat),
+                "sharp_and_small": _sharp(result, i),
+            }
+        )  # fmt: skip
+    return {
+        "n_obs": curve.n_obs,
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "notes": result.notes,
+        "glints": rows,
+        "facets": [_direction(f) for f in result.facets],
+        "facets_of_one_glint": [_direction(f) for f in result.single],
+        "cylinder": None if result.cylinder is None else _direction(result.cylinder),
+        "sun_tracking_panel": None if panel is None else {
+            "offset_deg": np.degrees(panel.mean),
+            "offset_sd_deg": np.degrees(panel.error),
+            "chi2": panel.chi2,
+            "dof": panel.freedom,
+            "p_value": panel.p_value,
+            "glint_offset_deg": np.degrees(panel.offsets),
+            "glint_offset_sd_deg": np.degrees(panel.errors),
+            "glint_tilt_deg": np.degrees(panel.tilt),
+            "glint_sun_tilt_deg": np.degrees(panel.sun),
+        },
+    }  # fmt: skip
+
+
+def _sharp(result: Glints, i: int) -> bool:
+    """No higher than its baseline and shorter than two degrees of the bisector: a wire's."""
+    one, seen = result.glints[i], result.seen[i]
+    return one.height < one.baseline and np.linalg.norm(seen.rate) * one.fwhm < np.radians(2.0)
+
+
+def _direction(d: Direction) -> dict[str, Any]:
+    lon, lat = lon_lat(d.vector)
+    longer, shorter = d.ellipse
+    return {
+        "vector": d.vector, "lon_deg": float(lon), "lat_deg": float(lat),
+        "semi_axes_90_deg": [np.degrees(longer), np.degrees(shorter)],
+        "covariance": d.covariance, "chi2": d.chi2, "dof": d.freedom, "p_value": d.p_value,
+        "glints": list(d.members),
+    }  # fmt: skip
+
+
+def words(result: Glints, curve: LightCurve) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    lines = [f"no direction: {reason}" for reason in result.reasons]
+    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points")
+    for i, (one, seen) in enumerate(zip(result.glints[:LISTED], result.seen, strict=False)):
+        lon, lat = (show(float(x), 1.0) for x in lon_lat(seen.bisector))
+        narrow = "" if one.resolved else ", not resolved"
+        wire = ", sharp and small as a wire's" if _sharp(result, i) else ""
+        lines.append(
+            f"  {i + 1:2d}: {show(one.t - curve.t[0], one.t_error)} s after the first point, "
+            f"{show(one.fwhm, one.fwhm / 5)} s wide"
+            f"{narrow}, {show(one.height / one.baseline, 0.1)} times the baseline above it, "
+            f"{one.significance:.0f} sigma, bisector ({lon}, {lat}) deg{wire}"
+        )
+    if len(result.glints) > LISTED:
+        lines.append(f"  and {len(result.glints) - LISTED} more, in {NAME}.json")
+    for f in result.facets:
+        lines.append(f"facet: normal {_where(f)}, from {len(f.members)} glints")
+    if result.cylinder is not None:
+        lines.append(
+            f"cylinder: axis {_where(result.cylinder)} or opposite, from "
+            f"{len(result.cylinder.members)} glints, p = {result.cylinder.p_value:.2f}"
+        )
+    if result.panel is not None:
+        p = result.panel
+        mean, sd = np.degrees([p.mean, p.error])
+        lines.append(
+            f"Sun-tracking panel: offset from the Sun {show(mean, sd)} ± {show(sd, sd)} deg about "
+            f"the axis, from {len(p.offsets)} glints, p = {p.p_value:.2f}"
+        )
+    if result.single and result.facets:
+        lines.append(f"{len(result.single)} glint(s) belong to none of these facets")
+    return lines + result.notes
+
+
+def _where(d: Direction) -> str:
+    lon, lat = lon_lat(d.vector)
+    longer, shorter = np.degrees(d.ellipse)
+    return (
+        f"({show(float(lon), shorter)}, {show(float(lat), shorter)}) deg, 90 % region "
+        f"{show(longer, longer)} by {show(shorter, shorter)} deg (semi-axes)"
+    )
+
+
+def draw(result: Glints, gallery: Gallery) -> None:
+    """The light curve with its glints, the directions on the sky, the offsets of a panel."""
+    draw_curve(result, gallery)
+    if result.panel is not None:
+        draw_panel(result, gallery)
+    elif result.glints:
+        draw_sky(result, gallery)
+
+
+def draw_curve(result: Glints, gallery: Gallery) -> None:
+    """Stretches with the strongest glints, the baseline, and numbered peaks."""
+    level = result.baseline
+    strongest = sorted(result.glints, key=lambda g: -g.significance)
+    chosen = sorted(dict.fromkeys(g.stretch for g in strongest))[:MOST] or [0]
+    figure = gallery.figure(7.0, 0.5 + 1.8 * len(chosen))
+    unit = float(np.nanmedian(level.flux))
+    for axes, i in zip(np.atleast_1d(figure.subplots(len(chosen), 1)), chosen, strict=True):
+        rows = np.flatnonzero(level.stretch == i)
+        rows = rows[np.argsort(result.t[rows])]
+        begin = result.t[rows[0]]
+        minutes = (result.t[rows] - begin) / 60.0
+        axes.plot(minutes, result.flux[rows] / unit, ".", ms=2.5, color=colour(0), rasterized=True)
+        axes.plot(minutes, level.flux[rows] / unit, color=FAINT, lw=1.0, label="baseline")
+        for number, one in enumerate(result.glints, 1):
+            if one.stretch == i:
+                top = (one.baseline + one.height) / unit
+                axes.annotate(
+                    str(number), ((one.t - begin) / 60.0, top), xytext=(0, 4),
+                    textcoords="offset points", ha="center", fontsize=8, color=colour(1),
+                )  # fmt: skip
+        axes.set_ylim(top=1.15 * float(np.max(result.flux[rows])) / unit)
+        axes.set_ylabel("flux ÷ median")
+    figure.axes[-1].set_xlabel("time in the stretch (min)")
+    figure.axes[0].legend(loc="upper right")
+    gallery.add(figure, "glints", "Light curve with numbered glints.", "Glints, numbered.")
+
+
+def _outline(d: Direction, n: int = 181) -> np.ndarray:
+    """The edge of the 90 % region, (n, 3)."""
+    values, vectors = np.linalg.eigh(d.covariance)
+    a, b = (np.sqrt(CHI2_90 * values[k]) * vectors[:, k] for k in (2, 1))
+    turn = np.linspace(0, 2 * np.pi, n)[:, None]
+    edge = d.vector + np.cos(turn) * a + np.sin(turn) * b
+    return edge / np.linalg.norm(edge, axis=1, keepdims=True)
+
+
+def draw_sky(result: Glints, gallery: Gallery) -> None:
+    """Bisectors at the glints, and the 90 % regions of what they point to, body axes."""
+    figure = gallery.figure(6.4, 3.4)
+    axes = mollweide(figure)
+    b = np.array([s.bisector for s in result.seen])
+    x, y = place(*lon_lat(b))
+    axes.plot(x, y, ".", ms=5, color=DATA, label="bisectors at glints")
+    known = [("facet, 90 %", f, colour(1), 1.0) for f in result.facets]
+    if result.cylinder is not None:
+        for sign in (1.0, -1.0):
+            known.append(("cylinder's axis, 90 %", result.cylinder, colour(2), sign))
+        turn = np.linspace(0, 2 * np.pi, 361)[:, None]
+        first, second = axes_across(result.cylinder.vector)
+        _line(axes, np.cos(turn) * first + np.sin(turn) * second, FAINT, "across the cylinder", 0.8)
+    said: set[str] = set()
+    for name, d, hue, sign in known:
+        _line(axes, sign * _outline(d), hue, None if name in said else name, 1.3)
+        x, y = place(*lon_lat(sign * d.vector))
+        axes.plot(x, y, "+", ms=7, color=hue)
+        said.add(name)
+    figure.legend(loc="outside lower center", ncols=3)
+    gallery.add(figure, "directions", "Map of bisectors at glints and of what they point to.",
+                "Body axes: inertial unless an attitude was given.")  # fmt: skip
+
+
+def _line(axes: Any, vectors: np.ndarray, hue: str, label: str | None, width: float) -> None:
+    """A line on the map, broken at its edge."""
+    x, y = place(*lon_lat(vectors))
+    x = np.where(np.abs(np.diff(x, append=x[0])) > np.pi, np.nan, x)
+    axes.plot(x, y, color=hue, lw=width, label=label)
+
+
+def draw_panel(result: Glints, gallery: Gallery) -> None:
+    """The offset from glint to glint, and the height against the season."""
+    p = result.panel
+    assert p is not None
+    figure = gallery.figure(7.0, 2.8)
+    left, right = figure.subplots(1, 2)
+    days = np.array([g.t for g in result.glints]) / 86400.0
+    left.errorbar(days - days[0], np.degrees(p.offsets), np.degrees(p.errors), fmt="o", ms=4,
+                  color=colour(0))  # fmt: skip
+    left.axhline(np.degrees(p.mean), color=FAINT, lw=0.9, ls="--")
+    left.set_xlabel("days since the first glint")
+    left.set_ylabel("offset from the Sun (deg)")
+    height = np.array([g.height / g.baseline for g in result.glints])
+    right.plot(np.degrees(p.sun), height, "o", ms=4, color=colour(0))
+    right.set_xlabel("Sun above the plane across the axis (deg)")
+    right.set_ylabel("height ÷ baseline")
+    right.set_ylim(0.0, 1.15 * float(height.max()))
+    for axes in (left, right):
+        axes.locator_params(nbins=6)
+    gallery.add(figure, "panel", "Offset of the panel and height of the glints.",
+                "Offset at each glint; height of the glints against the season.")  # fmt: skip

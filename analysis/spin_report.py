@@ -1,0 +1,206 @@
+"""What `lcbayes spin` writes: the numbers, the words and the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.numerals import show
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
+from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.lightcurve import LightCurve
+from lcbayes.spin.pole import azimuths
+from lcbayes.spin.sidereal import Solution, Spin
+
+NAME = "spin"
+HOUR = 3600.0
+MOST_PASSES, MOST_SOLUTIONS = 6, 6  # drawn; told
+
+
+def write(result: Spin, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
+    """`spin.json`, `spin.txt` and `figures/`."""
+    content = dict(about) | numbers(result, curve)
+    lines = words(result, curve)
+    small_report.write(folder, NAME, content, lines, lambda g: draw(result, curve, g))
+
+
+def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
+    """The content of `spin.json`."""
+    base, sky, windows = result.base, result.sky, result.windows
+    return {
+        "n_obs": curve.n_obs,
+        "passes": [{"name": p.name, "n_obs": p.t.size, "length_s": p.length}
+                   for p in result.passes],
+        "trusted": not result.reasons,
+        "reasons": result.reasons,
+        "conditions": [vars(c) for c in result.conditions],
+        "false_alarm_probability": result.false_alarm,
+        "photometric_period_s": None if base is None else 1.0 / base,
+        "harmonics": result.harmonics,
+        "repeatability": result.skill,
+        "epoch_folding": None if result.folded is None else {
+            "period_s": 1.0 / result.folded[0],
+            "period_sd_s": result.folded[1] / result.folded[0] ** 2,
+        },
+        "synodic": None if windows is None else {
+            "t": windows.t,
+            "period_s": 1.0 / windows.frequency,
+            "period_sd_s": windows.error / windows.frequency**2,
+            "pass": windows.which,
+        },
+        "solutions": [_solution(s) for s in result.solutions],
+        # of the fit, where one was made: not to be read as an answer where a condition fails
+        "sky_fraction": None if sky is None else sky.area,
+        "symmetry": None if sky is None else sky.symmetry,
+        "shape_shift_deg": None if sky is None else sky.shape_deg,
+        "chi2": None if sky is None else sky.chi2,
+        "dof": None if sky is None else sky.freedom,
+    }  # fmt: skip
+
+
+def _solution(s: Solution) -> dict[str, Any]:
+    lon, lat = lon_lat(s.pole)
+    return {
+        "pole_lon_deg": float(lon),
+        "pole_lat_deg": float(lat),
+        "radius_deg": float(np.degrees(s.radius)),
+        "period_h": 1.0 / s.frequency / HOUR,
+        "period_s": 1.0 / s.frequency,
+        "period_sd_s": s.error / s.frequency**2,
+        "cycles_per_turn": s.multiple,
+        "weight": s.weight,
+    }
+
+
+def words(result: Spin, curve: LightCurve) -> list[str]:
+    """The result in lines for a reader; what is in doubt comes first."""
+    lines = [f"no pole and no sidereal period: {reason}" for reason in result.reasons]
+    left = curve.n_obs - sum(p.t.size for p in result.passes)
+    short = f", {left} points in passes too short" if left else ""
+    lines.append(f"{len(result.passes)} pass(es) of {curve.n_obs - left} points{short}")
+    if result.base is not None and result.folded is not None:
+        period, folded = 1 / result.base, 1 / result.folded[0]
+        spread = result.folded[1] * folded**2
+        lines.append(
+            f"brightness repeats with {show(period, spread)} s on average (epoch folding of the "
+            f"longest pass: {show(folded, spread)} ± {show(spread, spread)} s)"
+        )
+    for s in result.solutions[:MOST_SOLUTIONS]:
+        lon, lat = lon_lat(s.pole)
+        radius = np.degrees(s.radius)
+        period, spread = 1 / s.frequency, s.error / s.frequency**2
+        lines.append(
+            f"weight {s.weight:.2f}: pole ({show(float(lon), radius)}, {show(float(lat), radius)}) "
+            f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
+            f"{show(period, spread)} ± {show(spread, spread)} s, {s.multiple} cycle(s) per turn"
+        )
+    rest = result.solutions[MOST_SOLUTIONS:]
+    if rest:
+        lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
+    if result.solutions:
+        lines.append(
+            f"frame: {FRAMES.get(curve.frame, curve.frame)}; the body turns right-handed about "
+            "the pole; weights add to 0.9"
+        )
+    return lines
+
+
+def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
+    """Periodogram, synodic period along the passes, and the pole on the sky."""
+    draw_periodogram(result, gallery)
+    if result.windows is not None and result.windows.t.size:
+        draw_synodic(result, gallery)
+    if result.sky is not None:
+        draw_sky(result, curve, gallery)
+
+
+def draw_periodogram(result: Spin, gallery: Gallery) -> None:
+    """Power against frequency, with the base and its harmonics."""
+    figure = gallery.figure(6.4, 2.6)
+    axes = figure.subplots()
+    axes.plot(result.grid, result.power, color=colour(0), lw=0.8)
+    if result.base is not None:
+        for k in result.harmonics:
+            if k * result.base <= result.grid[-1]:
+                axes.axvline(
+                    k * result.base, color=colour(1), lw=0.8, ls="-" if k == 1 else ":",
+                    label={1: "base frequency", 2: "its harmonics"}.get(k),
+                )  # fmt: skip
+        axes.legend(loc="upper right")
+        axes.set_xlim(0, min(result.grid[-1], 1.15 * result.base * (max(result.harmonics) + 1)))
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel("part of χ² explained")
+    gallery.add(figure, "periodogram", "Power against frequency.", "Periodogram of all passes.")
+
+
+def draw_synodic(result: Spin, gallery: Gallery) -> None:
+    """Synodic period along each pass, and what the best solution makes of it."""
+    windows = result.windows
+    assert windows is not None
+    shown = np.unique(windows.which)[:MOST_PASSES]
+    columns = min(3, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = gallery.figure(0.8 + 2.6 * columns, 0.7 + 1.9 * rows)
+    grid = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
+    for axes in grid[len(shown) :]:
+        axes.set_visible(False)
+    for axes, i in zip(grid, shown, strict=False):
+        one, here = result.passes[i], windows.which == i
+        minutes = (windows.t[here] - one.t[0]) / 60.0
+        period = 1.0 / windows.frequency[here]
+        axes.errorbar(
+            minutes, period, windows.error[here] * period**2, fmt="o", ms=3, lw=0.9,
+            color=colour(0), label="measured in windows",
+        )  # fmt: skip
+        if result.solutions:
+            best = result.solutions[0]
+            angle = azimuths(best.pole[None], one.sun + one.obs)[0]
+            rate = np.gradient(angle, one.t, edge_order=1) if np.all(np.diff(one.t) > 0) else None
+            if rate is not None:
+                f = best.multiple * (best.frequency - rate / (2 * np.pi))
+                axes.plot((one.t - one.t[0]) / 60.0, 1 / f, color=colour(1), lw=1.0,
+                          label="synodic period for the best pole")  # fmt: skip
+            axes.axhline(
+                1 / (best.multiple * best.frequency), color=FAINT, lw=0.8, ls="--",
+                label="sidereal period" + (f" ÷ {best.multiple}" if best.multiple > 1 else ""),
+            )  # fmt: skip
+        axes.set_title(f"pass {i + 1}", loc="left")
+        axes.locator_params(nbins=5)
+    for axes in grid[max(0, len(shown) - columns) : len(shown)]:
+        axes.set_xlabel("time in the pass (min)")
+    for axes in grid[: len(shown) : columns]:
+        axes.set_ylabel("period (s)")
+    low, high = np.quantile(1.0 / windows.frequency, [0.02, 0.98])
+    margin = max(high - low, 1e-3 * high)
+    grid[0].set_ylim(low - 0.6 * margin, high + 0.6 * margin)
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    gallery.add(figure, "synodic", "Synodic period along the passes.",
+                "Period of the brightness in windows along each pass.")  # fmt: skip
+
+
+def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
+    """Where the pole may point: the 90 % region, and the solutions as rings."""
+    sky = result.sky
+    assert sky is not None
+    figure = gallery.figure(6.4, 3.4)
+    axes = mollweide(figure)
+    inside = sky.region()
+    x, y = place(*lon_lat(sky.poles[inside]))
+    weight = sky.weight.sum(axis=1)[inside]
+    size = 1.0e4 * sky.cell
+    axes.scatter(x, y, s=max(size, 3.0), c=np.sqrt(weight / weight.max()), cmap="Blues",
+                 vmin=-0.4, lw=0, rasterized=True, label="90 % region")  # fmt: skip
+    for i, s in enumerate(result.solutions[:MOST_SOLUTIONS]):
+        x, y = place(*lon_lat(s.pole))
+        axes.scatter(x, y, s=120, fc="none", ec=colour(1) if i == 0 else DATA, lw=1.2,
+                     label=f"solution, weight {s.weight:.2f}" if i < 3 else None)  # fmt: skip
+    figure.legend(loc="outside lower center", ncols=4)
+    frame = FRAMES.get(curve.frame, curve.frame)
+    gallery.add(figure, "pole", "Map of the sky with the region of the pole.",
+                f"90 % region of the pole, {frame}.")  # fmt: skip

@@ -1,0 +1,91 @@
+"""`lcbayes spin` and `lcbayes glints` from a file to their results, and their refusals."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from flashes import no_flashes, wire_flashes
+from leo import spinner, steady
+
+import lcbayes
+from lcbayes import cli
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+
+
+def test_a_spin_from_file_to_pole(tmp_path, capsys):
+    curve, truth = spinner(2013, 4, 50.0, "cylinder")
+    lcbayes.write(curve, tmp_path / "passes.csv")
+    out = tmp_path / "out"
+    argv = ["spin", str(tmp_path / "passes.csv"), "-o", str(out)]
+    assert cli.main(argv) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert "sidereal period" in told
+    assert (out / "spin.txt").read_text().splitlines() == told.splitlines()[:-2]
+    found = json.loads((out / "spin.json").read_text())
+    assert found["trusted"]
+    best = found["solutions"][0]
+    assert best["period_s"] == pytest.approx(truth["period"], rel=1e-3)
+    assert best["period_h"] == pytest.approx(best["period_s"] / 3600)
+    lon, lat = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
+    pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+    assert np.degrees(np.arccos(truth["pole"] @ pole)) < 10
+    assert {p.name for p in (out / "figures").iterdir()} == {
+        "periodogram.svg", "synodic.svg", "pole.svg",
+    }  # fmt: skip
+    assert not list(out.glob(".*"))
+
+
+def test_no_pole_where_there_is_none(tmp_path, capsys):
+    lcbayes.write(steady(1, 50.0, spinning=False), tmp_path / "noise.csv")
+    argv = ["spin", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "out"), "--json"]
+    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    found = json.loads(capsys.readouterr().out)
+    assert not found["trusted"]
+    assert found["solutions"] == []
+    assert found["photometric_period_s"] is None
+    assert "no period is seen" in found["reasons"][0]
+
+
+def test_glints_from_file_to_directions(tmp_path, capsys):
+    curve, attitude, axis = wire_flashes(3, 50.0)
+    lcbayes.write(curve, tmp_path / "wire.csv")
+    out = tmp_path / "out"
+    assert attitude.omega is not None
+    omega = "--omega=" + ",".join(map(str, attitude.omega))
+    assert cli.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert "cylinder: axis" in told
+    found = json.loads((out / "glints.json").read_text())
+    assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
+    assert found["glints"][0]["sharp_and_small"] in (True, False)
+    assert {p.name for p in (out / "figures").iterdir()} == {"glints.svg", "directions.svg"}
+    lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
+    argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
+    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    assert capsys.readouterr().out.startswith("no direction: no glint stands out")
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["spin", "--shuffles", "9"], "--shuffles is 9; expected a whole number >= 99"),
+        (["glints", "--sun-tracking", "0,0"], "--sun-tracking is '0,0'; expected 3 numbers"),
+        (["glints", "--sun-tracking", "0,0,0"], "expected an axis"),
+        (["glints", "--alarm", "2"], "--alarm is 2; expected a probability"),
+        (["glints", "--longest", "-1"], "--longest is -1; expected seconds > 0"),
+        (["glints", "--sun-tracking", "0,0,1", "--omega", "0,0,1"], "has no spin"),
+    ],
+)
+def test_faults_are_one_line(tmp_path, capsys, argv, message):
+    lcbayes.write(steady(1, 50.0, spinning=False), tmp_path / "noise.csv")
+    out = tmp_path / "out"
+    assert cli.main([argv[0], str(tmp_path / "noise.csv"), *argv[1:], "-o", str(out)]) == (
+        EXIT_BAD_INPUT
+    )
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert message in told.err
+    assert not out.exists()

@@ -1,0 +1,184 @@
+"""Glints: found without false alarms, and turned into directions with their uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flashes import (
+    facet_flashes,
+    no_flashes,
+    panel_flashes,
+    random_unit,
+    wire_flashes,
+)
+from scipy import stats
+
+from lcbayes.albedo_area.observed import Attitude
+from lcbayes.errors import InputError
+from lcbayes.glints import analyse
+from lcbayes.glints.detect import detect
+from lcbayes.glints.directions import (
+    CHI2_90,
+    SUN_RADIUS,
+    Sighting,
+    axes_across,
+    bisector,
+    cylinder,
+    facet,
+    facets,
+    tracking,
+)
+
+T = np.arange(0.0, 300.0, 0.5)
+ONE = np.zeros(T.size, int)
+
+
+def test_the_bisector_halves_the_phase_angle():
+    rng = np.random.default_rng(1)
+    sun, obs = random_unit(rng), random_unit(rng)
+    b = bisector(sun, obs)
+    assert b @ sun == pytest.approx(b @ obs)
+    assert b @ sun == pytest.approx(np.cos(0.5 * np.arccos(sun @ obs)))
+    assert np.linalg.det([b, sun, obs]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_noise_glints_no_more_often_than_is_said():
+    rng = np.random.default_rng(2)
+    trials = 300
+    false = 0
+    for _ in range(trials):
+        flux = 2.0 + 0.5 * np.sin(T / 70.0) + 0.05 * rng.normal(size=T.size)
+        false += bool(detect(T, flux, np.full(T.size, 0.05), ONE, 6.0, alarm=0.05)[0])
+    # Bonferroni errs on the safe side; false-alarm rate of this test 1e-4
+    assert false <= stats.binom.ppf(1 - 1e-4, trials, 0.05)
+
+
+@pytest.mark.parametrize("fwhm", [0.7, 3.0, 7.0])
+def test_time_width_and_height_of_a_glint(fwhm):
+    rng = np.random.default_rng(3)
+    shape = np.exp(-4 * np.log(2) * ((T - 150.2) / fwhm) ** 2)
+    flux = 2.0 + 0.002 * T + 3.0 * shape + 0.03 * rng.normal(size=T.size)
+    (found,), _ = detect(T, flux, np.full(T.size, 0.03), ONE, 8.0)
+    assert abs(found.t - 150.2) < 4 * found.t_error
+    assert found.t_error < 0.5
+    assert found.height == pytest.approx(3.0, rel=0.1 if fwhm > 1 else 0.5)
+    assert found.fwhm == pytest.approx(fwhm, rel=0.1 if fwhm > 1 else 0.5)
+    assert found.resolved == (fwhm > 1)
+    assert found.baseline == pytest.approx(2.3, rel=0.05)  # it rises where a glint is long
+
+
+def test_a_slow_brightening_is_no_glint():
+    flux = 2.0 + np.exp(-0.5 * ((T - 150) / 40.0) ** 2) + 0.2 * np.sin(T / 6.0)
+    rng = np.random.default_rng(4)
+    flux += 0.01 * rng.normal(size=T.size)
+    assert detect(T, flux, np.full(T.size, 0.01), ONE, 4.0)[0] == []
+
+
+def sighted(rng, normal, t_error=0.1, fwhm=4.0, rate=0.004):
+    """A sighting whose bisector is off the normal by errors as large as it claims."""
+    e1, e2 = axes_across(normal)
+    angle = rng.uniform(0, 2 * np.pi)
+    along, across = (
+        np.cos(angle) * e1 + np.sin(angle) * e2,
+        -np.sin(angle) * e1 + np.cos(angle) * e2,
+    )
+    claimed = Sighting(normal, rate * along, t_error, fwhm).errors()
+    b = normal + claimed[0] * rng.normal() * along + claimed[1] * rng.normal() * across
+    return Sighting(b / np.linalg.norm(b), rate * along, t_error, fwhm)
+
+
+def test_normals_of_facets_lie_in_their_regions_as_often_as_said():
+    rng = np.random.default_rng(5)
+    trials, held, chi2 = 400, 0, 0.0
+    for _ in range(trials):
+        n = random_unit(rng)
+        found = facet([sighted(rng, n) for _ in range(4)], range(4))
+        held += found.holds(n)
+        chi2 += found.chi2
+    assert stats.binom.ppf(1e-4, trials, 0.9) <= held <= stats.binom.ppf(1 - 1e-4, trials, 0.9)
+    low, high = (stats.chi2.ppf(q, 6 * trials) for q in (1e-4, 1 - 1e-4))
+    assert low < chi2 < high
+
+
+def test_axes_of_cylinders_lie_in_their_regions_as_often_as_said():
+    rng = np.random.default_rng(6)
+    trials, held = 400, 0
+    for _ in range(trials):
+        c = random_unit(rng)
+        seen = []
+        for _ in range(5):
+            e1, e2 = axes_across(c)
+            turn = rng.uniform(0, 2 * np.pi)
+            b = np.cos(turn) * e1 + np.sin(turn) * e2
+            rate = rng.uniform(0.002, 0.01) * c
+            off = np.hypot(np.linalg.norm(rate) * 0.5, 0.5 * SUN_RADIUS) * rng.normal()
+            b = b + off * c
+            seen.append(Sighting(b / np.linalg.norm(b), rate, 0.5, 2.0))
+        found = cylinder(seen, range(5))
+        held += found is not None and found.holds(c, axis=True)
+    assert stats.binom.ppf(1e-4, trials, 0.9) <= held <= stats.binom.ppf(1 - 1e-4, trials, 0.9)
+
+
+def test_the_region_is_that_of_the_covariance():
+    rng = np.random.default_rng(7)
+    found = facet([sighted(rng, random_unit(rng))], [0])
+    values, vectors = np.linalg.eigh(found.covariance)
+    edge = np.sqrt(CHI2_90 * values[2]) * vectors[:, 2]
+    assert found.ellipse[0] == pytest.approx(np.linalg.norm(edge))
+    assert found.holds(found.vector + 0.98 * edge)
+    assert not found.holds(found.vector + 1.05 * edge)
+    assert not found.holds(-found.vector)
+
+
+def test_glints_of_two_facets_are_not_joined():
+    rng = np.random.default_rng(8)
+    one = random_unit(rng)
+    other = axes_across(one)[0]
+    seen = [sighted(rng, n) for n in (one, other, one, other, one)]
+    groups = facets(seen)
+    assert sorted(g.members for g in groups) == [(1, 3), (4, 0, 2)] or {
+        frozenset(g.members) for g in groups
+    } == {frozenset({0, 2, 4}), frozenset({1, 3})}
+
+
+def test_the_offset_of_a_panel_is_an_angle_about_the_axis():
+    """A panel behind the Sun by an angle, and the bisector that it faces, put together by hand."""
+    axis = np.array([0.0, 0.0, 1.0])
+    for offset in (-0.15, 0.0, 0.3):
+        sun = np.array([np.cos(0.4) * np.cos(0.2), np.sin(0.4) * np.cos(0.2), np.sin(0.2)])
+        b = np.array([np.cos(0.4 + offset), np.sin(0.4 + offset), 0.05])
+        seen = Sighting(b / np.linalg.norm(b), np.array([0.0, 0.0, 0.0]), 10.0, 60.0)
+        found = tracking([seen, seen], np.array([sun, sun]), np.zeros((2, 3)), axis)
+        assert found.offsets == pytest.approx([offset, offset])
+        assert found.mean == pytest.approx(offset)
+        assert found.sun == pytest.approx([0.2, 0.2])
+
+
+def test_a_facet_a_wire_and_a_panel_are_found_and_told_apart():
+    curve, attitude, normal = facet_flashes(3, 50.0)
+    found = analyse(curve, attitude)
+    assert found.facets[0].holds(normal)
+    assert found.cylinder is None
+    curve, attitude, axis = wire_flashes(3, 50.0)
+    found = analyse(curve, attitude)
+    assert found.cylinder is not None
+    assert found.cylinder.holds(axis, axis=True)
+    assert not found.reasons
+    curve, pole, offset = panel_flashes(3, 50.0)
+    found = analyse(curve, axis=pole)
+    assert found.panel is not None
+    assert abs(found.panel.mean - offset) < 3 * found.panel.error
+
+
+def test_where_conditions_fail_nothing_is_given():
+    found = analyse(no_flashes(3, 50.0))
+    assert found.reasons == ["no glint stands out: none has a false-alarm probability below 0.01"]
+    curve, attitude, _ = facet_flashes(3, 50.0)
+    wrong = Attitude(omega=(0.02, 0.03, 0.01))
+    assert analyse(curve, wrong).reasons
+    first = analyse(curve, attitude).glints[0]
+    alone = analyse(curve.select(np.abs(curve.t - first.t) < 40.0), attitude)
+    assert len(alone.glints) == 1
+    assert "one glint alone fixes no direction" in alone.reasons[0]
+    with pytest.raises(InputError, match="has no spin"):
+        analyse(curve, attitude, axis=(0.0, 0.0, 1.0))
