@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +16,15 @@ from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, brightness, facets, photometry
 from lcbayes.physics.reflectance import LAWS
+from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
+from lcbayes.physics.shapes import Body
 from lcbayes.scenario import ConstantRate, PrincipalAxis, Scenario
+from lcbayes.scenarios.body import Material
 from lcbayes.scenarios.epochs import epochs
 
 Floats = NDArray[np.float64]
 
 CHUNK = 1_000_000  # facet-epochs at a time: memory does not grow with the length of a curve
-MAGNITUDE_PER_NEPER = 2.5 / np.log(10.0)
 
 
 def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, Any]]:
@@ -83,18 +87,7 @@ def flux_at(scenario: Scenario, t: Floats, sun: Floats, obs: Floats) -> Floats:
     sun, obs : (T, 3)
         Unit vectors to Sun and observer, inertial; constant during an exposure.
     """
-    exposure = scenario.exposure_s
-
-    @jax.jit
-    def part(t: jax.Array, sun: jax.Array, obs: jax.Array) -> jax.Array:
-        def at(instants: jax.Array) -> jax.Array:
-            rotation = _attitude(scenario, instants)
-            return _body_flux(
-                scenario, attitude.to_body(rotation, sun), attitude.to_body(rotation, obs)
-            )
-
-        return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
-
+    part = jax.jit(partial(predicted_flux, scenario))
     size = max(1, CHUNK // len(scenario.body.areas))
     parts = [
         np.asarray(part(*map(jnp.asarray, (t[i : i + size], sun[i : i + size], obs[i : i + size]))))
@@ -103,21 +96,58 @@ def flux_at(scenario: Scenario, t: Floats, sun: Floats, obs: Floats) -> Floats:
     return np.concatenate(parts)
 
 
+def predicted_flux(
+    scenario: Scenario,
+    t: jax.Array,
+    sun: jax.Array,
+    obs: jax.Array,
+    attitude_error: jax.Array | None = None,
+) -> jax.Array:
+    """What `flux_at` gives, in one piece and differentiable: the numbers of the scenario may be
+    traced arrays.
+
+    Parameters
+    ----------
+    attitude_error : (3,) rad, optional
+        Hinks' δα, constant in the body frame: the body's true components of a vector are
+        exp([δα×]) times those of the scenario's attitude.
+    """
+
+    def at(instants: jax.Array) -> jax.Array:
+        directions = in_body(scenario, instants, sun, obs)
+        if attitude_error is not None:
+            turn = attitude.constant_rate(jnp.ones(1), attitude_error)[0]
+            directions = tuple(x @ turn.T for x in directions)
+        return body_flux(scenario.body, scenario.materials, *directions)
+
+    exposure = scenario.exposure_s
+    return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
+
+
+def in_body(scenario: Scenario, t: jax.Array, *vectors: jax.Array) -> tuple[jax.Array, ...]:
+    """Body-frame components of inertial vectors (T, 3), each, at times t (T,) s."""
+    rotation = _attitude(scenario, t)
+    return tuple(attitude.to_body(rotation, v) for v in vectors)
+
+
 def _attitude(scenario: Scenario, t: jax.Array) -> jax.Array:
     law = scenario.attitude
     if isinstance(law, ConstantRate):
         return attitude.constant_rate(t, jnp.asarray(law.omega_rad_s))
     if isinstance(law, PrincipalAxis):
-        lon, lat, phase = np.deg2rad([law.pole_lon_deg, law.pole_lat_deg, law.phase0_deg])
-        return attitude.principal_axis(
-            t, jnp.asarray(lon), jnp.asarray(lat), jnp.asarray(law.period_s), jnp.asarray(phase)
-        )
+        angles = jnp.array([law.pole_lon_deg, law.pole_lat_deg, law.phase0_deg])
+        lon, lat, phase = jnp.deg2rad(angles)
+        return attitude.principal_axis(t, lon, lat, jnp.asarray(law.period_s), phase)
     return attitude.fixed(t)
 
 
-def _body_flux(scenario: Scenario, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array:
-    """Sum over the laws of the body's facets; those of one law go together."""
-    body, materials = scenario.body, scenario.materials
+def body_flux(
+    body: Body, materials: Mapping[str, Material], sun_body: jax.Array, obs_body: jax.Array
+) -> jax.Array:
+    """Flux at unit distance under unit irradiance of directions in the body frame, m², (T,).
+
+    Sum over the laws of the body's facets; those of one law go together.
+    """
     laws = [materials[label].law for label in body.labels]
     total = jnp.zeros(sun_body.shape[0])
     for law in sorted(set(laws)):
