@@ -11,7 +11,8 @@ from importlib import import_module
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
-    "simulate", "fit", "compare", "albedo-area", "predict", "report", "convert", "models", "doctor",
+    "simulate", "fit", "compare", "albedo-area", "observability", "predict", "report", "convert",
+    "models", "doctor",
 )  # fmt: skip
 
 EPILOG = """\

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 GROUPS = ("attitude", "spin", "normals", "areas", "surface")
 USUAL = ("spin", "normals", "areas", "surface")  # what `lcbayes fit` infers
-OMEGA_SD = 0.1  # rad/s, of the model `faceted`
+SLOW = 1e-3  # rad/s, the prior width of a spin that is zero
 DIRECTION_SD = 3.0**-0.5  # of a uniform direction along one axis across it, as priors.py has it
 _LOGARITHMIC = ("nu", "nv", "n", "m", "d")  # of a surface parameter: positive, over decades
 
@@ -134,9 +134,11 @@ class Unknowns:
                     given[key] = was + value[f"{name}.{key}"]  # pyright: ignore
                 elif f"{name}.log_{key}" in value:
                     given[key] = was * jnp.exp(value[f"{name}.log_{key}"])  # pyright: ignore
-            if material.law in _ISOTROPIC and given["nu"] is not material.parameters["nu"]:
-                if f"{name}.log_nv" not in value:
-                    given["nv"] = given["nu"]
+            nu = given.get("nu")
+            if nu is not material.parameters.get("nu") and not any(
+                f"{name}.{k}nv" in value for k in ("", "log_")
+            ):
+                given["nv"] = nu  # isotropic
             materials[name] = replace(material, parameters=given)
         return replace(scenario, materials=materials)
 
@@ -160,17 +162,17 @@ class Unknowns:
         )  # fmt: skip
 
 
-_ISOTROPIC = ("ashikhmin-shirley", "ashikhmin-shirley-distribution")
-
-
 def _all(scenario: Scenario) -> list[Parameter]:
     found = [
         Parameter(f"attitude_{a}", "attitude", "rad", f"attitude about body {a}", DIRECTION_SD)
         for a in "xyz"
     ]
     if isinstance(scenario.attitude, ConstantRate):
+        # its size is known to order of magnitude, its direction not: beyond, nothing is linear
+        rate = float(np.linalg.norm(scenario.attitude.omega_rad_s))
+        wide = DIRECTION_SD * rate if rate > 0.0 else SLOW
         found += [
-            Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", OMEGA_SD) for a in "xyz"
+            Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"
         ]  # fmt: skip
     elif isinstance(scenario.attitude, PrincipalAxis):
         found += [

@@ -60,7 +60,10 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
     axes = _body_axes(unknowns)
     if axes is not None:
         words = "the attitude and all normals together trade: the choice of body axes"
-        named += [Trade(f"{words}, {a}", sd * row, 0.0, True) for a, row in zip("xyz", axes)]  # noqa: B905
+        named += [
+            Trade(f"{words}, {axis}", sd * row, 0.0, True)
+            for axis, row in zip("xyz", axes, strict=True)
+        ]
         basis.append(axes)
     known, _ = np.linalg.qr(np.concatenate(basis).T) if any(map(len, basis)) else (None, None)
     rest = rows[information < OPEN]
@@ -85,10 +88,9 @@ def varimax(loadings: Floats, rounds: int = 200) -> Floats:
     ----------
     Kaiser 1958, Psychometrika 23, 187; the iteration by singular values of Horst 1965.
     """
-    p, k = loadings.shape
-    if k < 2:
+    if loadings.shape[1] < 2:
         return loadings
-    rotation, last = np.eye(k), 0.0
+    rotation, last = np.eye(loadings.shape[1]), 0.0
     for _ in range(rounds):
         now = loadings @ rotation
         slope = loadings.T @ (now**3 - now * np.mean(now**2, axis=0))
@@ -175,7 +177,9 @@ def _sentence(
     parts = _parts(unknowns, v, paths)
     top = parts[0].size
     kept = [p for p in parts if p.size >= SHOWN * top][:6]
-    how = "not seen at all" if exact else f"known to {100 / np.sqrt(1 + told):.0f} % of the prior sd"
+    how = (
+        "not seen at all" if exact else f"known to {100 / np.sqrt(1 + told):.0f} % of the prior sd"
+    )
     if len(kept) == 1:
         return f"the {kept[0].words} {'are' if kept[0].plural else 'is'} open: {how}"
     alone = {p.facet for p in kept}
@@ -189,11 +193,22 @@ def _sentence(
                 f"for {degrees:.2g} deg; {how}"
             )
     kinds = {p.kind for p in kept}
+    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore
+        apart = "how one is tilted against the other"
+        what = "how their area is shared out" if kinds == {"area"} else apart
+        listed = _and([str(f) for f in sorted(alone)])  # pyright: ignore
+        return f"facets {listed} face the same way, and {what} is {how}"
     if len(kinds) == 1 and kept[0].kind in ("area", "tilt") and len(alone) == len(kept):
         listed = _and(sorted((str(p.facet) for p in kept), key=int))
         noun = f"{kept[0].noun}s" if kept[0].kind == "area" else "tilts"
         return f"the {noun} of facets {listed} trade against each other: {how}"
     return f"the {_and([p.words for p in kept])} trade: {how}"
+
+
+def _alike(unknowns: Unknowns, facets: list[int]) -> bool:
+    """Whether facets have one normal."""
+    normals = unknowns.scenario.body.normals[facets]
+    return bool(np.all(normals @ normals[0] > 1.0 - 1e-9))
 
 
 @dataclass(frozen=True)
@@ -228,13 +243,13 @@ def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Par
         size = float(np.linalg.norm(d))
         if size > 0.0:
             sd = next(
-                p.prior_sd
-                for p in unknowns.parameters
-                if p.group == "normals" and p.facet == facet
+                p.prior_sd for p in unknowns.parameters if p.group == "normals" and p.facet == facet
             )
             where = _direction(d / size, paths.get(facet))
             parts.append(
-                _Part("tilt", f"tilt of facet {facet} {where}", size, size * sd, facet, "tilt", where)
+                _Part(
+                    "tilt", f"tilt of facet {facet} {where}", size, size * sd, facet, "tilt", where
+                )
             )
     if np.any(spin):
         size = float(np.linalg.norm(spin))

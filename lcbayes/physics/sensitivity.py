@@ -54,7 +54,8 @@ def closed_form(
     C_u = 2(n_u − n_v) (ρ_s/ρ) ln(x_n) x_u x_v²/(x_u² + x_v²)², C₂ and C_v by exchange (C_v with
     the other sign), S(x) = 1 − (1 − x/2)⁵, and q the denominator of the specular term:
     x_A + x_B − x_A x_B ("ashikhmin-shirley-distribution", the papers') or c·max(x_A, x_B)
-    ("ashikhmin-shirley"). The latter has a kink at x_A = x_B, where the mean of both sides is given.
+    ("ashikhmin-shirley"). The latter has a kink at x_A = x_B; the
+    mean of both sides is given there.
 
     Parameters
     ----------
