@@ -28,7 +28,6 @@ from lcbayes.kernels import AHMC
 from lcbayes.observability.campaign import campaign
 from lcbayes.observability.measurements import measure, over_directions
 from lcbayes.observability.parameters import Unknowns
-from lcbayes.observability.targets import across
 from lcbayes.physics.facets import grid
 from lcbayes.scenario import ConstantRate, Noise
 from lcbayes.simulate import simulate

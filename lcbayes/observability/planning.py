@@ -27,6 +27,7 @@ from lcbayes._jax import jax, jnp
 Floats = NDArray[np.float64]
 CRITERIA = ("A", "D")
 _FEW = 64  # columns of a factor that are not worth condensing
+_LEAST = 0.01
 _ROUNDS = 20  # of exchanges; two to five are usual
 
 
@@ -115,15 +116,23 @@ def even(n_candidates: int, n: int) -> NDArray[np.intp]:
 
 
 def _condensed(measured: Floats, targets: Floats) -> tuple[Floats, Floats]:
-    """The same covariances with as few columns as there are independent ones: draws are many."""
+    """The same problem with fewer columns, where draws are many.
+
+    Kept are the directions of w of which all candidates together would tell more than a hundredth
+    of what was known; the targets' variance outside them, of which nothing is learnt, is put into
+    columns of their own.
+    """
     size = measured.shape[-1]
-    rows = np.concatenate([measured.reshape(-1, size), targets])
-    if size <= _FEW or len(rows) <= _FEW:
+    if size <= _FEW:
         return measured, targets
-    scale = np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-    _, values, axes = np.linalg.svd(rows / scale, full_matrices=False)
-    rows = rows @ axes[values > 1e-9 * values[0]].T
-    return rows[: -len(targets)].reshape(*measured.shape[:2], -1), rows[-len(targets) :]
+    _, values, axes = np.linalg.svd(measured.reshape(-1, size), full_matrices=False)
+    axes = axes[values**2 > _LEAST]
+    inside = targets @ axes.T
+    outside = targets - inside @ axes
+    left, length, _ = np.linalg.svd(outside, full_matrices=False)
+    columns = left * length
+    told = np.zeros((*measured.shape[:2], columns.shape[1]))
+    return np.concatenate([measured @ axes.T, told], axis=-1), np.hstack([inside, columns])
 
 
 def _run(
