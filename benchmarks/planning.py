@@ -6,9 +6,10 @@ A body of three diffuse facets tumbles over two sites on the orbit of the bundle
 visit, 40 measurements at equal steps in the first third of the transit, is fitted; campaigns whose
 first fit leaves the pole or the normal worse than 10 deg are drawn anew, as linearisation means
 nothing there. The rest of the transit is then measured: at equal steps, or as planned from draws of
-what the first fit knows (its Gaussian), not from the truth. Everything is fitted again (least squares from the first estimate, no
-prior) for many draws of all noise, and the error against the truth is compared: what number of
-planned measurements reaches the error that 64 at equal steps leave?
+what the first fit knows (its Gaussian), not from the truth. Everything is fitted again (least
+squares from the first estimate, no prior) for many draws of all noise, and the error against the
+truth is compared: what number of planned measurements reaches the error that 64 at equal steps
+leave?
 """
 
 from __future__ import annotations
@@ -257,6 +258,11 @@ def main() -> None:
         done.append(campaign(setting, seed))
         said = [f"{x['first']:.3g} {x['even']:.3g} {needed(x):.3g}" for x in done[-1].values()]
         print(seed, f"{time.monotonic() - begun:.0f} s", *said, sep="; ", flush=True)
+    write(done)
+
+
+def write(done: list[dict[str, dict[str, Any]]]) -> None:
+    """The section of RESULTS.md."""
     rows = []
     for target in TARGETS:
         mine = [d[target] for d in done]

@@ -16,7 +16,7 @@ import _script
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
 from lcbayes.physics import photometry
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER, closed_form, magnitude_gradient
@@ -40,7 +40,7 @@ class Facet:
         sun = jnp.array([[np.sin(half), 0.0, np.cos(half)]])
         obs = sun * jnp.array([-1.0, 1.0, 1.0])
         shape = np.shape(pitch)
-        # one facet per normal: Sun and observer stay, so each column is a case of its own
+        # Sun and observer stay, so that each normal is a facet, a case of its own
         found = closed_form(
             sun, obs, jnp.asarray(normals), jnp.full(len(normals), AREA), LAW, SURFACE
         )
@@ -60,8 +60,7 @@ class Facet:
 
 
 def _each(sun, obs, normals: Floats) -> Floats:
-    """∂flux/∂δα of every facet by itself, (N, 3): its normal is turned into place instead."""
-    import jax
+    """∂flux/∂δα of every facet by itself, (N, 3)."""
 
     def one(normal):
         return closed_form(sun, obs, normal[None], jnp.array([AREA]), LAW, SURFACE).attitude[0]

@@ -78,10 +78,14 @@ def ring() -> dict[str, float]:
 
     found = minimize(lambda e: -value(e), (SPECULAR_SUN + 3.0, 180.0), method="Nelder-Mead",
                      options={"xatol": 1e-5, "fatol": 1e-12})  # fmt: skip
-    below = minimize_scalar(lambda e: -value(np.array([e, 180.0])),
-                            bounds=(SPECULAR_SUN - 8.0, SPECULAR_SUN - 0.5), method="bounded")  # fmt: skip
-    return {"elevation": float(found.x[0]), "azimuth": float(found.x[1]), "value": float(-found.fun),
-            "below": float(below.x), "value below": float(-below.fun)}  # fmt: skip
+    span = SPECULAR_SUN - 8.0, SPECULAR_SUN - 0.5
+    below = minimize_scalar(
+        lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded"
+    )  # fmt: skip
+    return {
+        "elevation": float(found.x[0]), "azimuth": float(found.x[1]), "value": float(-found.fun),
+        "below": float(below.x), "value below": float(-below.fun),
+    }  # fmt: skip
 
 
 def numbers() -> list[tuple[str, str]]:
@@ -118,7 +122,7 @@ def numbers() -> list[tuple[str, str]]:
 def main() -> None:
     args = _script.parser(__doc__ or "").parse_args()
     write_table(numbers(), args.out, "wang")
-    figure = _script.figure(12.0, 6.0)
+    figure = _script.figure(13.0, 7.0)
     grid = figure.add_gridspec(2, 10, height_ratios=(1.1, 1.0))
     top = max(best_observer(sun)[1] for sun in SUNS)
     azimuth, zenith = np.radians(np.linspace(0.0, 360.0, 181)), np.linspace(0.0, 89.0, 90)
@@ -156,9 +160,7 @@ def _dress(axes, title: str) -> None:
     axes.set_title(title, fontsize=9.5, pad=8)
     axes.set_ylim(0.0, 90.0)
     axes.set_yticks([30.0, 60.0], ["60°", "30°"], fontsize=7, color="white")
-    axes.set_xticks(
-        np.radians([0.0, 90.0, 180.0, 270.0]), ["0°", "90°", "180°", "270°"], fontsize=7
-    )
+    axes.set_xticks(np.radians([90.0, 270.0]), ["90°", "270°"], fontsize=7)
     axes.grid(color="white", lw=0.3, alpha=0.5)
 
 

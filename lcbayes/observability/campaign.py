@@ -14,8 +14,9 @@ from lcbayes.observability.parameters import Unknowns
 Floats = NDArray[np.float64]
 
 # Below this share of the largest eigenvalue of the scaled information a combination counts as
-# not seen at all: rounding of a sum over a million points reaches 1e-13.
-NOTHING = 1e-12
+# not seen at all: 1e-11 of the largest singular value of the Jacobian, of which rounding reaches
+# 1e-14. (The information matrix itself, formed and decomposed, would not show what is below 1e-15.)
+NOTHING = 1e-22
 _TANGENTS = 5_000_000  # epochs x facets x parameters at a time, so that memory stays bounded
 
 
@@ -41,7 +42,7 @@ class Campaign:
     @property
     def bound(self) -> Floats:
         """Cramér-Rao bound √(F⁻¹)ᵢᵢ of each parameter, (P,); ∞ where the data leave it open."""
-        return bound(self.jacobian / _scale(self.jacobian)) / _scale(self.jacobian)
+        return bound(self.jacobian)
 
     @property
     def bound_with_prior(self) -> Floats:
@@ -60,21 +61,16 @@ class Campaign:
 
 def bound(jacobian: Floats) -> Floats:
     """√diag (JᵀJ)⁻¹ by singular values, ∞ for what has a part in the nullspace, (P,)."""
-    _, values, rows = np.linalg.svd(jacobian, full_matrices=True)
-    size = jacobian.shape[1]
-    kept = np.zeros(size)
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)  # columns of one length: the units are many
+    _, values, rows = np.linalg.svd(jacobian / scale, full_matrices=True)
+    kept = np.zeros(jacobian.shape[1])
     kept[: len(values)] = values
     null = kept**2 <= NOTHING * max(kept[0] ** 2, 1e-300)
     open_share = np.sum(rows[null] ** 2, axis=0)
     inverse = np.where(null, 0.0, 1.0 / np.where(null, 1.0, kept))
     found = np.sqrt(np.sum((rows * inverse[:, None]) ** 2, axis=0))
-    return np.where(open_share > 1e-9, np.inf, found)
-
-
-def _scale(jacobian: Floats) -> Floats:
-    """Length of each column, 1 for columns of zeros: conditioning, nothing else."""
-    length = np.linalg.norm(jacobian, axis=0)
-    return np.where(length > 0.0, length, 1.0)
+    return np.where(open_share > 1e-9, np.inf, found / scale)
 
 
 def campaign(unknowns: Unknowns, measured: Measurements) -> Campaign:

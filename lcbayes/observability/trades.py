@@ -75,7 +75,7 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
     other = []
     for v in rest:
         told = float(np.sum((scaled @ v) ** 2))
-        exact = told <= 10.0 * floor
+        exact = told <= 100.0 * floor
         v = v * np.sign(v[np.argmax(np.abs(v))])
         other.append(Trade(_sentence(unknowns, v, told, exact, paths), sd * v, told, exact))
     return named + sorted(other, key=lambda trade: trade.information)
