@@ -76,7 +76,7 @@ def _information(found: Findings, gallery: Gallery) -> Image:
             t[rows], sd[rows], "o", ms=8, mfc="none", mec=INK, mew=0.8, label="in the plan"
         )
         lower.legend(loc="best")
-    if m.curve.site is not None:
+    if any(name for name, _, _ in _sites(found)):
         upper.legend(loc="best", ncols=3)
     low, high = np.nanmin(sd), np.nanmax(sd)
     lower.yaxis.set_major_formatter("{x:g}")

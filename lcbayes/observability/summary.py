@@ -188,7 +188,7 @@ def words(found: Findings) -> list[str]:
         lines.append(f"  and {len(said) - 12} more, in observability.json")
     lines.append(
         f"most informative for the attitude: t = {curve.t[i]:.1f} s"
-        + (f" ({curve.site[i]})" if curve.site is not None else "")
+        + (f" ({curve.site[i]})" if curve.site is not None and curve.site[i] else "")
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
     for group, name, unit, value in bounds_by_group(c):
