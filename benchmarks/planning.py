@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from _results import table, write_section
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from lcbayes import scenario
 from lcbayes._jax import jax, jnp
@@ -35,10 +36,10 @@ from lcbayes.scenarios.viewing import Orbit
 Floats = NDArray[np.float64]
 CAMPAIGNS, NOISES, SEED = 50, 16, 1
 FACETS, SNR, FIRST, EVEN, WORST_DEG = 3, 20.0, 40, 64, 10.0
-PLANNED, PLANS = (2, 4, 8, 12, 16, 24, 32, 48, 64), (16, 32, 64)
-DRAWN = 96  # of what the first fit knows
+PLANNED = (4, 8, 16, 24, 32, 48, 64)
+DRAWN = 400  # of what the first fit knows
 TARGETS = ("pole", "normal:0")
-STEPS = 20  # of least squares
+STEPS = 12  # of least squares
 BASE = scenario.load("box-wing")
 
 
@@ -196,7 +197,7 @@ def campaign(setting: Setting, seed: int) -> dict[str, dict[str, Any]]:
     rest = np.flatnonzero(setting.t > setting.t[0] + np.ptp(setting.t) / 3.0)
     known = rng.multivariate_normal(np.asarray(estimate), covariance, DRAWN)
     flux = np.asarray(_all_predicted(jnp.asarray(known), truth, *(x[rest] for x in setting.arrays)))
-    measured = (flux - flux.mean(axis=0)).T[:, None, :] / sigma / np.sqrt(DRAWN - 1)
+    apart = (flux - flux.mean(axis=0)).T / sigma / np.sqrt(DRAWN - 1)
     noise = sigma * rng.standard_normal((NOISES, len(clean)))
 
     def error(chosen: NDArray[np.intp]) -> Floats:
@@ -214,8 +215,9 @@ def campaign(setting: Setting, seed: int) -> dict[str, dict[str, Any]]:
     for k, target in enumerate(TARGETS):
         drawn_directions = np.asarray(_all_directions(jnp.asarray(known), truth))[:, k]
         wanted = of_directions(drawn_directions) / np.sqrt(DRAWN - 1)
-        order = {n: planning.best(measured, wanted, n).visits for n in PLANS}
-        chosen = [order[min(p for p in PLANS if p >= n)][:n] for n in PLANNED]
+        measured, wanted = planning.linearised(apart, wanted, known)
+        measured = measured[:, None, :]
+        chosen = [planning.best(measured, wanted, n).visits for n in PLANNED]
         found[target] = {
             "first": start[k], "even": even[k],
             "planned": np.array([error(visits)[k] for visits in chosen]),
@@ -234,8 +236,13 @@ def _second_site(setting: Setting, rest, measured, wanted) -> float:
 
 
 def needed(found: dict[str, Any]) -> float:
-    """Planned measurements that reach an error, between those tried by its logarithm; ∞ if none."""
-    given, best = found["even"], np.minimum.accumulate(found["planned"])
+    """Planned measurements that reach an error; ∞ if none of those tried.
+
+    The errors tried, each of few noise draws, are first made to fall with their number (least
+    squares of the logarithm), then interpolated.
+    """
+    given = found["even"]
+    best = np.exp(isotonic_regression(np.log(found["planned"]), increasing=False).x)
     reached = np.flatnonzero(best <= given)
     if not len(reached):
         return np.inf

@@ -15,7 +15,7 @@ from lcbayes.lightcurve import LightCurve
 from lcbayes.observability import planning
 from lcbayes.observability.campaign import Campaign
 from lcbayes.observability.measurements import Measurements
-from lcbayes.observability.targets import Target, of_posterior, of_unknowns
+from lcbayes.observability.targets import Target, of_posterior, of_unknowns, sampled
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.scenario import Scenario
 from lcbayes.scenarios.epochs import epochs
@@ -114,8 +114,10 @@ def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats,
     sd = measured.mag_err if fitted.kind == "mag" else flux * measured.mag_err / MAGNITUDE_PER_NEPER
     if fitted.kind == "flux" and measured.curve.kind == "flux":
         sd = np.asarray(measured.curve.error)
-    factor = (mean - mean.mean(axis=0)) / sd / np.sqrt(len(mean) - 1)
-    return np.nan_to_num(factor.T), of_posterior(posterior, pick, target), notes
+    apart = np.nan_to_num((mean - mean.mean(axis=0)) / sd / np.sqrt(len(mean) - 1))
+    wanted = of_posterior(posterior, pick, target)
+    factor, rows = planning.linearised(apart.T, wanted.factor, sampled(posterior, pick))
+    return factor, replace(wanted, factor=rows), notes
 
 
 def plan(

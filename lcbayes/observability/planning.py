@@ -3,8 +3,7 @@
 What is known and what would be measured are jointly Gaussian, written by factors: with w ~ N(0, I)
 of size S, the targets are B w and the noise-free measurements, over their noise, are A w. For a
 linearised model w are the parameters in units of what is known of them; for the posterior of a fit
-w are weights of its draws, so that the covariances are those among the draws themselves, without
-any derivative.
+the factors are found by regression over its draws, without any derivative (`linearised`).
 
 Visits are chosen one after the other, each the best given those before. That alone is short-sighted
 where much is unknown: the first visits learn little of the target whichever they are. So each visit
@@ -26,8 +25,6 @@ from lcbayes._jax import jax, jnp
 
 Floats = NDArray[np.float64]
 CRITERIA = ("A", "D")
-_FEW = 64  # columns of a factor that are not worth condensing
-_LEAST = 0.01
 _ROUNDS = 20  # of exchanges; two to five are usual
 
 
@@ -84,7 +81,6 @@ def best(
     """
     if criterion not in CRITERIA:
         raise ValueError(f"unknown criterion {criterion!r}; available: {', '.join(CRITERIA)}")
-    measured, targets = _condensed(measured, targets)
     free = jnp.full(min(n, len(measured)), -1)
     every = np.ones(len(measured), bool)
     greedy = _run(measured, targets, free, criterion, every).visits
@@ -115,24 +111,44 @@ def even(n_candidates: int, n: int) -> NDArray[np.intp]:
     return np.floor((np.arange(n) + 0.5) * n_candidates / n).astype(int)
 
 
-def _condensed(measured: Floats, targets: Floats) -> tuple[Floats, Floats]:
-    """The same problem with fewer columns, where draws are many.
+def linearised(measured: Floats, targets: Floats, draws: Floats) -> tuple[Floats, Floats]:
+    """Factors by parameters instead of by draws: statistical linearisation.
 
-    Kept are the directions of w of which all candidates together would tell more than a hundredth
-    of what was known; the targets' variance outside them, of which nothing is learnt, is put into
-    columns of their own.
+    Measurements and targets are regressed on the parameters, over the draws. What of a measurement
+    the regression leaves is no knowledge to be gained but lack of linearity, and counts as noise
+    of its own; what it leaves of a target is not learnt from any measurement. Without this, a few
+    measurements more than there are parameters would seem to settle everything.
+
+    Parameters
+    ----------
+    measured : (M, N)
+        Deviations of M measurements from their mean over N draws, over noise and √(N − 1).
+    targets : (T, N)
+        Those of the targets, over √(N − 1).
+    draws : (N, D)
+        The parameters.
+
+    Returns
+    -------
+    measured : (M, S), targets : (T, S)
+        S = D + T at most.
+
+    References
+    ----------
+    Särkkä 2013, Bayesian Filtering and Smoothing, sec. 5.4 (statistical linearisation).
     """
-    size = measured.shape[-1]
-    if size <= _FEW:
-        return measured, targets
-    _, values, axes = np.linalg.svd(measured.reshape(-1, size), full_matrices=False)
-    axes = axes[values**2 > _LEAST]
-    inside = targets @ axes.T
-    outside = targets - inside @ axes
-    left, length, _ = np.linalg.svd(outside, full_matrices=False)
-    columns = left * length
-    told = np.zeros((*measured.shape[:2], columns.shape[1]))
-    return np.concatenate([measured @ axes.T, told], axis=-1), np.hstack([inside, columns])
+    scale = draws.std(axis=0)
+    moving = scale > 0.0
+    centred = (draws[:, moving] - draws[:, moving].mean(axis=0)) / scale[moving]
+    axes, size, _ = np.linalg.svd(centred, full_matrices=False)
+    axes = axes[:, size > 1e-6 * size[0]]
+    told = measured @ axes
+    bent = np.maximum(np.sum(measured**2, axis=1) - np.sum(told**2, axis=1), 0.0)
+    inside = targets @ axes
+    left, length, _ = np.linalg.svd(targets - inside @ axes.T, full_matrices=False)
+    told /= np.sqrt(1.0 + bent)[:, None]
+    blank = np.zeros((len(measured), left.shape[1]))
+    return np.hstack([told, blank]), np.hstack([inside, left * length])
 
 
 def _run(

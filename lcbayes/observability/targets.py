@@ -90,6 +90,19 @@ def across(direction: Floats) -> Floats:
     return np.stack([first, np.cross(direction, first)])
 
 
+def sampled(posterior: xr.Dataset, pick: NDArray[np.intp]) -> Floats:
+    """Draws of everything that a posterior holds, a column each, (S, D)."""
+    return np.concatenate([x.reshape(len(pick), -1) for x in _drawn(posterior, pick).values()], 1)
+
+
+def _drawn(posterior: xr.Dataset, pick: NDArray[np.intp]) -> dict[str, Floats]:
+    return {
+        str(k): v.values.reshape(-1, *v.shape[2:])[pick]
+        for k, v in posterior.data_vars.items()
+        if v.dtype.kind == "f" and v.dims[:2] == ("chain", "draw")
+    }
+
+
 def of_posterior(posterior: xr.Dataset, pick: NDArray[np.intp], name: str) -> Target:
     """The same from draws of a fit, about their mean and over √(S − 1).
 
@@ -98,12 +111,7 @@ def of_posterior(posterior: xr.Dataset, pick: NDArray[np.intp], name: str) -> Ta
     InputError
         The posterior does not hold it.
     """
-    drawn = {
-        str(k): v.values.reshape(-1, *v.shape[2:])[pick]
-        for k, v in posterior.data_vars.items()
-        if v.dtype.kind == "f"
-    }
-    rows, unit = _of_draws(drawn, name)
+    rows, unit = _of_draws(_drawn(posterior, pick), name)
     rows = rows - rows.mean(axis=0)
     if unit == "":
         rows, unit = rows / rows.std(axis=0, ddof=1), "1"
@@ -154,8 +162,17 @@ def _try(drawn: dict[str, Floats], part: str) -> Floats | None:
         return None
 
 
+def of_directions(vectors: Floats) -> Floats:
+    """Angles (deg) of drawn vectors (S, 3) from their mean along two axes across it, (2, S).
+
+    Centred: over √(S − 1) they are the factor of a target.
+    """
+    found = _tangents(vectors)
+    return (found - found.mean(axis=0)).T
+
+
 def _tangents(vectors: Floats) -> Floats:
-    """Angles (deg) of directions from their mean along two axes across it, (S, 2)."""
+    """Angles (deg) of vectors from the direction of their mean along two axes, (S, 2)."""
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     mean = unit.mean(axis=0)
     mean /= np.linalg.norm(mean)

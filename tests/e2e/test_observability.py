@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -31,12 +32,12 @@ def test_a_scenario_is_judged_and_planned(tmp_path, capsys):
     assert fisher.shape == (9, 9) == (len(campaign["parameters"]),) * 2
     assert campaign["crlb_sd"] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(fisher))), rel=1e-6)
     assert campaign["unobservable"] == []
-    rows = list(csv.DictReader((out / "schedule.csv").open()))
+    rows = list(csv.DictReader((out / "schedule.csv").read_text().splitlines()))
     assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "5"]
     assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
     page = (out / "observability.html").read_text()
     assert "All of the 9 unknowns are seen." in page
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert not re.search(r"(?:src|href)=\"(?!data:)", page)
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {f"{n}.svg" for n in ("bounds", "hemisphere", "information", "plan", "seen")}
     assert {p.name for p in out.iterdir() if p.name != ".lock"} == {

@@ -79,16 +79,23 @@ def test_schedules_are_near_the_best_sets_of_all():
         assert planning.best(measured, targets, 3, "A").sd[-1] < 1.05 * least
 
 
-def test_many_draws_are_condensed_without_loss():
-    """Factors of 300 draws of five unknowns: the plan is that of their covariances."""
+def test_regression_over_draws_gives_the_linear_model_and_counts_the_rest_as_noise():
+    """Measurements and targets linear in five parameters, and a part that no line describes."""
     rng = np.random.default_rng(4)
     measured, targets = case(5)
-    draws = rng.standard_normal((5, 300)) / np.sqrt(300)
-    many = measured @ draws, targets @ draws
-    found = planning.best(*many, 4)
-    after = conditioned(*many, found.visits)
-    assert found.sd[-1] == pytest.approx(np.sqrt(np.trace(after) / 2), rel=1e-9)
-    assert planning.sd_after(*many, found.visits) == pytest.approx(found.sd[-1], rel=1e-9)
+    a = measured.reshape(-1, 5)
+    draws = rng.standard_normal((400, 5))
+    u = (draws - draws.mean(axis=0)) / np.sqrt(399)
+    found = planning.linearised(a @ u.T, targets @ u.T, draws * [1e-3, 1.0, 50.0, 1.0, 1.0])
+    joint = np.vstack([a, targets]) @ (u.T @ u) @ np.vstack([a, targets]).T
+    np.testing.assert_allclose(np.vstack(found) @ np.vstack(found).T, joint, rtol=1e-9, atol=1e-9)
+    # a bend of variance 8 beside a noise of 1: three times the error
+    q, _ = np.linalg.qr(np.column_stack([np.ones(400), u, rng.standard_normal((400, 2))]))
+    bent, moved = np.sqrt(8.0) * q[:, -1], 0.3 * q[:, -2]
+    some, wanted = planning.linearised(a @ u.T + bent, targets @ u.T + moved, draws)
+    np.testing.assert_allclose(some @ some.T, joint[:-2, :-2] / 9.0, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(wanted @ wanted.T, joint[-2:, -2:] + 0.09, rtol=1e-9)
+    np.testing.assert_allclose(wanted @ some.T, joint[-2:, :-2] / 3.0, rtol=1e-9, atol=1e-9)
 
 
 def test_a_schedule_given_is_accounted_for_in_its_order():
