@@ -75,7 +75,8 @@ def _axes(normals: jax.Array) -> jax.Array:
 
 def _unknowns(normals, areas, omega) -> Unknowns:
     """The unknowns of a body whose numbers may be traced."""
-    shape = shapes.Body(normals, areas, _axes(normals), ("bus",) * FACETS)
+    axes: Any = _axes(normals)
+    shape = shapes.Body(normals, areas, axes, ("bus",) * FACETS)
     what = replace(BASE, body=shape, attitude=ConstantRate(omega))
     return Unknowns(what, PARAMETERS)
 

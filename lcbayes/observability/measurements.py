@@ -91,7 +91,9 @@ def measure(scenario: Scenario) -> Measurements:
     flux, gradient = (np.asarray(x) for x in flux_and_slope(t, sun, obs))
     unit = np.ones(curve.n_obs)
     if curve.range_km is not None:
-        unit = np.asarray(photometry.irradiance(jnp.ones(curve.n_obs), 1e3 * curve.range_km))
+        unit = np.asarray(
+            photometry.irradiance(jnp.ones(curve.n_obs), jnp.asarray(1e3 * curve.range_km))
+        )
     bright = flux > 0.0
     safe = np.where(bright, flux, 1.0)
     if scenario.kind == "mag":

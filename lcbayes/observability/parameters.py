@@ -134,11 +134,13 @@ class Unknowns:
                     given[key] = was + value[f"{name}.{key}"]  # pyright: ignore
                 elif f"{name}.log_{key}" in value:
                     given[key] = was * jnp.exp(value[f"{name}.log_{key}"])  # pyright: ignore
-            nu = given.get("nu")
-            if nu is not material.parameters.get("nu") and not any(
-                f"{name}.{k}nv" in value for k in ("", "log_")
+            was = material.parameters.get("nu")
+            if (
+                was is not None
+                and given["nu"] is not was
+                and not any(f"{name}.{k}nv" in value for k in ("", "log_"))
             ):
-                given["nv"] = nu  # isotropic
+                given["nv"] = given["nu"]  # isotropic
             materials[name] = replace(material, parameters=given)
         return replace(scenario, materials=materials)
 

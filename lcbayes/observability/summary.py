@@ -144,7 +144,7 @@ def schedule(plan: Plan, measured: Measurements) -> list[dict[str, Any]]:
         first = rows[0]
         values = (
             rank,
-            utc(curve.epoch_jd, curve.t[first]),
+            utc(curve.epoch_jd, float(curve.t[first])),
             float(curve.t[first]),
             "" if curve.site is None else str(curve.site[first]),
             float(curve.t[rows[-1]] - curve.t[first]),

@@ -87,7 +87,7 @@ def across(direction: Floats) -> Floats:
     helper = np.eye(3)[np.argmin(np.abs(direction))]
     first = np.cross(direction, helper)
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)])
+    return np.stack([first, np.cross(direction, first)]).astype(np.float64)
 
 
 def sampled(posterior: xr.Dataset, pick: NDArray[np.intp]) -> Floats:

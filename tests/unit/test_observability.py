@@ -155,6 +155,21 @@ def test_fisher_information_is_that_of_finite_differences(panel, measured, every
     np.testing.assert_allclose(other.jacobian, everything.jacobian[:, :3], rtol=1e-9, atol=1e-9)
 
 
+def test_one_exponent_of_an_isotropic_facet_moves_both(panel, measured):
+    what, m = panel["flux"], measured["flux"]
+    surface = what.materials["panel"]
+
+    def with_nu(nu):
+        made = replace(surface, parameters={**surface.parameters, "nu": nu, "nv": nu})
+        return replace(what, materials={**what.materials, "panel": made})
+
+    unknowns = Unknowns.of(with_nu(40.0), ["surface"])
+    assert unknowns.names == ("panel.r_diff", "panel.r_spec", "panel.log_nu")
+    some = [x[:3] for x in (m.curve.t, m.curve.sun, m.curve.obs)]
+    moved = unknowns.flux(np.array([0.0, 0.0, np.log(1.5)]), *some)  # pyright: ignore
+    np.testing.assert_allclose(moved, flux_at(with_nu(60.0), *some), rtol=1e-12)
+
+
 def test_what_nothing_depends_on_and_the_body_axes_are_named(panel, measured, everything):
     m, found = measured["flux"], everything
     left = trades(found, m)
