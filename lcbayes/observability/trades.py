@@ -5,7 +5,7 @@ are comparable: λ is what the measurements add to a combination, over what was 
 λ < 1 they tell less than the prior did; the combination is called open. Open directions span a
 space in which any basis will do; the one shown is as sparse as rotation makes it (varimax), after
 what can be named by itself has been taken out: parameters that nothing depends on, and the choice
-of body axes.
+of body axes. What is not seen at all and what is seen badly are rotated each by themselves.
 """
 
 from __future__ import annotations
@@ -66,18 +66,18 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
         ]
         basis.append(axes)
     known, _ = np.linalg.qr(np.concatenate(basis).T) if any(map(len, basis)) else (None, None)
-    rest = rows[information < OPEN]
-    if known is not None:
-        rest = rest - rest @ known @ known.T
-    _, size, rest = np.linalg.svd(rest, full_matrices=False)
-    rest = varimax(rest[size > 0.5].T).T
     paths = _paths(unknowns, measured)
     other = []
-    for v in rest:
-        told = float(np.sum((scaled @ v) ** 2))
-        exact = told <= 100.0 * floor
-        v = v * np.sign(v[np.argmax(np.abs(v))])
-        other.append(Trade(_sentence(unknowns, v, told, exact, paths), sd * v, told, exact))
+    for exact in (True, False):
+        # what is not seen at all by itself, not mixed with what is seen badly
+        rest = rows[(information < OPEN) & ((information <= floor) == exact)]
+        if known is not None:
+            rest = rest - rest @ known @ known.T
+        _, size, rest = np.linalg.svd(rest, full_matrices=False)
+        for v in varimax(rest[size > 0.5].T).T:
+            told = float(np.sum((scaled @ v) ** 2))
+            v = v * np.sign(v[np.argmax(np.abs(v))])
+            other.append(Trade(_sentence(unknowns, v, told, exact, paths), sd * v, told, exact))
     return named + sorted(other, key=lambda trade: trade.information)
 
 
