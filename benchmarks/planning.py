@@ -291,7 +291,7 @@ def write(done: list[dict[str, dict[str, Any]]]) -> None:
         "bound with the better site alone over both sites, 32 planned: median (quartiles)",
     ]  # fmt: skip
     text = (
-        f"{CAMPAIGNS} campaigns, {FACETS} diffuse facets, SNR {SNR:g}, {NOISES} noise draws each, "
+        f"{len(done)} campaigns, {FACETS} diffuse facets, SNR {SNR:g}, {NOISES} noise draws each, "
         "medians over campaigns. Errors are median angles between least-squares fits and truth.\n\n"
         + table(heads, rows)
     )
