@@ -12,7 +12,7 @@ from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
     "simulate", "fit", "compare", "albedo-area", "spin", "glints", "single-facet", "attitude-test",
-    "shape-match", "predict", "report", "convert", "models", "doctor",
+    "shape-match", "observability", "predict", "report", "convert", "models", "doctor",
 )  # fmt: skip
 
 EPILOG = """\

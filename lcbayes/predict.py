@@ -60,6 +60,37 @@ def predict(
     error; where they were inferred, ``sigma``. A curve of unknown scale is predicted with the
     scale of the fitted curve of the same name; without one, relative to its own mean.
     """
+    mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
+    sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
+    rng = np.random.default_rng(seed)
+    drawn = mean + sd * rng.standard_normal(mean.shape)
+    name = fitted.kind
+    columns = {f"{name}_mean": mean.mean(axis=0)}
+    for label, q in zip(
+        QUANTILES, np.quantile(drawn, list(QUANTILES.values()), axis=0), strict=True
+    ):
+        columns[f"{name}_{label}"] = q
+    return columns, notes
+
+
+def noise_free(
+    posterior: xr.Dataset,
+    fitted: LightCurve,
+    wanted: LightCurve,
+    model: str,
+    options: Mapping[str, Any],
+) -> tuple[Floats, NDArray[np.intp], NDArray[np.bool_], list[str]]:
+    """Brightness without noise at other epochs, for draws of a posterior; arguments of `predict`.
+
+    Returns
+    -------
+    mean : (S, T)
+    pick : (S,)
+        Which draws of the posterior, chains joined, these are: all, or `MOST_DRAWS` evenly taken.
+    relative : (C,) bool
+        Which curves of ``wanted`` are relative to their own mean, for want of a known scale.
+    notes : list of str
+    """
     if (fitted.range_km is None) != (wanted.range_km is None):
         raise InputError(
             "ranges are known for only one of the fitted curve and the epochs to predict; give "
@@ -92,16 +123,7 @@ def predict(
     mean = np.concatenate(parts, axis=1)
     if own_level.any():
         mean = _relative(mean, wanted, own_level, fitted.kind)
-    sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
-    rng = np.random.default_rng(seed)
-    drawn = mean + sd * rng.standard_normal(mean.shape)
-    name = fitted.kind
-    columns = {f"{name}_mean": mean.mean(axis=0)}
-    for label, q in zip(
-        QUANTILES, np.quantile(drawn, list(QUANTILES.values()), axis=0), strict=True
-    ):
-        columns[f"{name}_{label}"] = q
-    return columns, notes
+    return mean, pick, own_level, notes
 
 
 def _means(
@@ -202,3 +224,23 @@ def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         posterior = tree["posterior"].to_dataset().load()
     return posterior, read_toml(folder / "run.toml").values
+
+
+def fitted_curve(folder: Path, config: Mapping[str, Any]) -> LightCurve:
+    """The light curve of a results folder, read again as its run.toml says.
+
+    Raises
+    ------
+    InputError
+        It is gone, or is no longer what was fitted.
+    """
+    from lcbayes.io import read
+
+    try:
+        curve = read(config["curve"], **config.get("reading", {}))
+    except InputError as fault:
+        raise InputError(f"the light curve of {folder} is needed again: {fault}") from None
+    wanted = config.get("input", {}).get("sha256")
+    if wanted and curve.source.get("sha256") != wanted:
+        raise InputError(f"{config['curve']} has changed since it was fitted; fit it again first")
+    return curve

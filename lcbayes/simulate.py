@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,15 @@ from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, brightness, facets, photometry
 from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis
 from lcbayes.physics.reflectance import LAWS
+from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
+from lcbayes.physics.shapes import Body
 from lcbayes.scenario import Scenario
+from lcbayes.scenarios.body import Material
 from lcbayes.scenarios.epochs import epochs
 
 Floats = NDArray[np.float64]
 
 CHUNK = 1_000_000  # facet-epochs at a time: memory does not grow with the length of a curve
-MAGNITUDE_PER_NEPER = 2.5 / np.log(10.0)
 
 
 def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, Any]]:
@@ -90,35 +94,66 @@ def flux_at(
         At the same times, for laws that ask for more than time and Sun; constant during an
         exposure but for the time.
     """
-    exposure = scenario.exposure_s
-    moving = np.array(scenario.on_array or [False] * len(scenario.body.areas))
     along = Ephemeris(jnp.asarray(t), jnp.asarray(sun)) if orbit is None else orbit
-
-    @jax.jit
-    def part(rows: Ephemeris, obs: jax.Array) -> jax.Array:
-        def at(instants: jax.Array) -> jax.Array:
-            made = scenario.attitude.frames(rows._replace(t=instants))
-            total = jnp.zeros(instants.shape)
-            for rotation, which in ((made.body, ~moving), (made.array, moving)):
-                if rotation is not None and which.any():
-                    total += _body_flux(
-                        scenario, which, *(attitude.to_body(rotation, v) for v in (rows.sun, obs))
-                    )
-            return total
-
-        t = rows.t
-        return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
-
+    part = jax.jit(partial(predicted_flux, scenario))
     size = max(1, CHUNK // len(scenario.body.areas))
     blocks = [slice(i, i + size) for i in range(0, len(t), size)]
     return np.concatenate([part(along.at(rows), jnp.asarray(obs[rows])) for rows in blocks])
 
 
-def _body_flux(
-    scenario: Scenario, which: NDArray[np.bool_], sun_body: jax.Array, obs_body: jax.Array
+def predicted_flux(
+    scenario: Scenario,
+    along: Ephemeris,
+    obs: jax.Array,
+    attitude_error: jax.Array | None = None,
 ) -> jax.Array:
-    """Sum over the laws of these facets of the body; those of one law go together."""
-    body, materials = scenario.body, scenario.materials
+    """What `flux_at` gives, in one piece and differentiable: the numbers of the scenario may be
+    traced arrays.
+
+    Parameters
+    ----------
+    attitude_error : (3,) rad, optional
+        Hinks' δα, constant in the body frame: the body's true components of a vector are
+        exp([δα×]) times those of the scenario's attitude. An articulated array is not turned.
+    """
+    moving = np.array(scenario.on_array or [False] * len(scenario.body.areas))
+
+    def at(instants: jax.Array) -> jax.Array:
+        made = scenario.attitude.frames(along._replace(t=instants))
+        total = jnp.zeros(instants.shape)
+        for rotation, which in ((made.body, ~moving), (made.array, moving)):
+            if rotation is None or not which.any():
+                continue
+            directions = tuple(attitude.to_body(rotation, v) for v in (along.sun, obs))
+            if attitude_error is not None and rotation is made.body:
+                turn = attitude.constant_rate(jnp.ones(1), attitude_error)[0]
+                directions = tuple(x @ turn.T for x in directions)
+            total += body_flux(scenario.body, scenario.materials, *directions, which)
+        return total
+
+    t, exposure = along.t, scenario.exposure_s
+    return photometry.exposed(at, jnp.full(t.shape, exposure))(t) if exposure else at(t)
+
+
+def in_body(scenario: Scenario, along: Ephemeris, *vectors: jax.Array) -> tuple[jax.Array, ...]:
+    """Body-frame components of inertial vectors (T, 3), each."""
+    rotation = scenario.attitude.frames(along).body
+    return tuple(attitude.to_body(rotation, v) for v in vectors)
+
+
+def body_flux(
+    body: Body,
+    materials: Mapping[str, Material],
+    sun_body: jax.Array,
+    obs_body: jax.Array,
+    which: NDArray[np.bool_] | None = None,
+) -> jax.Array:
+    """Flux at unit distance under unit irradiance of directions in the body frame, m², (T,).
+
+    Sum over the laws of the body's facets, or of those in ``which`` (N,); those of one law go
+    together.
+    """
+    which = np.ones(len(body.labels), bool) if which is None else which
     laws = [
         materials[label].law if mine else "" for label, mine in zip(body.labels, which, strict=True)
     ]

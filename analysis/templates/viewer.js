@@ -23,7 +23,7 @@
     const canvas = figure.querySelector("canvas");
     const pen = canvas.getContext("2d");
     if (!pen) return;
-    const start = { lon: 0.6, lat: 0.4 };
+    const start = scene.view ? { lon: scene.view[0], lat: scene.view[1] } : { lon: 0.6, lat: 0.4 };
     let { lon, lat } = start;
 
     function basis() {
@@ -74,7 +74,7 @@
         if (scene.solid && !front) continue;
         const facing = front ? n : n.map((x) => -x);
         const dim = scene.solid ? 0.42 : 0.8;
-        const light = dim + (1 - dim) * Math.max(0, dot(facing, LIGHT));
+        const light = scene.flat ? 1 : dim + (1 - dim) * Math.max(0, dot(facing, LIGHT));
         const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
         pen.beginPath();
         points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
@@ -91,14 +91,20 @@
         const reach = support(view, inside);
         line(inside.map((x) => x * reach), inside, "#0072B2", inside === tip ? 2.2 : 1.4);
       }
+      (scene.dots || []).map(turn).filter((q) => q[2] > 0).forEach((q) => {
+        pen.beginPath();
+        pen.arc(...at(q), 1.6, 0, 2 * Math.PI);
+        pen.fillStyle = "rgba(255,255,255,0.85)"; pen.fill();
+      });
       pen.font = "12px system-ui, sans-serif";
       pen.textAlign = "center"; pen.textBaseline = "middle";
       scene.labels.forEach((where, i) => {
-        const q = turn(where);
+        const q = turn(where), text = scene.names ? scene.names[i] : String(i);
+        if (scene.names && q[2] < 0) return;
         pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
-        pen.strokeText(String(i), ...at(q));
+        pen.strokeText(text, ...at(q));
         pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
-        pen.fillText(String(i), ...at(q));
+        pen.fillText(text, ...at(q));
       });
       const mark = at(tip.map((x) => 1.08 * x));
       pen.fillStyle = "#0072B2";

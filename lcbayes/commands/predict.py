@@ -32,19 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lcbayes.checkpoint import write_atomic
-    from lcbayes.io import read, read_geometry
-    from lcbayes.predict import load, predict
+    from lcbayes.io import read_geometry
+    from lcbayes.predict import fitted_curve, load, predict
 
     posterior, config = load(args.folder)
-    try:
-        fitted = read(config["curve"], **config.get("reading", {}))
-    except InputError as fault:
-        raise InputError(f"the light curve of {args.folder} is needed again: {fault}") from None
-    wanted_hash = config.get("input", {}).get("sha256")
-    if wanted_hash and fitted.source.get("sha256") != wanted_hash:
-        raise InputError(
-            f"{config['curve']} has changed since it was fitted; fit it again, then predict"
-        )
+    fitted = fitted_curve(args.folder, config)
     wanted = read_geometry(args.geometry, tle=args.tle, site=args.site)
     columns, notes = predict(
         posterior, fitted, wanted, config["model"], config.get("options", {}), args.seed

@@ -135,12 +135,10 @@ class PrincipalAxis(_Free):
         return "principal-axis"
 
     def frames(self, ephemeris: Ephemeris) -> Frames:
-        lon, lat, phase = np.deg2rad([self.pole_lon_deg, self.pole_lat_deg, self.phase0_deg])
-        return Frames(
-            attitude.principal_axis(
-                ephemeris.t, jnp.asarray(lon), jnp.asarray(lat), jnp.asarray(self.period_s), phase
-            )
-        )
+        angles = jnp.array([self.pole_lon_deg, self.pole_lat_deg, self.phase0_deg])
+        lon, lat, phase = jnp.deg2rad(angles)
+        period = jnp.asarray(self.period_s)
+        return Frames(attitude.principal_axis(ephemeris.t, lon, lat, period, phase))
 
 
 @dataclass(frozen=True)

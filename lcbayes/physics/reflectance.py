@@ -136,7 +136,7 @@ def non_lambertian(geom: Geometry, p: Parameters) -> jax.Array:
     ----------
     Linares & Crassidis, eqs. (4), (5); table 1 leaves out the 1/π.
     """
-    return p["r_diff"] / jnp.pi * _shoulder(geom.mu0) * _shoulder(geom.mu)
+    return p["r_diff"] / jnp.pi * shoulder(geom.mu0) * shoulder(geom.mu)
 
 
 def ashikhmin_shirley(geom: Geometry, p: Parameters) -> jax.Array:
@@ -220,7 +220,7 @@ def lommel_seeliger_lambert(geom: Geometry, p: Parameters) -> jax.Array:
     return p["w"] / (4.0 * jnp.pi) * law * (1.0 / (geom.mu0 + geom.mu) + p["c"])
 
 
-def _shoulder(x: jax.Array) -> jax.Array:
+def shoulder(x: jax.Array) -> jax.Array:
     """1 − (1 − x/2)⁵ by multiplication."""
     y = 1.0 - 0.5 * x
     y2 = y * y
@@ -229,7 +229,7 @@ def _shoulder(x: jax.Array) -> jax.Array:
 
 def _as_diffuse(geom: Geometry, p: Parameters) -> jax.Array:
     weight = 28.0 / (23.0 * jnp.pi) * p["r_diff"] * (1.0 - jnp.asarray(p["r_spec"]))
-    return weight * _shoulder(geom.mu0) * _shoulder(geom.mu)
+    return weight * shoulder(geom.mu0) * shoulder(geom.mu)
 
 
 def _as_specular(geom: Geometry, p: Parameters) -> jax.Array:
@@ -242,7 +242,7 @@ def _as_specular(geom: Geometry, p: Parameters) -> jax.Array:
     nv = jnp.asarray(p["nv"]) if "nv" in p else nu
     log_lobe = nv * jnp.log(geom.mu_h)
     if geom.h_u is not None:
-        log_lobe += (nu - nv) * geom.h_u**2 * _log_over_sin2(geom.mu_h)
+        log_lobe += (nu - nv) * geom.h_u**2 * log_over_sin2(geom.mu_h)
     elif nv is not nu and p["nv"] is not p["nu"]:
         raise ValueError("nu and nv are both given, so facets need u_axes; give nu alone if equal")
     x = 1.0 - geom.c
@@ -251,7 +251,7 @@ def _as_specular(geom: Geometry, p: Parameters) -> jax.Array:
     return jnp.sqrt((nu + 1.0) * (nv + 1.0)) / (8.0 * jnp.pi) * fresnel * jnp.exp(log_lobe)
 
 
-def _log_over_sin2(x: jax.Array) -> jax.Array:
+def log_over_sin2(x: jax.Array) -> jax.Array:
     """ln x/(1 − x²), which tends to −1/2 at x = 1."""
     e = 1.0 - x
     near = jnp.abs(e) < 1e-4

@@ -45,6 +45,8 @@ def test_help_has_an_example(name):
         pytest.param("figure3", ("--draws", "80"), marks=pytest.mark.slow),
         pytest.param("figure5", SMALL_BURN_IN, marks=pytest.mark.slow),
         pytest.param("figure6", ("--draws", "400"), marks=pytest.mark.slow),
+        pytest.param("hinks", (), marks=pytest.mark.slow),
+        pytest.param("wang", (), marks=pytest.mark.slow),
     ],
 )
 def test_figures_are_written(name, options, tmp_path):

@@ -1,0 +1,149 @@
+"""What `lcbayes observability` writes: the numbers, the schedule, the figures and the page."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import tempfile
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import observability_plots as plots
+from lcbayes.analysis import style
+from lcbayes.analysis.numerals import show
+from lcbayes.analysis.pages import environment
+from lcbayes.checkpoint import write_atomic
+from lcbayes.folders import alone_in, installed_version
+from lcbayes.observability import summary
+from lcbayes.observability.summary import Findings
+from lcbayes.results import save_json
+
+NUMBERS, PAGE, SCHEDULE = "observability.json", "observability.html", "schedule.csv"
+
+
+def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
+    """Write `observability.json`, `.html`, `figures/` and, with a plan, `schedule.csv`.
+
+    Returns
+    -------
+    Path
+        Of the numbers, which are written last.
+    """
+    import matplotlib
+
+    content = summary.numbers(found)
+    with alone_in(out, (NUMBERS, PAGE, SCHEDULE)) as folder:
+        assert folder is not None
+        figures = folder / "figures"
+        figures.mkdir(exist_ok=True)
+        with (
+            tempfile.TemporaryDirectory(prefix=".figures-", dir=folder) as scratch,
+            matplotlib.rc_context(style.RC),
+            warnings.catch_warnings(),
+        ):
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            images = plots.draw(found, style.Gallery(Path(scratch)))
+            for old in figures.glob("*.svg"):
+                old.unlink()
+            for made in Path(scratch).iterdir():
+                os.replace(made, figures / made.name)
+        page = _page(found, content, images, command)
+        write_atomic(folder / PAGE, lambda p: p.write_text(page, encoding="utf-8"))
+        if found.plan is None:
+            (folder / SCHEDULE).unlink(missing_ok=True)
+        else:
+            rows = summary.table(content["plan"]["schedule"], content["plan"]["unit"])
+            write_atomic(folder / SCHEDULE, lambda p: p.write_text(rows))
+        save_json(content, folder / NUMBERS)
+        return folder / NUMBERS
+
+
+def _page(
+    found: Findings, content: dict[str, Any], images: dict[str, style.Image], command: Sequence[Any]
+) -> str:
+    exact = sum(t.exact for t in found.trades)
+    unknown = len(found.campaign.unknowns.parameters)
+    said = summary.sentences(found.trades)
+    if not found.trades:
+        head = f"All of the {unknown} unknowns are seen."
+    else:
+        head = f"{len(found.trades)} combinations of the {unknown} unknowns stay open" + (
+            f", {exact} of them whatever the noise." if exact else "."
+        )
+    return (
+        environment()
+        .get_template("observability.html.j2")
+        .render(
+            title=found.scenario.name,
+            n_obs=found.measured.curve.n_obs,
+            head=head,
+            good=not found.trades,
+            trades=[line[0].upper() + line[1:] for line in said[:16]],
+            more=max(0, len(said) - 16),
+            images=images,
+            scene=scene(found),
+            parameters=_parameters(found),
+            plan=content["plan"],
+            plan_words=[] if found.plan is None else summary.plan_words(found.plan),
+            schedule=[] if found.plan is None else _schedule(content["plan"]),
+            notes=found.notes,
+            command=shlex.join(["lcbayes", *map(str, command), "-o", "DIR"]),
+            version=installed_version(),
+        )
+    )
+
+
+def _parameters(found: Findings) -> list[tuple[str, ...]]:
+    c = found.campaign
+    rows = []
+    for p, alone, both in zip(c.unknowns.parameters, c.bound, c.bound_with_prior, strict=True):
+        rows.append((p.name, p.words, p.unit, show(p.prior_sd, p.prior_sd), show(alone, alone),
+                     show(both, both)))  # fmt: skip
+    return rows
+
+
+def _schedule(plan: dict[str, Any]) -> list[tuple[str, ...]]:
+    rows = []
+    for row in plan["schedule"]:
+        when = row["utc"] or f"t = {row['t_s']:.1f} s"
+        counted = str(row["n_measurements"]), f"{row['mag']:.2f}"
+        told = f"{row['gain_nats']:.2f}", f"{row['sd_after']:.3g}"
+        rows.append((str(row["rank"]), when, row["site"], *counted, *told))
+    return rows
+
+
+def scene(found: Findings) -> dict[str, Any]:
+    """The sphere of observers for the viewer: its colour is the information from there."""
+    from matplotlib import colormaps
+
+    patches, middles = plots.sphere_patches()
+    share = plots.levels(found.map_information(middles))
+    colours = colormaps[plots.CMAP](np.nan_to_num(share))[:, :3]
+    colours[~np.isfinite(share)] = 0.90
+    m, i = found.measured, found.most_informative
+    rows = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 400)).astype(int)
+    best = middles[int(np.nanargmax(np.nan_to_num(share)))]
+    body = found.scenario.body
+    marks = [("Sun", m.sun_body[i]), ("best", best)]
+    if len(body.areas) <= 12:
+        marks += [(f"facet {k}", n) for k, n in enumerate(body.normals)]
+    return {
+        "polygons": [
+            {"p": np.round(p, 3).tolist(), "c": [round(float(x), 3) for x in c]}
+            for p, c in zip(patches, colours, strict=True)
+        ],
+        "solid": True,
+        "flat": True,
+        "axis": None,
+        "labels": [np.round(1.06 * where, 4).tolist() for _, where in marks],
+        "names": [name for name, _ in marks],
+        "dots": np.round(1.005 * m.obs_body[rows], 3).tolist(),
+        "view": [
+            float(np.arctan2(best[1], best[0])),
+            float(np.clip(np.arcsin(best[2]), -1.2, 1.2)),
+        ],
+    }

@@ -1,0 +1,338 @@
+"""Figures of `lcbayes observability`: light curve and information, maps, bounds, trades, plan."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
+from lcbayes.observability.summary import Findings, sentences
+
+Floats = NDArray[np.float64]
+MOST_PARAMETERS = 36  # drawn one by one; of larger bodies those with the best and worst bounds
+DECADES = 4.0  # of information that a map's colours span
+CMAP = "viridis"
+FAINT_ERROR = 0.5  # mag: fainter points have an error for a flux, but none for a magnitude
+
+
+def draw(found: Findings, gallery: Gallery) -> dict[str, Image]:
+    """Every figure that there is something to show on, by name."""
+    made = {
+        "information": _information(found, gallery),
+        "hemisphere": _hemisphere(found, gallery),
+        "seen": _seen(found, gallery),
+        "bounds": _bounds(found, gallery),
+    }
+    if found.trades:
+        made["open"] = _open(found, gallery)
+    if found.plan is not None:
+        made["plan"] = _plan(found, gallery)
+    return made
+
+
+def _sites(found: Findings) -> list[tuple[str, NDArray[np.bool_], str]]:
+    """Name, rows and colour of each site."""
+    site = found.measured.curve.site
+    if site is None:
+        return [("", np.ones(found.measured.curve.n_obs, bool), colour(0))]
+    names = list(dict.fromkeys(map(str, site)))
+    return [(name, site == name, colour(i)) for i, name in enumerate(names)]
+
+
+def _time(found: Findings) -> tuple[Floats, str]:
+    """Times in a fitting unit, and the label of the axis."""
+    t = found.measured.curve.t
+    span = float(np.ptp(t))
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if span > 3.0 * size:
+            return t / size, f"time ({unit})"
+    return t, "time (s)"
+
+
+def _information(found: Findings, gallery: Gallery) -> Image:
+    m = found.measured
+    figure = gallery.figure(7.0, 4.4)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    t, label = _time(found)
+    sd = np.degrees(np.where(m.information > 0, m.information, np.nan) ** -0.5)
+    measured = m.mag_err < FAINT_ERROR
+    for name, here, hue in _sites(found):
+        good = here & measured
+        upper.errorbar(t[good], m.mag[good], m.mag_err[good], fmt=".", ms=3, lw=0.6, color=hue,
+                       label=name or None)  # fmt: skip
+        lower.semilogy(t[here], sd[here], ".", ms=4, color=hue)
+    upper.invert_yaxis()
+    upper.set_ylabel("magnitude" if m.apparent else "−2.5 log₁₀ flux")
+    lower.set_ylabel("attitude about one axis (°)")
+    lower.set_xlabel(label)
+    if found.plan is not None:
+        best = [found.plan.visits[v] for v in found.plan.schedule.visits]
+        rows = np.concatenate(best)
+        lower.semilogy(
+            t[rows], sd[rows], "o", ms=8, mfc="none", mec=INK, mew=0.8, label="in the plan"
+        )
+        lower.legend(loc="best")
+    if any(name for name, _, _ in _sites(found)):
+        upper.legend(loc="best", ncols=3)
+    low, high = np.nanmin(sd), np.nanmax(sd)
+    lower.yaxis.set_major_formatter("{x:g}")
+    lower.set_ylim(low / 1.5, min(high * 1.5, low * 1e4))
+    return gallery.add(
+        figure,
+        "information",
+        "Magnitude and attitude information of every measurement over time.",
+        "Above: what would be measured, with its error (points fainter than half a magnitude of "
+        "error are left out). Below: how well one measurement alone "
+        "fixes the attitude about the one axis that it sees, σ/|∂m/∂α|; the lower, the better. "
+        "About the two other axes it says nothing.",
+    )
+
+
+def sphere_patches(step_deg: float = 5.0) -> tuple[list[Floats], Floats]:
+    """Corners of patches that cover the sphere, near squares, and their middles (G, 3)."""
+    edges = np.radians(np.arange(-90.0, 90.0 + 1e-9, step_deg))
+    patches, middles = [], []
+    for low, high in pairwise(edges):
+        count = max(3, round(360.0 / step_deg * np.cos(0.5 * (low + high))))
+        lon = np.linspace(0.0, 2.0 * np.pi, count + 1)
+        for a, b in pairwise(lon):
+            corners = [(a, low), (b, low), (b, high), (a, high)]
+            patches.append(np.array([_point(*c) for c in corners]))
+            middles.append(_point(0.5 * (a + b), 0.5 * (low + high)))
+    return patches, np.array(middles)
+
+
+def _point(lon: float, lat: float) -> tuple[float, float, float]:
+    return np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
+
+
+def levels(information: Floats) -> Floats:
+    """Information as a share of `DECADES` below the largest, 0 … 1; NaN where there is none."""
+    top = np.max(information)
+    with np.errstate(divide="ignore"):
+        depth = np.log10(information / top) / DECADES + 1.0
+    return np.where(information > 0.0, np.clip(depth, 0.0, 1.0), np.nan)
+
+
+def _hemisphere(found: Findings, gallery: Gallery) -> Image:
+    m, i = found.measured, found.most_informative
+    figure = gallery.figure(7.0, 4.0)
+    axes = mollweide(figure)
+    lon, lat = np.linspace(-180.0, 180.0, 241), np.linspace(-90.0, 90.0, 121)
+    x, y = np.meshgrid(
+        np.radians(0.5 * (lon[1:] + lon[:-1])), np.radians(0.5 * (lat[1:] + lat[:-1]))
+    )
+    directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore
+    information = found.map_information(directions.reshape(-1, 3)).reshape(x.shape)
+    positive = np.where(information > 0.0, information, np.nan)
+    top = float(np.nanmax(positive))
+    from matplotlib.colors import LogNorm
+
+    picture = axes.pcolormesh(
+        np.radians(lon), np.radians(lat), positive, cmap=CMAP, rasterized=True,
+        norm=LogNorm(top * 10.0**-DECADES, top),
+    )  # fmt: skip
+    axes.set_axisbelow(False)
+    figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03, extend="min",
+                    label="information of one measurement (1/rad²)")  # fmt: skip
+    path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
+    axes.plot(*place(*lon_lat(m.obs_body[path])), ".", ms=1.6, color="white", alpha=0.7,
+              label="observer, all measurements")  # fmt: skip
+    axes.plot(*place(*lon_lat(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
+    axes.plot(*place(*lon_lat(m.sun_body[i])), "*", ms=13, color="#ffd23f", mec=INK, mew=0.6,
+              label="Sun")  # fmt: skip
+    body = found.scenario.body
+    if len(body.areas) <= 40:
+        axes.plot(*place(*lon_lat(body.normals)), "s", ms=5, mfc="none", mec=PALETTE[1], mew=1.2,
+                  label="facet normals")  # fmt: skip
+    legend = figure.legend(loc="outside lower center", ncols=3, frameon=True)
+    legend.get_frame().set(facecolor="#8894a0", edgecolor="none", alpha=0.55)
+    return gallery.add(
+        figure,
+        "hemisphere",
+        "Map of the body frame: attitude information of a measurement from each direction.",
+        "From where a measurement tells most of the attitude, with the Sun where it stands at the "
+        "most informative measurement (white ring). Body frame, azimuth to the right, z at the "
+        "top; blank: nothing is lit and seen from there.",
+    )
+
+
+def _seen(found: Findings, gallery: Gallery) -> Image:
+    """The axis each measurement sees, and for the best one the two that it does not."""
+    m, i = found.measured, found.most_informative
+    figure = gallery.figure(7.0, 4.0)
+    axes = mollweide(figure)
+    kept = m.information > 0.0
+    g = m.mag_gradient[kept]
+    g = g / np.linalg.norm(g, axis=1, keepdims=True)
+    share = levels(m.information[kept])
+    order = np.argsort(share)
+    both = np.concatenate([g[order], -g[order]])
+    picture = axes.scatter(
+        *place(*lon_lat(both)), c=np.tile(share[order], 2) * DECADES - DECADES, s=10, cmap=CMAP,
+        lw=0, vmin=-DECADES, vmax=0.0, rasterized=True,
+    )  # fmt: skip
+    figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03,
+                    label="log₁₀ of information, best = 0")  # fmt: skip
+    for row, (name, hue) in enumerate((("n₁", PALETTE[1]), ("n₂", PALETTE[3]))):
+        ends = np.stack([m.nullspace[i, row], -m.nullspace[i, row]])
+        lon, lat = place(*lon_lat(ends))
+        axes.plot(lon, lat, "D", ms=6, mfc="none", mec=hue, mew=1.4,
+                  label=f"{name}, not seen by the best measurement")  # fmt: skip
+    circle = _great_circle(m.nullspace[i])
+    lon, lat = place(*lon_lat(circle))
+    lon = np.where(np.abs(np.diff(lon, append=lon[0])) > np.pi, np.nan, lon)
+    axes.plot(lon, lat, color=FAINT, lw=0.9, label="all axes it does not see")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=7.5)
+    return gallery.add(
+        figure,
+        "seen",
+        "Map of the body frame: axes about which each measurement sees a turn.",
+        "The axis about which each measurement would notice a small turn of the body, both ends; "
+        "dark ones tell little. A turn about any axis on the grey circle, which n₁ and n₂ span, "
+        "goes unnoticed by the best measurement. Measurements whose axes are spread over the map "
+        "fix the whole attitude together.",
+    )
+
+
+def _great_circle(plane: Floats) -> Floats:
+    turn = np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
+    return np.cos(turn) * plane[0] + np.sin(turn) * plane[1]
+
+
+def _bounds(found: Findings, gallery: Gallery) -> Image:
+    c = found.campaign
+    parameters, sd = c.unknowns.parameters, c.unknowns.prior_sd
+    ratio, alone = c.bound_with_prior / sd, c.bound / sd
+    rows = np.arange(len(parameters))
+    left_out = ""
+    if len(rows) > MOST_PARAMETERS:
+        order = np.argsort(ratio)
+        half = MOST_PARAMETERS // 2
+        rows = np.sort(np.concatenate([order[:half], order[-half:]]))
+        left_out = f" The {half} best and {half} worst of {len(parameters)} are drawn."
+    figure = gallery.figure(7.0, 1.1 + 0.19 * len(rows))
+    axes = figure.subplots()
+    y = np.arange(len(rows))[::-1]
+    axes.hlines(y, ratio[rows], 1.0, color="#d5d8dd", lw=1.2)
+    groups = list(dict.fromkeys(p.group for p in parameters))
+    for k, group in enumerate(groups):
+        here = np.array([parameters[r].group == group for r in rows])
+        is_open = ~np.isfinite(alone[rows])
+        axes.plot(
+            ratio[rows][here & ~is_open],
+            y[here & ~is_open],
+            "o",
+            ms=5,
+            color=colour(k),
+            label=group,
+        )
+        axes.plot(
+            ratio[rows][here & is_open],
+            y[here & is_open],
+            "o",
+            ms=5,
+            mfc="white",
+            mec=colour(k),
+            mew=1.3,
+        )
+    axes.axvline(1.0, color=FAINT, lw=0.8)
+    axes.set_xscale("log")
+    axes.set_yticks(y, [parameters[r].name for r in rows], fontsize=7.5)
+    axes.set_ylim(-0.8, len(rows) - 0.2)
+    axes.set_xlabel("error after the campaign ÷ width of the prior")
+    figure.legend(loc="outside upper right", ncols=len(groups))
+    return gallery.add(
+        figure,
+        "bounds",
+        "Bound on the error of each parameter over the width of its prior.",
+        "What is left of the prior's width after the campaign (Cramér-Rao bound with prior). "
+        "Open circles: the measurements alone leave the parameter open, by itself or in a trade."
+        + left_out,
+    )
+
+
+def _open(found: Findings, gallery: Gallery) -> Image:
+    unknowns, trades = found.campaign.unknowns, found.trades[:16]
+    weights = np.array([t.combination for t in trades]) / unknowns.prior_sd
+    weights /= np.abs(weights).max(axis=1, keepdims=True)
+    columns = np.flatnonzero(np.abs(weights).max(axis=0) > 0.05)
+    order = columns[np.argsort([np.argmax(np.abs(weights[:, c])) for c in columns], kind="stable")]
+    order = order[:48]
+    width = float(np.clip(1.6 + 0.24 * len(order), 4.0, 10.0))
+    figure = gallery.figure(width, 1.7 + 0.26 * len(trades))
+    axes = figure.subplots()
+    picture = axes.imshow(weights[:, order], cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    axes.set_xticks(
+        range(len(order)), [unknowns.names[c] for c in order], rotation=90, fontsize=7.5
+    )
+    said = sentences(found.trades)
+    numbers = [str(said.index(t.words) + 1) for t in trades]
+    axes.set_yticks(range(len(trades)), numbers)
+    axes.set_ylabel("combination")
+    axes.spines[:].set_visible(False)
+    axes.set_xticks(np.arange(len(order) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(trades) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="white", lw=1.2)
+    axes.tick_params(which="both", length=0)
+    figure.colorbar(picture, ax=axes, label="change, in prior widths", ticks=[-1, 0, 1], shrink=0.9)
+    more = len(found.trades) - len(trades)
+    return gallery.add(
+        figure,
+        "open",
+        "Combinations of parameters that the campaign leaves open.",
+        "Combinations of changes that the measurements do not tell from no change, numbered as in "
+        "the list." + (f" {more} more are in observability.json." if more else ""),
+    )
+
+
+def _plan(found: Findings, gallery: Gallery) -> Image:
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+
+    plan = found.plan
+    assert plan is not None
+    figure = gallery.figure(9.0, 3.4)
+    left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
+    t, label = _time(found)
+    first = np.array([rows[0] for rows in plan.visits])
+    chosen = plan.schedule.visits
+    for name, here, hue in _sites(found):
+        mine = here[first]
+        left.plot(t[first][mine], plan.schedule.first_gain[mine], ".", ms=4, color=hue, alpha=0.5,
+                  label=name or "possible visits")  # fmt: skip
+    height = plan.schedule.first_gain[chosen]
+    left.plot(t[first][chosen], height, "o", ms=9, mfc="none", mec=INK, mew=1.0, label="chosen")
+    for rank, v in enumerate(chosen[:9], 1):
+        where = t[first[v]], plan.schedule.first_gain[v]
+        above = {"xytext": (0, 6), "textcoords": "offset points", "ha": "center", "va": "bottom"}
+        left.annotate(str(rank), where, fontsize=7.5, **above)
+    left.set_ylim(0.0, 1.18 * float(plan.schedule.first_gain.max()))
+    left.set_xlabel(label)
+    left.set_ylabel("information of the visit alone (nats)")
+    left.legend(loc="best", fontsize=7.5)
+    unit = "" if plan.target.unit == "1" else f" ({plan.target.unit.replace('deg', '°')})"
+    n = np.arange(len(plan.schedule.sd))
+    right.semilogy(n, plan.schedule.sd, "-", color=DATA, lw=1.6, label="planned")
+    right.semilogy(n, plan.even.sd, "--", color=FAINT, lw=1.4, label="at equal steps")
+    for k, (name, alone) in enumerate(plan.sites.items()):
+        right.semilogy(np.arange(len(alone.sd)), alone.sd, ":", color=colour(k), lw=1.4,
+                       label=f"{name} alone")  # fmt: skip
+    right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    right.yaxis.set_major_formatter("{x:g}")
+    right.yaxis.set_minor_locator(NullLocator())
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    right.set_xlabel("visits")
+    right.set_ylabel(f"error of {plan.target.name}{unit}")
+    right.legend(loc="best", fontsize=7.5)
+    return gallery.add(
+        figure,
+        "plan",
+        "Visits chosen, and the error of the target against their number.",
+        f"Left: what each possible visit alone would tell of {plan.target.name}, and those chosen, "
+        "the first nine with their rank. Right: error of the target after as many visits, in the "
+        "order of their worth, against visits at equal steps in the order of time.",
+    )
