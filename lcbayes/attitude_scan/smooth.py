@@ -166,6 +166,18 @@ def _in_blocks(function, arrays, n_facets: int):
     return tuple(x.reshape(blocks * size, -1)[:count] for x in done)
 
 
+def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The best factor of each point's group, (T,), and Σ m²/σ² of each group, (C,)."""
+    square = jnp.maximum(points.scale.T @ (flux / points.error) ** 2, 1e-300)
+    return points.scale @ ((points.scale.T @ (flux * points.flux / points.error**2)) / square), square
+
+
+def fitted(body: SmoothBody, points: Points, spin: Spin) -> jax.Array:
+    """Brightness with the best factor of each group, (T,)."""
+    flux = brightness(body, points, spin).flux
+    return _scales(points, flux)[0] * flux
+
+
 class Normal(NamedTuple):
     """The objective at a point, and its normal equations.
 
@@ -191,13 +203,12 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
     """
     flux, jacobian = brightness(body, points, spin)
     jacobian = jacobian.at[:, 2].multiply(unit)
-    weighted = flux / points.error
-    square = jnp.maximum(points.scale.T @ weighted**2, 1e-300)
-    scale = (points.scale.T @ (weighted * points.flux / points.error)) / square
-    along = (points.scale.T @ (jacobian * (weighted / points.error)[:, None])) / square[:, None]
-    residual = (points.flux - (points.scale @ scale) * flux) / points.error
+    weight = flux / points.error**2
+    scale, square = _scales(points, flux)
+    along = (points.scale.T @ (jacobian * weight[:, None])) / square[:, None]
+    residual = (points.flux - scale * flux) / points.error
     across = jacobian - flux[:, None] * (points.scale @ along)
-    across = across * ((points.scale @ scale) / points.error)[:, None]
+    across = across * (scale / points.error)[:, None]
 
     squares = points.noise.T @ residual**2
     if points.error_known:

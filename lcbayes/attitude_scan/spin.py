@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +98,7 @@ def _solve_one(
     return jax.lax.while_loop(going, advance, begin)
 
 
-@partial(jax.jit, static_argnames="most")
+@jax.jit
 def solve(
     body: SmoothBody,
     points: Points,
