@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,14 @@ Floats = NDArray[np.float64]
 HOUR = 3600.0
 ORDER = 3  # instants per exposure, Gauss-Legendre
 UNKNOWN_ERROR = 0.02  # of a curve's mean flux, where the data carry no errors; a fit corrects it
+
+
+class Turning(Protocol):
+    """Anything that says how a body is turned."""
+
+    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
+        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -91,7 +100,7 @@ class Observed:
     error_known: bool
 
     @classmethod
-    def of(cls, curve: LightCurve, attitude: Attitude) -> Observed:
+    def of(cls, curve: LightCurve, attitude: Turning) -> Observed:
         """Linear flux, see `linear_flux`, and body-frame directions of a light curve."""
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)

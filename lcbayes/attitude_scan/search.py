@@ -34,13 +34,12 @@ SCREEN, REFINE = Effort(25, 1.0), Effort(150, 0.03)
 
 
 def screen(
-    points: Points, body: SmoothBody, grid: Grid, run: Run, checkpoint: Checkpoint, track: Track
-) -> Ends:
+    points: Points, body: SmoothBody, grid: Grid, run: Run, checkpoint: Checkpoint,
+    name: str, track: Track,
+) -> Ends:  # fmt: skip
     """Every hypothesis of the grid, started as a sphere; in the order of `Grid.rows`."""
     shared = body, points.host(), FREE, SCREEN
-    return _spread(
-        _from_spheres, shared, list(grid.rows()), run, checkpoint, "screen", track
-    )
+    return _spread(_from_spheres, shared, list(grid.rows()), run, checkpoint, name, track)
 
 
 def refine(
@@ -54,12 +53,12 @@ def refine(
 
 
 def sky(
-    points: Points, body: SmoothBody, poles: Floats, about: Ends, run: Run,
+    points: Points, body: SmoothBody, poles: Floats, frequency: float, run: Run,
     checkpoint: Checkpoint, track: Track,
 ) -> Ends:  # fmt: skip
-    """The best body with each of these poles held, at the frequency of ``about`` (one row)."""
+    """The best body with each of these poles held, at this frequency."""
     shared = body, points.host(), POLE_HELD, SCREEN
-    rows = [poles, np.full(len(poles), float(about.frequency[0]))]
+    rows = [poles, np.full(len(poles), frequency)]
     return _spread(_from_spheres, shared, rows, run, checkpoint, "sky", track)
 
 
@@ -111,7 +110,7 @@ def _spread(
         parts[i] = ends.rows(slice(0, len(tasks[i])))
         checkpoint.save(f"{name}-{i}", parts[i]._asdict())
         track.advance(len(tasks[i]), f"best rms so far {_least(parts, shared[1]):.4f}")
-    return Ends(*(np.concatenate(x) for x in zip(*(parts[i] for i in range(len(tasks))), strict=True)))
+    return Ends.joined([parts[i] for i in range(len(tasks))]).forward()
 
 
 def _least(parts: dict[int, Ends], points: Points) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,24 @@ class Ends(NamedTuple):
     def rows(self, which) -> Ends:
         """Those rows."""
         return Ends(*(x[which] for x in self))
+
+    def forward(self) -> Ends:
+        """The same with positive frequencies: bodies that turn backwards are turned over, by half a
+        turn about their x axis, which changes the sign of harmonics alone."""
+        back = self.frequency < 0
+        over = np.where(back[:, None, None], np.diag([1.0, -1.0, -1.0]), np.eye(3))
+        degree, m = _orders(self.coefficients.shape[1])
+        sign = (-1.0) ** (degree + np.abs(m)) * np.where(m < 0, -1.0, 1.0)
+        return self._replace(
+            tilt=self.tilt @ over,
+            frequency=np.abs(self.frequency),
+            coefficients=np.where(back[:, None], sign, 1.0) * self.coefficients,
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[Ends]) -> Ends:
+        """Rows of one after those of the other."""
+        return Ends(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
 class _Search(NamedTuple):
@@ -172,17 +191,14 @@ def in_convention(tilt: Floats, coefficients: Floats) -> tuple[float, float, Flo
     lon, lat = float(np.arctan2(pole[1], pole[0])), float(np.arcsin(np.clip(pole[2], -1, 1)))
     turn = tilts(pole[None])[0].T @ tilt
     psi = np.arctan2(turn[1, 0], turn[0, 0])
-    full = np.concatenate([[0.0], coefficients])
-    turned = full.copy()
-    for degree in range(1, degree_of(len(coefficients)) + 1):
-        for m in range(1, degree + 1):
-            plus, minus = degree * degree + degree + m, degree * degree + degree - m
-            cos, sin = np.cos(m * psi), np.sin(m * psi)
-            turned[plus] = full[plus] * cos - full[minus] * sin
-            turned[minus] = full[plus] * sin + full[minus] * cos
-    return lon % (2 * np.pi), lat, turned[1:]
+    degree, m = _orders(len(coefficients))
+    other = coefficients[degree * degree + degree - m - 1]  # of the same degree and opposite order
+    turned = coefficients * np.cos(m * psi) - other * np.sin(m * psi)
+    return lon % (2 * np.pi), lat, turned
 
 
-def degree_of(count: int) -> int:
-    """Degree of the harmonics of which there are ``count``, without the constant."""
-    return round(np.sqrt(count + 1)) - 1
+def _orders(count: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Degree l and order m of each of ``count`` harmonics, without the constant."""
+    index = np.arange(1, count + 1)
+    degree = np.sqrt(index).astype(int)
+    return degree, index - degree * degree - degree

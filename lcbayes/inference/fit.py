@@ -151,22 +151,28 @@ def run(
     return Posterior(problem, data, modes, len(starts), timing)
 
 
+def digest(curve: LightCurve) -> str:
+    """Of everything in a light curve that decides numbers."""
+    found = hashlib.sha256()
+    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
+                 "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
+        value = getattr(curve, name)
+        found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
+    found.update("".join(map(str, curve.band)).encode())
+    return found.hexdigest()
+
+
 def identity(
     curve: LightCurve, entry: Entry, options: Mapping[str, Any], settings: Settings, version: str
 ) -> dict[str, Any]:
     """What decides the numbers of a run, for its checkpoint."""
-    digest = hashlib.sha256()
-    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
-                 "exposure_s"):  # fmt: skip
-        value = getattr(curve, name)
-        digest.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    digest.update("".join(map(str, curve.band)).encode())
+    code = hashlib.sha256()
     source = entry.module.__file__
     if source is not None:
         with open(source, "rb") as file:
-            digest.update(file.read())
+            code.update(file.read())
     return {
-        "input": digest.hexdigest(),
+        "input": digest(curve) + code.hexdigest(),
         "model": entry.name,
         "options": {k: repr(v) for k, v in sorted(options.items())},
         "settings": settings.as_dict(),
