@@ -94,8 +94,9 @@ def run(
     points = Points.of(
         curve, phase_law_known=not settings.smooth, common_noise=settings.common_noise
     )
+    flux = relative(curve)
     found = Found(
-        settings, [], curve.n_obs, 0, points.error_known, curve.frame, curve.t, curve.curve
+        settings, [], curve.n_obs, 0, points.error_known, curve.frame, curve.t, curve.curve, flux
     )
     chosen, found.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     found.n_laws = len(chosen)
@@ -192,11 +193,11 @@ def _timed(found: Found, name: str) -> Iterator[None]:
 
 
 def _aliases(tried: Grid, best: float, span: float) -> Grid:
-    """Twice and half the best frequency, and, where one period alone was tried, those a turn and
-    half a turn off over the data."""
+    """Twice and half the best frequency, and, where one period alone was tried, those half a
+    turn off over the data."""
     others = [2.0 * best, 0.5 * best]
     if len(tried.frequencies) == 1:
-        others += [f for k in (-1.0, -0.5, 0.5, 1.0) if (f := best + k / span) > 0]
+        others += [f for k in (-0.5, 0.5) if (f := best + k / span) > 0]
     return Grid(tried.poles, np.array(others))
 
 
@@ -256,7 +257,7 @@ def _faceted_solutions(
     out = []
     for k, i in enumerate(merged.steps):  # the row it was
         body = done[int(i)][1]
-        residual = _relative(curve, body.flux)
+        residual = relative(curve) - relative(curve, body.flux)
         out.append(
             Solution(
                 "constant-rate", body.chi2, _rms(residual), residual, body.normals,
@@ -272,11 +273,11 @@ def _polished(shared: tuple, tilt: Floats, frequency: float) -> tuple:
     return polish(curve, Spinning(tilt, frequency), span, Material.parse(law))
 
 
-def _relative(curve: LightCurve, fitted: Floats) -> Floats:
-    """Residuals over the mean of their curve."""
-    flux, _ = linear_flux(curve, Epochs.of(curve))
-    mean = np.bincount(curve.curve, np.abs(flux)) / np.bincount(curve.curve)
-    return (flux - fitted) / mean[curve.curve]
+def relative(curve: LightCurve, flux: Floats | None = None) -> Floats:
+    """Observed flux, or another, over the observed mean of its curve, (T,)."""
+    observed, _ = linear_flux(curve, Epochs.of(curve))
+    mean = np.bincount(curve.curve, np.abs(observed)) / np.bincount(curve.curve)
+    return (observed if flux is None else flux) / mean[curve.curve]
 
 
 def _rms(residual: Floats) -> float:

@@ -102,8 +102,8 @@ class Found:
     n_obs, dof : int
     error_known : bool
     frame : str
-    t, curve : (T,)
-        Of the points, s and group, for figures.
+    t, curve, flux : (T,)
+        Of the points: s, group, and flux over the mean of its curve; for figures.
     timing : mapping of seconds
     """
 
@@ -115,6 +115,7 @@ class Found:
     frame: str
     t: Floats
     curve: NDArray[np.integer]
+    flux: Floats
     screened: Table | None = None
     n_laws: int = 0
     n_periods: int = 0

@@ -67,7 +67,7 @@ class Points:
             Where False, the brightness of calibrated curves depends on the phase angle in a way the
             law of reflection leaves open, and each gets a scale of its own.
         common_noise : bool
-            Where errors are unknown: one relative noise level for all curves, not one for each.
+            Where errors are unknown: one relative noise level for all, not one for each ``scale``.
         """
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)
@@ -81,7 +81,8 @@ class Points:
             offset, weight = np.polynomial.legendre.leggauss(ORDER)
             instant = 0.5 * weight
         t = middle + 0.5 * offset[:, None] * np.asarray(data.exposure_s)
-        noise = np.zeros_like(group) if common_noise or data.has_error else group
+        # a noise level must not part a group that shares a scale: that is solved for at one level
+        noise = np.zeros_like(scale) if common_noise or data.has_error else scale
         return cls(
             jnp.asarray(t), jnp.asarray(instant), data.sun, data.obs,
             jnp.asarray(flux / unit), jnp.asarray(error / unit),

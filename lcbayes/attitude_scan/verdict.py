@@ -44,7 +44,10 @@ def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
             for name, value in best.spin().items()
         },
         "modes": [s for s in solutions if s["near_equal"]],
-        "fit": {"rms": best.rms, "chi2": best.chi2, "dof": found.dof},
+        "fit": {
+            "rms": best.rms, "chi2": best.chi2, "dof": found.dof,
+            "sd_from_fit": not found.error_known,
+        },  # fmt: skip
         "timing": found.timing,
     }
 
