@@ -17,6 +17,7 @@ from lcbayes.polyhedron import Polyhedron
 Floats = NDArray[np.float64]
 
 SHOWN = 6  # solutions with a number of their own, and light curves that are folded
+GAP = 0.15  # of a panel
 CEILING = 4.0  # residuals over the least; what is worse looks the same
 
 
@@ -90,16 +91,11 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     axes.plot(unit / (HOUR * tried), worse, ".", ms=2, color=FAINT, alpha=0.5, rasterized=True,
               label="every pole")  # fmt: skip
     axes.plot(unit * periods, best, "-", lw=1.0, color=colour(0), label="best pole")
-    for i, s in _spins(found):
-        if s.chi2 > CEILING**2 * found.solutions[0].chi2 or s.frequency is None:
-            continue
-        at = unit / (HOUR * s.frequency)
-        if unit * periods[0] <= at <= unit * periods[-1] and s.relation != "mirror":
-            near = best[np.argmin(np.abs(unit * periods - at))]
-            axes.annotate(
-                str(i + 1), (at, near), xytext=(0, -11), textcoords="offset points", ha="center",
-                fontsize=8.5, weight="bold", color=colour(1),
-            )  # fmt: skip
+    for at, low, text in _numbers(found, periods, best):
+        axes.annotate(
+            text, (unit * at, low), xytext=(0, -11), textcoords="offset points", ha="center",
+            fontsize=8.5, weight="bold", color=colour(1),
+        )  # fmt: skip
     axes.set_yscale("log")
     top = float(np.quantile(worse, 0.98))
     axes.set_ylim(0.8, max(1.3 * top, 1.5))
@@ -111,9 +107,26 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     axes.legend(loc="lower right", ncols=2)
     caption = (
         "Residuals against trial period, in units of the least, with the coarse body that hypotheses "
-        "are screened with. Numbers: refined solutions; those of mirrors are left out."
+        "are screened with. Numbers: refined solutions."
     )
     return gallery.add(figure, "periods", "Residuals against trial period.", caption)
+
+
+def _numbers(found: Found, periods: Floats, best: Floats) -> list[tuple[float, float, str]]:
+    """Where (h, residuals) to write which numbers of solutions, those of one place together."""
+    places: list[list[Any]] = []
+    reach = 0.02 * float(np.ptp(periods))
+    for i, s in _spins(found):
+        at = 1.0 / (HOUR * (s.frequency or np.inf))
+        if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not periods[0] <= at <= periods[-1]:
+            continue
+        near = next((p for p in places if abs(p[0] - at) < reach), None)
+        if near is None:
+            low = float(np.min(best[np.abs(periods - at) <= max(reach, float(np.diff(periods)[0]))]))
+            places.append([at, low, str(i + 1)])
+        else:
+            near[2] += f", {i + 1}"
+    return [(at, low, text) for at, low, text in places]
 
 
 def _first(found: Found) -> float:
@@ -166,9 +179,12 @@ def draw_fit(found: Found, gallery: Gallery) -> Image:
             x = np.mod((t - middle) * best.frequency, 1.0)
         order = np.argsort(x, kind="stable")
         axes.plot(x[order], found.flux[here][order], ".", ms=3, color=DATA)
-        dense = np.ptp(t) * (best.frequency or 0.0) < 5 or not folded
-        axes.plot(x[order], fitted[here][order], "-" if dense else ".", lw=1.0, ms=2.5,
-                  color=colour(1))  # fmt: skip
+        line = fitted[here][order]
+        dense = not folded or np.ptp(t) * (best.frequency or 0.0) < 5
+        # a line across a gap would tell of what nobody saw
+        line = np.where(np.diff(x[order], append=np.inf) > GAP * np.ptp(x), np.nan, line)
+        axes.plot(x[order], line, "-", lw=1.0, color=colour(1), alpha=float(dense))
+        axes.plot(x[order], fitted[here][order], ".", ms=2.0, color=colour(1))
         axes.set_title(f"curve {group}", fontsize=8)
         axes.locator_params(nbins=4)
     figure.supxlabel("rotational phase" if folded else "time since the curve began (min)", size=9)
