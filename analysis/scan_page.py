@@ -15,7 +15,7 @@ from lcbayes.analysis import scan_plots, style
 from lcbayes.analysis.numerals import duration
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.sky_plots import FRAMES
-from lcbayes.attitude_scan.found import Found
+from lcbayes.attitude_scan.found import Found, readable_period
 from lcbayes.errors import InputError
 from lcbayes.physics.closure import close
 from lcbayes.polyhedron import Polyhedron
@@ -90,12 +90,13 @@ def headline(summary: Mapping[str, Any]) -> str:
     """The result in one sentence."""
     best = summary["solutions"][0]
     near = sum(s["near_equal"] for s in summary["solutions"]) - 1
-    also = "" if not near else f"; {near} other{'s' if near > 1 else ''} fit as well"
+    also = "" if not near else f"; {near} other{'s fit' if near > 1 else ' fits'} as well"
     if "period_h" not in best:
         return f"Best attitude: {best['law']}{also}."
+    period, unit = readable_period(best["period_h"])
     return (
         f"Best spin: pole ({best['pole_lon_deg']:.1f}°, {best['pole_lat_deg']:+.1f}°), "
-        f"period {best['period_h']:.7g} h{also}."
+        f"period {period:.7g} {unit}{also}."
     )
 
 
@@ -122,7 +123,7 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
                     s["law"],
                     f"{s['pole_lon_deg']:.1f}" if known else "",
                     f"{s['pole_lat_deg']:+.1f}" if known else "",
-                    f"{s['period_h']:.8g}" if known else "",
+                    "{:.8g} {}".format(*readable_period(s["period_h"])) if known else "",
                     f"{s['chi2']:.5g}",
                     f"{s['rms']:.4f}",
                     str(s["hits"]) if known else "",

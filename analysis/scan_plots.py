@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
-from lcbayes.attitude_scan.found import Found, Solution, lon_lat
+from lcbayes.attitude_scan.found import Found, Solution, lon_lat, readable_period
 from lcbayes.attitude_scan.grid import HOUR
 from lcbayes.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
 SHOWN = 6  # solutions with a number of their own, and light curves that are folded
+WIDE = 3.0  # longest over shortest trial period from which their axis is logarithmic
 GAP = 0.15  # of a panel
 CEILING = 4.0  # residuals over the least; what is worse looks the same
 
@@ -85,9 +86,14 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     periods, number = np.unique(1.0 / (HOUR * tried), return_inverse=True)
     best = np.full(len(periods), np.inf)
     np.minimum.at(best, number, worse)
-    unit, name = (1.0, "h") if periods[0] > 0.1 else (HOUR, "s")
     figure = gallery.figure(7.0, 2.9)
     axes = figure.subplots()
+    unit, name = readable_period(periods[0])
+    unit /= periods[0]
+    if periods[-1] > WIDE * periods[0]:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("")
     axes.plot(unit / (HOUR * tried), worse, ".", ms=2, color=FAINT, alpha=0.5, rasterized=True,
               label="every pole")  # fmt: skip
     axes.plot(unit * periods, best, "-", lw=1.0, color=colour(0), label="best pole")
@@ -146,7 +152,7 @@ def draw_laws(found: Found, gallery: Gallery) -> Image | None:
     figure = gallery.figure(7.0, 0.9 + 0.23 * len(shown))
     axes = figure.subplots()
     names = [
-        s.law if s.pole is None else f"spin {i + 1}: {1.0 / (HOUR * (s.frequency or 1)):.5g} h"
+        s.law if s.pole is None else "spin {}: {:.5g} {}".format(i + 1, *_period(s))
         for i, s in enumerate(shown)
     ]
     hues = [colour(0) if s.pole is None else colour(1) for s in shown]
@@ -156,6 +162,10 @@ def draw_laws(found: Found, gallery: Gallery) -> Image | None:
     axes.set_xlabel("rms residual ÷ mean of the curve")
     caption = "Rms of the residuals of the best body under each attitude."
     return gallery.add(figure, "laws", "Residuals under each attitude law.", caption)
+
+
+def _period(s: Solution) -> tuple[float, str]:
+    return readable_period(s.spin()["period_h"])
 
 
 def draw_fit(found: Found, gallery: Gallery) -> Image:
@@ -180,7 +190,7 @@ def draw_fit(found: Found, gallery: Gallery) -> Image:
         order = np.argsort(x, kind="stable")
         axes.plot(x[order], found.flux[here][order], ".", ms=3, color=DATA)
         line = fitted[here][order]
-        dense = not folded or np.ptp(t) * (best.frequency or 0.0) < 5
+        dense = folded and np.ptp(t) * (best.frequency or 0.0) < 5
         # a line across a gap would tell of what nobody saw
         line = np.where(np.diff(x[order], append=np.inf) > GAP * np.ptp(x), np.nan, line)
         axes.plot(x[order], line, "-", lw=1.0, color=colour(1), alpha=float(dense))

@@ -6,13 +6,14 @@ facets says how well an attitude explains its light curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.albedo_area.distribution import Distribution, grid, solve
+from lcbayes.albedo_area.facets import refine
 from lcbayes.albedo_area.kernel import Material, columns
 from lcbayes.albedo_area.observed import Observed
 from lcbayes.lightcurve import LightCurve
@@ -22,7 +23,8 @@ Floats = NDArray[np.float64]
 
 N_NORMALS = 400
 FRONT_AND_BACK = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # of an array, in its own axes
-MOST_CALLS = 40
+MOST_STEPS = 15
+ROUNDS = 3  # of finding the spin for given normals, and the normals for a given spin
 NUDGE = 1e-3  # rad, and turns over the data, of the differences that stand for derivatives
 
 
@@ -63,7 +65,9 @@ def best_body(
     n_normals: int = N_NORMALS,
     array: Given | None = None,
 ) -> Distribution:
-    """The facets on an equal-area grid, none negative, that fit best under an attitude.
+    """The facets, facing anywhere and none negative, that fit best under an attitude.
+
+    They are found on an equal-area grid, made finer where there is area.
 
     Parameters
     ----------
@@ -71,9 +75,14 @@ def best_body(
     turning : Spinning or Given
     material : Material
     n_normals : int
+        Of the grid.
     array : Given, optional
-        How a solar array is turned that the body carries: its front and back are two more facets,
-        whose normals come last and are in the array's axes.
+        How a solar array is turned that the body carries: its front and back are two more facets.
+
+    Returns
+    -------
+    Distribution
+        The array's front and back come last, with ``which`` 1 and normals in the array's axes.
     """
     normals, which = grid(n_normals, (material,))
     seen = Observed.of(curve, turning)
@@ -82,7 +91,12 @@ def best_body(
         own = columns(Observed.of(curve, array), FRONT_AND_BACK, np.zeros(2, int), (material,))
         normals, matrix = np.vstack([normals, FRONT_AND_BACK]), np.hstack([matrix, own])
         which = np.concatenate([which, [1, 1]])
-    return solve(seen, normals, which, matrix)
+    coarse = solve(seen, normals, which, matrix)
+    fine = refine(seen, coarse, matrix, (material,), still=len(normals) - n_normals)
+    order = np.argsort(fine.which, kind="stable")
+    return replace(
+        fine, normals=fine.normals[order], which=fine.which[order], areas=fine.areas[order]
+    )
 
 
 def polish(
@@ -90,22 +104,35 @@ def polish(
 ) -> tuple[Spinning, Distribution]:
     """The spin near ``start`` whose best body fits best.
 
-    Three numbers are sought, with all areas solved for at each (variable projection), by scipy's
-    trust-region least squares with differences for derivatives.
+    With the normals of a body held, and all its areas solved for at each step (variable
+    projection), three numbers are sought by scipy's trust-region least squares with differences for
+    derivatives: first with a whole grid of normals, then with those of the best body, found anew.
     """
+    normals = grid(n_normals)[0]
+    spin = start
+    for _ in range(ROUNDS):
+        spin = _nearest(curve, spin, span, material, normals)
+        body = best_body(curve, spin, material, n_normals)
+        normals = body.normals
+    return spin, body
+
+
+def _nearest(
+    curve: LightCurve, start: Spinning, span: float, material: Material, normals: Floats
+) -> Spinning:
+    """The spin near ``start`` that fits best with facets of these normals."""
     from scipy.optimize import least_squares
 
-    found: dict[bytes, Distribution] = {}
-    error = Observed.of(curve, start).error
+    which = np.zeros(len(normals), int)
 
-    def residual(step: Floats) -> Floats:
-        body = best_body(curve, start.moved(step, span), material, n_normals)
-        found[step.tobytes()] = body
-        return (flux - body.flux) / error
+    # about one, as the differences are relative
+    def residual(x: Floats) -> Floats:
+        seen = Observed.of(curve, start.moved(x - 1.0, span))
+        body = solve(seen, normals, which, columns(seen, normals, which, (material,)))
+        return (seen.flux - body.flux) / seen.error
 
-    flux = Observed.of(curve, start).flux
     end = least_squares(
-        residual, np.zeros(3), diff_step=NUDGE, x_scale=[0.05, 0.05, 0.1],
-        max_nfev=MOST_CALLS, xtol=1e-6, ftol=1e-5,
+        residual, np.ones(3), diff_step=NUDGE, x_scale=[0.05, 0.05, 0.1],
+        max_nfev=MOST_STEPS, xtol=1e-6, ftol=1e-5,
     )  # fmt: skip
-    return start.moved(end.x, span), found[end.x.tobytes()]
+    return start.moved(end.x - 1.0, span)

@@ -13,6 +13,8 @@ from lcbayes.attitude_scan.grid import HOUR
 
 Floats = NDArray[np.float64]
 
+SHORTEST_H = 0.2  # a shorter period is given in seconds
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -149,6 +151,11 @@ class Found:
             if s.law != "constant-rate"
         ]
         return heads, rows
+
+
+def readable_period(hours: float) -> tuple[float, str]:
+    """A period in hours, or in seconds where it is short, and its unit."""
+    return (hours, "h") if hours >= SHORTEST_H else (HOUR * hours, "s")
 
 
 def lon_lat(pole: Floats) -> tuple[float, float]:

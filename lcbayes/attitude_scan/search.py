@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.attitude_scan.grid import Grid
 from lcbayes.attitude_scan.points import Points
-from lcbayes.attitude_scan.smooth import PRIOR_POINTS, SmoothBody, Spin, fitted
+from lcbayes.attitude_scan.smooth import PRIOR_POINTS, PRIOR_SQUARES, SmoothBody, Spin, fitted
 from lcbayes.attitude_scan.spin import FREE, Ends, finer, solve, spheres
 from lcbayes.attitude_scan.workers import Run
 from lcbayes.checkpoint import Checkpoint
@@ -129,7 +129,7 @@ def misfit(points: Points, squares: Floats, best: Floats) -> Floats:
     if points.error_known:
         return squares.sum(axis=1)
     count = np.asarray(points.noise).sum(axis=0)
-    return squares @ ((count + PRIOR_POINTS) / (best + PRIOR_POINTS))
+    return squares @ ((count + PRIOR_POINTS) / (best + PRIOR_SQUARES))
 
 
 def residuals(points: Points, body: SmoothBody, ends: Ends) -> Floats:

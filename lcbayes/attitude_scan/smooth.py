@@ -14,7 +14,8 @@ from lcbayes.physics.brightness import diffuse_kernel
 
 _BLOCK = 1 << 14  # epochs x facets at once; what is alive together stays in a core's cache
 CLOSURE_SD = 0.01  # of Σ a n / Σ a
-PRIOR_POINTS = 2.0  # that an unknown noise level is worth before the data
+PRIOR_POINTS = 2.0  # that are known of an unknown noise level before the data ...
+PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the error expected, half a per cent
 LAMBERT_C = 0.1
 
 
@@ -196,7 +197,7 @@ class Normal(NamedTuple):
 def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Array) -> Normal:
     """Misfit, priors and their derivatives by the step of `Spin.moved`.
 
-    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 2) with S_k = Σ r² over a
+    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 1/8) with S_k = Σ r² over a
     noise group in units of the error expected: the likelihood at its best noise level, which
     counts little what a curve with large residuals says. Scales s of groups follow from the rest,
     s = Σ f m/σ² / Σ m²/σ² (variable projection; Kaufman's Jacobian, whose gradient is exact).
@@ -215,8 +216,8 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
         value, weight = 0.5 * jnp.sum(squares), jnp.ones_like(residual)
     else:
         count = jnp.sum(points.noise, axis=0) + PRIOR_POINTS
-        value = 0.5 * jnp.sum(count * jnp.log(squares + PRIOR_POINTS))
-        weight = points.noise @ (count / (squares + PRIOR_POINTS))
+        value = 0.5 * jnp.sum(count * jnp.log(squares + PRIOR_SQUARES))
+        weight = points.noise @ (count / (squares + PRIOR_SQUARES))
     leaning = across * weight[:, None]
     gradient, curvature = -(leaning.T @ residual), leaning.T @ across
 

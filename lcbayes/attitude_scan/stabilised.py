@@ -89,8 +89,9 @@ def judge(
     dark: dict[str, str] = {}
     for i, body in run(_judged, (curve, reflectance), rows):
         track.advance(1, laws[i].name)
-        if rows[i][1] is not None and body.areas[-2:].sum() < UNLIT * body.areas.sum():
-            dark[laws[i].name] = "its array sends no light, so that it is the law without one"
+        unlit = rows[i][1] is not None and body.areas[-2:].sum() < UNLIT * body.areas.sum()
+        if unlit and (rigid := _without_array(laws[i], laws)):
+            dark[laws[i].name] = f"its array sends no light, and without it is {rigid}"
             continue
         residual = (flux - body.flux) / mean
         out[i] = Solution(
@@ -98,6 +99,20 @@ def judge(
             body.normals, body.areas / max(body.areas.sum(), 1e-300),
         )  # fmt: skip
     return [out[i] for i in sorted(out)], dark
+
+
+def _without_array(law: Attitude, others: Sequence[Attitude]) -> str:
+    """The name of the law among others that turns its body alike and has no array, or nothing."""
+    for other in others:
+        if isinstance(law, Law) and isinstance(other, Law) and not other.array:
+            bare = (other.point, other.clock, other.spins)
+            if bare == (law.point, law.clock, law.spins) and _offset(law) == _offset(other):
+                return other.name
+    return ""
+
+
+def _offset(law: Law) -> tuple[float, ...]:
+    return tuple(float(x) for x in (law.yaw_deg, law.pitch_deg, law.roll_deg))
 
 
 def _judged(shared: tuple, frames: Floats, array: Floats | None) -> Distribution:

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from lcbayes.attitude_scan.engine import WORSE
-from lcbayes.attitude_scan.found import Found, Solution
+from lcbayes.attitude_scan.found import Found, Solution, readable_period
 from lcbayes.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 from lcbayes.lightcurve import LightCurve
 
 POOR = 2.0  # χ² per degree of freedom, errors known, from which no hypothesis explains the data
 LOOSE = 0.2  # rms residual, errors unknown, from which none does
 EDGE = 1.0  # steps of the grid from the end of a range of periods
-NAMES = ("pole_lon_deg", "pole_lat_deg", "period_h")
 
 
 def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
@@ -86,8 +85,8 @@ def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
-        hours = ", ".join(f"{s['period_h']:.7g}" for s in other)
-        yield f"the period is not unique: {hours} h fit as well"
+        words = ("{:.7g} {}".format(*readable_period(s["period_h"])) for s in other)
+        yield f"the period is not unique: {', '.join(words)} fit as well"
     poles = [s for s in near if s["relation"] not in (ALIAS, HALF, TWICE, PERIOD, MIRROR, "law")]
     if poles:
         where = ", ".join(f"({s['pole_lon_deg']:.0f}, {s['pole_lat_deg']:+.0f})" for s in poles)

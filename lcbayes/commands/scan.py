@@ -122,6 +122,8 @@ def hours(option: str, text: str) -> float:
 
 def _lines(summary: dict[str, Any]) -> list[str]:
     """The result on standard output."""
+    from lcbayes.attitude_scan.found import readable_period
+
     lines = []
     if not summary["converged"]:
         lines.append("DO NOT TRUST THIS RESULT:")
@@ -130,11 +132,12 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['n_hypotheses']} hypotheses: {summary['n_periods']} periods, "
         f"{summary['n_laws']} laws; the best of them:"
     )
-    lines.append("     lon      lat       period (h)        chi2     rms")
+    lines.append("     lon      lat         period        chi2     rms")
     for i, s in enumerate(summary["solutions"], start=1):
         what = f"{s['law']:29s}"
         if "period_h" in s:
-            what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {s['period_h']:13.7g}"
+            period = "{:.7g} {}".format(*readable_period(s["period_h"]))
+            what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
         mark = "=" if s["near_equal"] else " "
         lines.append(
             f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}"

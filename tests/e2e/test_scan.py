@@ -15,15 +15,15 @@ from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
 from lcbayes.physics import shapes
 from lcbayes.results import save_json
 
-POLE, PERIOD = np.array([0.48, -0.6, 0.64]), 5.0
-QUICK = ["--n-poles", "6", "--keep", "3", "--n-facets", "120", "--degree", "4", "--n-sky", "30"]
+POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
+QUICK = ["--n-poles", "6", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
 
 
 @pytest.fixture(scope="module")
 def asteroid(tmp_path_factory):
     """A curve file and the results of a scan of it."""
     folder = tmp_path_factory.mktemp("scan")
-    curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, 0.01)
+    curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE)
     lcbayes.write(curve, folder / "asteroid.csv")
     argv = ["scan", str(folder / "asteroid.csv"), "--period-range", "4.99,5.01", *QUICK]
     return folder, argv, cli.main([*argv, "-o", str(folder / "out")])
@@ -41,14 +41,15 @@ def test_a_spin_from_file_to_page(asteroid, capsys):
     near = POLE @ [np.cos(pole[0]) * np.cos(pole[1]), np.sin(pole[0]) * np.cos(pole[1]),
                    np.sin(pole[1])]  # fmt: skip
     assert np.degrees(np.arccos(near)) < 5.0
-    assert best["rms"] == pytest.approx(0.01, rel=0.25)
+    assert best["rms"] == pytest.approx(NOISE, rel=0.3)
     omega = [best[f"omega_{axis}_rad_s"] for axis in "xyz"]
     assert np.linalg.norm(omega) == pytest.approx(2 * np.pi / (3600 * best["period_h"]))
     assert found["n_periods"] == 3
     assert found["n_hypotheses"] == 6 * (3 + 2)  # and twice and half the best
     chi2 = [s["chi2"] for s in found["solutions"]]
     assert chi2 == sorted(chi2)
-    rows = list(csv.DictReader((out / "hypotheses.csv").open()))
+    with (out / "hypotheses.csv").open() as file:
+        rows = list(csv.DictReader(file))
     assert len(rows) == found["n_hypotheses"]
     assert min(float(r["chi2"]) for r in rows) > 0
     page = (out / "report.html").read_text()
@@ -77,7 +78,7 @@ def test_a_fit_starts_from_a_scan(asteroid, tmp_path):
     folder, _, _ = asteroid
     curve = lcbayes.read(folder / "asteroid.csv")
     spins = read_scan(folder / "out", curve)
-    options = {"period": 5.0, "n_facets": 120, "degree": 4, "noise_law": "gaussian"}
+    options = {"period": 5.0, "n_facets": 300, "degree": 4, "noise_law": "gaussian"}
     entry, data = gallery.find("convex-grid"), Epochs.of(curve)
     problem = Problem(entry.bind(options), data)
     hook = entry.hook("starts")
@@ -93,7 +94,7 @@ def test_a_fit_starts_from_a_scan(asteroid, tmp_path):
     mean = (np.bincount(curve.curve, curve.brightness) / np.bincount(curve.curve))[curve.curve]
     residual = (curve.brightness - scale[curve.curve] * flux) / mean
     # the grid of normals is turned with the body's axes: not to the last digit
-    assert np.sqrt(np.mean(residual**2)) == pytest.approx(spins[0]["rms"], rel=0.05)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(spins[0]["rms"], abs=1e-3)
 
 
 @pytest.mark.parametrize(
