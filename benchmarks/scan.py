@@ -150,7 +150,7 @@ def periods() -> None:
         print(row, flush=True)
     text = (
         f"43 Ariadne, {RANGE[0]} to {RANGE[1]} h in steps of 0.8 × P²/2T as the C program has them, "
-        "10 poles for each, at most 25 iterations of each hypothesis with 150 facets and degree 4 "
+        "10 poles for each, at most 20 iterations of each hypothesis with 150 facets and degree 4 "
         "in single precision; the best are refined with 500 facets and degree 6 in double. Two "
         "threads of one process.\n\n"
     )

@@ -30,7 +30,7 @@ class Effort(NamedTuple):
     tolerance: float
 
 
-SCREEN, REFINE = Effort(25, 1.0), Effort(150, 0.03)
+SCREEN, REFINE = Effort(20, 1.0), Effort(150, 0.03)
 
 
 def screen(

@@ -204,13 +204,8 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
     """
     flux, jacobian = brightness(body, points, spin)
     jacobian = jacobian.at[:, 2].multiply(unit)
-    weight = flux / points.error**2
     scale, square = _scales(points, flux)
-    along = (points.scale.T @ (jacobian * weight[:, None])) / square[:, None]
     residual = (points.flux - scale * flux) / points.error
-    across = jacobian - flux[:, None] * (points.scale @ along)
-    across = across * (scale / points.error)[:, None]
-
     squares = points.noise.T @ residual**2
     if points.error_known:
         value, weight = 0.5 * jnp.sum(squares), jnp.ones_like(residual)
@@ -218,8 +213,11 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
         count = jnp.sum(points.noise, axis=0) + PRIOR_POINTS
         value = 0.5 * jnp.sum(count * jnp.log(squares + PRIOR_SQUARES))
         weight = points.noise @ (count / (squares + PRIOR_SQUARES))
-    leaning = across * weight[:, None]
-    gradient, curvature = -(leaning.T @ residual), leaning.T @ across
+    root = jnp.sqrt(weight)
+    rows = jacobian * (scale * root / points.error)[:, None]
+    # what a group's factor takes up: weight and factor are the same all over a group
+    taken = (points.scale.T @ (rows * (flux / points.error)[:, None])) / jnp.sqrt(square)[:, None]
+    gradient, curvature = -((root * residual) @ rows), rows.T @ rows - taken.T @ taken
 
     area = body.shares(spin.coefficients)
     gap = body.closure * (area @ body.normals)
