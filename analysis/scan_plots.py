@@ -52,8 +52,8 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     frame = FRAMES.get(found.frame, found.frame)
     caption = (
         f"Residuals of the best body against the pole of its spin, {frame}, at the period of "
-        "solution 1, in units of the least. Each direction was held and the body solved for. Rings: "
-        "refined solutions of that period."
+        "solution 1, in units of the least. Each direction was held and the body solved for. "
+        "Rings: refined solutions of that period."
     )
     return gallery.add(figure, "sky", "Map of the sky: residuals for each pole.", caption)
 
@@ -112,8 +112,8 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     axes.set_ylabel("residuals ÷ least")
     axes.legend(loc="lower right", ncols=2)
     caption = (
-        "Residuals against trial period, in units of the least, with the coarse body that hypotheses "
-        "are screened with. Numbers: refined solutions."
+        "Residuals against trial period, in units of the least, with the coarse body that "
+        "hypotheses are screened with. Numbers: refined solutions."
     )
     return gallery.add(figure, "periods", "Residuals against trial period.", caption)
 
@@ -128,7 +128,9 @@ def _numbers(found: Found, periods: Floats, best: Floats) -> list[tuple[float, f
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)
         if near is None:
-            low = float(np.min(best[np.abs(periods - at) <= max(reach, float(np.diff(periods)[0]))]))
+            low = float(
+                np.min(best[np.abs(periods - at) <= max(reach, float(np.diff(periods)[0]))])
+            )
             places.append([at, low, str(i + 1)])
         else:
             near[2] += f", {i + 1}"

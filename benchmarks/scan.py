@@ -97,16 +97,18 @@ def ariadne() -> None:
         print(rows[-1], flush=True)
     text = (
         "1541 points, 500 facets, 48 harmonics with pole and period: 51 unknowns and 37 factors of "
-        "curves. 12 poles all over the sky, period 5.76198 h, each start a sphere, one noise level. "
-        "An iteration is brightness, its Jacobian, the normal equations and their solution, one "
-        "hypothesis at a time; the precision is that of the work on facets. Sum: of squares of "
+        "curves. 12 poles all over the sky, period 5.76198 h, each start a sphere, one noise "
+        "level. An iteration is brightness, its Jacobian, the normal equations and their solution, "
+        "one hypothesis at a time; the precision is that of the work on facets. Sum: of squares of "
         "relative residuals, with the factor of each curve that fits best, and with each curve of "
         "the model divided by its mean. Goals: at most 0.353, within 1.5° of (253.2, −17.2), 10 ms."
         "\n\n"
     )
     heads = ["precision", "sum", "sum, C's way", "pole", "off", "period, h", "within 1.5°",
              "iterations", "ms an iteration", "at best"]  # fmt: skip
-    write_section("Scan: 43 Ariadne from 12 blind poles", command("ariadne"), text + table(heads, rows))
+    write_section(
+        "Scan: 43 Ariadne from 12 blind poles", command("ariadne"), text + table(heads, rows)
+    )
 
 
 def periods() -> None:
@@ -138,7 +140,7 @@ def periods() -> None:
     rows = [
         ["trial periods × poles", f"{count} × 10"],
         ["screening, s a trial period (goal 0.7, aim 0.2)", f"{took / count:.3f}"],
-        ["the same with 500 facets and degree 6 in double precision, every 40th period", f"{full:.3f}"],
+        ["with 500 facets, degree 6, double precision, every 40th period", f"{full:.3f}"],
         ["refining 12 solutions, s in all", f"{refining:.1f}"],
         ["best after screening: period, h", f"{1.0 / (HOUR * ends.frequency[first]):.6f}"],
         ["best after refining: period, h", f"{1.0 / (HOUR * better.frequency[best]):.6f}"],
@@ -149,9 +151,9 @@ def periods() -> None:
     for row in rows:
         print(row, flush=True)
     text = (
-        f"43 Ariadne, {RANGE[0]} to {RANGE[1]} h in steps of 0.8 × P²/2T as the C program has them, "
-        "10 poles for each, at most 20 iterations of each hypothesis with 150 facets and degree 4 "
-        "in single precision; the best are refined with 500 facets and degree 6 in double. Two "
+        f"43 Ariadne, {RANGE[0]} to {RANGE[1]} h in steps of 0.8 × P²/2T as the C program has "
+        "them, 10 poles for each, at most 20 iterations of each hypothesis with 150 facets and "
+        "degree 4 in single precision; the best are refined with 500 facets and degree 6 in double. Two "
         "threads of one process.\n\n"
     )
     write_section("Scan: periods of 43 Ariadne", command("periods"), text + table(["", ""], rows))
@@ -176,10 +178,10 @@ def hertha() -> None:
         ])  # fmt: skip
         print(rows[-1], flush=True)
     text = (
-        "`lcbayes scan 135_Hertha.lcs --period 8.4006`, 12 blind poles, a noise level for each curve "
-        f"(two are sparse, with ten times the scatter of the others); {took:.0f} s with compilation "
-        "and the map of the sky. Goal: within 5° of (272, +52), its mirror reported (published 88 to "
-        "96, +53 to +58).\n\n"
+        "`lcbayes scan 135_Hertha.lcs --period 8.4006`, 12 blind poles, a noise level for each "
+        f"curve (two are sparse, with ten times the scatter of the others); {took:.0f} s with "
+        "compilation and the map of the sky. Goal: within 5° of (272, +52), its mirror reported "
+        "(published 88 to 96, +53 to +58).\n\n"
     )
     heads = ["", "pole", "off (272, +52)", "period, h", "chi2", "against the first"]
     write_section("Scan: 135 Hertha", command("hertha"), text + table(heads, rows))
@@ -197,7 +199,9 @@ def workers() -> None:
         screened(points, body, tried, run)
         begun = time.perf_counter()
         threads = screened(points, body, tried, run)
-        rows.append(["threads of one process", f"{tried.size / (time.perf_counter() - begun):.0f}", "–"])
+        rows.append(
+            ["threads of one process", f"{tried.size / (time.perf_counter() - begun):.0f}", "–"]
+        )
     orders = [np.argsort(threads.value, kind="stable")]
     for count in (1, 2):
         with crew(n_workers=count) as run:
@@ -228,8 +232,8 @@ def workers() -> None:
     print(rows[-1], flush=True)
     assert all(np.array_equal(order, orders[0]) for order in orders)
     text = (
-        f"{tried.size} hypotheses of 43 Ariadne (48 periods × 10 poles), screened; compiled before. "
-        "Ranking: of all hypotheses against that of the threads.\n\n"
+        f"{tried.size} hypotheses of 43 Ariadne (48 periods × 10 poles), screened; compiled "
+        "before. Ranking: of all hypotheses against that of the threads.\n\n"
     )
     heads = ["", "hypotheses/s", "ranking"]
     write_section("Scan: workers", command("workers"), text + table(heads, rows))
@@ -245,12 +249,12 @@ class Killer(Silent):
     def __init__(self, pid: int, after: int) -> None:
         self.pid, self.after, self.count, self.done = pid, after, 0, False
 
-    def stage(self, title: str, total: int, unit: str):
+    def stage(self, title: str, total: int, unit: str):  # noqa: ARG002
         from contextlib import nullcontext
 
         return nullcontext(self)
 
-    def advance(self, n: int, note: str = "") -> None:
+    def advance(self, n: int, note: str = "") -> None:  # noqa: ARG002
         self.count += n
         if self.count >= self.after and not self.done:
             self.done = True
@@ -275,9 +279,7 @@ def cost() -> None:
     def work(points: Points, body: SmoothBody, count: int) -> Callable[[], object]:
         starts = spheres(body, facets.grid(count), np.full(count, 1.0 / (HOUR * 5.7551)))
         # no tolerance: every hypothesis takes all its iterations
-        return lambda: jax.block_until_ready(
-            solve(body, points, starts, np.array(FREE), 10, -1.0)
-        )
+        return lambda: jax.block_until_ready(solve(body, points, starts, np.array(FREE), 10, -1.0))
 
     def some(n: int) -> Points:
         return Points.of(
@@ -286,14 +288,18 @@ def cost() -> None:
 
     body, points = SmoothBody.of(500, 6, LAW), some(1541)
     timed("epochs", [(some(n).flux.size, work(some(n), body, 2)) for n in (385, 770, 1541)])
-    timed("facets", [(n, work(points, SmoothBody.of(n, 6, LAW), 2)) for n in (250, 500, 1000, 2000)])
+    timed(
+        "facets", [(n, work(points, SmoothBody.of(n, 6, LAW), 2)) for n in (250, 500, 1000, 2000)]
+    )
     timed("hypotheses", [(n, work(points, body, n)) for n in (2, 4, 8)])
     text = (
         "Ten iterations of each hypothesis, one thread; 1541 epochs, 500 facets, degree 6, two "
         "hypotheses, where not varied. Best of five. The exponent is the slope of log time against "
         "log size: 1 is linear.\n\n"
     )
-    write_section("Scan: cost", command("cost"), text + table(["", "ms at each size", "exponent"], rows))
+    write_section(
+        "Scan: cost", command("cost"), text + table(["", "ms at each size", "exponent"], rows)
+    )
 
 
 def clocked(work: Callable[[], object]) -> float:

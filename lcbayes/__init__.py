@@ -1,6 +1,7 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets or ``scan`` attitudes; see the README.
+``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets or ``scan``
+attitudes; see the README.
 """
 
 import sys

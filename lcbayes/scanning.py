@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from lcbayes.checkpoint import Checkpoint, write_atomic
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve

@@ -215,9 +215,17 @@ def _smooth_solutions(
         areas = np.exp(log_area - log_area.max())
         out.append(
             Solution(
-                "constant-rate", float(chi2[i]), _rms(residual[i]), residual[i], normals,
-                areas / areas.sum(), int(hits[i]), ends.pole[i], float(ends.frequency[i]), shape,
-            )  # fmt: skip
+                "constant-rate",
+                float(chi2[i]),
+                _rms(residual[i]),
+                residual[i],
+                normals,
+                areas / areas.sum(),
+                int(hits[i]),
+                ends.pole[i],
+                float(ends.frequency[i]),
+                shape,
+            )
         )
     return out
 
@@ -260,10 +268,16 @@ def _faceted_solutions(
         residual = relative(curve) - relative(curve, body.flux)
         out.append(
             Solution(
-                "constant-rate", body.chi2, _rms(residual), residual, body.normals,
-                body.areas / body.areas.sum(), int(hits[k]), merged.pole[k],
+                "constant-rate",
+                body.chi2,
+                _rms(residual),
+                residual,
+                body.normals,
+                body.areas / body.areas.sum(),
+                int(hits[k]),
+                merged.pole[k],
                 float(merged.frequency[k]),
-            )  # fmt: skip
+            )
         )
     return out
 

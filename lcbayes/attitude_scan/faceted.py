@@ -42,7 +42,7 @@ class Spinning:
         return jnp.asarray(self.tilt) @ turned
 
     def moved(self, step: Floats, span: float) -> Spinning:
-        """Turned by step[0], step[1] (rad) about body x and y, with step[2] more turns in ``span``."""
+        """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
         small = attitude.constant_rate(jnp.ones(1), jnp.array([step[0], step[1], 0.0]))[0]
         return Spinning(self.tilt @ np.asarray(small), self.frequency + step[2] / span)
 

@@ -143,7 +143,17 @@ class Found:
                 a, b, c, d = (f"{x:.4f}" for x in angles)
                 tried, period = (f"{1.0 / (HOUR * f):.9g}" for f in (s.tried[i], s.frequency[i]))
                 rows.append(
-                    ["constant-rate", a, b, tried, c, d, period, f"{s.chi2[i]:.6g}", str(s.steps[i])]
+                    [
+                        "constant-rate",
+                        a,
+                        b,
+                        tried,
+                        c,
+                        d,
+                        period,
+                        f"{s.chi2[i]:.6g}",
+                        str(s.steps[i]),
+                    ]
                 )
         rows += [
             [s.law, *[""] * 6, f"{s.chi2:.6g}", ""]

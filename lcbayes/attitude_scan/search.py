@@ -24,7 +24,7 @@ LARGEST_TASK, FEWEST_TASKS = 40, 16
 
 
 class Effort(NamedTuple):
-    """How far a hypothesis is followed: at most ``steps``, until three gain less than this (nat)."""
+    """How far a hypothesis is followed: ``steps`` at most, or until three gain less (nat)."""
 
     steps: int
     tolerance: float

@@ -22,7 +22,7 @@ LAMBERT_C = 0.1
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SmoothBody:
-    """Facets on a fixed grid whose log-areas are real spherical harmonics, aᵢ ∝ exp Σ c_lm Y_lm(nᵢ).
+    """Facets on a grid whose log-areas are real spherical harmonics, aᵢ ∝ exp Σ c_lm Y_lm(nᵢ).
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Spin(NamedTuple):
     coefficients: jax.Array
 
     def moved(self, step: jax.Array, unit: jax.Array) -> Spin:
-        """This turned by step[0], step[1] (rad) about the body's x and y axes, with step[2] ``unit``
+        """This turned by step[:2] (rad) about the body's x and y axes, with step[2] ``unit``
         more of frequency and step[3:] more of coefficients."""
         turn = jnp.stack([step[0], step[1], jnp.zeros_like(step[0])])
         small = attitude.constant_rate(jnp.ones(1), turn)[0]
@@ -170,7 +170,9 @@ def _in_blocks(function, arrays, n_facets: int):
 def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The best factor of each point's group, (T,), and Σ m²/σ² of each group, (C,)."""
     square = jnp.maximum(points.scale.T @ (flux / points.error) ** 2, 1e-300)
-    return points.scale @ ((points.scale.T @ (flux * points.flux / points.error**2)) / square), square
+    return points.scale @ (
+        (points.scale.T @ (flux * points.flux / points.error**2)) / square
+    ), square
 
 
 def fitted(body: SmoothBody, points: Points, spin: Spin) -> jax.Array:
@@ -197,8 +199,8 @@ class Normal(NamedTuple):
 def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Array) -> Normal:
     """Misfit, priors and their derivatives by the step of `Spin.moved`.
 
-    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 1/8) with S_k = Σ r² over a
-    noise group in units of the error expected: the likelihood at its best noise level, which
+    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 1/8) with S_k = Σ r² over
+    a noise group in units of the error expected: the likelihood at its best noise level, which
     counts little what a curve with large residuals says. Scales s of groups follow from the rest,
     s = Σ f m/σ² / Σ m²/σ² (variable projection; Kaufman's Jacobian, whose gradient is exact).
     """

@@ -69,7 +69,10 @@ class Geometry:
             if angle(pole, -to) < MIRRORED:
                 return REVERSED, "the opposite sense of rotation"
             return POLE, "another pole"
-        for factor, name, words in ((2.0, HALF, "half the period"), (0.5, TWICE, "twice the period")):
+        for factor, name, words in (
+            (2.0, HALF, "half the period"),
+            (0.5, TWICE, "twice the period"),
+        ):
             if abs(frequency - factor * at) * self.span < max(1.0, 1e-3 * at * self.span):
                 return name, words
         turns = 2.0 * abs(more) * self.separations

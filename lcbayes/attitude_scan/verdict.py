@@ -44,9 +44,11 @@ def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
         },
         "modes": [s for s in solutions if s["near_equal"]],
         "fit": {
-            "rms": best.rms, "chi2": best.chi2, "dof": found.dof,
+            "rms": best.rms,
+            "chi2": best.chi2,
+            "dof": found.dof,
             "sd_from_fit": not found.error_known,
-        },  # fmt: skip
+        },
         "timing": found.timing,
     }
 
@@ -66,7 +68,7 @@ def _row(s: Solution, best: Solution) -> dict[str, Any]:
 
 
 def near_equal(s: Solution, best: Solution) -> bool:
-    """Whether a solution fits as well as the best, to 5 % of the residuals in units of the errors."""
+    """Whether a solution fits as well as the best, to 5 % of residuals in units of the errors."""
     return s.chi2 <= WORSE**2 * best.chi2
 
 
@@ -79,8 +81,8 @@ def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
         )
     if not found.error_known and best.rms > LOOSE:
         yield (
-            f"residuals are {100 * best.rms:.0f} % of the mean flux: none of the hypotheses explains "
-            "the light curve"
+            f"residuals are {100 * best.rms:.0f} % of the mean flux: none of the hypotheses "
+            "explains the light curve"
         )
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]

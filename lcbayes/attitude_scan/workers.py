@@ -129,4 +129,6 @@ def _dask(
             client.cancel(list(waiting))
         if not left:
             return
-    raise InputError(f"{len(left)} tasks were not done: the cluster lost its workers again and again")
+    raise InputError(
+        f"{len(left)} tasks were not done: the cluster lost its workers again and again"
+    )

@@ -63,7 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--common-noise", action="store_true",
         help="errors unknown: one relative noise level, not one for each curve",
     )  # fmt: skip
-    parser.add_argument("--workers", type=int, metavar="N", help="a local Dask cluster of N processes")
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="a local Dask cluster of N processes"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="an existing Dask cluster: tcp://…")
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
     parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
@@ -139,8 +141,6 @@ def _lines(summary: dict[str, Any]) -> list[str]:
             period = "{:.7g} {}".format(*readable_period(s["period_h"]))
             what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
         mark = "=" if s["near_equal"] else " "
-        lines.append(
-            f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}"
-        )
+        lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
     lines.append("= fits as well as the best, to 5 % of its residuals")
     return lines

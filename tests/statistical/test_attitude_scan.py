@@ -61,14 +61,10 @@ def test_a_killed_worker_loses_no_hypothesis():
 
 
 @pytest.mark.slow
-def test_an_empty_address_is_said():
+def test_an_empty_address_is_said(monkeypatch):
     pytest.importorskip("distributed")
     from lcbayes.errors import InputError
 
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        pytest.raises(InputError, match="no Dask scheduler answers at tcp://127"),
-    ):
-        patch.setattr(workers, "WAIT_S", 0.5)
-        with workers.crew(scheduler="tcp://127.0.0.1:9"):
-            pass
+    monkeypatch.setattr(workers, "WAIT_S", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler answers at tcp://127"):
+        workers.crew(scheduler="tcp://127.0.0.1:9").__enter__()

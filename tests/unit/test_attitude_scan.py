@@ -115,7 +115,7 @@ def test_curvature_is_exact_where_nothing_is_left(curve):
 def test_single_precision_finds_the_same_minimum():
     curve = spinning.observed(spinning.geometry(), POLE, 5.0, 0.01)
     points = Points.of(curve, phase_law_known=False)
-    starts = np.array([POLE + [0.1, 0.1, 0.0]])
+    starts = (POLE + np.array([0.1, 0.1, 0.0]))[None]
     ends = {}
     for kind in (np.float64, np.float32):
         body = SmoothBody.of(120, 3, spinning.LAW, dtype=kind)
@@ -200,7 +200,7 @@ def test_spins_are_named_by_what_makes_them_look_alike():
     assert normal is not None
     assert abs(normal[2]) > 0.99
     best, f, span = POLE, 5e-5, geometry.span
-    half = [x for x in geometry.separations if x < 0.9 * span][0]
+    half = next(x for x in geometry.separations if x < 0.9 * span)
 
     def name(pole, frequency):
         return geometry.relation(pole, frequency, best, f)[0]
@@ -212,7 +212,9 @@ def test_spins_are_named_by_what_makes_them_look_alike():
     assert name(best, 2.0 * f) == solutions.HALF
     assert name(best, 0.5 * f) == solutions.TWICE
     assert name(best, f + 0.5 / half) == solutions.ALIAS
-    assert geometry.relation(best, f + 0.5 / half, best, f)[1].startswith("period alias: half a turn")
+    assert geometry.relation(best, f + 0.5 / half, best, f)[1].startswith(
+        "period alias: half a turn"
+    )
     assert name(best, 1.37 * f) == solutions.PERIOD
     open_sky = solutions.Geometry.of(
         Points.of(spinning.geometry(6, 5, flat=1.5), phase_law_known=False)
