@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -153,8 +154,8 @@ def periods() -> None:
     text = (
         f"43 Ariadne, {RANGE[0]} to {RANGE[1]} h in steps of 0.8 × P²/2T as the C program has "
         "them, 10 poles for each, at most 20 iterations of each hypothesis with 150 facets and "
-        "degree 4 in single precision; the best are refined with 500 facets and degree 6 in double. Two "
-        "threads of one process.\n\n"
+        "degree 4 in single precision; the best are refined with 500 facets and degree 6 in "
+        "double. Two threads of one process.\n\n"
     )
     write_section("Scan: periods of 43 Ariadne", command("periods"), text + table(["", ""], rows))
 
@@ -188,8 +189,7 @@ def hertha() -> None:
 
 
 def workers() -> None:
-    from distributed import Client, LocalCluster
-
+    distributed = import_module("distributed")
     points = Points.of(data("43_Ariadne_rel"), phase_law_known=False)
     whole = grid(10, float(points.span), None, RANGE)
     middle = int(np.argmin(np.abs(whole.frequencies - 1.0 / (HOUR * PERIOD))))
@@ -213,12 +213,11 @@ def workers() -> None:
         same = np.array_equal(ends.value, threads.value)
         rows.append([f"{count} Dask worker{'s' if count > 1 else ''}", f"{rate:.0f}", told(same)])
         print(rows[-1], flush=True)
-    with LocalCluster(
+    with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         address = cluster.scheduler_address
-        with Client(address) as client:
-            victim = next(iter(client.scheduler_info()["workers"].values()))["nanny"]
+        with distributed.Client(address) as client:
             pid = client.run(os.getpid)
         with crew(scheduler=address) as run:
             screened(points, body, tried, run)
@@ -226,7 +225,7 @@ def workers() -> None:
             begun = time.perf_counter()
             ends = screened(points, body, tried, run, killed)
             rate = tried.size / (time.perf_counter() - begun)
-        assert killed.done, victim
+        assert killed.done
     same = np.array_equal(np.argsort(ends.value, kind="stable"), orders[0])
     rows.append(["2 Dask workers, one killed (SIGKILL) halfway", f"{rate:.0f}", told(same)])
     print(rows[-1], flush=True)
@@ -271,7 +270,8 @@ def cost() -> None:
             work()
             best = min(clocked(work) for _ in range(5))
             took.append((size, best))
-        slope = np.polyfit(*np.log([[s, t] for s, t in took]).T, 1)[0]
+        size, seconds = np.log(np.array(took, float)).T
+        slope = np.polyfit(size, seconds, 1)[0]
         cells = "; ".join(f"{s}: {1e3 * t:.0f}" for s, t in took)
         rows.append([label, cells, f"{slope:.2f}"])
         print(rows[-1], flush=True)

@@ -95,4 +95,4 @@ def grid(
             f"{span / 86400:.4g} days long, {count * n_poles} hypotheses in all; give a narrower "
             "range, or fewer poles"
         )
-    return Grid(poles, first + apart * np.arange(count))
+    return Grid(poles, np.asarray(first + apart * np.arange(count), np.float64))

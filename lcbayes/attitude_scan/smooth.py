@@ -146,7 +146,8 @@ def brightness(body: SmoothBody, points: Points, spin: Spin) -> Model:
         by_attitude = jnp.stack([cos * x - sin * y, sin * x + cos * y, 2.0 * jnp.pi * t * z], 1)
         return jnp.concatenate([by_shape[:, :1], by_attitude, by_shape[:, 1:]], axis=1)
 
-    out = sum(w * instant(t) for w, t in zip(points.instant, points.t, strict=True))
+    each = [w * instant(t) for w, t in zip(points.instant, points.t, strict=True)]
+    out = jnp.sum(jnp.stack(each), axis=0)
     return Model(out[:, 0], out[:, 1:])
 
 

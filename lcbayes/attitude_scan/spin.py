@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,12 @@ PATIENCE = 3  # steps in a row that gain less than the tolerance, and the search
 class Ends(NamedTuple):
     """Where searches ended: arrays of B rows, NumPy or JAX."""
 
-    tilt: NDArray  # (B, 3, 3)
-    frequency: NDArray  # (B,) Hz
-    coefficients: NDArray  # (B, P)
-    value: NDArray  # (B,) the objective
-    squares: NDArray  # (B, K)
-    steps: NDArray  # (B,)
+    tilt: Any  # (B, 3, 3)
+    frequency: Any  # (B,) Hz
+    coefficients: Any  # (B, P)
+    value: Any  # (B,) the objective
+    squares: Any  # (B, K)
+    steps: Any  # (B,)
 
     @property
     def pole(self) -> NDArray:
@@ -69,7 +69,7 @@ class _Search(NamedTuple):
 
 
 def _solve_one(
-    body: SmoothBody, points: Points, spin: Spin, free: jax.Array, most: int, tolerance: float
+    body: SmoothBody, points: Points, spin: Spin, free: jax.Array, most: Any, tolerance: Any
 ) -> _Search:
     """One hypothesis to its least objective.
 
@@ -104,7 +104,8 @@ def _solve_one(
         less = jnp.maximum(FASTEST_FALL, 1.0 - (2.0 * ratio - 1.0) ** 3)
         kept = jax.tree.map(lambda a, b: jnp.where(better, a, b), (spin, new), (s.spin, now))
         return _Search(
-            *kept,
+            kept[0],
+            kept[1],
             jnp.where(better, s.damping * less, s.damping * s.growth),
             jnp.where(better, 2.0, 2.0 * s.growth),
             jnp.where(better, jnp.where(gain < tolerance, s.idle + 1, 0), s.idle),

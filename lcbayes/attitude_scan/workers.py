@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 from lcbayes.errors import InputError
@@ -64,27 +65,27 @@ def _threads(
 @contextmanager
 def _client(scheduler: str | None, n_workers: int | None) -> Iterator[Any]:
     try:
-        import dask
-        from distributed import Client, LocalCluster
+        distributed = import_module("distributed")  # not in every environment
+        configured = import_module("dask.config").set
     except ImportError:
         raise InputError(
             "Dask is not installed; it comes with pip install 'lcbayes[dask]'"
         ) from None
     # the death of a worker must not be held against the tasks that it had
     settings = {"distributed.scheduler.allowed-failures": 100}
-    with dask.config.set(settings):
+    with configured(settings):
         if scheduler is None:
             with (
-                LocalCluster(
+                distributed.LocalCluster(
                     n_workers=n_workers, threads_per_worker=1, processes=True,
                     dashboard_address=None, silence_logs=50,
                 ) as cluster,
-                Client(cluster) as client,
+                distributed.Client(cluster) as client,
             ):  # fmt: skip
                 yield client
             return
         try:
-            client = Client(scheduler, timeout=WAIT_S)
+            client = distributed.Client(scheduler, timeout=WAIT_S)
         except (OSError, ValueError, TimeoutError) as fault:
             raise InputError(
                 f"no Dask scheduler answers at {scheduler} ({str(fault) or 'timeout'}); start one "
@@ -106,8 +107,7 @@ def _dask(
 ) -> Iterator[tuple[int, Any]]:
     """Tasks on a cluster. What they share is sent once to every worker; where a loss of workers
     took the last copy with it, it is sent again with the tasks that are left."""
-    from distributed import as_completed as done_by_dask
-
+    done_by_dask = import_module("distributed").as_completed
     left = dict(enumerate(tasks))
     for attempt in range(TRIES):
         common = client.scatter(shared, broadcast=True, direct=False, hash=False)

@@ -85,7 +85,7 @@ def placed(
         sites[SHIFT] = (period - given) * 2.0 * float(data.t_span) / (HOUR * given**2)
         for i, s in enumerate(which[: len(spins)]):
             shape = np.asarray(s.get("coefficients", ()), float)
-            size = min(len(shape), sites[SHAPE].shape[1])
+            size = min(len(shape), len(sites[SHAPE][i]))
             sites[SHAPE][i, :size] = shape[:size]
     rows = [problem.ravel({k: jnp.asarray(v[i]) for k, v in sites.items()}) for i in range(count)]
     return jnp.stack(rows)

@@ -70,7 +70,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys):
 def test_a_fit_starts_from_a_scan(asteroid):
     """Where the scan ended, in the model's own terms, is where the search begins."""
     from lcbayes import gallery
-    from lcbayes._jax import jax
+    from lcbayes._jax import jax, jnp
     from lcbayes.epochs import Epochs
     from lcbayes.inference.problem import Problem
     from lcbayes.inference.start_from import placed, read_scan
@@ -84,7 +84,7 @@ def test_a_fit_starts_from_a_scan(asteroid):
     hook = entry.hook("starts")
     assert hook is not None
     given = [problem.ravel(s) for s in hook(data, jax.random.key(0), **options)]
-    z = placed(spins, np.stack(given), problem, data, options)
+    z = placed(spins, jnp.stack(given), problem, data, options)
     assert len(z) == 2 * len(spins)
     sites = problem.constrain(z[0], data)
     assert float(sites["period_h"]) == pytest.approx(spins[0]["period_h"], rel=1e-9)

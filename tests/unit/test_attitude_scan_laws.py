@@ -46,12 +46,14 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
     """The flux of a box of unequal albedos under an attitude, and of a panel under another."""
     body = shapes.box(2.0, 1.4, 0.8)
     areas = body.areas * np.array([0.3, 0.5, 0.2, 0.4, 0.6, 0.3])
-    sun, obs = attitude.to_body(rotation, curve.sun), attitude.to_body(rotation, curve.obs)
-    flux = np.asarray(brightness.flux(sun, obs, body.normals, areas, LAW))
+
+    def flux_of(turned, normals, areas):
+        sun, obs = (attitude.to_body(turned, jnp.asarray(v)) for v in (curve.sun, curve.obs))
+        return np.asarray(brightness.flux(sun, obs, jnp.asarray(normals), jnp.asarray(areas), LAW))
+
+    flux = flux_of(rotation, body.normals, areas)
     if panel is not None:
-        sun, obs = attitude.to_body(panel, curve.sun), attitude.to_body(panel, curve.obs)
-        wing = brightness.flux(sun, obs, faceted.FRONT_AND_BACK, jnp.array([3.0, 2.0]), LAW)
-        flux = flux + np.asarray(wing)
+        flux = flux + flux_of(panel, faceted.FRONT_AND_BACK, [3.0, 2.0])
     error = np.full(len(flux), noise * flux.mean())
     noisy = flux + error * np.random.default_rng(1).normal(size=len(flux))
     return replace(curve, brightness=noisy, error=error)
