@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,9 @@ import numpy as np
 from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.quantities import lon_lat
+from lcbayes.analysis.style import Gallery
+from lcbayes.errors import InputError
+from lcbayes.folders import put_in_place
 from lcbayes.lightcurve import LightCurve
 
 NAME = "albedo_area"
@@ -45,6 +51,23 @@ def write(
         folder, NAME, content, words(result, curve),
         lambda gallery: albedo_area_plots.draw(result, gallery), texts,
     )  # fmt: skip
+    try:
+        figures = scratch / "figures"
+        figures.mkdir(mode=0o755)
+        save_json(content, scratch / NUMBERS)
+        (scratch / WORDS).write_text("\n".join(words(result, curve)) + "\n", encoding="utf-8")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+            albedo_area_plots.draw(result, Gallery(figures))
+        for name in BODY:
+            (folder / name).unlink(missing_ok=True)
+        if result.shape is not None:
+            comment = "convex body of one albedo, lcbayes albedo-area"
+            (scratch / BODY[0]).write_text(result.shape.obj(comment))
+            (scratch / BODY[1]).write_text(result.shape.ply(comment))
+        put_in_place(scratch, folder)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
     return content
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import shutil
 import tempfile
@@ -17,6 +16,7 @@ from lcbayes.analysis.pages import environment
 from lcbayes.analysis.sky_plots import FRAMES
 from lcbayes.attitude_scan.found import Found, readable_period
 from lcbayes.errors import InputError
+from lcbayes.folders import put_in_place
 from lcbayes.physics.closure import close
 from lcbayes.polyhedron import Polyhedron
 from lcbayes.shape import minkowski
@@ -77,10 +77,7 @@ def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[s
         (folder / BODY).unlink(missing_ok=True)
         if body is not None:
             (scratch / BODY).write_text(body.obj("convex body of the best solution, lcbayes scan"))
-        if (folder / "figures").exists():
-            shutil.rmtree(folder / "figures")
-        for made in scratch.iterdir():
-            os.replace(made, folder / made.name)
+        put_in_place(scratch, folder)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return folder / PAGE

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from lcbayes.checkpoint import Checkpoint, write_atomic
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve
-from lcbayes.folders import alone_in, installed_version, make_folder, record, to_toml
+from lcbayes.folders import alone_in, installed_version, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
+from lcbayes.verdict import Judged
 
 if TYPE_CHECKING:
     from lcbayes.attitude_scan.found import Found
@@ -23,8 +24,8 @@ ASTEROID, SATELLITE = "lommel-seeliger-lambert", "non-lambertian"
 MOST_FACETS, MOST_DEGREE, MOST_KEPT = 5000, 12, 100
 
 
-class Scan:
-    """Solutions of an attitude scan, the best first.
+class Scan(Judged):
+    """Solutions of an attitude scan, the best first; `summary` is the content of ``summary.json``.
 
     Attributes
     ----------
@@ -33,40 +34,23 @@ class Scan:
     """
 
     def __init__(self, found: Found, summary: dict[str, Any], run: Mapping[str, Any]) -> None:
+        super().__init__(summary, run)
         self.found = found
-        self._summary = summary
-        self._run = dict(run)
 
     @property
     def solutions(self) -> list[dict[str, Any]]:
         """The best first: pole and period or law, chi2, rms, and how it is related to the best."""
         return self._summary["solutions"]
 
-    @property
-    def converged(self) -> bool:
-        return self._summary["converged"]
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why the result must not be trusted, in words; empty where it may be."""
-        return self._summary["reasons"]
-
-    def summary(self) -> dict[str, Any]:
-        """The content of ``summary.json``."""
-        return self._summary
-
     def save(self, folder: str | Path) -> Path:
         """Write summary.json, hypotheses.csv and run.toml."""
-        from lcbayes.results import save_json
-
         folder = make_folder(folder)
         heads, rows = self.found.table()
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerows([heads, *rows])
-        save_json(self._summary, folder / "summary.json")
+        self._write(folder, "summary.json")
         write_atomic(folder / "hypotheses.csv", lambda p: p.write_text(text.getvalue()))
-        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)))
         return folder
 
     def report(self, folder: str | Path) -> Path:
@@ -96,7 +80,7 @@ def scan(
     n_sky: int = 200,
     common_noise: bool = False,
     scheduler: str | None = None,
-    n_workers: int | None = None,
+    workers: int | None = None,
     out: str | Path | None = None,
     progress: Silent | None = None,
     reading: Mapping[str, Any] | None = None,
@@ -132,7 +116,7 @@ def scan(
         Poles of the map of the sky about the best period; 0 leaves it out.
     common_noise : bool
         Where errors are unknown: one relative level for all curves, not one for each.
-    scheduler, n_workers : optional
+    scheduler, workers : optional
         Address of a Dask scheduler, or processes of a local one; else threads of this process.
     out : path, optional
         Folder for the results and for a checkpoint, with which a killed run resumes to the same
@@ -188,7 +172,7 @@ def scan(
         checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
         if checkpoint.resumed:
             progress.say(f"resuming the run that stopped in {folder}")
-        found = engine.run(curve, settings, scheduler, n_workers, checkpoint, progress)
+        found = engine.run(curve, settings, scheduler, workers, checkpoint, progress)
         summary = summarise(found, curve)
         asked = {k: v for k, v in settings.as_dict().items() if v is not None}
         result = Scan(found, summary, record(curve, "scan", {"command": "scan"}, asked, reading))

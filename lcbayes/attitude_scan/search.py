@@ -69,7 +69,9 @@ def _from_spheres(shared: tuple, poles: Floats, frequencies: Floats) -> Ends:
 
 def _from_bodies(shared: tuple, tilt: Floats, frequency: Floats, coefficients: Floats) -> Ends:
     body, points, free, effort = shared
-    return _solved(body, points, Spin(*map(jnp.asarray, (tilt, frequency, coefficients))), free, effort)
+    return _solved(
+        body, points, Spin(*map(jnp.asarray, (tilt, frequency, coefficients))), free, effort
+    )
 
 
 def _solved(body: SmoothBody, points: Points, starts: Any, free: Any, effort: Effort) -> Ends:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
+from lcbayes.commands.model_options import add_settings
 from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -26,12 +26,13 @@ how well a spin is known, `lcbayes fit --start-from DIR` says. A run that was st
 goes on when the same command is given again.
 """
 UNITS = {"s": 1.0 / 3600.0, "min": 1.0 / 60.0, "h": 1.0, "d": 24.0}
-WHOLE = {
-    "n_poles": (12, "poles to start from"),
-    "n_facets": (500, "facets of the body of refined solutions"),
-    "degree": (6, "degree of its harmonics"),
-    "keep": (12, "solutions to refine"),
-    "n_sky": (200, "poles of the map of the sky; 0: no map"),
+SETTINGS = {
+    "n_poles": "poles to start from (default 12)",
+    "n_facets": "facets of the body of refined solutions (default 500)",
+    "degree": "degree of its harmonics (default 6)",
+    "keep": "solutions to refine (default 12)",
+    "n_sky": "poles of the map of the sky (default 200); 0: no map",
+    "workers": "processes of a local Dask cluster",
 }
 
 
@@ -54,18 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reflectance", metavar="LAW",
         help="lambertian, non-lambertian (default) or lommel-seeliger-lambert (for asteroids)",
     )  # fmt: skip
-    for name, (default, text) in WHOLE.items():
-        parser.add_argument(
-            "--" + name.replace("_", "-"), type=int, default=default, metavar="N",
-            help=f"{text} (default {default})",
-        )  # fmt: skip
     parser.add_argument(
         "--common-noise", action="store_true",
         help="errors unknown: one relative noise level, not one for each curve",
     )  # fmt: skip
-    parser.add_argument(
-        "--workers", type=int, metavar="N", help="a local Dask cluster of N processes"
-    )
+    add_settings(parser, SETTINGS)
     parser.add_argument("--scheduler", metavar="ADDRESS", help="an existing Dask cluster: tcp://…")
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
     parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
@@ -83,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
     from lcbayes.progress import Console, Silent
     from lcbayes.scanning import scan
+    from lcbayes.verdict import told
 
     found = scan(
         curve,
@@ -93,17 +88,17 @@ def run(args: argparse.Namespace) -> int:
         period_step=args.period_step,
         common_noise=args.common_noise,
         scheduler=args.scheduler,
-        n_workers=args.workers,
         out=args.out,
         progress=Silent() if args.json else Console(),
         reading=how_read(args),
-        **{name: getattr(args, name) for name in WHOLE},
+        **{k: getattr(args, k) for k in SETTINGS if getattr(args, k) is not None},
     )
     where = args.out if args.no_report else found.report(args.out)
     if args.json:
-        json.dump(json.loads((args.out / "summary.json").read_text()), sys.stdout, indent=1)
-        print()
+        sys.stdout.write((args.out / "summary.json").read_text())
     else:
+        if not found.converged:
+            print(told(found.reasons))
         print("\n".join(_lines(found.summary())))
         print(f"\n{'results' if args.no_report else 'report'}: {where}")
     return EXIT_DONE if found.converged else EXIT_NOT_TRUSTED
@@ -126,14 +121,10 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     """The result on standard output."""
     from lcbayes.attitude_scan.found import readable_period
 
-    lines = []
-    if not summary["converged"]:
-        lines.append("DO NOT TRUST THIS RESULT:")
-        lines += [f"  - {reason}" for reason in summary["reasons"]]
-    lines.append(
+    lines = [
         f"{summary['n_hypotheses']} hypotheses: {summary['n_periods']} periods, "
         f"{summary['n_laws']} laws; the best of them:"
-    )
+    ]
     lines.append("     lon      lat         period        chi2     rms")
     for i, s in enumerate(summary["solutions"], start=1):
         what = f"{s['law']:29s}"
