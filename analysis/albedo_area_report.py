@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import warnings
@@ -16,7 +17,6 @@ from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.style import Gallery
 from lcbayes.errors import InputError
-from lcbayes.folders import put_in_place
 from lcbayes.lightcurve import LightCurve
 
 NAME = "albedo_area"
@@ -65,7 +65,10 @@ def write(
             comment = "convex body of one albedo, lcbayes albedo-area"
             (scratch / BODY[0]).write_text(result.shape.obj(comment))
             (scratch / BODY[1]).write_text(result.shape.ply(comment))
-        put_in_place(scratch, folder)
+        if (folder / "figures").exists():
+            shutil.rmtree(folder / "figures")
+        for made in scratch.iterdir():
+            os.replace(made, folder / made.name)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return content
