@@ -128,9 +128,8 @@ def _numbers(found: Found, periods: Floats, best: Floats) -> list[tuple[float, f
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)
         if near is None:
-            low = float(
-                np.min(best[np.abs(periods - at) <= max(reach, float(np.diff(periods)[0]))])
-            )
+            middle = int(np.argmin(np.abs(periods - at)))
+            low = float(np.min(best[max(middle - 1, 0) : middle + 2]))
             places.append([at, low, str(i + 1)])
         else:
             near[2] += f", {i + 1}"
