@@ -92,8 +92,9 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     unit /= periods[0]
     if periods[-1] > WIDE * periods[0]:
         axes.set_xscale("log")
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter("")
+        round_ = np.outer(10.0 ** np.arange(-3, 6), [1.0, 2.0, 3.0, 5.0]).ravel()
+        shown = round_[(round_ >= unit * periods[0]) & (round_ <= unit * periods[-1])]
+        axes.set_xticks(shown, [f"{x:g}" for x in shown])
     axes.plot(unit / (HOUR * tried), worse, ".", ms=2, color=FAINT, alpha=0.5, rasterized=True,
               label="every pole")  # fmt: skip
     axes.plot(unit * periods, best, "-", lw=1.0, color=colour(0), label="best pole")
@@ -110,7 +111,7 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     axes.minorticks_off()
     axes.set_xlabel(f"trial sidereal period ({name})")
     axes.set_ylabel("residuals ÷ least")
-    axes.legend(loc="lower right", ncols=2)
+    figure.legend(loc="outside upper right", ncols=2)
     caption = (
         "Residuals against trial period, in units of the least, with the coarse body that "
         "hypotheses are screened with. Numbers: refined solutions."

@@ -19,7 +19,7 @@ from lcbayes.attitude_scan.found import Found, Solution, Table
 from lcbayes.attitude_scan.grid import HOUR, Grid, grid
 from lcbayes.attitude_scan.points import Points
 from lcbayes.attitude_scan.smooth import SmoothBody
-from lcbayes.attitude_scan.solutions import Geometry, distinct
+from lcbayes.attitude_scan.solutions import Geometry, counted, distinct
 from lcbayes.attitude_scan.spin import Ends, in_convention
 from lcbayes.attitude_scan.workers import Run, crew
 from lcbayes.checkpoint import Checkpoint
@@ -34,6 +34,7 @@ Floats = NDArray[np.float64]
 
 COARSE_FACETS, COARSE_DEGREE = 150, 4  # of the body that hypotheses are screened with
 SMOOTH_LAW = "lommel-seeliger-lambert"  # bodies of regolith, without edges
+FROM_MAP = 3  # poles of the map that are refined as well
 WORSE = 1.05  # rms over that of the best up to which a solution is as good
 
 
@@ -128,7 +129,7 @@ def _spins(
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> None:
-    """Constant spins into ``found``: screened, refined, and the sky about the best."""
+    """Constant spins into ``found``: screened, the sky about the best, and the best refined."""
     span = float(points.span)
     closed = settings.smooth
     tried = grid(
@@ -158,7 +159,15 @@ def _spins(
         rows[0], rows[1], ends.pole, ends.frequency, search.misfit(points, ends.squares, least),
         ends.steps,
     )  # fmt: skip
-    kept, hits = distinct(ends, span, settings.keep)
+    kept, _ = distinct(ends, span, settings.keep)
+    if settings.n_sky > 0:
+        # where few poles were tried, the map may know better ones
+        with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
+            poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
+            held = search.sky(points, coarse, poles, best, run, checkpoint, track)
+            found.sky = poles, search.misfit(points, held.squares, least)
+        kept = Ends.joined([kept, distinct(held, span, FROM_MAP)[0]])
+    hits = counted(ends, kept, span)
     if not len(hits):
         raise InputError(
             "no hypothesis explains anything of the light curve; check its errors and geometry"
@@ -176,13 +185,6 @@ def _spins(
             progress.stage("facets", len(hits), "solutions") as track,
         ):
             found.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
-    if settings.n_sky > 0:
-        best = min(found.solutions, key=lambda s: s.chi2)
-        with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
-            poles = facets.grid(settings.n_sky)
-            assert best.frequency is not None
-            about = search.sky(points, coarse, poles, best.frequency, run, checkpoint, track)
-            found.sky = poles, search.misfit(points, about.squares, least)
 
 
 @contextmanager
@@ -233,11 +235,7 @@ def _smooth_solutions(
 def _merged(ends: Ends, hits: NDArray, span: float) -> tuple[Ends, NDArray]:
     """Ends of which some came to the same solution, with the hits of all that did."""
     unique, _ = distinct(ends, span, len(hits))
-    count = np.zeros(len(unique.value), int)
-    for i in range(len(ends.value)):
-        near = np.abs(unique.frequency - ends.frequency[i]) * span
-        count[np.argmin(near + np.linalg.norm(unique.pole - ends.pole[i], axis=1))] += hits[i]
-    return unique, count
+    return unique, counted(ends, unique, span, hits)
 
 
 def _faceted_solutions(

@@ -98,16 +98,27 @@ def distinct(ends: Ends, span: float, most: int) -> tuple[Ends, NDArray[np.integ
     over the data.
     """
     order = np.argsort(ends.value, kind="stable")
-    order = order[np.isfinite(ends.value[order])]
-    poles, kept, hits = ends.pole, [], []
-    for i in order:
-        for j, k in enumerate(kept):
-            near = abs(ends.frequency[i] - ends.frequency[k]) * span < SAME_TURNS
-            if near and poles[i] @ poles[k] > np.cos(np.radians(SAME_POLE)):
-                hits[j] += 1
-                break
-        else:
-            if len(kept) < most:
-                kept.append(i)
-                hits.append(1)
-    return ends.rows(np.array(kept, int)), np.array(hits, int)
+    kept: list[int] = []
+    for i in order[np.isfinite(ends.value[order])]:
+        if len(kept) < most and not np.any(_same(ends.rows(kept), ends, i, span)):
+            kept.append(int(i))
+    unique = ends.rows(np.array(kept, int))
+    return unique, counted(ends, unique, span)
+
+
+def counted(
+    ends: Ends, solutions: Ends, span: float, weight: NDArray[np.integer] | None = None
+) -> NDArray[np.integer]:
+    """How many ends came to each solution; each to the first that is the same."""
+    hits = np.zeros(len(solutions.value), int)
+    for i in np.flatnonzero(np.isfinite(ends.value)):
+        same = _same(solutions, ends, i, span)
+        if np.any(same):
+            hits[np.argmax(same)] += 1 if weight is None else weight[i]
+    return hits
+
+
+def _same(solutions: Ends, ends: Ends, i: int, span: float) -> NDArray[np.bool_]:
+    """Which solutions the i-th end is the same as."""
+    near = np.abs(solutions.frequency - ends.frequency[i]) * span < SAME_TURNS
+    return near & (solutions.pole @ ends.pole[i] > np.cos(np.radians(SAME_POLE)))

@@ -103,4 +103,7 @@ def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
         if min(best.frequency - low, high - best.frequency) * 2.0 * span < EDGE:
             yield "the best period lies at the end of the range that was tried: widen it"
     if best.frequency is not None and best.hits < 2 and settings.n_poles > 1:
-        yield "one start alone came to the best solution: there may be a better; raise --n-poles"
+        yield (
+            "fewer than two starts came to the best solution: there may be a better one; "
+            "raise --n-poles"
+        )
