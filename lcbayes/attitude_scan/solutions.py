@@ -100,7 +100,7 @@ def distinct(ends: Ends, span: float, most: int) -> tuple[Ends, NDArray[np.integ
     order = np.argsort(ends.value, kind="stable")
     kept: list[int] = []
     for i in order[np.isfinite(ends.value[order])]:
-        if len(kept) < most and not np.any(_same(ends.rows(kept), ends, i, span)):
+        if len(kept) < most and not np.any(_same(ends.rows(kept), ends, int(i), span)):
             kept.append(int(i))
     unique = ends.rows(np.array(kept, int))
     return unique, counted(ends, unique, span)
@@ -112,7 +112,7 @@ def counted(
     """How many ends came to each solution; each to the first that is the same."""
     hits = np.zeros(len(solutions.value), int)
     for i in np.flatnonzero(np.isfinite(ends.value)):
-        same = _same(solutions, ends, i, span)
+        same = _same(solutions, ends, int(i), span)
         if np.any(same):
             hits[np.argmax(same)] += 1 if weight is None else weight[i]
     return hits
