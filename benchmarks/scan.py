@@ -294,8 +294,8 @@ def cost() -> None:
     timed("hypotheses", [(n, work(points, body, n)) for n in (2, 4, 8)])
     text = (
         "Ten iterations of each hypothesis, one after the other; 1541 epochs, 500 facets, "
-        "degree 6, two hypotheses, where not varied. Best of five. The exponent is the slope of log time "
-        "against log size: 1 is linear.\n\n"
+        "degree 6, two hypotheses, where not varied. Best of five. The exponent is the slope of "
+        "log time against log size: 1 is linear.\n\n"
     )
     write_section(
         "Scan: cost", command("cost"), text + table(["", "ms at each size", "exponent"], rows)
