@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,8 +11,6 @@ import numpy as np
 from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.quantities import lon_lat
-from lcbayes.analysis.style import Gallery
-from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 
 NAME = "albedo_area"
@@ -51,26 +45,6 @@ def write(
         folder, NAME, content, words(result, curve),
         lambda gallery: albedo_area_plots.draw(result, gallery), texts,
     )  # fmt: skip
-    try:
-        figures = scratch / "figures"
-        figures.mkdir(mode=0o755)
-        save_json(content, scratch / NUMBERS)
-        (scratch / WORDS).write_text("\n".join(words(result, curve)) + "\n", encoding="utf-8")
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
-            albedo_area_plots.draw(result, Gallery(figures))
-        for name in BODY:
-            (folder / name).unlink(missing_ok=True)
-        if result.shape is not None:
-            comment = "convex body of one albedo, lcbayes albedo-area"
-            (scratch / BODY[0]).write_text(result.shape.obj(comment))
-            (scratch / BODY[1]).write_text(result.shape.ply(comment))
-        if (folder / "figures").exists():
-            shutil.rmtree(folder / "figures")
-        for made in scratch.iterdir():
-            os.replace(made, folder / made.name)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return content
 
 

@@ -13,8 +13,6 @@ from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 COMMANDS = (
     "simulate", "fit", "compare", "albedo-area", "scan", "spin", "glints", "single-facet",
     "attitude-test", "shape-match", "predict", "report", "convert", "models", "doctor",
-    "simulate", "fit", "compare", "albedo-area", "scan", "predict", "report", "convert", "models",
-    "doctor",
 )  # fmt: skip
 
 EPILOG = """\
