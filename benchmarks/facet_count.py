@@ -24,6 +24,7 @@ from lcbayes import scenario
 from lcbayes._jax import jnp
 from lcbayes.physics import brightness
 from lcbayes.progress import Console
+from lcbayes.scenarios.viewing import Planar
 from lcbayes.simulate import simulate
 
 HERE = Path(__file__).parent
@@ -99,9 +100,9 @@ def study() -> None:
 
 def timed() -> None:
     what = scenario.load(HERE / "four-facets.toml")
-    assert what.geometry.step is not None
-    fine = replace(what, geometry=replace(what.geometry, step=what.geometry.step * 0.4))
-    curve = simulate(fine, 1)[0]
+    assert isinstance(what.geometry, Planar)
+    passes = tuple(replace(one, step=0.4 * one.step) for one in what.geometry.passes)
+    curve = simulate(replace(what, geometry=replace(what.geometry, passes=passes)), 1)[0]
     begun = time.monotonic()
     found = lcbayes.compare(curve, range(1, 9), seed=1, progress=Console())
     took = time.monotonic() - begun

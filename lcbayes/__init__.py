@@ -1,6 +1,7 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it or ``compare`` numbers of facets; see the README.
+``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets or ``scan``
+attitudes; see the README.
 """
 
 import sys
@@ -16,18 +17,25 @@ if TYPE_CHECKING:
     from lcbayes.io import read as read
     from lcbayes.io import write as write
     from lcbayes.lightcurve import LightCurve as LightCurve
+    from lcbayes.scanning import Scan as Scan
+    from lcbayes.scanning import scan as scan
 
 _HOMES = {
     "Comparison": "lcbayes.comparing",
     "Fit": "lcbayes.fitting",
     "InputError": "lcbayes.errors",
     "LightCurve": "lcbayes.lightcurve",
+    "Scan": "lcbayes.scanning",
     "compare": "lcbayes.comparing",
     "fit": "lcbayes.fitting",
     "read": "lcbayes.io",
+    "scan": "lcbayes.scanning",
     "write": "lcbayes.io",
 }
-__all__ = ["Comparison", "Fit", "InputError", "LightCurve", "compare", "fit", "read", "write"]
+__all__ = [
+    "Comparison", "Fit", "InputError", "LightCurve", "Scan", "compare", "fit", "read", "scan",
+    "write",
+]  # fmt: skip
 
 
 def _load_numpyro_if_begun() -> None:

@@ -4,4 +4,5 @@ import sys
 
 from lcbayes.cli import main
 
-sys.exit(main())
+if __name__ == "__main__":  # the processes of a local Dask cluster import this file
+    sys.exit(main())

@@ -11,8 +11,9 @@ from importlib import import_module
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
-    "simulate", "fit", "compare", "albedo-area", "spin", "glints", "single-facet", "attitude-test",
-    "shape-match", "observability", "predict", "report", "convert", "models", "doctor",
+    "simulate", "fit", "compare", "albedo-area", "scan", "spin", "glints", "single-facet",
+    "attitude-test", "shape-match", "observability", "predict", "report", "convert", "models",
+    "doctor",
 )  # fmt: skip
 
 EPILOG = """\

@@ -79,6 +79,7 @@ def fit(
     num_chains: int = 4,
     num_starts: int = 0,
     max_modes: int = 4,
+    start_from: str | Path | None = None,
     out: str | Path | None = None,
     progress: Silent | None = None,
     reading: Mapping[str, Any] | None = None,
@@ -108,6 +109,9 @@ def fit(
         Starts of the search where the model has no own; 0 chooses by the number of parameters.
     max_modes : int
         Solutions to sample at most.
+    start_from : path, optional
+        Results of `lcbayes.scan` of the same light curve, whose best spins the search starts from.
+        The model "convex-grid" takes its period from there if none is given.
     out : path, optional
         Folder for the results and for a checkpoint, with which a killed run resumes to the same
         numbers.
@@ -136,23 +140,30 @@ def fit(
     from lcbayes import gallery, results
     from lcbayes.inference import fit as engine
     from lcbayes.inference.settings import Settings
+    from lcbayes.inference.start_from import read_scan
     from lcbayes.summary import summarise
 
     progress = progress or Silent()
     settings = Settings(sampler, seed, num_warmup, num_samples, num_chains, num_starts, max_modes)
     entry = gallery.find(model)
-    checked = entry.check(options)
     check_curve(curve)
+    spins = [] if start_from is None else read_scan(start_from, curve)
+    if spins and "period" in entry.options:
+        options = {"period": spins[0]["period_h"]} | options
+    checked = entry.check(options)
     identity = engine.identity(curve, entry, checked, settings, installed_version())
+    if spins:
+        identity |= {"start_from": repr(spins)}
     with alone_in(out, WRITTEN) as folder:
         checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
         if checkpoint.resumed:
             progress.say(f"resuming the run that stopped in {folder}")
-        posterior = engine.run(curve, entry, checked, settings, checkpoint, progress)
+        posterior = engine.run(curve, entry, checked, settings, checkpoint, progress, spins)
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
         tree.attrs = _attributes(curve, summary, entry.name, seed, checked)
-        run = record(curve, model, settings.as_dict(), checked, reading)
+        begun = {} if start_from is None else {"start_from": str(Path(start_from).resolve())}
+        run = record(curve, model, settings.as_dict() | begun, checked, reading)
         found = Fit(tree, summary, run)
         if folder is not None:
             found.save(folder)

@@ -31,6 +31,14 @@ def make_folder(folder: str | Path) -> Path:
     return folder
 
 
+def put_in_place(scratch: Path, folder: Path) -> None:
+    """Everything made in ``scratch`` into the folder, in place of what is there by that name."""
+    if (folder / "figures").exists() and (scratch / "figures").exists():
+        shutil.rmtree(folder / "figures")
+    for made in scratch.iterdir():
+        os.replace(made, folder / made.name)
+
+
 @contextlib.contextmanager
 def alone_in(out: str | Path | None, written: Iterable[str]) -> Iterator[Path | None]:
     """The results folder, kept from a second run for as long as this one lasts; ``written`` are

@@ -128,7 +128,7 @@ def predicted_flux(
             if attitude_error is not None and rotation is made.body:
                 turn = attitude.constant_rate(jnp.ones(1), attitude_error)[0]
                 directions = tuple(x @ turn.T for x in directions)
-            total += body_flux(scenario.body, scenario.materials, *directions, which)
+            total += body_flux(scenario.body, scenario.materials, *directions, which=which)
         return total
 
     t, exposure = along.t, scenario.exposure_s

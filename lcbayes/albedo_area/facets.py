@@ -87,7 +87,11 @@ def explain(
 
 
 def refine(
-    seen: Observed, coarse: Distribution, matrix: Floats, materials: Sequence[Material]
+    seen: Observed,
+    coarse: Distribution,
+    matrix: Floats,
+    materials: Sequence[Material],
+    still: int = 0,
 ) -> Distribution:
     """The distribution on normals that are free to move: the grid, made finer where needed.
 
@@ -100,11 +104,14 @@ def refine(
     ----------
     coarse : Distribution
         On the grid, with ``matrix`` (T, n) its columns.
+    still : int
+        So many of the last of them are no part of the grid and stay as they are.
     """
     spacing = float(np.sqrt(4.0 * np.pi / np.bincount(coarse.which).max()))
     found = coarse
     for level in range(LEVELS):
         kept = found.areas > 0
+        kept[len(coarse.areas) - still : len(coarse.areas)] = False
         around = _around(found.normals[kept], 0.6 * spacing / 2**level)
         normals = np.concatenate([found.normals[kept], around])
         which = np.concatenate([found.which[kept], np.repeat(found.which[kept], NEIGHBOURS)])
@@ -117,6 +124,7 @@ def refine(
             start=found,
         )
     kept = found.areas > NEGLIGIBLE * found.areas.sum()
+    kept[len(coarse.areas) - still : len(coarse.areas)] = still > 0
     return Distribution(
         found.normals[kept], found.which[kept], found.areas[kept],
         found.scale, found.flux, found.chi2,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,14 @@ Floats = NDArray[np.float64]
 HOUR = 3600.0
 ORDER = 3  # instants per exposure, Gauss-Legendre
 UNKNOWN_ERROR = 0.02  # of a curve's mean flux, where the data carry no errors; a fit corrects it
+
+
+class Turning(Protocol):
+    """Anything that says how a body is turned."""
+
+    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
+        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -91,32 +100,11 @@ class Observed:
     error_known: bool
 
     @classmethod
-    def of(cls, curve: LightCurve, attitude: Attitude) -> Observed:
-        """Linear flux and body-frame directions of a light curve.
-
-        A magnitude m ± σ becomes f = 10^(−0.4 (m − m_sun)) r² with error 0.4 ln(10) f σ.
-        """
+    def of(cls, curve: LightCurve, attitude: Turning) -> Observed:
+        """Linear flux, see `linear_flux`, and body-frame directions of a light curve."""
         data = Epochs.of(curve)
-        brightness, dilution = np.asarray(data.brightness), np.asarray(data.dilution)
-        if not np.all(np.isfinite(brightness)):
-            raise InputError("the light curve has no brightness, only geometry; nothing to solve")
-        if data.kind == "mag":
-            flux = 10.0 ** (-0.4 * (brightness - np.asarray(data.zero_point))) / dilution
-            error = 0.4 * np.log(10.0) * flux * np.asarray(data.error)
-        else:
-            flux, error = brightness / dilution, np.asarray(data.error) / dilution
+        flux, error = linear_flux(curve, data)
         group = np.asarray(data.curve)
-        mean = np.bincount(group, flux) / np.bincount(group)
-        lost = np.flatnonzero(np.asarray(data.free_scale) & ~(mean > 0))
-        if len(lost):
-            name = curve.curve_names[lost[0]]
-            raise InputError(
-                f"curve {name!r} has no flux (mean {mean[lost[0]]:.3g}), so its scale is unknown; "
-                "leave it out"
-            )
-        if not data.has_error:
-            mean = np.bincount(group, np.abs(flux)) / np.bincount(group)
-            error = UNKNOWN_ERROR * mean[group]
         offset, weight = np.zeros(1), np.ones(1)
         if data.has_exposure:
             offset, weight = np.polynomial.legendre.leggauss(ORDER)
@@ -138,3 +126,37 @@ class Observed:
     def with_error(self, error: Floats) -> Observed:
         """The same data with other errors."""
         return replace(self, error=error)
+
+
+def linear_flux(curve: LightCurve, data: Epochs) -> tuple[Floats, Floats]:
+    """Flux at unit distance and irradiance and its error, (T,), of a light curve and its epochs.
+
+    A magnitude m ± σ becomes f = 10^(−0.4 (m − m_sun)) r² with error 0.4 ln(10) f σ. Where the data
+    carry no errors, they are 2 % of a curve's mean.
+
+    Raises
+    ------
+    InputError
+        If there is no brightness, or a curve of free scale has no flux to scale.
+    """
+    brightness, dilution = np.asarray(data.brightness), np.asarray(data.dilution)
+    if not np.all(np.isfinite(brightness)):
+        raise InputError("the light curve has no brightness, only geometry; nothing to solve")
+    if data.kind == "mag":
+        flux = 10.0 ** (-0.4 * (brightness - np.asarray(data.zero_point))) / dilution
+        error = 0.4 * np.log(10.0) * flux * np.asarray(data.error)
+    else:
+        flux, error = brightness / dilution, np.asarray(data.error) / dilution
+    group = np.asarray(data.curve)
+    mean = np.bincount(group, flux) / np.bincount(group)
+    lost = np.flatnonzero(np.asarray(data.free_scale) & ~(mean > 0))
+    if len(lost):
+        name = curve.curve_names[lost[0]]
+        raise InputError(
+            f"curve {name!r} has no flux (mean {mean[lost[0]]:.3g}), so its scale is unknown; "
+            "leave it out"
+        )
+    if not data.has_error:
+        mean = np.bincount(group, np.abs(flux)) / np.bincount(group)
+        error = UNKNOWN_ERROR * mean[group]
+    return flux, error

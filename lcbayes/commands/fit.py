@@ -49,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_model_arguments(parser, FLAGS)
     add_settings(parser, SETTINGS)
+    parser.add_argument(
+        "--start-from", metavar="DIR", help="start from the spins that lcbayes scan found there"
+    )
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
     parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
 
@@ -57,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     keywords, expected = _configured(args)
     if args.out is None:
         raise InputError("where shall the results go? give a folder with -o DIR")
-    for name in ("model", "sampler", *SETTINGS):
+    for name in ("model", "sampler", "start_from", *SETTINGS):
         if getattr(args, name) is not None:
             keywords[name] = getattr(args, name)
     keywords |= model_options(args)
@@ -103,7 +106,7 @@ def _configured(args: argparse.Namespace) -> tuple[dict[str, Any], str]:
     content = table.values
     keywords = {
         k: content[k]
-        for k in ("model", *(f.name for f in dataclasses.fields(Settings)))
+        for k in ("model", "start_from", *(f.name for f in dataclasses.fields(Settings)))
         if k in content
     }
     keywords |= content.get("options", {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.problem import Problem, Sites
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
+from lcbayes.inference.start_from import placed
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 
@@ -74,8 +75,9 @@ def run(
     settings: Settings,
     checkpoint: Checkpoint,
     progress: Silent,
+    spins: Sequence[Mapping[str, Any]] = (),
 ) -> Posterior:
-    """Fit a model to a light curve.
+    """Fit a model to a light curve; ``spins`` of a scan take the place of those of the starts.
 
     Raises
     ------
@@ -100,6 +102,9 @@ def run(
     begun = time.monotonic()
     with entry.blamed():
         starts = _starts(entry, options, plain, data, key_start, settings.num_starts)
+        if spins:
+            default = {o.name: o.default for o in entry.options.values()}
+            starts = placed(spins, starts, plain, data, default | dict(options))
     stored = checkpoint.load("search")
     if stored is None:
         ends = search.race(plain, data, starts, workers, progress)
@@ -151,22 +156,28 @@ def run(
     return Posterior(problem, data, modes, len(starts), timing)
 
 
+def digest(curve: LightCurve) -> str:
+    """Of everything in a light curve that decides numbers."""
+    found = hashlib.sha256()
+    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
+                 "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
+        value = getattr(curve, name)
+        found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
+    found.update("".join(map(str, curve.band)).encode())
+    return found.hexdigest()
+
+
 def identity(
     curve: LightCurve, entry: Entry, options: Mapping[str, Any], settings: Settings, version: str
 ) -> dict[str, Any]:
     """What decides the numbers of a run, for its checkpoint."""
-    digest = hashlib.sha256()
-    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
-                 "exposure_s"):  # fmt: skip
-        value = getattr(curve, name)
-        digest.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    digest.update("".join(map(str, curve.band)).encode())
+    code = hashlib.sha256()
     source = entry.module.__file__
     if source is not None:
         with open(source, "rb") as file:
-            digest.update(file.read())
+            code.update(file.read())
     return {
-        "input": digest.hexdigest(),
+        "input": digest(curve) + code.hexdigest(),
         "model": entry.name,
         "options": {k: repr(v) for k, v in sorted(options.items())},
         "settings": settings.as_dict(),

@@ -87,7 +87,7 @@ def flux(
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _flux(law, sun, obs, normals, albedo_area, c):
     few = normals.shape[0] < _FEW_FACETS
-    kernel = _kernel(law, *_cosines(few, sun, obs, normals), c)[0]
+    kernel = diffuse_kernel(law, *_cosines(few, sun, obs, normals), c)[0]
     return albedo_area @ kernel if few else kernel @ albedo_area
 
 
@@ -97,7 +97,7 @@ def _flux_jvp(law, primals, tangents):
     d_sun, d_obs, d_normals, d_albedo_area, d_c = tangents
     few = normals.shape[0] < _FEW_FACETS
     mu0, mu = _cosines(few, sun, obs, normals)
-    kernel, slope0, slope = _kernel(law, mu0, mu, c)
+    kernel, slope0, slope = diffuse_kernel(law, mu0, mu, c)
 
     def total(matrix: jax.Array, weights: jax.Array) -> jax.Array:
         """Σᵢ over facets."""
@@ -142,7 +142,7 @@ def _cosines(few, sun, obs, normals):
     return sun @ normals.T, obs @ normals.T
 
 
-def _kernel(law, mu0, mu, c):
+def diffuse_kernel(law, mu0, mu, c):
     """K = f_r μ₀ μ of a facet of unit albedo and its derivatives by μ₀ and μ, all zero where dark.
 
     Elementwise, without branches, powers by multiplication.

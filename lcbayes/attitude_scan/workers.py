@@ -1,0 +1,134 @@
+"""Who does the work: this process's cores, or the workers of a Dask cluster.
+
+Tasks are pure functions of their arguments, so that a task whose worker was lost is simply done
+again, and the numbers depend neither on who did it nor on how many there are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from lcbayes.errors import InputError
+
+TRIES = 5  # of a task whose workers die
+WAIT_S = 30.0  # for the first worker of a cluster
+
+# A function, what all its tasks share, and one task's own arguments -> its result
+type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[int, Any]]]
+
+
+@contextmanager
+def crew(scheduler: str | None = None, n_workers: int | None = None) -> Iterator[Run]:
+    """A function ``run(function, shared, tasks)`` that yields (index, function(shared, *task)) as
+    tasks are done, in whatever order.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a Dask scheduler, ``tcp://host:8786``; its workers need lcbayes.
+    n_workers : int, optional
+        Start a local Dask cluster of so many processes. With neither, threads of this process.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or nobody answers.
+    """
+    if scheduler is None and n_workers is None:
+        yield _threads
+        return
+    if scheduler is not None and n_workers is not None:
+        raise InputError("--scheduler and --workers are both given; a cluster has its own workers")
+    if n_workers is not None and n_workers < 1:
+        raise InputError(f"--workers is {n_workers}; give a whole number >= 1")
+    with _client(scheduler, n_workers) as client:
+        yield lambda function, shared, tasks: _dask(client, function, shared, tasks)
+
+
+def _threads(
+    function: Callable[..., Any], shared: Any, tasks: Sequence[tuple]
+) -> Iterator[tuple[int, Any]]:
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        waiting = {pool.submit(function, shared, *task): i for i, task in enumerate(tasks)}
+        try:
+            for done in as_completed(waiting):
+                yield waiting[done], done.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def _client(scheduler: str | None, n_workers: int | None) -> Iterator[Any]:
+    try:
+        distributed = import_module("distributed")  # not in every environment
+        configured = import_module("dask.config").set
+    except ImportError:
+        raise InputError(
+            "Dask is not installed; it comes with pip install 'lcbayes[dask]'"
+        ) from None
+    # the death of a worker must not be held against the tasks that it had
+    settings = {"distributed.scheduler.allowed-failures": 100}
+    with configured(settings):
+        if scheduler is None:
+            with (
+                distributed.LocalCluster(
+                    n_workers=n_workers, threads_per_worker=1, processes=True,
+                    dashboard_address=None, silence_logs=50,
+                ) as cluster,
+                distributed.Client(cluster) as client,
+            ):  # fmt: skip
+                yield client
+            return
+        try:
+            client = distributed.Client(scheduler, timeout=WAIT_S)
+        except (OSError, ValueError, TimeoutError) as fault:
+            raise InputError(
+                f"no Dask scheduler answers at {scheduler} ({str(fault) or 'timeout'}); start one "
+                "with dask scheduler, or leave --scheduler out"
+            ) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=WAIT_S)
+            except TimeoutError:
+                raise InputError(
+                    f"the Dask scheduler at {scheduler} has no workers; start one with "
+                    f"dask worker {scheduler}"
+                ) from None
+            yield client
+
+
+def _dask(
+    client: Any, function: Callable[..., Any], shared: Any, tasks: Sequence[tuple]
+) -> Iterator[tuple[int, Any]]:
+    """Tasks on a cluster. What they share is sent once to every worker; where a loss of workers
+    took the last copy with it, it is sent again with the tasks that are left."""
+    done_by_dask = import_module("distributed").as_completed
+    left = dict(enumerate(tasks))
+    for attempt in range(TRIES):
+        common = client.scatter(shared, broadcast=True, direct=False, hash=False)
+        # earlier tasks first: what is drawn while they run comes in order
+        waiting = {
+            client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
+            for i, task in left.items()
+        }
+        try:
+            for done in done_by_dask(waiting):
+                if done.status != "finished":
+                    if attempt == TRIES - 1:
+                        done.result()
+                    continue
+                i = waiting[done]
+                yield i, done.result()
+                del left[i]
+        finally:
+            client.cancel(list(waiting))
+        if not left:
+            return
+    raise InputError(
+        f"{len(left)} tasks were not done: the cluster lost its workers again and again"
+    )

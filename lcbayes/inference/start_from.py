@@ -1,0 +1,91 @@
+"""Starts of a fit where an attitude scan ended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.inference.problem import Problem
+from lcbayes.lightcurve import LightCurve
+
+HOUR = 3600.0
+POLE, SHIFT, SHAPE, OMEGA = "pole_base", "period_shift", "coefficients", "omega_unit"
+
+
+def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
+    """The spins that a scan of this light curve found as good as the best, from its folder.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scan, one of another light curve, or one without constant spins.
+    """
+    from lcbayes._toml import read_toml
+
+    folder = Path(folder)
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        scanned = summary["model"] == "attitude-scan"
+    except (OSError, ValueError, KeyError, TypeError):
+        scanned, summary = False, {}
+    if not scanned:
+        raise InputError(f"{folder} holds no scan; give the folder that lcbayes scan -o wrote")
+    known = read_toml(folder / "run.toml").values.get("input", {}).get("sha256")
+    if known != curve.source.get("sha256"):
+        raise InputError(
+            f"the scan in {folder} is of another light curve; scan this one, then start from that"
+        )
+    spins = [s for s in summary["solutions"] if s["near_equal"] and "period_h" in s]
+    if not spins:
+        raise InputError(f"the scan in {folder} found no constant spin to start from")
+    return spins
+
+
+def placed(
+    spins: Sequence[Mapping[str, Any]],
+    starts: jax.Array,
+    problem: Problem,
+    data: Epochs,
+    options: Mapping[str, Any],
+) -> jax.Array:
+    """Starts (B, D) of a search, unconstrained, moved to the spins of a scan in turn.
+
+    Poles and periods (or angular velocities) become those of the spins; all else stays as it was.
+    A body of harmonics starts twice from each: as the starts have it, and with the scan's shape.
+
+    Parameters
+    ----------
+    options : mapping
+        Of the model, with their defaults.
+    """
+    names = set(problem.names)
+    if not ({POLE, SHIFT} <= names or OMEGA in names):
+        raise InputError("--start-from goes with models that spin freely: faceted, convex-grid")
+    sites = jax.jit(jax.vmap(problem.constrain, (0, None)))(starts, data)
+    sites = {k: np.array(sites[k]) for k in problem.names}
+    count = len(starts) if SHAPE not in names else 2 * len(spins)
+    sites = {k: np.resize(v, (count, *v.shape[1:])) for k, v in sites.items()}
+    which = [spins[i % len(spins)] for i in range(count)]
+    if OMEGA in names:
+        omega = np.array([[s[f"omega_{axis}_rad_s"] for axis in "xyz"] for s in which])
+        sites[OMEGA] = omega / float(options["omega_sd"])
+    else:
+        lon, lat = np.radians([[s["pole_lon_deg"], s["pole_lat_deg"]] for s in which]).T
+        pole = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+        sites[POLE] = pole.reshape(sites[POLE].shape)
+        period = np.array([s["period_h"] for s in which])
+        given = float(options["period"])
+        sites[SHIFT] = (period - given) * 2.0 * float(data.t_span) / (HOUR * given**2)
+        for i, s in enumerate(which[: len(spins)]):
+            shape = np.asarray(s.get("coefficients", ()), float)
+            size = min(len(shape), len(sites[SHAPE][i]))
+            sites[SHAPE][i, :size] = shape[:size]
+    rows = [problem.ravel({k: jnp.asarray(v[i]) for k, v in sites.items()}) for i in range(count)]
+    return jnp.stack(rows)

@@ -1,0 +1,144 @@
+"""`lcbayes scan` from a file to its results, and its refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import spinning
+
+import lcbayes
+from lcbayes import cli
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.physics import shapes
+from lcbayes.results import save_json
+
+POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
+QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
+
+
+@pytest.fixture(scope="module")
+def asteroid(tmp_path_factory):
+    """A curve file and the results of a scan of it."""
+    folder = tmp_path_factory.mktemp("scan")
+    curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE)
+    lcbayes.write(curve, folder / "asteroid.csv")
+    argv = ["scan", str(folder / "asteroid.csv"), "--period-range", "4.99,5.01", *QUICK]
+    return folder, argv, cli.main([*argv, "-o", str(folder / "out")])
+
+
+def test_a_spin_from_file_to_page(asteroid, capsys):
+    folder, argv, status = asteroid
+    out = folder / "out"
+    assert status == EXIT_DONE
+    found = json.loads((out / "summary.json").read_text())
+    assert found["converged"]
+    best = found["solutions"][0]
+    assert best["period_h"] == pytest.approx(PERIOD, abs=2e-4)
+    pole = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
+    near = POLE @ [np.cos(pole[0]) * np.cos(pole[1]), np.sin(pole[0]) * np.cos(pole[1]),
+                   np.sin(pole[1])]  # fmt: skip
+    assert np.degrees(np.arccos(near)) < 5.0
+    assert best["rms"] == pytest.approx(NOISE, rel=0.3)
+    omega = [best[f"omega_{axis}_rad_s"] for axis in "xyz"]
+    assert np.linalg.norm(omega) == pytest.approx(2 * np.pi / (3600 * best["period_h"]))
+    assert found["n_periods"] == 3
+    assert found["n_hypotheses"] == 10 * (3 + 2)  # and twice and half the best
+    chi2 = [s["chi2"] for s in found["solutions"]]
+    assert chi2 == sorted(chi2)
+    with (out / "hypotheses.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == found["n_hypotheses"]
+    assert min(float(r["chi2"]) for r in rows) > 0
+    page = (out / "report.html").read_text()
+    assert "Best spin: pole (" in page
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert {p.name for p in (out / "figures").iterdir()} == {
+        "sky.svg", "periods.svg", "fit.svg", "shape.svg",
+    }  # fmt: skip
+    assert len(shapes.read_obj(out / "shape.obj").areas) > 20
+    assert not list(out.glob(".report*"))
+    # the same command gives the same numbers
+    again = [*argv, "-o", str(folder / "again"), "--json", "--no-report"]
+    assert cli.main(again) == EXIT_DONE
+    told = json.loads(capsys.readouterr().out)
+    assert told["solutions"] == found["solutions"]
+
+
+def test_a_fit_starts_from_a_scan(asteroid):
+    """Where the scan ended, in the model's own terms, is where the search begins."""
+    from lcbayes import gallery
+    from lcbayes._jax import jax, jnp
+    from lcbayes.epochs import Epochs
+    from lcbayes.inference.problem import Problem
+    from lcbayes.inference.start_from import placed, read_scan
+
+    folder, _, _ = asteroid
+    curve = lcbayes.read(folder / "asteroid.csv")
+    spins = read_scan(folder / "out", curve)
+    options = {"period": 5.0, "n_facets": 300, "degree": 4, "noise_law": "gaussian"}
+    entry, data = gallery.find("convex-grid"), Epochs.of(curve)
+    problem = Problem(entry.bind(options), data)
+    hook = entry.hook("starts")
+    assert hook is not None
+    given = [problem.ravel(s) for s in hook(data, jax.random.key(0), **options)]
+    z = placed(spins, jnp.stack(given), problem, data, options)
+    assert len(z) == 2 * len(spins)
+    sites = problem.constrain(z[0], data)
+    assert float(sites["period_h"]) == pytest.approx(spins[0]["period_h"], rel=1e-9)
+    assert float(sites["pole_lon_deg"]) == pytest.approx(spins[0]["pole_lon_deg"], abs=1e-6)
+    flux = np.asarray(problem.flux({k: sites[k] for k in problem.names}, data))
+    scale = np.bincount(curve.curve, curve.brightness * flux) / np.bincount(curve.curve, flux**2)
+    mean = (np.bincount(curve.curve, curve.brightness) / np.bincount(curve.curve))[curve.curve]
+    residual = (curve.brightness - scale[curve.curve] * flux) / mean
+    # the grid of normals is turned with the body's axes: not to the last digit
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(spins[0]["rms"], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME"),
+        (["--period", "fast"], "--period has 'fast'; give hours, or a number with s, min, h or d"),
+        (["--period-range", "5"], "--period-range is '5'; give FROM,TO"),
+        (["--period", "5", "--period-range", "4,6"], "give the sidereal period with --period"),
+        (["--period", "5", "--n-poles", "0"], "--n-poles is 0; give a whole number from 1"),
+        (["--period", "5", "--reflectance", "chalk"], "unknown law of reflection 'chalk'"),
+        (["--law", "hovering"], "unknown attitude law 'hovering'; available: inertial"),
+        (["--law", "lvlh"], "the law 'lvlh' needs the satellite's orbit"),
+        (["--period", "5", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"], "both given"),
+        (["--period", "5", "--workers", "0"], "--workers is 0; give a whole number >= 1"),
+    ],
+)
+def test_faults_are_one_line(asteroid, tmp_path, capsys, options, message):
+    folder, out = asteroid[0], tmp_path / "out"
+    assert cli.main(["scan", str(folder / "asteroid.csv"), "-o", str(out), *options]) == (
+        EXIT_BAD_INPUT
+    )
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert message in told.err
+    assert not out.exists()
+
+
+def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
+    folder, _, _ = asteroid
+    fit = ["fit", str(folder / "asteroid.csv"), "--model", "convex-grid", "-o", str(tmp_path / "x")]
+    assert cli.main([*fit, "--start-from", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert "holds no scan" in capsys.readouterr().err
+    lcbayes.write(spinning.geometry(2, 5), tmp_path / "other.csv")
+    fit[1] = str(tmp_path / "other.csv")
+    assert cli.main([*fit, "--start-from", str(folder / "out")]) == EXIT_BAD_INPUT
+    assert "is of another light curve" in capsys.readouterr().err
+
+
+def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
+    (tmp_path / "posterior.nc").write_text("")
+    save_json({"model": "faceted"}, tmp_path / "summary.json")
+    _, argv, _ = asteroid
+    assert cli.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert "holds a fit; give another folder" in capsys.readouterr().err
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"model": "faceted"}
