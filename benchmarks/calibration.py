@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -152,7 +153,7 @@ def report(ranks: np.ndarray, timing: list[list[str]], spreads: np.ndarray) -> N
 
 def draw(ranks: np.ndarray) -> None:
     """Histograms of the ranks, with the band that holds 99 % of the bars."""
-    with matplotlib.rc_context(style.RC):
+    with matplotlib.rc_context(cast(Any, style.RC)):
         figure = Figure(figsize=(10.0, 4.6), layout="constrained")
         axes = figure.subplots(2, 4, sharex=True, sharey=True)
         low, high = binom.interval(0.99, len(ranks), 1 / BINS)

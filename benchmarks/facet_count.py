@@ -57,7 +57,13 @@ def observed(n: int, seed: int) -> lcbayes.LightCurve:
     t, sun, obs = passes()
     normals, areas = body(n, rng)
     flux = np.asarray(
-        brightness.flux(*(jnp.asarray(x) for x in (sun, obs, normals, areas)), "non-lambertian")
+        brightness.flux(
+            jnp.asarray(sun),
+            jnp.asarray(obs),
+            jnp.asarray(normals),
+            jnp.asarray(areas),
+            "non-lambertian",
+        )
     )
     sd = np.full(t.size, flux[flux > 0].mean() / SNR)
     return lcbayes.LightCurve(
