@@ -92,6 +92,7 @@ def main() -> None:
             true = np.asarray(told(truth[None], seen))[0]
             ranks.append(np.mean(draws < true, axis=0))
         took = (time.monotonic() - begun) / EACH
+        jax.clear_caches()
         print(f"{n} facets: {took:.1f} s a problem", flush=True)
         rows.append([str(n), str(EACH), f"{took:.1f}"])
     report(np.array(ranks), rows, np.array(spreads))

@@ -21,7 +21,7 @@ from _results import table, write_section
 
 import lcbayes
 from lcbayes import scenario
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
 from lcbayes.physics import brightness
 from lcbayes.progress import Console
 from lcbayes.scenarios.viewing import Planar
@@ -80,6 +80,7 @@ def study() -> None:
                 observed(n, seed), range(max(1, n - 1), n + 2), seed=seed,
                 num_particles=PARTICLES, num_runs=RUNS, spin="none",
             )  # fmt: skip
+            jax.clear_caches()  # programs of 16 comparisons left LLVM no room
             by = {c["n_facets"]: c for c in found.summary()["candidates"]}
             top = max(by, key=lambda k: by[k]["log_evidence"])
             gap = by[top]["log_evidence"] - by[n]["log_evidence"]

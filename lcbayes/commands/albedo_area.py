@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.reading import (
+    add_reading_arguments,
+    add_result_arguments,
+    asked,
+    check_seed,
+    read_from,
+)
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 if TYPE_CHECKING:
@@ -29,9 +34,7 @@ Written: albedo_area.json, albedo_area.txt, figures/, shape.obj, shape.ply.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
-    parser.add_argument(
-        "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
+    add_result_arguments(parser, "albedo_area")
     add_attitude_arguments(parser)
     parser.add_argument(
         "--material", action="append", metavar="LAW[:NAME=VALUE,...]",
@@ -58,10 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--nulls", type=int, default=199, metavar="N",
         help="simulated bodies per null of the shape cues (default 199); 0: no cues",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
-    parser.add_argument(
-        "--json", action="store_true", help="print albedo_area.json on standard output"
-    )
 
 
 def add_attitude_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +77,8 @@ def add_attitude_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     attitude = attitude_from(args)
-    for name in ("bootstrap", "nulls", "seed"):
+    check_seed(args)
+    for name in ("bootstrap", "nulls"):
         if getattr(args, name) < 0:
             raise InputError(f"--{name} is {getattr(args, name)}; expected a whole number >= 0")
     if (args.out / "posterior.nc").exists():
@@ -106,15 +106,13 @@ def run(args: argparse.Namespace) -> int:
         progress=Silent() if args.json else Console(),
     )
     about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
+        **asked(args, curve),
         "frame": curve.frame,
         "attitude": {k: v for k, v in vars(attitude).items() if v is not None},
         "options": {
             name: getattr(args, name)
             for name in ("n_normals", "smoothness", "facet_cost", "albedo", "bootstrap", "nulls")
         },
-        "seed": args.seed,
     }
     report.write(result, curve, args.out, about)
     tell(args.out, report.NAME, report.words(result, curve), args.json)

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.reading import (
+    add_reading_arguments,
+    add_result_arguments,
+    asked,
+    check_seed,
+    read_from,
+)
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "sidereal period and pole of a spinning object from its periods alone, without a shape"
@@ -23,23 +28,17 @@ Written: spin.json, spin.txt, figures/.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
-    parser.add_argument(
-        "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
+    add_result_arguments(parser, "spin")
     parser.add_argument(
         "--shuffles", type=int, default=199, metavar="N",
         help="of the test for periodicity (default 199, at least 99)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
-    parser.add_argument("--json", action="store_true", help="print spin.json on standard output")
 
 
 def run(args: argparse.Namespace) -> int:
-    for name, least in (("shuffles", 99), ("seed", 0)):
-        if getattr(args, name) < least:
-            raise InputError(
-                f"--{name} is {getattr(args, name)}; expected a whole number >= {least}"
-            )
+    if args.shuffles < 99:
+        raise InputError(f"--shuffles is {args.shuffles}; expected a whole number >= 99")
+    check_seed(args)
     curve = read_from(args)
 
     from lcbayes.analysis import spin_report as report
@@ -54,11 +53,9 @@ def run(args: argparse.Namespace) -> int:
         progress=Silent() if args.json else Console(),
     )
     about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
+        **asked(args, curve),
         "frame": curve.frame,
         "n_shuffles": args.shuffles,
-        "seed": args.seed,
     }
     report.write(result, curve, args.out, about)
     tell(args.out, report.NAME, report.words(result, curve), args.json)
