@@ -71,10 +71,10 @@ demo: $(VENV)/.installed
 	exit $$status
 
 test: env
-	@$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist loadgroup
+	@$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
 
 test-all: env
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 lint: env
 	@$(BIN)/ruff check .

@@ -17,7 +17,6 @@ from lcbayes.commands.compare import numbers
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED, InputError
 from lcbayes.io import write
 
-pytestmark = pytest.mark.xdist_group("compare")  # one worker runs it once
 FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
        "--num-starts", "8", "--seed", "1", "--sparse", "2")  # fmt: skip
 

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("packaging")  # one worker builds once
-
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("pyproject.toml", "LICENSE", "README.md", "lcbayes", "models", "analysis")
 CLI_MISSING = not (ROOT / "lcbayes" / "cli.py").exists()

@@ -89,12 +89,10 @@ def kill_and_resume(place: Path, n_kills: int, seed: int) -> None:
     assert stored(place, out) == 0
 
 
-@pytest.mark.xdist_group("resume")
 def test_killed_twice(place):
     kill_and_resume(place, 2, seed=1)
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("resume")
 def test_killed_ten_times(place):
     kill_and_resume(place, 10, seed=2)

@@ -24,7 +24,6 @@ from lcbayes.inference.settings import Settings
 from lcbayes.progress import Silent
 from lcbayes.simulate import simulate
 
-pytestmark = pytest.mark.xdist_group("coverage")  # one worker samples once
 TRUTH = {"log_albedo_area": np.log(10.0), "phi": 0.8, "g": 0.15}
 SAMPLED = range(20)
 INTEGRATED = range(100)

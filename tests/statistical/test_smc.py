@@ -13,7 +13,6 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference import smc
 from lcbayes.simulate import simulate
 
-pytestmark = pytest.mark.xdist_group("particles")  # one worker runs them once
 N_RUNS = 8
 PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 

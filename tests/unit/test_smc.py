@@ -18,7 +18,6 @@ from lcbayes.inference import moves, path, smc, tempering
 from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 
-pytestmark = pytest.mark.xdist_group("gaussian")  # one worker runs it once
 N = 200
 PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 
