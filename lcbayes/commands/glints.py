@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from lcbayes.commands.albedo_area import add_attitude_arguments, attitude_from, numbers_from
-from lcbayes.commands.reading import add_reading_arguments, read_from
+from lcbayes.commands.attitude_options import add_attitude_arguments, attitude_from, numbers_from
+from lcbayes.commands.reading import (
+    add_reading_arguments,
+    add_result_arguments,
+    asked,
+    read_from,
+)
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "find glints and turn them into directions of facets, cylinders or Sun-tracking panels"
@@ -25,9 +29,7 @@ do, the exit status is 3. Written: glints.json, glints.txt, figures/.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
-    parser.add_argument(
-        "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
+    add_result_arguments(parser, "glints", seed=False)
     add_attitude_arguments(parser)
     parser.add_argument(
         "--sun-tracking", metavar="X,Y,Z",
@@ -41,7 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--longest", type=float, metavar="S",
         help="longest glint, s (default: while the bisector moves by 6 deg)",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print glints.json on standard output")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,9 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
     result = analyse(curve, attitude, axis=axis, alarm=args.alarm, longest_s=args.longest)
     about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
-        "frame": curve.frame,
+        **asked(args, curve),
         "attitude": {k: v for k, v in vars(attitude).items() if v is not None},
         "sun_tracking": axis,
         "alarm": args.alarm,

@@ -35,8 +35,10 @@ def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> 
     )
 
 
-def add_result_arguments(parser: ArgumentParser, name: str, *, optional: bool = False) -> None:
-    """Add the folder of the results, the seed, and --json for ``name``.json."""
+def add_result_arguments(
+    parser: ArgumentParser, name: str, *, optional: bool = False, seed: bool = True
+) -> None:
+    """Add the folder of the results, the seed of what is drawn, and --json for ``name``.json."""
     parser.add_argument(
         "-o",
         "--out",
@@ -45,13 +47,21 @@ def add_result_arguments(parser: ArgumentParser, name: str, *, optional: bool = 
         required=not optional,
         help="folder for the results",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all draws (default 0)")
+    if seed:
+        parser.add_argument(
+            "--seed", type=int, default=0, metavar="N", help="of all draws (default 0)"
+        )
     parser.add_argument("--json", action="store_true", help=f"print {name}.json on standard output")
 
 
 def asked(args: Namespace, curve: LightCurve) -> dict[str, Any]:
-    """What opens the file of a result: the light curve and the seed."""
-    return {"curve": str(args.curve), "sha256": curve.source.get("sha256"), "seed": args.seed}
+    """What opens the file of a result: the light curve, its frame, and the seed where one is."""
+    about = {
+        "curve": str(args.curve),
+        "sha256": curve.source.get("sha256"),
+        "frame": curve.frame,
+    }
+    return about | ({"seed": args.seed} if "seed" in args else {})
 
 
 def check_seed(args: Namespace) -> None:

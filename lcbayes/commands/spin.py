@@ -52,11 +52,7 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         progress=Silent() if args.json else Console(),
     )
-    about = {
-        **asked(args, curve),
-        "frame": curve.frame,
-        "n_shuffles": args.shuffles,
-    }
+    about = asked(args, curve) | {"n_shuffles": args.shuffles}
     report.write(result, curve, args.out, about)
     tell(args.out, report.NAME, report.words(result, curve), args.json)
     return EXIT_NOT_TRUSTED if result.reasons else EXIT_DONE

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small
+from refusals import assert_refused
 
 import lcbayes
 from lcbayes.checkpoint import Checkpoint
@@ -115,11 +116,7 @@ def test_the_sparse_path(result):
 def test_faults_are_told_in_a_line(curve, tmp_path, capsys, given, says):
     out = tmp_path / "out"
     command = ["compare", str(curve), "-o", str(out), "--facets", "1-2", *given]
-    assert main(command) == EXIT_BAD_INPUT
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
-    assert not out.exists()
+    assert_refused(command, out, says, capsys)
 
 
 def test_a_folder_is_needed(curve, capsys):
