@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,8 @@ CAPTION = (
     "Left: posterior probability of each number of facets, with its 90 % interval from the "
     "differences between independent runs. Middle: ln evidence against the best, each run a dot, "
     "and the standard error of their mean. Right: predictive density of left-out epochs against "
-    "the best, with the standard error of the difference. Arrows: below the scale."
+    "the best, with the standard error of the difference. Arrows: below the scale; with <, "
+    "of a number that its best fit rules out, what its evidence cannot exceed."
 )
 
 
@@ -53,7 +54,7 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
     ):
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
         gallery = style.Gallery(Path(scratch))
-        figure = draw(summary["candidates"], gallery)
+        figure = draw(summary["candidates"], gallery, summary["ruled_out"])
         image = gallery.add(figure, "compare", ALT, CAPTION)
         write_atomic(figures / "compare.png", lambda p: figure.savefig(p, dpi=170))
     heads, rows = comparison.cells(summary)
@@ -92,8 +93,12 @@ def _command(run: Mapping[str, Any]) -> str:
     return shlex.join(map(str, [*words, "-o", "DIR"]))
 
 
-def draw(rows: list[Mapping[str, Any]], gallery: style.Gallery) -> Any:
-    """The figure of the rows of `candidates`."""
+def draw(
+    rows: list[Mapping[str, Any]],
+    gallery: style.Gallery,
+    ruled_out: Sequence[Mapping[str, Any]] = (),
+) -> Any:
+    """The figure of the rows of `candidates`, and of `ruled_out`."""
     figure = gallery.figure(10.0, 3.3)
     left, middle, right = figure.subplots(1, 3)
     n = np.array([row["n_facets"] for row in rows])
@@ -116,10 +121,13 @@ def draw(rows: list[Mapping[str, Any]], gallery: style.Gallery) -> Any:
         np.array([row["elpd_diff_se"] for row in rows]),
         "elpd LOO − best (nat)",
     )  # fmt: skip
+    for row in ruled_out:
+        _far_below(middle, row["n_facets"], row["log_evidence_below"] - top, depth, "< ")
+    every = np.sort(np.append(n, [row["n_facets"] for row in ruled_out]).astype(int))
     for axes in (left, middle, right):
         axes.set_xlabel("number of facets")
-        axes.set_xticks(n)
-        axes.set_xlim(n.min() - 0.7, n.max() + 0.7)
+        axes.set_xticks(every)
+        axes.set_xlim(every[0] - 0.7, every[-1] + 0.7)
     return figure
 
 
@@ -160,15 +168,20 @@ def _differences(
         color=style.colour(0), zorder=2,
     )  # fmt: skip
     for k, value in zip(n[~shown], values[~shown], strict=True):
-        axes.annotate(
-            "", (k, -depth), xytext=(k, -0.88 * depth),
-            arrowprops={"arrowstyle": "->", "color": style.FAINT},
-        )  # fmt: skip
-        axes.annotate(
-            f"{value:.0f}".replace("-", "−"), (k, -0.87 * depth), ha="center", va="bottom",
-            fontsize=7.5, color=style.FAINT, rotation=90,
-        )  # fmt: skip
+        _far_below(axes, k, value, depth)
     highest = np.append((values + errors)[shown], [] if others is None else others)
     axes.set_ylim(-depth, max(0.08 * depth, 1.15 * float(highest.max())))
     axes.set_ylabel(label)
     return depth
+
+
+def _far_below(axes: Any, k: float, value: float, depth: float, sign: str = "") -> None:
+    """An arrow out of the scale, with the number to which it points."""
+    axes.annotate(
+        "", (k, -depth), xytext=(k, -0.88 * depth),
+        arrowprops={"arrowstyle": "->", "color": style.FAINT},
+    )  # fmt: skip
+    axes.annotate(
+        f"{sign}{value:.0f}".replace("-", "−"), (k, -0.87 * depth), ha="center", va="bottom",
+        fontsize=7.5, color=style.FAINT, rotation=90,
+    )  # fmt: skip

@@ -32,7 +32,8 @@ class Comparison(Judged):
     @property
     def probability(self) -> dict[int, float]:
         """Of each number of facets."""
-        return {row["n_facets"]: float(row["probability"]) for row in self._summary["candidates"]}
+        rows = [*self._summary["candidates"], *self._summary["ruled_out"]]
+        return {row["n_facets"]: float(row["probability"]) for row in rows}
 
     def table(self) -> str:
         """The numbers, the notes they need and the conclusion, as text."""
@@ -49,7 +50,8 @@ class Comparison(Judged):
         text.writelines(f"# {name}: {meaning}\n" for name, meaning in COLUMNS.items())
         rows = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
         rows.writeheader()
-        rows.writerows(self._summary["candidates"])
+        every = [*self._summary["candidates"], *self._summary["ruled_out"]]
+        rows.writerows(sorted(every, key=lambda row: row["n_facets"]))
         self._write(folder, "compare.json")
         write_atomic(folder / "compare.csv", lambda p: p.write_text(text.getvalue()))
         return folder

@@ -25,6 +25,7 @@ COLUMNS = {
     "n_parameters": "number of inferred parameters",
     "log_evidence": "ln of the evidence, nat",
     "log_evidence_se": "its standard error, nat",
+    "log_evidence_below": "what ln of the evidence cannot exceed, of a number ruled out, nat",
     "log_evidence_spread": "standard deviation of one run's ln evidence, nat",
     "probability": "posterior probability of the number, each number as likely before",
     "probability_q05": "5 % of what it may be, for the errors of the evidences",
@@ -47,12 +48,9 @@ def summarise(
     """The content of ``compare.json``."""
     candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
     n_runs = len(candidates[0].log_evidences)
-    chances = odds.probabilities(
-        np.array([c.log_evidence for c in candidates]),
-        np.array([c.se for c in candidates]),
-        n_runs,
-        seed,
-    )
+    errors = odds.moderated(np.array([c.se for c in candidates]))
+    values = np.array([c.log_evidence for c in candidates])
+    chances = odds.probabilities(values, errors, n_runs, seed)
     verdict = odds.verdict(counts, chances)
     stacked = stacking({c.n_facets: c.loo for c in candidates})
     worth = found.information
@@ -64,7 +62,7 @@ def summarise(
                 "n_facets": c.n_facets,
                 "n_parameters": c.dim,
                 "log_evidence": c.log_evidence,
-                "log_evidence_se": c.se,
+                "log_evidence_se": errors[k],
                 "log_evidence_spread": c.spread,
                 "log_evidences": c.log_evidences,
                 "log_prior_mass": c.log_prior_mass,
@@ -102,6 +100,17 @@ def summarise(
         "weighed_at_n_facets": found.weighed_at,
         "n_runs": n_runs,
         "candidates": rows,
+        "ruled_out": [
+            {
+                "n_facets": r.n_facets,
+                "n_parameters": r.dim,
+                "log_evidence_below": r.below,
+                "probability": 0.0,
+                "chi2": r.chi2,
+                "dof": n_obs - r.dim,
+            }
+            for r in found.ruled_out
+        ],
         "sparse": None if found.path is None else asdict(found.path),
         "timing": {
             "search_s": found.search_s,
@@ -151,7 +160,7 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     rows = []
     ends = (summary["sparse"] or {}).get("n_facets")
     for row in summary["candidates"]:
-        chi2, k = row["chi2"], row["max_pareto_k"]
+        k = row["max_pareto_k"]
         rows.append(
             [
                 str(row["n_facets"]) + (" *" if row["n_facets"] == ends else ""),
@@ -164,10 +173,18 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
                 f"{row['stacking_weight']:.2f}",
                 "–" if np.isneginf(k) else f"{k:.2f}",
                 str(row["n_bad_pareto_k"]),
-                "–" if chi2 is None else f"{chi2:.0f}/{row['dof']}",
+                _per_dof(row),
             ]
         )
-    return heads, rows
+    for row in summary["ruled_out"]:
+        none = ["–"] * (len(heads) - 5)
+        below = f"< {row['log_evidence_below']:.0f}"
+        rows.append([str(row["n_facets"]), below, "–", "0", *none, _per_dof(row)])
+    return heads, sorted(rows, key=lambda row: int(row[0].split()[0]))
+
+
+def _per_dof(row: Mapping[str, Any]) -> str:
+    return "–" if row["chi2"] is None else f"{row['chi2']:.0f}/{row['dof']}"
 
 
 def notes(summary: Mapping[str, Any]) -> list[str]:
@@ -179,6 +196,11 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
             f"The residuals of the best fit ({facets(summary['weighed_at_n_facets'])}) follow each "
             f"other: the {summary['n_obs']} points count as {worth * summary['n_obs']:.0f}, for "
             "every number of facets."
+        )
+    if out := [row["n_facets"] for row in summary["ruled_out"]]:
+        said.append(
+            f"Ruled out by the best fit alone, whose likelihood no evidence can exceed: "
+            f"{listed([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
         )
     if (path := summary["sparse"]) is not None:
         shares = ", ".join(f"{n}: {s:.2f}" for n, s in path["shares"].items())

@@ -80,14 +80,11 @@ class _Lines:
         if elapsed - self.said < 10 and self.done < self.total:
             return
         self.said = elapsed
-        rate = self.done / max(elapsed, 1e-9)
-        left = (self.total - self.done) / rate if rate > 0 else float("inf")
-        print(
-            f"{self.title}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, "
-            f"{left:.0f} s left{'; ' + note if note else ''}",
-            file=sys.stderr,
-            flush=True,
-        )
+        said = f"{self.title}: {self.done}/{self.total} {self.unit}"
+        if self.done:
+            rate = self.done / max(elapsed, 1e-9)
+            said += f", {rate:.3g}/s, {(self.total - self.done) / rate:.0f} s left"
+        print(f"{said}; {note}" if note else said, file=sys.stderr, flush=True)
 
 
 class Parts:

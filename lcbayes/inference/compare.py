@@ -17,7 +17,8 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import information, search, smc, sparse
+from lcbayes.inference import hopeless, information, search, smc, sparse
+from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
@@ -57,6 +58,8 @@ class Candidate:
         Per point, of the best particle's residuals.
     best : float
         ln likelihood of the best particle, each point taken whole.
+    z_best : (D,)
+        That particle.
     reasons : list of str
         Why not to trust it; empty where nothing is wrong.
     """
@@ -71,6 +74,7 @@ class Candidate:
     chi2: float | None
     information: float
     best: float
+    z_best: Floats
     gradients: int
     seconds: float
     reasons: list[str] = field(default_factory=list)
@@ -85,6 +89,7 @@ class Compared:
     """Everything a comparison finds, before it is put into words and files."""
 
     candidates: list[Candidate]  # by rising number of facets
+    ruled_out: list[RuledOut]  # likewise
     failed: list[str]  # numbers that could not be followed, and why
     information: float  # per point, the same for all
     weighed_at: int  # facets of the fit whose residuals it is from
@@ -102,7 +107,10 @@ def run(
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> Compared:
-    """Evidence and LOO of each number of facets, by `smc` from the prior.
+    """Evidence and LOO of each number of facets that has a chance, by `smc` from the prior.
+
+    The numbers are taken in order of their best fits. One whose best fit is far below an evidence
+    that has been found cannot reach it and is ruled out (`lcbayes.inference.hopeless`).
 
     The likelihood is raised to the same power for every number, as evidences of different data
     cannot be compared. The power is that of the residuals of the best fit of all
@@ -157,7 +165,29 @@ def run(
         )  # fmt: skip
         return _candidate(n, problem, weighed, runs, jax.random.fold_in(keys[2], n))
 
-    found, failed, path = {}, [], None
+    def chance(n: int, problem: Problem) -> RuledOut | None:
+        """The number ruled out by the best of the evidences so far; None where it has a chance."""
+        if not found:
+            return None
+        starts = [ends[n][None]] if n in ends else []
+        if larger := [k for k in found if k > n]:
+            k = min(larger)
+            starts.append(
+                hopeless.with_fewer(posed[k], found[k].z_best, problem, entry.facet_sites, data)
+            )
+        rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
+        if not len(rows):
+            return None
+        key = jax.random.fold_in(keys[2], n)
+        below, z = hopeless.largest_likelihood(problem, weighed, rows, key, workers)
+        if below + hopeless.MARGIN > max(c.log_evidence for c in found.values()):
+            return None
+        return RuledOut(n, problem.dim, below, _chi2(problem, z, data))
+
+    def promise(n: int) -> float:
+        return _log_likelihood(posed[n], ends[n], data) if n in ends else -np.inf
+
+    found, ruled_out, failed, path = {}, {}, [], None
     with progress.stage("comparing", 100, "%") as track:
         to_do = [*counts, upper_bound] if upper_bound else counts
         parts = Parts(track, 100, sum(map(_cost, to_do)))
@@ -176,7 +206,13 @@ def run(
                 end = entry.bind({**plain, "n_facets": path.n_facets})
                 posed[path.n_facets] = Problem(end, data)
                 parts.total += _cost(path.n_facets)
-        for n, problem in sorted(posed.items()):
+        for n in sorted(posed, key=lambda n: (-promise(n), n)):
+            problem = posed[n]
+            if out := chance(n, problem):
+                ruled_out[n] = out
+                parts.total -= _cost(n)
+                parts.reach(parts.done, f"{facets(n)} ruled out")
+                continue
             with parts.part(_cost(n), facets(n), settings.num_chains) as within:
                 try:
                     found[n] = candidate(n, problem, within)
@@ -185,8 +221,8 @@ def run(
     if not found:
         raise InputError(failed[0])
     return Compared(
-        [found[n] for n in sorted(found)], failed, float(weighed.information), weighed_at, path,
-        search_s,
+        [found[n] for n in sorted(found)], [ruled_out[n] for n in sorted(ruled_out)], failed,
+        float(weighed.information), weighed_at, path, search_s,
     )  # fmt: skip
 
 
@@ -227,6 +263,7 @@ def _candidate(
         chi2=_chi2(problem, best, data),
         information=float(own.information),
         best=float(log_likelihood[-1].sum()),
+        z_best=best,
         gradients=sum(r.gradients for r in runs),
         seconds=sum(r.seconds for r in runs),
         reasons=reasons,

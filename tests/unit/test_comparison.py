@@ -12,6 +12,7 @@ from lcbayes import comparison
 from lcbayes.analysis import comparison_page
 from lcbayes.comparing import Comparison
 from lcbayes.inference.compare import Candidate, Compared
+from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.loo import Loo
 from lcbayes.inference.sparse import SparsePath
 
@@ -31,14 +32,15 @@ def candidate(n: int, log_z: float, **changes) -> Candidate:
         Candidate(
             n_facets=n, dim=4 * n + 3, log_evidences=log_z + np.array([-0.1, 0.1, 0.0, 0.0]),
             log_evidence=log_z, se=0.05, log_prior_mass=-0.3, loo=Loo(elpd, np.full(T, 0.2)),
-            chi2=40.0, information=1.0, best=50.0 + n, gradients=1000, seconds=2.0,
+            chi2=40.0, information=1.0, best=50.0 + n,
+            z_best=np.zeros(4 * n + 3), gradients=1000, seconds=2.0,
         ),
         **changes,
     )  # fmt: skip
 
 
 def found(*candidates: Candidate, **changes) -> Compared:
-    return replace(Compared(list(candidates), [], 1.0, 3, None, 1.5), **changes)
+    return replace(Compared(list(candidates), [], [], 1.0, 3, None, 1.5), **changes)
 
 
 def summary(*candidates: Candidate, n_obs: int = T, **changes) -> dict:
@@ -60,7 +62,7 @@ def test_numbers_and_conclusion():
     assert rows[0]["elpd_loo"] == pytest.approx(elpd.sum())
     assert rows[0]["elpd_se"] == pytest.approx(np.sqrt(T * elpd.var()))
     assert sum(r["stacking_weight"] for r in rows) == pytest.approx(1.0, abs=1e-6)
-    assert set(comparison.COLUMNS) <= set(rows[0])
+    assert set(comparison.COLUMNS) - {"log_evidence_below"} <= set(rows[0])
 
 
 def test_points_that_follow_each_other_widen_the_errors_of_loo():
@@ -125,6 +127,25 @@ def test_the_table():
     assert lines[5].startswith("LOO of 4 facets rests")
     assert lines[-1].startswith("3 facets are most probable")
     assert lines[-1].endswith(".")
+
+
+def test_a_number_that_is_ruled_out():
+    """It has no probability, a bound in place of its evidence, and no particles."""
+    out = RuledOut(1, 7, -1234.4, 2500.0)
+    told = summary(*THREE, ruled_out=[out])
+    assert [row["probability"] for row in told["candidates"]] == [
+        row["probability"] for row in summary(*THREE)["candidates"]
+    ]
+    assert Comparison(told, RUN).probability[1] == 0.0
+    lines = comparison.table(told).split("\n")
+    assert lines[1].split()[:3] == ["1", "<", "-1234"]
+    assert lines[1].rstrip().endswith("2500/33")
+    assert "best fit alone, whose likelihood no evidence can exceed: 1 facet." in lines[5]
+    figure = comparison_page.draw(
+        told["candidates"], comparison_page.style.Gallery(Path()), told["ruled_out"]
+    )
+    assert any("< −1235" in text.get_text() for text in figure.axes[1].texts)
+    assert figure.axes[0].get_xticks().tolist() == [1, 2, 3, 4]
 
 
 def test_what_python_gets(tmp_path):

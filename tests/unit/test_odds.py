@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lcbayes.inference.odds import Odds, probabilities, undecided, verdict
+from lcbayes.inference.odds import Odds, moderated, probabilities, undecided, verdict
 
 
 def test_probabilities_are_shares_of_the_evidence():
@@ -17,9 +17,9 @@ def test_probabilities_are_shares_of_the_evidence():
 
 
 def test_the_interval_is_that_of_the_runs_errors():
-    """One evidence known, one of error 0.3 from 5 runs: ln odds are Student-t with 4 degrees."""
+    """One evidence known, one of error 0.3 from 5 runs: ln odds are Student-t with 8 degrees."""
     found = probabilities(np.array([0.0, 0.5]), np.array([0.0, 0.3]), 5)
-    t = 0.3 * stats.t.ppf(0.95, 4)
+    t = 0.3 * stats.t.ppf(0.95, 8)
     exact = 1.0 / (1.0 + np.exp(-0.5 + np.array([t, -t])))
     np.testing.assert_allclose([found.low[1], found.high[1]], exact, atol=0.005)
     np.testing.assert_allclose(found.low[0], 1.0 - found.high[1], atol=1e-9)
@@ -27,7 +27,26 @@ def test_the_interval_is_that_of_the_runs_errors():
 
 def test_few_runs_tell_less():
     width = [np.ptp(probabilities(np.zeros(2), np.full(2, 0.2), n)[1:]) for n in (2, 4, 16)]
-    assert width[0] > 2 * width[1] > 2 * width[2]
+    assert width[0] > 1.3 * width[1] > 1.3 * width[2]
+
+
+def test_runs_that_agree_by_chance_do_not_decide():
+    np.testing.assert_allclose(moderated(np.array([0.0, 0.4])), np.array([0.2, np.sqrt(0.12)]))
+    np.testing.assert_allclose(moderated(np.full(3, 0.4)), 0.4)
+
+
+@pytest.mark.parametrize(("sds", "least"), [((0.5, 0.5, 0.5), 0.9), ((0.3, 0.5, 0.7), 0.85)])
+def test_errors_of_two_runs_hold_the_truth(sds, least):
+    """90 % of the time or more; where the numbers differ by more than two in what runs differ by,
+    so on average, and 85 % for the widest. And narrower than each alone, with one degree."""
+    rng = np.random.default_rng(1)
+    runs = rng.normal(size=(40_000, 3, 2)) * np.array(sds)[:, None]
+    error, alone = runs.mean(axis=2), runs.std(axis=2, ddof=1) / np.sqrt(2)
+    se = np.array([moderated(one) for one in alone])
+    held = np.mean(np.abs(error) < stats.t.ppf(0.95, 2) * se, axis=0)
+    assert held.mean() > 0.9
+    assert held.min() > least
+    assert stats.t.ppf(0.95, 2) * np.median(se) < 0.6 * stats.t.ppf(0.95, 1) * np.median(alone)
 
 
 def odds(*p, error=0.02) -> Odds:

@@ -1,0 +1,94 @@
+"""Numbers of facets whose best fit is already too poor: no particles are spent on them.
+
+Z = ∫ L dp₀ cannot exceed the largest likelihood. Where ln max L of N facets lies far below the ln Z
+of another number, N is out, however its prior is laid out. And of all numbers these are the dearest
+to follow from the prior: a body that cannot explain the data has a posterior as narrow as a
+needle, in a place that no other step of the path foretells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference import search
+from lcbayes.inference.prior_mass import log_prior_mass
+from lcbayes.inference.problem import Problem
+
+Floats = NDArray[np.float64]
+
+MARGIN = 30.0  # nats, for what a search may leave of the largest likelihood
+MOST_WAYS = 64  # to leave out facets that are tried
+
+
+@dataclass(frozen=True)
+class RuledOut:
+    """A number of facets that the data exclude by their best fit alone.
+
+    Attributes
+    ----------
+    n_facets, dim : int
+    below : float
+        ln of the largest likelihood, above which the ln evidence cannot be, under the prior given
+        that every facet is seen.
+    chi2 : float or None
+        Of the best fit, where the errors of the data are known.
+    """
+
+    n_facets: int
+    dim: int
+    below: float
+    chi2: float | None
+
+
+def largest_likelihood(
+    problem: Problem, data: Epochs, starts: Floats, key: jax.Array, workers: int
+) -> tuple[float, Floats]:
+    """What ln Z cannot exceed, and z (D,) of the best fit that is reached from ``starts`` (S, D).
+
+    Starts are followed to the posterior's optimum, whose likelihood is the largest but for what
+    the prior pulls. The prior's factors keep only a part of it, whose ln is taken off, as it is
+    of every evidence.
+    """
+    ends = search.polish(problem, data, starts, workers)
+    likelihood = jax.jit(
+        lambda rows: jax.lax.map(
+            lambda z: jnp.sum(data.information * problem.log_likelihood(z, data)), rows
+        )
+    )
+    reached = np.nan_to_num(np.asarray(likelihood(jnp.asarray(ends.z))), nan=-np.inf)
+    best = int(np.argmax(reached))
+    return float(reached[best]) - log_prior_mass(problem, data, key).value, ends.z[best]
+
+
+def with_fewer(
+    larger: Problem, z: Floats, smaller: Problem, facet_sites: Sequence[str], data: Epochs
+) -> Floats:
+    """Bodies (S, D) of the smaller problem: z of the larger one with facets left out.
+
+    Every way to leave them out, up to `MOST_WAYS`, so that a fit with more facets, whose spin was
+    harder to miss, also serves those with fewer. None where the problems differ in more than the
+    number of facets.
+    """
+    sites = larger.constrain(jnp.asarray(z), data)
+    want = jax.eval_shape(lambda z: smaller.constrain(z, data), jnp.zeros(smaller.dim))
+    sites = {k: np.asarray(sites[k]) for k in smaller.names if k in sites}
+    n_larger, n_smaller = _facets(sites, facet_sites), _facets(want, facet_sites)
+    rows = []
+    for kept in islice(combinations(range(n_larger), n_smaller), MOST_WAYS):
+        part = {k: v[list(kept)] if k in facet_sites else v for k, v in sites.items()}
+        if any(k not in part or part[k].shape != want[k].shape for k in smaller.names):
+            break
+        rows.append(np.asarray(smaller.ravel({k: jnp.asarray(v) for k, v in part.items()})))
+    return np.array(rows).reshape(-1, smaller.dim)
+
+
+def _facets(sites: Mapping[str, Any], facet_sites: Sequence[str]) -> int:
+    return next((sites[k].shape[0] for k in facet_sites if k in sites), 0)

@@ -1,0 +1,80 @@
+"""The largest likelihood of a number of facets, and bodies with facets left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import small
+
+from lcbayes import gallery
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference import hopeless
+from lcbayes.inference.problem import Problem
+
+SITES = gallery.find("faceted").facet_sites
+
+
+def posed(n: int) -> tuple[Problem, Epochs]:
+    data = Epochs.of(small.curve(16))
+    return Problem(gallery.find("faceted").bind({"n_facets": n, "spin": "none"}), data), data
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[Problem, Epochs]:
+    return posed(1)
+
+
+def test_no_evidence_and_no_body_exceeds_the_largest_likelihood(one):
+    """One facet: ln Z by quadrature is below; a fine grid of bodies has no better fit."""
+    import one_facet
+
+    problem, data = one
+    draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
+    starts = np.asarray(draw(jax.random.split(jax.random.key(1), 12), data))
+    below, z = hopeless.largest_likelihood(problem, data, starts, jax.random.key(2), 1)
+    mass = hopeless.log_prior_mass(problem, data, jax.random.key(2)).value
+    exact = one_facet.Quadrature.of(data).log_evidence(data)
+    assert exact - mass < below
+
+    likelihood = jax.jit(jax.vmap(lambda z: problem.log_likelihood(z, data).sum()))
+    at = float(likelihood(jnp.asarray(z[None]))[0])
+    assert below == pytest.approx(at - mass)
+    many = draw(jax.random.split(jax.random.key(3), 20_000), data)
+    assert float(likelihood(many).max()) < at + 0.05  # what the prior pulls
+    near = z + 0.05 * np.random.default_rng(4).normal(size=(2000, problem.dim))
+    assert float(likelihood(jnp.asarray(near)).max()) < at + 0.05
+
+
+def test_half_the_information_halves_it(one):
+    from dataclasses import replace
+
+    problem, data = one
+    half = replace(data, information=0.5 * data.information)
+    rows = np.asarray(problem.prior_draw(jax.random.key(5), data))[None]
+    key = jax.random.key(6)
+    mass = hopeless.log_prior_mass(problem, data, key).value
+    whole, _ = hopeless.largest_likelihood(problem, data, rows, key, 1)
+    part, _ = hopeless.largest_likelihood(problem, half, rows, key, 1)
+    assert part + mass == pytest.approx(0.5 * (whole + mass), abs=0.5)  # the prior pulls more
+
+
+def test_facets_left_out(one):
+    """Each of two bodies of one facet; the flux of both together is that of the whole."""
+    (smaller, data), (larger, _) = one, posed(2)
+    z = np.asarray(larger.prior_draw(jax.random.key(7), data))
+    rows = hopeless.with_fewer(larger, z, smaller, SITES, data)
+    assert rows.shape == (2, smaller.dim)
+    parts = sum(np.asarray(smaller.moments(jnp.asarray(row), data).mean) for row in rows)
+    np.testing.assert_allclose(parts, larger.moments(jnp.asarray(z), data).mean, rtol=1e-12)
+
+
+def test_problems_of_other_sites_give_no_bodies(one):
+    smaller, data = one
+    turning = Problem(gallery.find("faceted").bind({"n_facets": 2}), data)
+    z = np.asarray(turning.prior_draw(jax.random.key(8), data))
+    assert len(hopeless.with_fewer(turning, z, smaller, SITES, data)) == 2  # ω is left out
+    small_one = np.asarray(smaller.prior_draw(jax.random.key(9), data))
+    assert hopeless.with_fewer(smaller, small_one, turning, SITES, data).shape == (
+        0, turning.dim,
+    )  # fmt: skip
