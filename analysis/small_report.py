@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import tempfile
@@ -12,8 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lcbayes.analysis.pages import environment
 from lcbayes.analysis.style import RC, Gallery
 from lcbayes.errors import InputError
+from lcbayes.folders import installed_version, put_in_place
 from lcbayes.results import save_json
 
 
@@ -25,12 +26,13 @@ def write(
     draw: Callable[[Gallery], None],
     texts: Mapping[str, str | None] | None = None,
 ) -> None:
-    """Write ``name``.json, ``name``.txt and `figures/`; all are made aside, then put in place.
+    """Write ``name``.json, ``name``.txt, ``name``.html and `figures/`, made aside, then put in
+    place.
 
     Parameters
     ----------
     content : mapping
-        Of the JSON file; a number that is none becomes null.
+        Of the JSON file; a number that is none becomes null. It has "curve", "n_obs" and "reasons".
     lines : of the text file
     draw : puts its figures into the gallery it is given
     texts : file name → content
@@ -52,24 +54,37 @@ def write(
 
         with warnings.catch_warnings(), rc_context(RC):
             warnings.filterwarnings("ignore", message="constrained_layout not applied")
-            draw(Gallery(figures))
+            gallery = Gallery(figures)
+            draw(gallery)
+        page = (
+            environment()
+            .get_template("small.html.j2")
+            .render(
+                title=Path(content["curve"]).name,
+                what=name.replace("_", " "),
+                name=name,
+                content=content,
+                # the verdict on top of the page has the reasons already
+                lines=[x for x in lines if not any(x.endswith(why) for why in content["reasons"])],
+                images=gallery.images,
+                version=installed_version(),
+            )
+        )
+        (scratch / f"{name}.html").write_text(page, encoding="utf-8")
         for file, text in (texts or {}).items():
             (folder / file).unlink(missing_ok=True)
             if text is not None:
                 (scratch / file).write_text(text, encoding="utf-8")
-        if (folder / "figures").exists():
-            shutil.rmtree(folder / "figures")
-        for made in scratch.iterdir():
-            os.replace(made, folder / made.name)
+        put_in_place(scratch, folder)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 def tell(folder: Path, name: str, lines: Sequence[str], as_json: bool) -> None:
-    """Print the lines and where the results are, or the JSON file alone."""
+    """Print the lines and where the page is, or the JSON file alone."""
     if as_json:
         json.dump(json.loads((folder / f"{name}.json").read_text()), sys.stdout, indent=1)
         print()
     else:
         print("\n".join(lines))
-        print(f"\nresults: {folder}")
+        print(f"\nreport: {folder / name}.html")

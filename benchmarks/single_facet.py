@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -52,15 +53,24 @@ def kind_of(curve: LightCurve, normal: np.ndarray) -> str:
     return found.pop() if len(found) == 1 else "both"
 
 
+def with_edge(cases: int) -> list[tuple[int, np.ndarray]]:
+    """Seeds of passes in which some facet's edge is crossed, and the normal of one."""
+    found, seed = [], 0
+    while len(found) < cases:
+        with suppress(LookupError):
+            found.append((seed, crossing(sites(one_pass(seed), True), LVLH, seed)))
+        seed += 1
+    return found
+
+
 def edges(cases: int, took: list[float]) -> list[list[str]]:
     """Facets whose edge is crossed: error, coverage, kinds, refusals."""
-    rows = []
+    rows, drawn = [], with_edge(cases)
     for both in (False, True):
         for noise in NOISE:
             error, radius, inside, told, right, refused = [], [], [], [], [], 0
-            for seed in range(cases):
+            for seed, normal in drawn:
                 curve = sites(one_pass(seed), both)
-                normal = crossing(sites(one_pass(seed), True), LVLH, seed)
                 curve = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), noise, seed)
                 begun = time.perf_counter()
                 found = single_facet(curve, LVLH, seed=seed)

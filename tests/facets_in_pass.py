@@ -57,14 +57,18 @@ def with_noise(curve: LightCurve, flux: np.ndarray, noise: float, seed: int) -> 
 
 
 def crossing(curve: LightCurve, law: Attitude, seed: int) -> np.ndarray:
-    """A normal whose facet begins or ceases to be lit and seen from both sites, well within."""
+    """A normal whose facet begins or ceases to be lit and seen from both sites, well within.
+
+    Raises LookupError where 5,000 normals have none: not every pass has one.
+    """
     rng = np.random.default_rng(seed)
     sun, obs = body_directions(curve, law)
     sites = [np.flatnonzero(curve.site == k) for k in "01"]
-    while True:
+    for _ in range(5000):
         normal = unit(rng.normal(size=3))
         on = (sun @ normal > 0) & (obs @ normal > 0)
         inner = [on[r][len(r) // 8 : -(len(r) // 8)] for r in sites]
         bright = (sun @ normal) * (obs @ normal) * on
         if all(x.any() and not x.all() for x in inner) and bright.max() > 0.1:
             return normal
+    raise LookupError("no facet begins or ceases to be lit and seen from both sites")

@@ -25,7 +25,7 @@ examples:
 
 The attitude is taken as known. Each --material is a column: a law with its
 parameters but for the reflectance, which is solved for together with the area.
-Written: albedo_area.json, albedo_area.txt, figures/, shape.obj, shape.ply.
+Written: albedo_area.html, albedo_area.json, albedo_area.txt, figures/, shape.obj, shape.ply.
 """
 
 

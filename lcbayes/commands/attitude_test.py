@@ -22,8 +22,8 @@ examples:
   lcbayes attitude-test --list
 
 Without --law all laws of the catalogue that need no period are tested. Written:
-attitude_test.json, attitude_test.txt, figures/. A law that is not rejected is not
-thereby proven.
+attitude_test.html, attitude_test.json, attitude_test.txt, figures/. A law that is not
+rejected is not thereby proven.
 """
 
 

@@ -23,7 +23,7 @@ examples:
 Directions are in body axes, which are the inertial axes unless an attitude is given.
 Two glints that share a normal make a facet, three whose bisectors have a common
 perpendicular a cylinder, two of one offset from the Sun a tracking panel; where none
-do, the exit status is 3. Written: glints.json, glints.txt, figures/.
+do, the exit status is 3. Written: glints.html, glints.json, glints.txt, figures/.
 """
 
 

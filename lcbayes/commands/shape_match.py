@@ -23,7 +23,7 @@ examples:
 
 For tumbling objects seen often: orientations must be as good as random. Shapes are
 cube, tetrahedron, cylinder (3:1), sphere, plate, box-wing, rocket-body, or OBJ files.
-Size is not used. Written: shape_match.json, shape_match.txt, figures/.
+Size is not used. Written: shape_match.html, shape_match.json, shape_match.txt, figures/.
 """
 
 

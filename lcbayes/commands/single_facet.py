@@ -21,7 +21,7 @@ examples:
 
 For a pass of a low satellite, from one site or better from two. The normal is
 given in the body axes of the law (x along the flight, z to nadir for lvlh).
-Written: single_facet.json, single_facet.txt, figures/.
+Written: single_facet.html, single_facet.json, single_facet.txt, figures/.
 """
 
 

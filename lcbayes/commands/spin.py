@@ -22,7 +22,7 @@ examples:
 Several passes of different geometry are needed, each of six cycles or more. Where
 the spin is not stable, not rapid enough, or its synodic period not measurably
 different from the sidereal one, no pole is given and the exit status is 3.
-Written: spin.json, spin.txt, figures/.
+Written: spin.html, spin.json, spin.txt, figures/.
 """
 
 
