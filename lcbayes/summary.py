@@ -84,6 +84,7 @@ def summarise(
             {
                 "weight": mode.weight,
                 "weight_sd": mode.weight_sd,
+                **({} if mode.run_weights is None else {"weight_by_run": mode.run_weights}),
                 "log_evidence": mode.log_evidence.value,
                 "log_evidence_se": mode.log_evidence.se,
                 "rms": mode.solution.rms,

@@ -29,6 +29,7 @@ class Mode:
     weight: float = 0.0
     weight_sd: float = 0.0
     apart: float = 1.0  # R-hat between independent runs into this region, where there were several
+    run_weights: Floats | None = None  # (C,) by each independent population, where there are such
 
 
 class _Region(NamedTuple):

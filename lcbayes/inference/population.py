@@ -82,7 +82,9 @@ def sample(
             float(total + np.log(weight[k])), float(np.hypot(total_se, sd / weight[k]))
         )
         stats = _statistics(problem, data, draws)
-        modes.append(Mode(centres[k], draws, stats, own, float(share), sd))
+        modes.append(
+            Mode(centres[k], draws, stats, own, float(share), sd, run_weights=shares[:, k])
+        )
         if spread[k] > DISAGREE:
             low, high = shares[:, k].min(), shares[:, k].max()
             reasons.append(

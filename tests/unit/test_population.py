@@ -87,6 +87,7 @@ def test_weights_and_their_spread(posed, two, monkeypatch):
     assert reasons == []
     assert [m.weight for m in modes] == pytest.approx([0.7, 0.3], abs=1e-3)
     assert modes[0].weight_sd == pytest.approx(0.02 / np.sqrt(3), rel=1e-6)
+    assert modes[0].run_weights == pytest.approx(np.array([0.68, 0.70, 0.72]), abs=1e-9)
     assert modes[0].log_evidence.value == pytest.approx(np.log(0.7), abs=1e-3)
     for mode, centre in zip(modes, centres(two), strict=True):
         assert mode.z.shape == (N_RUNS, 450, posed[0].dim)
