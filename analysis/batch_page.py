@@ -138,4 +138,4 @@ def _marked(axes: Any, x: np.ndarray, y: np.ndarray, rows: Sequence[Mapping[str,
         if here.any():
             axes.plot(x[here], y[here], mark, ms=5, color=COLOURS[status], label=status)
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="best")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside no point
