@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,20 +41,10 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
     Path
         The page.
     """
-    import matplotlib
-
-    figures = folder / "figures"
-    figures.mkdir(exist_ok=True)
-    with (
-        matplotlib.rc_context(style.RC),
-        warnings.catch_warnings(),
-        tempfile.TemporaryDirectory() as scratch,
-    ):
-        warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        gallery = style.Gallery(Path(scratch))
-        figure = draw(summary["candidates"], gallery, summary["ruled_out"])
-        image = gallery.add(figure, "compare", ALT, CAPTION)
-        write_atomic(figures / "compare.png", lambda p: figure.savefig(p, dpi=170))
+    image = style.picture(
+        folder, "compare", lambda g: draw(summary["candidates"], g, summary["ruled_out"]), ALT,
+        CAPTION,
+    )  # fmt: skip
     heads, rows = comparison.cells(summary)
     said = summary["conclusion"]
     page = (

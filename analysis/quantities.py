@@ -23,6 +23,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "pole_lon_deg": ("pole longitude", "deg", 360.0),
     "pole_lat_deg": ("pole latitude", "deg", 0.0),
     "period_h": ("sidereal period", "h", 0.0),
+    "inertia_ratio": ("principal moment of inertia over the largest", "", 0.0),
     "phase0_deg": ("rotational phase at t = 0", "deg", 360.0),
     "phase_a": ("phase law: height a", "", 0.0),
     "phase_d": ("phase law: width d", "rad", 0.0),

@@ -5,9 +5,14 @@ from __future__ import annotations
 import base64
 import io
 import re
+import tempfile
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from lcbayes.checkpoint import write_atomic
 
 # Okabe & Ito 2008, without the yellow that is lost on white; told apart by all eyes.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
@@ -91,3 +96,24 @@ class Gallery:
         )
         self.images.append(image)
         return image
+
+
+def picture(
+    folder: Path, name: str, draw: Callable[[Gallery], Any], alt: str, caption: str
+) -> Image:
+    """The one figure of a page: written to ``figures/name.png`` of the folder, and returned."""
+    import matplotlib
+
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    with (
+        matplotlib.rc_context(RC),
+        warnings.catch_warnings(),
+        tempfile.TemporaryDirectory() as scratch,
+    ):
+        warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        gallery = Gallery(Path(scratch))
+        figure = draw(gallery)
+        image = gallery.add(figure, name, alt, caption)
+        write_atomic(figures / f"{name}.png", lambda p: figure.savefig(p, dpi=170))
+    return image

@@ -27,13 +27,13 @@ from lcbayes.attitude_scan.grid import HOUR, Grid, grid
 from lcbayes.attitude_scan.points import Points
 from lcbayes.attitude_scan.smooth import SmoothBody
 from lcbayes.attitude_scan.spin import FREE, Ends, solve, spheres
-from lcbayes.attitude_scan.workers import crew
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.io import read
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import facets
 from lcbayes.progress import Console, Silent
 from lcbayes.scanning import scan
+from lcbayes.workers import crew
 
 LAW = "lommel-seeliger-lambert"
 ARIADNE, HERTHA = (253.2, -17.2), (272.0, 52.0)

@@ -1,7 +1,7 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets or ``scan``
-attitudes; see the README.
+``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets, ``scan`` attitudes or
+do a ``batch`` of objects; see the README.
 """
 
 import sys
@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lcbayes.batching import Batch as Batch
+    from lcbayes.batching import batch as batch
     from lcbayes.comparing import Comparison as Comparison
     from lcbayes.comparing import compare as compare
     from lcbayes.errors import InputError as InputError
@@ -21,11 +23,13 @@ if TYPE_CHECKING:
     from lcbayes.scanning import scan as scan
 
 _HOMES = {
+    "Batch": "lcbayes.batching",
     "Comparison": "lcbayes.comparing",
     "Fit": "lcbayes.fitting",
     "InputError": "lcbayes.errors",
     "LightCurve": "lcbayes.lightcurve",
     "Scan": "lcbayes.scanning",
+    "batch": "lcbayes.batching",
     "compare": "lcbayes.comparing",
     "fit": "lcbayes.fitting",
     "read": "lcbayes.io",
@@ -33,8 +37,8 @@ _HOMES = {
     "write": "lcbayes.io",
 }
 __all__ = [
-    "Comparison", "Fit", "InputError", "LightCurve", "Scan", "compare", "fit", "read", "scan",
-    "write",
+    "Batch", "Comparison", "Fit", "InputError", "LightCurve", "Scan", "batch", "compare", "fit",
+    "read", "scan", "write",
 ]  # fmt: skip
 
 

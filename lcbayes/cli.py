@@ -12,8 +12,8 @@ from lcbayes.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
     "simulate", "fit", "compare", "albedo-area", "scan", "spin", "glints", "single-facet",
-    "attitude-test", "shape-match", "observability", "predict", "report", "convert", "models",
-    "doctor",
+    "attitude-test", "shape-match", "observability", "predict", "batch", "report", "convert",
+    "models", "doctor",
 )  # fmt: skip
 
 EPILOG = """\

@@ -207,9 +207,13 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
         how = "that reflect diffusely and do" if model == "faceted" else "that do"
         said.append(f"The body is flat facets {how} not shade one another.")
         said.append(
-            f"It turns at a constant angular velocity; its axes are {frame} at the start."
-            if options.get("spin", "free") != "none"
-            else f"It does not turn in {frame}."
+            {
+                "free": f"It turns at a constant angular velocity; its axes are {frame} at the "
+                "start.",
+                "none": f"It does not turn in {frame}.",
+                "torque-free": "It is rigid and no torque acts on it; angular velocity and inertia "
+                f"are those at the start, where its axes are {frame}.",
+            }[str(options.get("spin", "free"))]
         )
     elif model == "convex-grid":
         said.append("The body is convex, and spins about a fixed axis of its own.")

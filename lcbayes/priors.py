@@ -6,6 +6,9 @@ Each function draws NumPyro sites under the names of the results (``normals``, `
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from numpyro.distributions import constraints
@@ -14,9 +17,13 @@ from numpyro.util import is_prng_key
 
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
-from lcbayes.physics import facets
+from lcbayes.physics import attitude, facets
+from lcbayes.physics.torque_free import torque_free
 
 RADIUS_SD = 0.1
+SPINS = ("free", "none", "torque-free")
+
+type Rotation = Callable[..., tuple[jax.Array, ...]]
 
 
 class UniformDirection(dist.Distribution):
@@ -112,13 +119,62 @@ def angular_velocity(sd: float) -> jax.Array:
     return omega
 
 
-def spin(kind: str, sd: float) -> jax.Array:
-    """The ω of a model's option ``spin``: inferred where "free", zero where "none"; (3,)."""
-    if kind == "none":
-        return jnp.zeros(3)
-    if kind != "free":
-        raise ValueError(f"unknown spin {kind!r}; available: free, none")
-    return angular_velocity(sd)
+def inertia(sd: float) -> jax.Array:
+    """Inertia tensor at t = 0, up to its scale, inertial axes, (3, 3).
+
+    J = tr(M) I − M with M = exp S, the body's second moments of mass, and S symmetric without
+    trace, of components N(0, sd²) in an orthonormal basis: a prior that no rotation of the axes
+    changes, in which every J is that of a body (each principal moment less than the sum of the
+    other two) and every body has one S. With sd = 1 half
+    of all boxes are over 4.2 times as long as they are thin, and 90 % from 2.1 to 9.9 times.
+    """
+    _positive("inertia_sd", sd)
+    free = numpyro.sample("inertia_base", dist.Normal(0.0, 1.0).expand([5]).to_event(1))
+    moments, axes = jnp.linalg.eigh(sd * jnp.tensordot(jnp.asarray(free), _TRACELESS, 1))
+    moments = jnp.exp(moments)
+    tensor = (axes * (jnp.sum(moments) - moments)) @ axes.T
+    principal = (jnp.sum(moments) - moments)[::-1]  # from the smallest
+    numpyro.deterministic("inertia_ratio", principal[:2] / principal[2])
+    return tensor
+
+
+# An orthonormal basis of symmetric matrices (3, 3) without trace.
+_TRACELESS = np.zeros((5, 3, 3))
+for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 2))):
+    _TRACELESS[_k, _i, _j] = _TRACELESS[_k, _j, _i] = 0.5**0.5
+_TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
+_TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
+
+
+def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
+    """How the body turns, by a model's option ``spin``.
+
+    "free": at a constant ω; "none": not at all; "torque-free": as a rigid body left to itself, from
+    ω at t = 0, with its inertia. The body's axes are the inertial axes at t = 0.
+
+    Returns
+    -------
+    callable
+        ``to_body(t, *vectors)`` gives the body-frame components at times t (T,) s of inertial
+        vectors (T, 3).
+    """
+    if kind not in SPINS:
+        raise ValueError(f"unknown spin {kind!r}; available: {', '.join(SPINS)}")
+    omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd)
+    if kind != "torque-free":
+        return lambda t, *vectors: attitude.constant_rate_to_body(t, omega, *vectors)
+    tensor = inertia(inertia_sd)
+    momentum = tensor @ omega
+    pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
+    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
+    numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
+    numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
+
+    def to_body(t: jax.Array, *vectors: jax.Array) -> tuple[jax.Array, ...]:
+        rotation = torque_free(t, omega, tensor)
+        return tuple(attitude.to_body(rotation, v) for v in vectors)
+
+    return to_body
 
 
 def lit_and_seen(

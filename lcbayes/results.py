@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "normals": ("facet", "xyz"), "normals_base": ("facet", "xyz"),
     "omega": ("axis",), "omega_unit": ("axis",), "scale": ("curve",), "log_level": ("level",),
     "noise": ("curve",), "noise_unit": ("curve",),
-    "coefficients": ("coefficient",),
+    "coefficients": ("coefficient",), "inertia_base": ("shape",), "inertia_ratio": ("moment",),
     "area": ("facet",), "r_diff": ("facet",), "r_spec": ("facet",), "w": ("facet",),
     "nu": ("facet",), "n": ("facet",), "m": ("facet",),
     "log_nu": ("facet",), "log_n": ("facet",), "log_m": ("facet",),
@@ -91,21 +92,30 @@ def _stats(mode: Mode) -> xr.Dataset:
 def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
     """Pointwise log likelihood and one replicate of the data for each draw, (C, S, T)."""
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), z.shape[0] * z.shape[1])
-
-    def one(args):
-        row, key = args
-        return problem.log_likelihood(row, data), problem.replicate(row, data, key)
-
     rows = jnp.asarray(z.reshape(-1, z.shape[-1]))
-    pointwise, replicated = jax.jit(lambda a: jax.lax.map(one, a))((rows, keys))
+    pointwise, replicated = _predicted(problem, rows, keys, data)
     shape = (*z.shape[:2], -1)
     return np.asarray(pointwise).reshape(shape), np.asarray(replicated).reshape(shape)
 
 
+@partial(jax.jit, static_argnums=0)
+def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs):
+    def one(args):
+        row, key = args
+        return problem.log_likelihood(row, data), problem.replicate(row, data, key)
+
+    return jax.lax.map(one, (rows, keys))
+
+
 def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> dict[str, NDArray]:
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 2), n)
-    draws = jax.jit(lambda k: jax.lax.map(lambda key: problem.prior_draw(key, data), k))(keys)
+    draws = _prior_draws(problem, keys, data)
     return constrain_draws(problem, np.asarray(draws)[None], data)
+
+
+@partial(jax.jit, static_argnums=0)
+def _prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda key: problem.prior_draw(key, data), keys)
 
 
 def _constants(

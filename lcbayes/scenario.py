@@ -13,13 +13,13 @@ from pathlib import Path
 from lcbayes._toml import Table, read_toml
 from lcbayes.errors import InputError
 from lcbayes.physics import catalogue, shapes
-from lcbayes.physics.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis
+from lcbayes.physics.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis, TorqueFree
 from lcbayes.scenarios import bundled
 from lcbayes.scenarios.body import Material, read_body, read_materials
 from lcbayes.scenarios.viewing import Orbit, Planar, Vectors, read_geometry
 
 HOUR = 3600.0
-FREE = ("constant-rate", "principal-axis", "fixed")
+FREE = ("constant-rate", "principal-axis", "torque-free", "fixed")
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,16 @@ def _attitude(table: Table) -> Attitude:
             period,
             table.number("phase0_deg", 0.0),
         )
+    elif law == "torque-free":
+        inertia = table.vector("inertia")
+        if min(inertia) <= 0.0 or 2.0 * max(inertia) > sum(inertia) * (1.0 + 1e-12):
+            raise table.fault(
+                "inertia",
+                f"is {list(inertia)}; no body has these moments: each is positive and at most the "
+                "sum of the other two",
+            )
+        turn = (table.number(f"{k}_deg", 0.0) for k in ("yaw", "pitch", "roll"))
+        found = TorqueFree(table.vector("omega_rad_s"), inertia, *turn)
     else:
         found = Fixed()
     table.done()

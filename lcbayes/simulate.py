@@ -16,7 +16,7 @@ from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, brightness, facets, photometry
-from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis
+from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis, TorqueFree
 from lcbayes.physics.reflectance import LAWS
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.physics.shapes import Body
@@ -208,7 +208,8 @@ def truth(
     """What a perfect fit of the light curve would find, ready for JSON.
 
     Normals are given for body axes that are the inertial axes at the first point of the curve
-    (``t_ref_s``), as Linares & Crassidis have them (A(t₀) = I); for a principal-axis spin they
+    (``t_ref_s``), as Linares & Crassidis have them (A(t₀) = I), for a constant rate and for a
+    torque-free body, whose ω and inertia tensor are given there too; for a principal-axis spin they
     are in its own body axes, z towards the pole, and so for laws of the catalogue, where those of
     facets that are ``on_array`` are in the array's axes. `albedo_area_m2` is None for facets whose
     reflectance is not one factor.
@@ -221,6 +222,20 @@ def truth(
         rotation = attitude.constant_rate(jnp.array([t_ref]), jnp.asarray(law.omega_rad_s))
         normals, u_axes = (v @ np.asarray(rotation[0]).T for v in (normals, u_axes))
         spin = {"law": law.name, **law.settings()}
+    elif isinstance(law, TorqueFree):
+        when = Ephemeris(jnp.array([t_ref]), jnp.zeros((1, 3)))
+        first, now = (law.frames(when._replace(t=t)).body[0] for t in (jnp.zeros(1), when.t))
+        inertia = jnp.diag(jnp.asarray(law.inertia))
+        momentum = first @ inertia @ first.T @ jnp.asarray(law.omega_rad_s)
+        tensor = now @ inertia @ now.T
+        normals, u_axes = (v @ np.asarray(now).T for v in (normals, u_axes))
+        spin = {
+            "law": law.name,
+            **law.settings(),
+            "omega_at_t_ref_rad_s": jnp.linalg.solve(tensor, momentum).tolist(),
+            "inertia_at_t_ref": tensor.tolist(),
+            "angular_momentum": (momentum / jnp.linalg.norm(momentum)).tolist(),
+        }
     elif isinstance(law, PrincipalAxis):
         spin = {
             "law": "principal-axis",

@@ -1,21 +1,22 @@
-"""N diffuse facets on a body that turns at a constant rate (Linares & Crassidis, eqs. 4-9)."""
+"""N diffuse facets at a constant rate of rotation, or tumbling (Linares & Crassidis, eqs. 4-9)."""
 
 from typing import Literal
 
 from lcbayes import noise, priors
 from lcbayes.epochs import Epochs
-from lcbayes.physics import attitude, brightness, photometry
+from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
-SUMMARY = "N diffuse facets, constant angular velocity: albedo-areas, normals, omega"
+SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
 
 
 def model(
     data: Epochs,
     *,
     n_facets: int = 2,
-    spin: Literal["free", "none"] = "free",
+    spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
+    inertia_sd: float = 1.0,
     law: Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"] = "non-lambertian",
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
@@ -29,9 +30,12 @@ def model(
     n_facets
         Number of facets N.
     spin
-        "free": constant ω is inferred; "none": the body does not turn (ω = 0).
+        "free": constant ω is inferred; "none": the body does not turn (ω = 0); "torque-free": ω
+        at t = 0 and the inertia tensor of a rigid body without torque.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
+    inertia_sd
+        How uneven a torque-free body is; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     law
         Reflectance: non-lambertian, lambertian or lommel-seeliger-lambert.
     log_area_mean, log_area_sd
@@ -41,14 +45,14 @@ def model(
     noise_law
         gaussian or student-t.
     """
-    omega = priors.spin(spin, omega_sd)
+    turned = priors.spin(spin, omega_sd, inertia_sd)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
         priors.sparse_area(area, sparsity)
 
     def directions(t):
-        return attitude.constant_rate_to_body(t, omega, data.sun, data.obs)
+        return turned(t, data.sun, data.obs)
 
     def instantaneous(t):
         return brightness.flux(*directions(t), normals, area, law)

@@ -1,4 +1,4 @@
-"""N facets, each with its own reflectance, on a body that turns at a constant rate."""
+"""N facets, each with its own reflectance, at a constant rate of rotation, or tumbling."""
 
 from typing import Literal
 
@@ -8,9 +8,9 @@ import numpyro.distributions as dist
 from lcbayes import noise, priors
 from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
-from lcbayes.physics import attitude, brightness, photometry, reflectance
+from lcbayes.physics import brightness, photometry, reflectance
 
-SUMMARY = "N facets with diffuse and specular parts of their own, constant angular velocity"
+SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
 
 # Priors of the parameters that are scales: median and sd of the logarithm.
 SCALES = {"nu": (100.0, 1.0), "n": (100.0, 1.0), "m": (0.2, 0.5)}
@@ -47,8 +47,9 @@ def model(
         "lambertian",
         "non-lambertian",
     ] = "ashikhmin-shirley",
-    spin: Literal["free", "none"] = "free",
+    spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
+    inertia_sd: float = 1.0,
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
@@ -67,9 +68,12 @@ def model(
         ashikhmin-shirley (denominator c·max(μ₀, μ)), ashikhmin-shirley-distribution
         (μ₀ + μ − μ₀μ), cook-torrance, blinn-phong, or a diffuse law.
     spin
-        "free": constant ω is inferred; "none": the body does not turn (ω = 0).
+        "free": constant ω is inferred; "none": the body does not turn (ω = 0); "torque-free": ω
+        at t = 0 and the inertia tensor of a rigid body without torque.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
+    inertia_sd
+        How uneven a torque-free body is; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     log_area_mean, log_area_sd
         Mean and sd of ln(α / m²).
     sparsity
@@ -77,7 +81,7 @@ def model(
     noise_law
         gaussian or student-t.
     """
-    omega = priors.spin(spin, omega_sd)
+    turned = priors.spin(spin, omega_sd, inertia_sd)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -90,7 +94,7 @@ def model(
     area = numpyro.deterministic("area", albedo_area / sum(shares))
 
     def directions(t):
-        return attitude.constant_rate_to_body(t, omega, data.sun, data.obs)
+        return turned(t, data.sun, data.obs)
 
     def instantaneous(t):
         return brightness.flux_brdf(*directions(t), normals, area, law, parameters)

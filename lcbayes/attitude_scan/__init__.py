@@ -2,7 +2,7 @@
 
 `points` is what a scan sees of a light curve; `smooth` a body whose log-areas are harmonics, with
 its brightness and Jacobian; `spin` Levenberg-Marquardt over pole, period and that body; `grid` the
-hypotheses; `workers` runs them on this machine's cores or on a Dask cluster; `faceted` polishes and
+hypotheses, which `lcbayes.workers` runs on cores or on a Dask cluster; `faceted` polishes and
 judges attitudes with free facets; `solutions` names what is found; `scan` does it all.
 
 References

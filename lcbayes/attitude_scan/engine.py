@@ -21,7 +21,6 @@ from lcbayes.attitude_scan.points import Points
 from lcbayes.attitude_scan.smooth import SmoothBody
 from lcbayes.attitude_scan.solutions import Geometry, counted, distinct
 from lcbayes.attitude_scan.spin import Ends, in_convention
-from lcbayes.attitude_scan.workers import Run, crew
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
@@ -29,6 +28,7 @@ from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import facets
 from lcbayes.physics.brightness import DIFFUSE_LAWS
 from lcbayes.progress import Silent
+from lcbayes.workers import Run, crew
 
 Floats = NDArray[np.float64]
 

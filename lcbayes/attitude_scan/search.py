@@ -13,9 +13,9 @@ from lcbayes.attitude_scan.grid import Grid
 from lcbayes.attitude_scan.points import Points
 from lcbayes.attitude_scan.smooth import PRIOR_POINTS, PRIOR_SQUARES, SmoothBody, Spin, fitted
 from lcbayes.attitude_scan.spin import FREE, Ends, finer, solve, spheres
-from lcbayes.attitude_scan.workers import Run
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.progress import Track
+from lcbayes.workers import Run
 
 Floats = NDArray[np.float64]
 

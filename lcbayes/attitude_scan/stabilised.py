@@ -12,7 +12,6 @@ from lcbayes.albedo_area.kernel import Material
 from lcbayes.albedo_area.observed import linear_flux
 from lcbayes.attitude_scan.faceted import Given, best_body
 from lcbayes.attitude_scan.found import Solution
-from lcbayes.attitude_scan.workers import Run
 from lcbayes.ephemeris import ephemeris
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
@@ -20,6 +19,7 @@ from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import catalogue
 from lcbayes.physics.laws import Attitude, Law, require
 from lcbayes.progress import Track
+from lcbayes.workers import Run
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ FLAGS = {
     "period": (float, "HOURS", "sidereal period, about"),
     "law": (str, "NAME", "reflectance law"),
     "noise_law": (str, "NAME", "gaussian or student-t"),
-    "spin": (str, "KIND", "free, or none for a body that does not turn"),
+    "spin": (str, "KIND", "free, none for a body that does not turn, torque-free"),
 }
 
 

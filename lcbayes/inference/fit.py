@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from lcbayes.gallery import Entry
 from lcbayes.inference import evidence, information, population, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
+from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem, Sites
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
@@ -85,16 +87,13 @@ def run(
         If no start of the search reaches a finite posterior density.
     """
     data = Epochs.of(curve)
-    model = entry.bind(options)
     if settings.sampler == PARTICLES and entry.hook("starts") is not None:
         raise InputError(
             f"--sampler {PARTICLES} goes from draws of the prior to the posterior, too far a way "
             f"for {entry.name}; choose --sampler nuts"
         )
     with entry.blamed():
-        plain = Problem(model, data)
-        hook = entry.hook("coordinates")
-        problem = Problem(model, data, hook(data, **options)) if hook else plain
+        plain, problem = posed(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     timing = Timing()
     key_start, key_chains = jax.random.split(jax.random.key(settings.seed))
@@ -191,8 +190,7 @@ def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
     hook = entry.hook("starts")
     n = n or int(np.clip(3.5 * problem.dim**2, 48, 3000))
     if hook is None:
-        draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
-        return draw(jax.random.split(key, n), data)
+        return prior_draws(problem, jax.random.split(key, n), data)
     return jnp.stack([problem.ravel(sites) for sites in hook(data, key, **options)])
 
 
@@ -210,25 +208,43 @@ def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> 
     flat = np.array([order.like(row, centre) for row in z.reshape(-1, z.shape[-1])])
     if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
         return flat.reshape(z.shape)  # a user's model whose facets have no size
-    sizes = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"]))(flat)
-    mean = np.asarray(sizes).mean(axis=0)
+    mean = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
     return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
 
 
+@partial(jax.jit, static_argnums=0)
+def prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
+    """Unconstrained vectors from the prior, one for each key, (n, D)."""
+    return jax.vmap(problem.prior_draw, (0, None))(keys, data)
+
+
+@partial(jax.jit, static_argnums=0)
+def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
+    return jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"])(jnp.asarray(rows))
+
+
 def _potential(problem: Problem, whitening, data: Epochs):
-    batched = jax.jit(lambda y, w, d: jax.lax.map(lambda row: problem.potential(w(row), d), y))
-    return lambda y: np.asarray(batched(y, whitening, data))
+    return lambda y: np.asarray(_potentials(problem, y, whitening, data))
+
+
+@partial(jax.jit, static_argnums=0)
+def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda row: problem.potential(whitening(row), data), jnp.asarray(y))
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
     """Every site at draws z (C, S, D), without those that repeat the epochs."""
+    flat = _constrained(problem, z.reshape(-1, z.shape[-1]), data)
+    return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
 
+
+@partial(jax.jit, static_argnums=0)
+def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
     def one(row: jax.Array) -> Sites:
         sites = problem.constrain(row, data)
         return {k: v for k, v in sites.items() if k not in ("expected", "flux")}
 
-    flat = jax.jit(lambda rows: jax.lax.map(one, rows, batch_size=32))(z.reshape(-1, z.shape[-1]))
-    return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
+    return jax.lax.map(one, jnp.asarray(rows), batch_size=32)
 
 
 __all__ = ["Mode", "Posterior", "constrain_draws", "identity", "run"]

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
+from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import Problem, compiled
 
 SIGNIFICANT = 3.0  # standard errors of a correlation: passed by chance once in 740 white curves
 
@@ -61,7 +61,7 @@ def weighed(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
     Miller & Dunson 2019, JASA 114, 1113 (posteriors robust to small errors of the model, as a
     power of the likelihood).
     """
-    mean, sd = jax.jit(problem.moments)(jnp.asarray(z), data)
+    mean, sd = compiled(problem.moments)(jnp.asarray(z), data)
     residuals = np.asarray((data.brightness - mean) / sd)
     order = np.lexsort((np.asarray(data.t), np.asarray(data.curve)))
     found = of_residuals(residuals[order], np.asarray(data.curve)[order])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference import evidence, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
@@ -106,10 +107,7 @@ def recount(
     """
     z = np.asarray(ends.z)[np.isfinite(ends.potential)]
     if problem is not plain:
-        translate = jax.jit(
-            lambda rows: jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), rows)
-        )
-        z = np.asarray(translate(z))
+        z = np.asarray(_translated(plain, problem, z, data))
     share = np.full((len(modes), len(z)), np.inf)
     for i, mode in enumerate(modes):
         region = _Region.of(mode.z)
@@ -119,6 +117,12 @@ def recount(
     for i, mode in enumerate(modes):
         hits = int(np.sum((share[i] <= 1.0) & (nearest == i)))
         mode.solution = replace(mode.solution, hits=max(hits, mode.solution.hits))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> jax.Array:
+    """Rows (n, D) of one problem in the coordinates of the other."""
+    return jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), jnp.asarray(z))
 
 
 def weigh(modes: list[Mode]) -> None:

@@ -8,6 +8,7 @@ runs agree on is the result, what they differ by is its error.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from lcbayes.inference import evidence, search, smc, solutions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.modes import OVERLAP, Mode, overlap
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import Problem, compiled
 from lcbayes.inference.sample import Timing
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Silent
@@ -136,7 +137,7 @@ def _told_apart(problem, data, z: Floats, centres, order: FacetOrder):
     """The nearest centre of each particle (C, N), and the particles (K, C, N, D) with their facets
     in the order of each centre. Near is what is so in the metric of the information there."""
     flat = z.reshape(-1, z.shape[-1])
-    fisher = jax.jit(problem.fisher)
+    fisher = compiled(problem.fisher)
     matched = np.empty((len(centres), *flat.shape))
     distance = np.empty((len(centres), len(flat)))
     for k, centre in enumerate(centres):
@@ -187,8 +188,12 @@ def _chains(matched: Floats, here: NDArray[np.bool_], n: int) -> Floats:
 def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]:
     """What a chain would have recorded, as far as particles have it; (C, S) each."""
     flat = jnp.asarray(z.reshape(-1, z.shape[-1]))
-    potential = jax.jit(lambda rows, d: jax.lax.map(lambda row: problem.potential(row, d), rows))
     return {
-        "potential_energy": np.asarray(potential(flat, data)).reshape(z.shape[:2]),
+        "potential_energy": np.asarray(_potentials(problem, flat, data)).reshape(z.shape[:2]),
         "diverging": np.zeros(z.shape[:2], bool),
     }
+
+
+@partial(jax.jit, static_argnums=0)
+def _potentials(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda row: problem.potential(row, data), rows)

@@ -33,7 +33,8 @@ class Problem:
     """The posterior of ``model`` given ``data``, over unconstrained vectors z of size ``dim``.
 
     Every method takes z and the data as arguments and closes over nothing traced, so that one
-    compilation serves every light curve of the same size.
+    compilation serves every light curve of the same size. A program is kept for each problem, so
+    light curves share theirs where they share the problem: see `lcbayes.inference.posed`.
 
     Parameters
     ----------
@@ -257,6 +258,18 @@ class Problem:
         """A draw from the prior as an unconstrained vector."""
         trace = handlers.trace(handlers.seed(self.model, key)).get_trace(data)
         return self.ravel({k: trace[k]["value"] for k in self.names})
+
+
+def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a problem as a program: one for all light curves of a structure, where
+    `jax.jit(problem.method)` would be a new one at each call."""
+    owner: Any = method
+    return partial(_call, owner.__func__, owner.__self__)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _call(function: Callable[..., Any], problem: Problem, *args: Any) -> Any:
+    return function(problem, *args)
 
 
 def _base(fn: Any) -> Any:

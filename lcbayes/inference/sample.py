@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +40,6 @@ class Sampler:
         self.problem = problem
         self.settings = settings
         self.workers = workers
-        self.kernel = chains.kernel(problem, settings.sampler)
-        self._whiten = jax.jit(lambda z, data: chains.Whitening.at(problem, z, data))
-        self._compiled: tuple | None = None
 
     @property
     def n_blocks(self) -> tuple[int, int]:
@@ -61,7 +59,7 @@ class Sampler:
         track: Track,
     ) -> tuple[Floats, dict[str, NDArray], chains.Whitening]:
         """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S)."""
-        whitening = jax.tree.map(np.asarray, self._whiten(jnp.asarray(z), data))
+        whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
         warmup_blocks, sample_blocks = self.n_blocks
         num_warmup = warmup_blocks * BLOCK
         start, advance = self._compile(key, num_warmup, whitening, data, timing)
@@ -100,17 +98,32 @@ class Sampler:
         return draws, stats, whitening
 
     def _compile(self, key, num_warmup, whitening, data, timing: Timing):
-        if self._compiled is None:
-            begun = time.monotonic()
-            first = chains.start.lower(self.kernel, key, num_warmup, whitening, data).compile()
-            shapes = jax.eval_shape(
-                lambda k, w, d: chains.start(self.kernel, k, num_warmup, w, d),
-                key, whitening, data,
-            )  # fmt: skip
-            step = chains.advance.lower(self.kernel, BLOCK, shapes, whitening, data).compile()
-            self._compiled = first, step
-            timing.compile_s += time.monotonic() - begun
-        return self._compiled
+        begun = time.monotonic()
+        shapes = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (key, whitening, data)
+        )
+        leaves, structure = jax.tree.flatten(shapes)
+        sampler = self.settings.sampler
+        found = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
+        timing.compile_s += time.monotonic() - begun
+        return found
+
+
+_whiten = jax.jit(chains.Whitening.at, static_argnums=0)
+
+
+@lru_cache(maxsize=16)
+def programs(problem: Problem, sampler: str, num_warmup: int, structure, leaves: tuple) -> tuple:
+    """The two programs of a chain, its start and a block of draws, for arguments of these shapes:
+    the same for every light curve of the problem."""
+    kernel = chains.kernel(problem, sampler)
+    key, whitening, data = jax.tree.unflatten(structure, leaves)
+    first = chains.start.lower(kernel, key, num_warmup, whitening, data).compile()
+    state = jax.eval_shape(
+        lambda k, w, d: chains.start(kernel, k, num_warmup, w, d), key, whitening, data
+    )
+    step = chains.advance.lower(kernel, BLOCK, state, whitening, data).compile()
+    return first, step
 
 
 def _is_key(x) -> bool:

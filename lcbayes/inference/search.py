@@ -41,6 +41,9 @@ def init(problem: Problem, z: jax.Array, data: Epochs) -> SearchState:
     return SearchState(z, potential, jnp.full(len(z), 1.0), jnp.zeros(len(z), int))
 
 
+_begun = jax.jit(init, static_argnums=0)
+
+
 def _step(problem: Problem, data: Epochs, state: SearchState) -> SearchState:
     """One damped step of one start; rejected steps raise the damping."""
     z, old, damping, stalled = state
@@ -89,7 +92,7 @@ def race(
     problem: Problem, data: Epochs, starts: jax.Array, workers: int, progress: Silent
 ) -> SearchState:
     """Run the starts (B, D) to their optima, giving up on the hopeless ones; best first."""
-    state = jax.tree.map(np.asarray, jax.jit(partial(init, problem))(starts, data))
+    state = jax.tree.map(np.asarray, _begun(problem, starts, data))
     shares = _shares(len(starts))
     total = sum(n * share for (n, _), share in zip(RACE, shares, strict=True))
     with (
@@ -104,7 +107,7 @@ def race(
 
 def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
     """The optima near the points z (B, D), row by row."""
-    state = jax.jit(partial(init, problem))(jnp.asarray(z), data)
+    state = _begun(problem, jnp.asarray(z), data)
     state = jax.tree.map(np.asarray, state._replace(damping=jnp.full(len(z), 1e-3)))
     with ThreadPoolExecutor(workers) as pool:
         return _advance_all(problem, data, state, RACE[-1][0], pool, lambda _: None)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
+from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference import search
 from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import Problem, compiled
 from lcbayes.inference.search import SearchState
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Solution:
 
 def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> float:
     """Root mean square of observed minus expected brightness over ``unit`` (T,)."""
-    mean = jax.jit(problem.moments)(jnp.asarray(z), data).mean
+    mean = compiled(problem.moments)(jnp.asarray(z), data).mean
     return float(np.sqrt(np.mean((np.asarray(data.brightness - mean) / unit) ** 2)))
 
 
@@ -52,7 +52,7 @@ def distinct(
     problem: Problem, data: Epochs, ends: SearchState, order: FacetOrder, most: int
 ) -> list[Solution]:
     """The different optima among the ends of a search, best first."""
-    fisher = jax.jit(problem.fisher)
+    fisher = compiled(problem.fisher)
     found: list[Solution] = []
     metrics: list[Floats] = []
     limit = SAME**2 * problem.dim
@@ -78,7 +78,7 @@ def distinct(
 def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int) -> list[Solution]:
     """The same optima once the data weigh less than in the search; the rms stays that of the fit
     to the points at their full weight."""
-    fisher = jax.jit(problem.fisher)
+    fisher = compiled(problem.fisher)
     state = search.polish(problem, data, np.stack([s.z for s in found]), workers)
     moved = []
     for solution, z, potential in zip(found, state.z, state.potential, strict=True):
@@ -93,7 +93,7 @@ def worth_sampling(
 ) -> list[Solution]:
     """The solutions near the best in fit or evidence, the most likely first."""
     best = min(found, key=lambda s: s.potential)
-    noise = np.asarray(jax.jit(problem.moments)(jnp.asarray(best.z), data).sd)
+    noise = np.asarray(compiled(problem.moments)(jnp.asarray(best.z), data).sd)
     misfit = [_residual_rms(problem, s.z, data, noise) for s in found]
     likely = max(s.log_evidence for s in found) - LESS_LIKELY
     kept = [

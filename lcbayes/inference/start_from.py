@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def placed(
     names = set(problem.names)
     if not ({POLE, SHIFT} <= names or OMEGA in names):
         raise InputError("--start-from goes with models that spin freely: faceted, convex-grid")
-    sites = jax.jit(jax.vmap(problem.constrain, (0, None)))(starts, data)
+    sites = _constrained(problem, starts, data)
     sites = {k: np.array(sites[k]) for k in problem.names}
     count = len(starts) if SHAPE not in names else 2 * len(spins)
     sites = {k: np.resize(v, (count, *v.shape[1:])) for k, v in sites.items()}
@@ -89,3 +90,8 @@ def placed(
             sites[SHAPE][i, :size] = shape[:size]
     rows = [problem.ravel({k: jnp.asarray(v[i]) for k, v in sites.items()}) for i in range(count)]
     return jnp.stack(rows)
+
+
+@partial(jax.jit, static_argnums=0)
+def _constrained(problem: Problem, starts: jax.Array, data: Epochs) -> dict[str, jax.Array]:
+    return jax.vmap(problem.constrain, (0, None))(starts, data)

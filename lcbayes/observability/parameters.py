@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.physics import attitude
-from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis
+from lcbayes.physics.laws import ConstantRate, Ephemeris, PrincipalAxis, TorqueFree
 from lcbayes.physics.reflectance import LAWS
 from lcbayes.scenario import Scenario
 from lcbayes.simulate import predicted_flux
@@ -177,6 +177,12 @@ def _all(scenario: Scenario) -> list[Parameter]:
         found += [
             Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"
         ]  # fmt: skip
+    elif isinstance(scenario.attitude, TorqueFree):
+        raise InputError(
+            f"scenario {scenario.name!r}: observability does not count the unknowns of a "
+            "torque-free body (its rates and inertia) and would promise too much; choose law = "
+            "'constant-rate' or 'principal-axis', or simulate and fit"
+        )
     elif isinstance(scenario.attitude, PrincipalAxis):
         found += [
             Parameter("pole_lon", "spin", "rad", "longitude of the pole", DIRECTION_SD),

@@ -106,7 +106,7 @@ def _rodrigues(t, omega):
     small = theta2 < 1e-8
     square = jnp.where(small, 1.0, theta2)
     theta = jnp.sqrt(square)
-    (sin, cos), by_square = _sin_cos(theta), 1.0 / square
+    (sin, cos), by_square = sin_cos(theta), 1.0 / square
     a = jnp.where(small, 1.0 - theta2 / 6.0, sin / theta)
     b = jnp.where(small, 0.5 - theta2 / 24.0, (1.0 - cos) * by_square)
     c = jnp.where(small, 1.0 / 6.0 - theta2 / 120.0, (1.0 - sin / theta) * by_square)
@@ -117,7 +117,7 @@ def _rodrigues(t, omega):
 _QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116645580e-21)
 
 
-def _sin_cos(x):
+def sin_cos(x):
     """Sine and cosine to 2e-16 for |x| < 10⁶, without a branch.
 
     XLA calls the C library for each, a number at a time; in a few lines of products all lanes work

@@ -3,7 +3,7 @@
 A law has a `name` and `frames(ephemeris)`; whatever asks for body axes asks it. `Law` describes the
 stabilised ones by what they hold: one body axis points exactly at a target, a second one as nearly
 as it then can. `catalogue` lists them under the names that operators use; `ConstantRate`,
-`PrincipalAxis` and `Fixed` are the laws that need nothing but time.
+`PrincipalAxis`, `TorqueFree` and `Fixed` are the laws that need nothing but time.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.physics import attitude
 from lcbayes.physics.attitude import Scalar
+from lcbayes.physics.torque_free import torque_free
 
 EARTH_RATE = 7.292115e-5  # rad/s, IERS
 OBLIQUITY = np.deg2rad(84381.406 / 3600.0)  # of the ecliptic at J2000, IAU 2006
@@ -139,6 +140,30 @@ class PrincipalAxis(_Free):
         lon, lat, phase = jnp.deg2rad(angles)
         period = jnp.asarray(self.period_s)
         return Frames(attitude.principal_axis(ephemeris.t, lon, lat, period, phase))
+
+
+@dataclass(frozen=True)
+class TorqueFree(_Free):
+    """A rigid body left to itself; its axes are its principal axes.
+
+    ω (3,) rad/s at t = 0, inertial; moments of inertia about x, y, z of any scale; at t = 0 the
+    axes are R_z(yaw) R_y(pitch) R_x(roll) from the inertial ones.
+    """
+
+    omega_rad_s: tuple[float, float, float]
+    inertia: tuple[float, float, float]
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return "torque-free"
+
+    def frames(self, ephemeris: Ephemeris) -> Frames:
+        first = _offset(self.yaw_deg, self.pitch_deg, self.roll_deg)
+        tensor = first @ jnp.diag(jnp.asarray(self.inertia)) @ first.T
+        return Frames(torque_free(ephemeris.t, jnp.asarray(self.omega_rad_s), tensor) @ first)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ OPTIONS = [
     *[(name, NEEDED.get(name, {})) for name in gallery.BUILT_IN],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
     ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
+    ("faceted", {"spin": "torque-free"}),
 ]
 
 

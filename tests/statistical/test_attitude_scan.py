@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import spinning
 
-from lcbayes.attitude_scan import search, workers
+from lcbayes import workers
+from lcbayes.attitude_scan import search
 from lcbayes.attitude_scan.grid import grid
 from lcbayes.attitude_scan.points import Points
 from lcbayes.attitude_scan.smooth import SmoothBody

@@ -19,12 +19,12 @@ from lcbayes.attitude_scan.smooth import (
     normal_equations,
 )
 from lcbayes.attitude_scan.spin import Ends, in_convention, tilts
-from lcbayes.attitude_scan.workers import crew
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.physics import attitude, facets
 from lcbayes.physics import brightness as physics
 from lcbayes.progress import Silent
+from lcbayes.workers import crew
 
 POLE = np.array([0.48, -0.6, 0.64])
 UNIT = 1e-7

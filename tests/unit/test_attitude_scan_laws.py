@@ -11,12 +11,12 @@ from lcbayes._jax import jnp
 from lcbayes.albedo_area.kernel import Material
 from lcbayes.attitude_scan import faceted, stabilised
 from lcbayes.attitude_scan.spin import tilts
-from lcbayes.attitude_scan.workers import crew
 from lcbayes.ephemeris import frames
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, brightness, catalogue, shapes
 from lcbayes.progress import Silent
+from lcbayes.workers import crew
 
 LAW = "lambertian"
 RADIUS_KM, GM = 7000.0, 398600.4418

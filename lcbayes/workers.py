@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -16,6 +16,8 @@ from typing import Any
 from lcbayes.errors import InputError
 
 TRIES = 5  # of a task whose workers die
+LITTLE = 10_000  # bytes that go with each task
+DEATHS = 100  # of workers that a task may see before it is blamed for them
 WAIT_S = 30.0  # for the first worker of a cluster
 
 # A function, what all its tasks share, and one task's own arguments -> its result
@@ -23,7 +25,13 @@ type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[i
 
 
 @contextmanager
-def crew(scheduler: str | None = None, n_workers: int | None = None) -> Iterator[Run]:
+def crew(
+    scheduler: str | None = None,
+    n_workers: int | None = None,
+    *,
+    deaths: int = DEATHS,
+    keep_going: bool = False,
+) -> Iterator[Run]:
     """A function ``run(function, shared, tasks)`` that yields (index, function(shared, *task)) as
     tasks are done, in whatever order.
 
@@ -33,6 +41,11 @@ def crew(scheduler: str | None = None, n_workers: int | None = None) -> Iterator
         Address of a Dask scheduler, ``tcp://host:8786``; its workers need lcbayes.
     n_workers : int, optional
         Start a local Dask cluster of so many processes. With neither, threads of this process.
+    deaths : int
+        Workers of a local cluster that may die of a task before it is given up. A task that dies
+        with its worker is done again by another; one that was there by chance must not be blamed.
+    keep_going : bool
+        Yield the exception of a task that fails in the place of its result, instead of raising it.
 
     Raises
     ------
@@ -40,30 +53,31 @@ def crew(scheduler: str | None = None, n_workers: int | None = None) -> Iterator
         If Dask is not installed, or nobody answers.
     """
     if scheduler is None and n_workers is None:
-        yield _threads
+        yield lambda function, shared, tasks: _threads(function, shared, tasks, keep_going)
         return
     if scheduler is not None and n_workers is not None:
         raise InputError("--scheduler and --workers are both given; a cluster has its own workers")
     if n_workers is not None and n_workers < 1:
         raise InputError(f"--workers is {n_workers}; give a whole number >= 1")
-    with _client(scheduler, n_workers) as client:
-        yield lambda function, shared, tasks: _dask(client, function, shared, tasks)
+    with _client(scheduler, n_workers, deaths) as client:
+        yield lambda function, shared, tasks: _dask(client, function, shared, tasks, keep_going)
 
 
 def _threads(
-    function: Callable[..., Any], shared: Any, tasks: Sequence[tuple]
+    function: Callable[..., Any], shared: Any, tasks: Sequence[tuple], keep_going: bool
 ) -> Iterator[tuple[int, Any]]:
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         waiting = {pool.submit(function, shared, *task): i for i, task in enumerate(tasks)}
         try:
             for done in as_completed(waiting):
-                yield waiting[done], done.result()
+                fault = done.exception() if keep_going else None
+                yield waiting[done], done.result() if fault is None else fault
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 @contextmanager
-def _client(scheduler: str | None, n_workers: int | None) -> Iterator[Any]:
+def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterator[Any]:
     try:
         distributed = import_module("distributed")  # not in every environment
         configured = import_module("dask.config").set
@@ -71,14 +85,17 @@ def _client(scheduler: str | None, n_workers: int | None) -> Iterator[Any]:
         raise InputError(
             "Dask is not installed; it comes with pip install 'lcbayes[dask]'"
         ) from None
-    # the death of a worker must not be held against the tasks that it had
-    settings = {"distributed.scheduler.allowed-failures": 100}
+    # one task at a time to a worker, so that none is blamed for a death beside it
+    settings = {
+        "distributed.scheduler.allowed-failures": deaths,
+        "distributed.scheduler.worker-saturation": 1.0,
+    }
     with configured(settings):
         if scheduler is None:
             with (
                 distributed.LocalCluster(
                     n_workers=n_workers, threads_per_worker=1, processes=True,
-                    dashboard_address=None, silence_logs=50,
+                    dashboard_address=":0", silence_logs=50,
                 ) as cluster,
                 distributed.Client(cluster) as client,
             ):  # fmt: skip
@@ -103,14 +120,22 @@ def _client(scheduler: str | None, n_workers: int | None) -> Iterator[Any]:
 
 
 def _dask(
-    client: Any, function: Callable[..., Any], shared: Any, tasks: Sequence[tuple]
+    client: Any,
+    function: Callable[..., Any],
+    shared: Any,
+    tasks: Sequence[tuple],
+    keep_going: bool,
 ) -> Iterator[tuple[int, Any]]:
-    """Tasks on a cluster. What they share is sent once to every worker; where a loss of workers
-    took the last copy with it, it is sent again with the tasks that are left."""
+    """Tasks on a cluster. What they share is sent once to every worker, unless it is little; where
+    a loss of workers took the last copy with it, or a result, it is sent again with the tasks that
+    are left."""
     done_by_dask = import_module("distributed").as_completed
+    little = import_module("dask.sizeof").sizeof(shared) < LITTLE
     left = dict(enumerate(tasks))
     for attempt in range(TRIES):
-        common = client.scatter(shared, broadcast=True, direct=False, hash=False)
+        common = (
+            shared if little else client.scatter(shared, broadcast=True, direct=False, hash=False)
+        )
         # earlier tasks first: what is drawn while they run comes in order
         waiting = {
             client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
@@ -118,17 +143,27 @@ def _dask(
         }
         try:
             for done in done_by_dask(waiting):
-                if done.status != "finished":
-                    if attempt == TRIES - 1:
-                        done.result()
-                    continue
                 i = waiting[done]
-                yield i, done.result()
+                if done.status == "error" and (keep_going or attempt == TRIES - 1):
+                    if not keep_going:
+                        done.result()
+                    found = done.exception()
+                elif done.status == "finished":
+                    try:
+                        found = done.result()
+                    except CancelledError:  # it went with its worker
+                        continue
+                else:
+                    continue
                 del left[i]
+                yield i, found
         finally:
             client.cancel(list(waiting))
         if not left:
             return
-    raise InputError(
+    fault = InputError(
         f"{len(left)} tasks were not done: the cluster lost its workers again and again"
     )
+    if not keep_going:
+        raise fault
+    yield from ((i, fault) for i in left)

@@ -1,0 +1,141 @@
+"""A batch of objects: one figure, and one page with all of them in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcbayes.analysis import style
+from lcbayes.analysis.pages import environment
+from lcbayes.analysis.tables import three
+from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
+from lcbayes.checkpoint import write_atomic
+
+COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}
+ALT = "Goodness of fit of every object, and albedo-area against rotation rate."
+CAPTION = (
+    "Left: goodness of fit of every object, by its place in the catalogue. Right: total "
+    "albedo-area (or, where the model has none, the residuals) against rotation rate. Dots: "
+    "trusted; crosses: not trusted; marks at the foot: failed."
+)
+SHOWN = {
+    "n_obs": "points", "n_facets": "facets", "n_solutions": "solutions",
+    "weight": "weight of first", "rms": "rms", "max_rhat": "max R-hat",
+    "albedo_area_m2": "albedo-area (m²)",
+    "pole_lon_deg": "pole lon (°)", "pole_lat_deg": "pole lat (°)", "period_h": "period (h)",
+    "omega_x_rad_s": "ω x (rad/s)", "omega_y_rad_s": "ω y (rad/s)", "omega_z_rad_s": "ω z (rad/s)",
+    "seconds": "time (s)",
+}  # fmt: skip
+
+
+def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:
+    """Write `batch.html` and `figures/batch.png` into a folder that `lcbayes batch` wrote.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    rows = summary["objects"]
+    image = style.picture(folder, "batch", lambda gallery: draw(rows, gallery), ALT, CAPTION)
+    columns = [k for k in SHOWN if any(row.get(k) is not None for row in rows)]
+    page = (
+        environment()
+        .get_template("batch.html.j2")
+        .render(
+            title=Path(run["catalogue"]).name,
+            summary=summary,
+            image=image,
+            heads=[SHOWN[k] for k in columns],
+            rows=[_cells(folder, row, columns) for row in rows],
+            version=run["version"],
+        )
+    )
+    write_atomic(folder / "batch.html", lambda p: p.write_text(page, encoding="utf-8"))
+    return folder / "batch.html"
+
+
+def _cells(folder: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
+    """A line of the table, with a link to the object's own page where there is one."""
+    page = f"objects/{row['name']}/report.html"
+    fit = "–"
+    if row.get("chi2") is not None:
+        fit = f"{three(row['chi2'] / max(row['dof'], 1))}"
+    return {
+        "name": row["name"],
+        "page": page if (folder / page).is_file() else None,
+        "status": row["status"],
+        "fit": fit,
+        "cells": ["–" if row.get(k) is None else _number(row[k]) for k in columns],
+        "reasons": row["reasons"],
+    }
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else three(value)
+
+
+def draw(rows: Sequence[Mapping[str, Any]], gallery: style.Gallery) -> Any:
+    """The figure of the rows of ``objects``."""
+    figure = gallery.figure(10.0, 3.6)
+    left, right = figure.subplots(1, 2)
+    _fits(left, rows)
+    _bodies(right, rows)
+    return figure
+
+
+def _fits(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
+    known = all(row.get("chi2") is not None for row in rows if row["status"] != FAILED)
+    value = [
+        row.get("rms") if not known or row.get("chi2") is None else row["chi2"] / max(row["dof"], 1)
+        for row in rows
+    ]
+    place = np.arange(1, len(rows) + 1)
+    _marked(axes, place, np.array([np.nan if v is None else v for v in value], float), rows)
+    if known:
+        axes.axhline(1.0, color=style.FAINT, lw=0.7, zorder=0)
+    for i, row in enumerate(rows, 1):
+        if row["status"] == FAILED:
+            axes.axvline(i, ymax=0.04, color=style.INK, lw=1.2)
+    axes.set_yscale("log")
+    axes.set_xlabel("object, in the order of the catalogue")
+    axes.set_ylabel("χ² per degree of freedom" if known else "rms residual")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
+
+
+def _bodies(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
+    rate = np.array([_rate(row) for row in rows])
+    area = np.array([row.get("albedo_area_m2") or np.nan for row in rows])
+    what = "total albedo-area (m²)"
+    if not np.isfinite(area).any():
+        area, what = np.array([row.get("rms") or np.nan for row in rows]), "rms residual"
+    spins = np.isfinite(rate).any()
+    _marked(axes, rate if spins else np.arange(1, len(rows) + 1), area, rows)
+    if spins:
+        axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("rotation rate (turns per hour)" if spins else "object")
+    axes.set_ylabel(what)
+
+
+def _rate(row: Mapping[str, Any]) -> float:
+    """Turns an hour of the heaviest solution."""
+    if row.get("period_h"):
+        return 1.0 / abs(row["period_h"])
+    omega = [row.get(f"omega_{axis}_rad_s") for axis in "xyz"]
+    if any(x is None for x in omega):
+        return np.nan
+    return float(np.linalg.norm(np.array(omega, float))) * 3600.0 / (2.0 * np.pi)
+
+
+def _marked(axes: Any, x: np.ndarray, y: np.ndarray, rows: Sequence[Mapping[str, Any]]) -> None:
+    for status, mark in ((TRUSTED, "."), (DOUBTED, "x")):
+        here = np.array([row["status"] == status for row in rows], bool)
+        if here.any():
+            axes.plot(x[here], y[here], mark, ms=5, color=COLOURS[status], label=status)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside no point

@@ -1,0 +1,109 @@
+"""One object of a batch, from its files to its row of the table."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lcbayes.batch_run.objects import PATHS, Object
+from lcbayes.batch_run.table import DOUBTED, FAILED, NUMBERS, TRUSTED
+from lcbayes.checkpoint import write_atomic
+from lcbayes.errors import InputError
+from lcbayes.folders import installed_version
+
+MARK = "object.json"  # in an object's folder: its row, and what made it
+MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
+
+
+def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
+    """The row of an object that was done with the same files and options."""
+    try:
+        mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
+        same = mark["identity"] == identity(one) and (folder / "summary.json").is_file()
+        return mark["row"] if same else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def identity(one: Object) -> str:
+    """What decides an object's numbers."""
+    files = [one.curve, *(one.reading[k] for k in PATHS if k in one.reading)]
+    if str(one.keywords.get("model", "")).endswith(".py"):
+        files.append(one.keywords["model"])
+    said = [one.reading, one.keywords, {k: str(v) for k, v in one.options.items()}]
+    found = hashlib.sha256(json.dumps([*said, installed_version()], sort_keys=True).encode())
+    for name in files:
+        found.update(Path(name).read_bytes())
+    return found.hexdigest()
+
+
+def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
+    """Fit one object into its own folder of a batch; its row, whatever happens."""
+    from lcbayes.fitting import fit
+    from lcbayes.inference import posed
+    from lcbayes.io import read
+
+    where, with_report = shared
+    folder = Path(where) / one.name
+    begun = time.monotonic()
+    if posed.structures() >= MOST_STRUCTURES:
+        posed.forget()
+    try:
+        curve = read(one.curve, **one.reading)
+        found = fit(curve, out=folder, reading=one.reading, **one.keywords, **one.options)
+        if with_report:
+            found.report(folder)
+    except InputError as fault:
+        return failed(one, str(fault), time.monotonic() - begun)
+    except Exception as fault:  # whatever ails one object, the others are to be done
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "error.txt").write_text(traceback.format_exc())
+        told = f"{type(fault).__name__}: {str(fault).strip().splitlines()[:1]}"
+        return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
+    row = _row(one, found.summary(), time.monotonic() - begun)
+    mark = {"identity": identity(one), "row": row}
+    write_atomic(folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1)))
+    return row
+
+
+def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, Any]:
+    """The row of an object without a result."""
+    return {
+        "name": one.name, "curve": one.curve, "status": FAILED, "reasons": [reason],
+        "seconds": seconds,
+    }  # fmt: skip
+
+
+def _row(one: Object, summary: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    """What the table says of a fit: numbers of its heaviest solution."""
+    parameters = summary["parameters"]
+    row = {
+        "name": one.name,
+        "curve": one.curve,
+        "status": TRUSTED if summary["converged"] else DOUBTED,
+        "reasons": summary["reasons"],
+        "seconds": seconds,
+        "model": summary["model"],
+        "n_facets": summary["n_facets"],
+        "n_obs": summary["n_obs"],
+        "n_solutions": len(summary["modes"]),
+        "weight": summary["modes"][0]["weight"],
+        "chi2": summary["fit"]["chi2"],
+        "dof": summary["fit"]["dof"],
+        "rms": summary["fit"]["rms"],
+        "rms_unit": summary["fit"]["rms_unit"],
+        "max_rhat": summary["max_rhat"],
+        "min_ess_bulk": summary["min_ess_bulk"],
+    }
+    for key in NUMBERS:
+        if key in parameters:
+            row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
+    areas = [v["mean"] for k, v in parameters.items() if k.startswith("albedo_area[")]
+    if areas:
+        row["albedo_area_m2"] = sum(areas)
+    return row

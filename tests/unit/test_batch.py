@@ -1,0 +1,107 @@
+"""What a batch is asked, and what it tells."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from lcbayes.analysis import batch_page, style
+from lcbayes.batch_run import table
+from lcbayes.batch_run.objects import Object, objects
+from lcbayes.batch_run.work import failed
+from lcbayes.errors import InputError
+
+
+def test_a_csv_catalogue_names_curves_options_and_settings(tmp_path):
+    (tmp_path / "c.csv").write_text(
+        "# tonight\nname,curve,n_facets,tle,seed,error\na b/1,one.csv,3,x.tle,,\n\n"
+        ',"two, again.csv",,,7,0.1\n'
+    )
+    first, second = objects(tmp_path / "c.csv", {"seed": 2, "n_facets": 1, "spin": "none"})
+    assert first == Object(
+        "a_b_1", str(tmp_path / "one.csv"), {"tle": str(tmp_path / "x.tle")}, {"seed": 2},
+        {"n_facets": "3", "spin": "none"},
+    )  # fmt: skip
+    assert second == Object(
+        "two_again", str(tmp_path / "two, again.csv"), {"error": 0.1}, {"seed": 7},
+        {"n_facets": 1, "spin": "none"},
+    )  # fmt: skip
+
+
+def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
+    (tmp_path / "c.toml").write_text(
+        '[defaults]\nmodel = "mine.py"\nn_facets = 2\n[[objects]]\ncurve = "b.csv"\n'
+        '[[objects]]\ncurve = "a.lcs"\nmodel = "convex-grid"\n'
+    )
+    for name in ("b.csv", "a.lcs", "notes.md"):
+        (tmp_path / name).touch()
+    found = objects(tmp_path / "c.toml")
+    assert [one.keywords["model"] for one in found] == [str(tmp_path / "mine.py"), "convex-grid"]
+    assert [one.options for one in found] == [{"n_facets": 2}, {"n_facets": 2}]
+    assert [one.name for one in objects(tmp_path)] == ["a", "b"]
+    assert [one.name for one in objects(f"{tmp_path}/*.lcs")] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name,n_facets\na,2\n", r"line 1: there is no column 'curve' in name, n_facets"),
+        ("curve\nx/a.csv\ny/a.csv\n", r"line 3: two objects have the name 'a'"),
+        ("curve,seed\na.csv,one\n", r"line 2: seed is not a int"),
+        ("curve\n", "names no object"),
+        ("curve\na.csv,b\n", r"line 2: 2 cells under 1 heads"),
+    ],
+)
+def test_faults_of_a_catalogue_name_the_line(tmp_path, text, said):
+    path = tmp_path / "c.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        objects(path)
+
+
+def rows() -> list[dict]:
+    good = {
+        "name": "a", "curve": "a.csv", "status": "trusted", "reasons": [], "seconds": 2.0,
+        "model": "faceted", "n_facets": 2, "n_obs": 60, "n_solutions": 1, "weight": 1.0,
+        "chi2": 61.0, "dof": 51, "rms": 0.02, "max_rhat": 1.002, "min_ess_bulk": 900.0,
+        "omega_x_rad_s": 0.01, "omega_y_rad_s": 0.0, "omega_z_rad_s": 0.02,
+        "omega_x_rad_s_sd": 0.001, "albedo_area_m2": 5.0,
+    }  # fmt: skip
+    doubted = good | {
+        "name": "b",
+        "status": "not trusted",
+        "reasons": ["one", "two"],
+        "chi2": 500.0,
+    }
+    return [good, doubted, failed(Object("c", "c.csv"), "c.csv, line 3: 'x' is no number", 0.1)]
+
+
+def test_table_and_summary_count_and_name():
+    said = table.summarise("c.csv", rows(), 4, 1, 10.0, "2 processes")
+    assert not said["converged"]
+    assert said["reasons"] == [
+        "1 of 4 objects failed: c", "1 of 4 results must not be trusted: b",
+        "1 of 4 objects were not done",
+    ]  # fmt: skip
+    assert said["objects_per_hour"] == 720.0  # two were done now, one before
+    read = list(csv.DictReader(table.to_csv(rows()).splitlines()))
+    assert [r["status"] for r in read] == ["trusted", "not trusted", "failed"]
+    assert read[1]["reasons"] == "one; two"
+    assert float(read[0]["omega_x_rad_s_sd"]) == 0.001
+    assert read[2]["chi2"] == ""
+
+
+def test_page_and_figure_of_failed_and_of_good_objects(tmp_path):
+    run = {"catalogue": "/somewhere/night.csv", "version": "0"}
+    said = table.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
+    page = batch_page.write(tmp_path, said, run).read_text()
+    assert "1 of 3 objects have a result that is trusted" in page
+    assert "c.csv, line 3: &#39;x&#39; is no number" in page
+    assert (tmp_path / "figures" / "batch.png").stat().st_size > 5000
+    gallery = style.Gallery(tmp_path)
+    only = batch_page.draw(rows()[2:], gallery)  # nothing but a failure can be drawn too
+    right = only.axes[1]
+    assert not right.get_lines()
+    shown = batch_page.draw(rows(), gallery).axes[1].get_lines()
+    assert shown[0].get_xdata()[0] == pytest.approx(0.0005**0.5 * 3600 / 6.283185, rel=1e-4)

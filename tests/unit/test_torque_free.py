@@ -1,0 +1,237 @@
+"""The free rotation of a rigid body against its own equations, an integrator, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpyro import handlers
+from scipy.integrate import solve_ivp
+from scipy.special import elliprf
+
+from lcbayes import gallery, priors
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.inference.problem import Problem, compiled
+from lcbayes.observability.parameters import Unknowns
+from lcbayes.physics import attitude
+from lcbayes.physics.laws import Ephemeris, TorqueFree
+from lcbayes.physics.torque_free import carlson, polhode, torque_free
+from lcbayes.scenario import load
+from lcbayes.simulate import simulate
+
+RUN = jax.jit(torque_free)
+RATE = jax.jit(
+    lambda t, w, j: jax.jvp(lambda t: torque_free(t, w, j), (t,), (jnp.ones_like(t),))[1]
+)
+TIMES = np.linspace(0.0, 200.0, 40)  # s; one number of them, one compilation
+PRINCIPAL = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+PRINCIPAL *= np.linalg.det(PRINCIPAL)
+
+
+def inertia(*sides: float) -> np.ndarray:
+    """Of a box, about its principal axes."""
+    square = np.square(sides)
+    return np.diag(square.sum() - square)
+
+
+def turned(tensor: np.ndarray, omega) -> tuple[np.ndarray, np.ndarray]:
+    """Tensor and ω of principal axes, in axes at odds with them."""
+    return PRINCIPAL @ np.asarray(omega, float), PRINCIPAL @ tensor @ PRINCIPAL.T
+
+
+def integrated(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarray:
+    """Body to inertial by DOP853 at its tightest: Ȧ = A [ω×] and Euler's equations."""
+    inverse = np.linalg.inv(tensor)
+
+    def slope(_, y):
+        a, w = y[:9].reshape(3, 3), y[9:]
+        return np.concatenate([np.cross(a, w).ravel(), inverse @ np.cross(tensor @ w, w)])
+
+    begin = np.concatenate([np.eye(3).ravel(), omega])
+    found = solve_ivp(slope, (0.0, t[-1]), begin, "DOP853", t, rtol=1e-12, atol=1e-14)
+    return found.y[:9].T.reshape(-1, 3, 3)
+
+
+MOTIONS = {
+    "about the largest": (inertia(3, 2, 1), (0.02, -0.05, -0.1)),
+    "about the smallest": (inertia(3, 2, 1), (-0.1, -0.05, 0.02)),
+    "prolate": (inertia(1, 1, 4), (0.03, 0.05, 0.1)),
+    "oblate": (inertia(1, 4, 4), (0.03, 0.05, 0.1)),
+    "flat spin": (inertia(1, 1, 4), (0.05, 0.1, 1e-6)),
+    "nearly a sphere": (np.diag([1.0, 1.0 + 1e-9, 1.0 + 3e-9]), (0.1, 0.02, 0.03)),
+    "nearly steady": (inertia(3, 2, 1), (1e-6, 1e-7, 0.1)),
+    "steady": (inertia(3, 2, 1), (0.0, 0.0, 0.1)),
+    "sphere": (np.eye(3), (0.1, 0.02, 0.03)),
+    "near the separatrix": (inertia(3, 2, 1), (1e-4, 0.1, 1e-4)),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_as_an_integrator_finds_it(name):
+    t = TIMES
+    omega, tensor = turned(*MOTIONS[name])
+    found = np.asarray(RUN(t, omega, tensor))
+    np.testing.assert_allclose(found, integrated(t, omega, tensor), atol=3e-11)
+    np.testing.assert_allclose(found[0], np.eye(3), atol=1e-13)
+
+
+def test_energy_and_angular_momentum_are_kept_for_ten_thousand_seconds():
+    t = 50.0 * TIMES  # 10⁴ s
+    for tensor, motion in MOTIONS.values():
+        omega, tensor = turned(tensor, motion)
+        found = np.asarray(RUN(t, omega, tensor))
+        momentum = np.einsum("tji,j->ti", found, tensor @ omega)  # body
+        rates = np.linalg.solve(tensor, momentum.T).T
+        energy = np.sum(momentum * rates, axis=1)
+        np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
+        product = found @ np.swapaxes(found, 1, 2)
+        np.testing.assert_allclose(product - np.eye(3), 0.0, atol=1e-12)
+        # ω of the body that the attitude itself has, from its derivative
+        rate = RATE(t, omega, tensor)
+        own = np.swapaxes(found, 1, 2) @ np.asarray(rate)
+        np.testing.assert_allclose(own[:, [2, 0, 1], [1, 2, 0]], rates, atol=1e-11)
+
+
+def test_symmetric_top_precesses_and_spins():
+    t = 2.5 * TIMES
+    for moments in ((2.0, 2.0, 0.7), (2.0, 2.0, 3.1)):
+        omega, tensor = turned(np.diag(moments), (0.03, -0.04, 0.06))
+        momentum, axis = tensor @ omega, PRINCIPAL[:, 2]
+        along = momentum / moments[0]
+        spin = 0.06 * (1.0 - moments[2] / moments[0]) * axis
+        want = attitude.constant_rate(jnp.asarray(t), jnp.asarray(along)) @ attitude.constant_rate(
+            jnp.asarray(t), jnp.asarray(spin)
+        )
+        np.testing.assert_allclose(RUN(t, omega, tensor), want, atol=1e-12)
+
+
+def test_slopes_are_those_of_differences():
+    """By ω and along symmetric changes of the tensor, in reverse mode."""
+    omega, tensor = turned(*MOTIONS["about the largest"])
+    rng = np.random.default_rng(2)
+    weights = rng.standard_normal((TIMES.size, 3, 3))
+    changes = rng.standard_normal((2, 3, 3))
+    changes = changes + np.swapaxes(changes, 1, 2)
+    t = TIMES * 0.5
+
+    def total(p, run=torque_free):
+        return jnp.sum(weights * run(t, omega + p[:3], tensor + jnp.tensordot(p[3:], changes, 1)))
+
+    found = jax.jit(jax.grad(total))(np.zeros(5))
+    for k, step in enumerate(1e-6 * np.eye(5)):
+        want = (total(step, RUN) - total(-step, RUN)) / 2e-6
+        assert found[k] == pytest.approx(float(want), abs=2e-5 * np.abs(found).max())
+
+
+def test_precession_is_the_mean_rate_about_the_momentum():
+    """The azimuth of the intermediate axis, counted over whole periods of M in the body."""
+    tensor, omega = inertia(3, 2, 1), np.array([0.02, -0.05, -0.1])
+    path = jax.jit(polhode)(omega, tensor)
+    span = 40 * np.pi / abs(float(path.speed))
+    t = np.linspace(0.0, span, 150 * TIMES.size)
+    middle = np.concatenate([RUN(x, omega, tensor) for x in t.reshape(150, -1)])[:, :, 1]
+    along = tensor @ omega / np.linalg.norm(tensor @ omega)
+    east = np.cross(along, [0.0, 0.0, 1.0])
+    angle = np.unwrap(np.arctan2(middle @ np.cross(along, east), middle @ east))
+    assert (angle[-1] - angle[0]) / span == pytest.approx(float(path.precession), rel=1e-10)
+    assert abs(angle[-1] - angle[0]) > 100.0
+
+
+def test_elliptic_integrals_are_carlson_s():
+    rng = np.random.default_rng(3)
+    x, y, z = 10.0 ** rng.uniform(-6, 3, (3, 200))
+    x[:5] = 0.0
+    np.testing.assert_allclose(jax.jit(carlson)(x, y, z), elliprf(x**2, y**2, z**2), rtol=2e-14)
+
+
+def test_prior_of_inertia_holds_bodies_alone_and_prefers_no_axes():
+    rng = np.random.default_rng(0)
+    for free in rng.standard_normal((8, 5)):
+        with handlers.substitute(data={"inertia_base": free}), handlers.seed(rng_seed=0):
+            tensor = np.asarray(priors.inertia(1.3))
+        moments = np.linalg.eigvalsh(tensor)
+        assert moments[2] < moments[0] + moments[1]
+        second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        values, axes = np.linalg.eigh(second)
+        log = (axes * np.log(values)) @ axes.T
+        # the length of S is that of the sampled vector, and no rotation changes it
+        assert np.sum(log**2) == pytest.approx(1.3**2 * np.sum(free**2))
+        assert np.trace(log) == pytest.approx(0.0, abs=1e-9)
+
+
+SCENARIO = """
+[body]
+shape = "cube"
+side = 2.0
+material = "white"
+[materials.white]
+law = "non-lambertian"
+r_diff = 0.5
+[attitude]
+law = "torque-free"
+omega_rad_s = [0.02, -0.01, 0.05]
+inertia = [1.0, 1.6, 2.1]
+yaw_deg = 20.0
+roll_deg = -40.0
+[geometry]
+kind = "planar"
+stop = 60.0
+step = 2.0
+omega_obs = 0.02
+lambda_obs = 0.0
+omega_sun = 0.001
+lambda_sun = 0.5
+[noise]
+sigma = 1e-9
+"""
+
+
+def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
+    (tmp_path / "tumbler.toml").write_text(SCENARIO)
+    what = load(tmp_path / "tumbler.toml")
+    assert what.attitude == TorqueFree((0.02, -0.01, 0.05), (1.0, 1.6, 2.1), 20.0, 0.0, -40.0)
+    curve, truth = simulate(what, 0)
+    assert np.ptp(curve.brightness) > 0.1 * curve.brightness.mean()
+    spin, data = truth["attitude"], Epochs.of(curve)
+    entry = gallery.find("faceted")
+    options = entry.check({"n_facets": 6, "spin": "torque-free"})
+    problem = Problem(entry.bind(options), data)
+    tensor = np.array(spin["inertia_at_t_ref"])
+    values, axes = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
+    log = (axes * np.log(values / np.prod(values) ** (1 / 3))) @ axes.T
+    sites = {
+        "normals_base": jnp.array([f["normal"] for f in truth["facets"]]),
+        "log_albedo_area": jnp.log(jnp.array([f["albedo_area_m2"] for f in truth["facets"]])),
+        "omega_unit": jnp.array(spin["omega_at_t_ref_rad_s"]) / 0.1,
+        "inertia_base": jnp.einsum("kij,ij->k", priors._TRACELESS, log),
+    }
+    found = compiled(problem.constrain)(problem.ravel(sites), data)
+    np.testing.assert_allclose(found["flux"], truth["flux"], atol=1e-8 * max(truth["flux"]))
+    np.testing.assert_allclose(found["inertia_ratio"], [1.0 / 2.1, 1.6 / 2.1], rtol=1e-9)
+    pole = np.radians([float(found["pole_lon_deg"]), float(found["pole_lat_deg"])])
+    along = [np.cos(pole[1]) * np.cos(pole[0]), np.cos(pole[1]) * np.sin(pole[0]), np.sin(pole[1])]
+    np.testing.assert_allclose(along, spin["angular_momentum"], atol=1e-9)
+
+
+def test_moments_of_no_body_are_refused(tmp_path):
+    path = tmp_path / "tumbler.toml"
+    for bad in ("[1.0, 1.0, 2.5]", "[1.0, -1.0, 1.0]"):
+        path.write_text(SCENARIO.replace("[1.0, 1.6, 2.1]", bad))
+        with pytest.raises(InputError, match=r"line 12: attitude\.inertia .* no body has these"):
+            load(path)
+
+
+def test_law_turns_its_first_axes():
+    law = TorqueFree((0.02, -0.01, 0.05), (1.0, 1.6, 2.1), 20.0, 10.0, -40.0)
+    t = jnp.asarray(0.3 * TIMES)
+    body = np.asarray(jax.jit(law.frames)(Ephemeris(t, jnp.zeros((TIMES.size, 3)))).body)
+    rates = np.swapaxes(body, 1, 2)[0] @ np.array(law.omega_rad_s)
+    want = integrated(np.asarray(t), rates, np.diag(law.inertia))
+    np.testing.assert_allclose(body, body[0] @ want, atol=1e-10)
+
+
+def test_observability_does_not_promise_what_it_does_not_count(tmp_path):
+    (tmp_path / "tumbler.toml").write_text(SCENARIO)
+    with pytest.raises(InputError, match="does not count the unknowns of a torque-free body"):
+        Unknowns.of(load(tmp_path / "tumbler.toml"))

@@ -1,0 +1,44 @@
+"""Tasks, whoever does them: in threads, and by processes that die."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from lcbayes.workers import crew
+
+
+def halve(shared: float, x: int) -> float:
+    if x == 3:
+        raise ValueError(x)
+    return shared * x
+
+
+def test_a_task_that_fails_is_raised_or_told_as_asked():
+    tasks = [(i,) for i in range(6)]
+    with crew(keep_going=True) as run:
+        done = dict(run(halve, 0.5, tasks))
+    assert isinstance(done.pop(3), ValueError)
+    assert done == {i: 0.5 * i for i in (0, 1, 2, 4, 5)}
+    with crew() as run, pytest.raises(ValueError, match="3"):
+        dict(run(halve, 0.5, tasks))
+
+
+def die(shared: str, x: int) -> int:
+    """Task 1 kills its worker once, task 2 each time."""
+    seen = Path(shared) / str(x)
+    if x == 2 or (x == 1 and not seen.exists()):
+        seen.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x
+
+
+def test_a_task_is_done_again_when_its_worker_dies_but_not_for_ever(tmp_path):
+    pytest.importorskip("distributed")
+    with crew(n_workers=1, deaths=1, keep_going=True) as run:
+        done = dict(run(die, str(tmp_path), [(i,) for i in range(4)]))
+    assert type(done.pop(2)).__name__ == "KilledWorker"
+    assert done == {i: i for i in (0, 1, 3)}
