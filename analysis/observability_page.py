@@ -87,6 +87,7 @@ def _page(
             images=images,
             scene=scene(found),
             parameters=_parameters(found),
+            linearity=summary.linearity_words(found),
             plan=content["plan"],
             plan_words=[] if found.plan is None else summary.plan_words(found.plan),
             schedule=[] if found.plan is None else _schedule(content["plan"]),
@@ -100,9 +101,12 @@ def _page(
 def _parameters(found: Findings) -> list[tuple[str, ...]]:
     c = found.campaign
     rows = []
-    for p, alone, both in zip(c.unknowns.parameters, c.bound, c.bound_with_prior, strict=True):
+    for p, alone, both, off in zip(
+        c.unknowns.parameters, c.bound, c.bound_with_prior, found.nonlinearity, strict=True
+    ):
+        bent = "> 100" if off > 1.0 else f"{100.0 * off:.0f}" if off >= 0.01 else "< 1"
         rows.append((p.name, p.words, p.unit, show(p.prior_sd, p.prior_sd), show(alone, alone),
-                     show(both, both)))  # fmt: skip
+                     show(both, both), bent))  # fmt: skip
     return rows
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lcbayes.observability.campaign import Campaign
 from lcbayes.observability.campaign_plan import Plan
+from lcbayes.observability.linearity import LINEAR
 from lcbayes.observability.measurements import Measurements, over_directions
 from lcbayes.observability.trades import Trade
 from lcbayes.physics.facets import grid
@@ -26,12 +27,13 @@ MAP_DIRECTIONS = 20_000
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a run of the command found."""
+    """All that a run of the command found; `nonlinearity` (P,) as `linearity` has it."""
 
     scenario: Scenario
     measured: Measurements
     campaign: Campaign
     trades: list[Trade]
+    nonlinearity: Floats
     plan: Plan | None = None
     notes: tuple[str, ...] = ()
 
@@ -92,6 +94,7 @@ def numbers(found: Findings) -> dict[str, Any]:
             "fisher": c.fisher,
             "crlb_sd": c.bound,
             "crlb_sd_with_prior": c.bound_with_prior,
+            "nonlinearity": found.nonlinearity,
             "unobservable": [
                 {
                     "words": t.words,
@@ -193,9 +196,30 @@ def words(found: Findings) -> list[str]:
     )
     for group, name, unit, value in bounds_by_group(c):
         lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}")
+    lines.append(linearity_words(found))
     if found.plan is not None:
         lines += plan_words(found.plan)
     return lines
+
+
+def linearity_words(found: Findings) -> str:
+    """Whether the bound describes the errors, and if not, of which unknowns it does not."""
+    off, parameters = found.nonlinearity, found.campaign.unknowns.parameters
+    bent = np.flatnonzero(off > LINEAR)
+    if not len(bent):
+        return (
+            "the brightness is linear within two standard deviations: the bounds describe the "
+            f"errors, intervals to {100.0 * off.max():.2g} %"
+        )
+    worst = bent[np.argsort(-off[bent])][:3]
+    told = ", ".join(
+        f"{parameters[i].name} by {100.0 * off[i]:.0f} %" if off[i] < 1.0
+        else f"{parameters[i].name} by more than its length" for i in worst
+    )  # fmt: skip
+    return (
+        f"the bound is rough for {len(bent)} of {len(parameters)} unknowns, because the brightness "
+        f"is not linear within two standard deviations; intervals are off most for {told}"
+    )
 
 
 def sentences(trades: list[Trade]) -> list[str]:
