@@ -1,4 +1,4 @@
-"""What a fit knows, for a plan: targets and factors at draws, against differences and closed forms."""
+"""What a fit knows, for a plan: targets and factors at its draws, against finite differences."""
 
 from __future__ import annotations
 
@@ -28,10 +28,22 @@ def sites(**change):
 
 def test_targets_move_as_what_they_name():
     step = 1e-4
+    one, first = np.zeros((2, 2, 3))
+    one[1, 0] = first[0, 1] = step
     for name, moved, by, unit in (
         ("pole", {"omega": [0.02 * step, 0.0, 0.02]}, np.degrees(step), "deg"),
-        ("normal:1", {"normals": NORMALS + [[0, 0, 0], [step, 0, 0]]}, np.degrees(step), "deg"),
-        ("normals", {"normals": NORMALS + [[0, step, 0], [0, 0, 0]]}, np.degrees(step), "deg"),
+        (
+            "normal:1",
+            {"normals": NORMALS + one},
+            np.degrees(step),
+            "deg",
+        ),
+        (
+            "normals",
+            {"normals": NORMALS + first},
+            np.degrees(step),
+            "deg",
+        ),
         ("spin", {"omega": [step, 0.0, 0.02]}, step, "rad/s"),
         ("areas", {"albedo_area": [2.0 * np.exp(step), 3.0]}, step, "1"),
         ("all", {"omega": [step, 0.0, 0.02]}, step, ""),
@@ -109,8 +121,8 @@ def test_factors_are_those_of_finite_differences(fitted):
 
 def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     curve, draws = fitted
-    monkeypatch.setattr(known.predict, "load", lambda folder: (draws, {"model": "faceted"}))
-    monkeypatch.setattr(known.predict, "fitted_curve", lambda folder, config: curve)
+    monkeypatch.setattr(known.predict, "load", lambda _: (draws, {"model": "faceted"}))
+    monkeypatch.setattr(known.predict, "fitted_curve", lambda *_: curve)
     unknown = SimpleNamespace(own_level=np.array([True]))
     monkeypatch.setattr(known.predict.Foretold, "of", lambda *_, **__: unknown)
     with pytest.raises(InputError, match="has curves of unknown scale only"):
