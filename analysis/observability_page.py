@@ -65,22 +65,14 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
 def _page(
     found: Findings, content: dict[str, Any], images: dict[str, style.Image], command: Sequence[Any]
 ) -> str:
-    exact = sum(t.exact for t in found.trades)
-    unknown = len(found.campaign.unknowns.parameters)
     said = summary.sentences(found.trades)
-    if not found.trades:
-        head = f"All of the {unknown} unknowns are seen."
-    else:
-        head = f"{len(found.trades)} combinations of the {unknown} unknowns stay open" + (
-            f", {exact} of them whatever the noise." if exact else "."
-        )
     return (
         environment()
         .get_template("observability.html.j2")
         .render(
             title=found.scenario.name,
             n_obs=found.measured.curve.n_obs,
-            head=head,
+            head=f"{summary.headline(found)}.",
             good=not found.trades,
             trades=[line[0].upper() + line[1:] for line in said[:16]],
             more=max(0, len(said) - 16),

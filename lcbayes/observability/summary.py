@@ -176,15 +176,7 @@ def words(found: Findings) -> list[str]:
     m, c = found.measured, found.campaign
     curve, i = m.curve, found.most_informative
     lines = [f"note: {note}" for note in found.notes]
-    exact = sum(t.exact for t in found.trades)
-    lines.append(
-        f"{curve.n_obs} measurements, {len(c.unknowns.parameters)} unknowns: "
-        + (
-            f"{len(found.trades)} combinations are open, {exact} of them not seen at all"
-            if found.trades
-            else "all of them are seen"
-        )
-    )
+    lines.append(f"{curve.n_obs} measurements: {headline(found).lower()}")
     said = sentences(found.trades)
     lines += [f"  {line}" for line in said[:12]]
     if len(said) > 12:
@@ -195,30 +187,52 @@ def words(found: Findings) -> list[str]:
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
     for group, name, unit, value in bounds_by_group(c):
-        lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}")
+        lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}".rstrip())
     lines.append(linearity_words(found))
     if found.plan is not None:
         lines += plan_words(found.plan)
     return lines
 
 
+def headline(found: Findings) -> str:
+    """How many combinations of the unknowns stay open."""
+    unknown, left = len(found.campaign.unknowns.parameters), len(found.trades)
+    if not left:
+        return f"All of the {unknown} unknowns are seen"
+    some, stay = ("One combination", "stays") if left == 1 else (f"{left} combinations", "stay")
+    exact = sum(t.exact for t in found.trades)
+    how = f", {exact} of them whatever the noise" if exact else ""
+    if exact == left:
+        how = " whatever the noise"
+    return f"{some} of the {unknown} unknowns {stay} open{how}"
+
+
 def linearity_words(found: Findings) -> str:
-    """Whether the bound describes the errors, and if not, of which unknowns it does not."""
-    off, parameters = found.nonlinearity, found.campaign.unknowns.parameters
+    """Whether the bound describes the errors, and if not, of which unknowns it does not.
+
+    Of the unknowns that the data set; of the others only the prior's width is known.
+    """
+    parameters = found.campaign.unknowns.parameters
+    off = np.where(np.isfinite(found.campaign.bound), found.nonlinearity, -1.0)
     bent = np.flatnonzero(off > LINEAR)
+    seen = int(np.sum(off >= 0.0))
+    if not seen:
+        return "no unknown is set by the measurements alone"
     if not len(bent):
+        share = max(1.0, float(np.ceil(100.0 * off.max())))
         return (
-            "the brightness is linear within two standard deviations: the bounds describe the "
-            f"errors, intervals to {100.0 * off.max():.2g} %"
+            "the brightness is linear within two standard deviations of every unknown that the "
+            f"measurements set: intervals from the bounds are right to {share:.0f} %"
         )
     worst = bent[np.argsort(-off[bent])][:3]
-    told = ", ".join(
-        f"{parameters[i].name} by {100.0 * off[i]:.0f} %" if off[i] < 1.0
-        else f"{parameters[i].name} by more than its length" for i in worst
-    )  # fmt: skip
+    told = [
+        f"{parameters[i].words} ({100.0 * off[i]:.0f} %)" if off[i] < 1.0
+        else f"{parameters[i].words} (more than their length)" for i in worst
+    ]  # fmt: skip
     return (
-        f"the bound is rough for {len(bent)} of {len(parameters)} unknowns, because the brightness "
-        f"is not linear within two standard deviations; intervals are off most for {told}"
+        f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
+        "brightness is not linear within two standard deviations, and intervals are off, most "
+        f"for {' and '.join([', '.join(told[:-1]), told[-1]] if told[1:] else told)}"
     )
 
 
