@@ -7,9 +7,10 @@ A body of three diffuse facets tumbles on an orbit seen from two sites. A first 
 measurements at equal steps in the first part of the window, is fitted. The rest of the window is
 then measured at equal steps, 64 times, or as an observer would plan it, with fewer or as many: plan
 all of them from draws of what the fit knows, take those of the next third of the window, fit again,
-plan what is left again, and so on. Nothing in a plan or in a later fit knows the truth; only the
-first fit begins there, where a search that finds the right solution would end. Every fit has
-several starts. Which number of planned measurements leaves the error that 64 at equal steps leave?
+plan what is left again, and so on. Nothing in a plan knows the truth; only the first fit begins
+there, where a search that finds the right solution would end. Every fit has several starts, and the
+last of each schedule, even or planned, which measures its error, one at the truth as well: it takes
+what fits best. Which number of planned measurements leaves the error that 64 at equal steps leave?
 Campaigns whose first visit leaves pole or normal worse than 10 deg (bound) are drawn anew.
 """
 
@@ -260,16 +261,24 @@ class Campaign:
         y = np.take_along_axis(self.y, used, axis=1)
         return fitted(starts, self.truth, y, weight, used, self.arrays, key)
 
-    def starts(self, theta, draws):
-        """Of the next fit: the last one, some of its draws, and of the first one's."""
+    def starts(self, theta, draws, last: bool):
+        """Of the next fit: the last one, some of its draws and of the first one's.
+
+        The last fit of a schedule, which only measures its error, also starts at the truth, as a
+        search that misses no solution would come by it; what fits best is taken.
+        """
         early = self.first[1][:, : STARTS - 3]
+        if last:
+            early = early.at[:, -1].set(0.0)
         return jnp.concatenate([theta[:, None], draws[:, :2], early], axis=1)
 
     def even(self) -> Floats:
         """Median error (deg) of both targets after measurements at equal steps, (2,)."""
         chosen = self.rest[planning.even(len(self.rest), EVEN)]
         rows = [np.concatenate([self.setting.first, chosen])] * NOISES
-        return np.median(errors(self.fit(self.starts(*self.first), rows)[0], self.truth), axis=0)
+        return np.median(
+            errors(self.fit(self.starts(*self.first, last=True), rows)[0], self.truth), axis=0
+        )
 
     def planned(self, n: int, k: int) -> float:
         """The same of one target after n measurements as planned."""
@@ -281,7 +290,8 @@ class Campaign:
                     chosen = self._plan(draws[i], rows[i], now, left[i], k)
                     chosen = chosen[self.setting.t[chosen] < then]
                     rows[i], left[i] = np.concatenate([rows[i], chosen]), left[i] - len(chosen)
-            theta, draws = self.fit(self.starts(theta, draws), rows)
+            last = np.isinf(then)
+            theta, draws = self.fit(self.starts(theta, draws, last), rows)
         return float(np.median(errors(theta, self.truth)[:, k]))
 
     def _plan(self, draws, used: Rows, now: float, n: int, k: int) -> Rows:

@@ -110,7 +110,9 @@ def test_factors_are_those_of_finite_differences(fitted):
         ends = [(mean(z + e), mean(z - e)) for e in h * np.eye(len(z))]
         slope = np.array([(up[0] - down[0]) / (2 * h) for up, down in ends]).T / 0.1
         turn = np.degrees(np.array([(up[1] - down[1]) / (2 * h) for up, down in ends]).T)
-        information = slope.T @ slope + np.asarray(problem.prior_precision(z, ready.data))
+        information = slope.T @ slope + np.asarray(
+            problem.prior_precision(jnp.asarray(z), ready.data)
+        )
         covariance = np.linalg.inv(information)
         np.testing.assert_allclose(
             factor[k] @ factor[k].T, slope @ covariance @ slope.T, rtol=1e-4, atol=1e-6
