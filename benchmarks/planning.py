@@ -60,7 +60,6 @@ class Setting:
     sun: Floats
     obs: Floats
     dilution: Floats
-    site: NDArray[np.str_]
     first: Rows
     plans: Floats
     rates: tuple[float, float]
@@ -70,12 +69,11 @@ class Setting:
         """``share`` of the window for the first visit; rates of the spin (rad/s)."""
         curve = epochs(orbit)
         assert curve.range_km is not None
-        assert curve.site is not None
         near = (curve.range_km / curve.range_km.min()) ** -2.0
         begin = curve.t[0] + share * np.ptp(curve.t)
         first = np.flatnonzero(curve.t < begin)
         plans = begin + (curve.t[-1] - begin) * np.arange(3) / 3.0
-        return cls(curve.t, curve.sun, curve.obs, near, curve.site,
+        return cls(curve.t, curve.sun, curve.obs, near,
                    first[planning.even(len(first), FIRST)], plans, rates)  # fmt: skip
 
     @property
@@ -304,18 +302,6 @@ class Campaign:
         measured = (slopes @ root * ahead)[:, self.rest, None]
         return self.rest[planning.best(measured, targets, n).visits]
 
-    def second_site(self, k: int) -> float:
-        """Bound with 32 visits planned from the first fit: the better site alone, over both."""
-        site, first, draws = self.setting.site[self.rest], self.setting.first, self.first[1][0]
-        slopes = np.asarray(_slopes(draws, self.truth, self.arrays)) / self.sigma
-        seen = slopes[:, first]
-        root = roots(np.swapaxes(seen, 1, 2) @ seen + np.diag(PRECISION))
-        targets = np.asarray(_target_slopes(draws, self.truth))[:, k] @ root
-        measured = (slopes @ root)[:, self.rest, None]
-        both = planning.best(measured, targets, 32).sd[-1]
-        here = [(site == name)[:, None, None] for name in np.unique(site)]
-        return min(planning.best(measured * h, targets, 32).sd[-1] for h in here) / both
-
 
 def _body(rng: np.random.Generator, rates: tuple[float, float]):
     normals = rng.standard_normal((FACETS, 3))
@@ -359,7 +345,6 @@ def run(setting: Setting) -> list[list[dict[str, Any]]]:
             {
                 "first": first[k], "even": even[k],
                 "planned": np.array([campaign.planned(n, k) for n in PLANNED]),
-                "second site": campaign.second_site(k),
             }
             for k in range(len(TARGETS))
         ]  # fmt: skip
@@ -383,21 +368,20 @@ def write(window: str, done: list[list[dict[str, Any]]]) -> None:
             f"{np.median(even):.3f}", _quartiles(count),
             f"{int(np.sum(count <= 0.5))} of {len(count)}", f"{np.median(half):.2f}",
             f"{np.median(planned[:, -1] / even):.2f}",
-            _quartiles(np.array([d[k]["second site"] for d in done])),
         ])  # fmt: skip
         print(rows[-1], flush=True)
     heads = [
         "target", "error after the first visit (deg)", f"after {EVEN} more at equal steps (deg)",
         f"planned measurements for the same error, over {EVEN}: median (quartiles)",
         "campaigns with at most half", f"error of {EVEN // 2} planned over {EVEN} even, median",
-        f"of {EVEN} planned", "bound with the better site alone over both sites, 32 planned",
+        f"of {EVEN} planned",
     ]  # fmt: skip
     text = (
-        f"{len(done)} campaigns ({SETTINGS[window].__doc__}) {FACETS} diffuse facets, SNR {SNR:g} "
-        f"(mean flux over noise), {NOISES} noises each; medians over campaigns. Errors are median "
-        "angles between least-squares fits and truth. Beside what is counted each campaign has the "
-        f"{FIRST} measurements of its first visit. Planned were {', '.join(map(str, PLANNED))} "
-        "measurements, so no ratio is below "
+        f"{len(done)} of {CAMPAIGNS} campaigns. {SETTINGS[window].__doc__} {FACETS} diffuse facets, "
+        f"SNR {SNR:g} (mean flux over noise), {NOISES} noises each; medians over campaigns. Errors "
+        "are median angles between least-squares fits and truth. Beside what is counted each "
+        f"campaign has the {FIRST} measurements of its first visit. Planned were "
+        f"{', '.join(map(str, PLANNED))} measurements, so no ratio is below "
         f"{PLANNED[0] / EVEN:g}.\n\n" + table(heads, rows)
     )
     title = f"Planned and even schedules: {window}"
