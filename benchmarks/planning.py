@@ -377,7 +377,7 @@ def write(window: str, done: list[list[dict[str, Any]]]) -> None:
         f"of {EVEN} planned",
     ]  # fmt: skip
     text = (
-        f"{len(done)} of {CAMPAIGNS} campaigns. {SETTINGS[window].__doc__} {FACETS} diffuse facets, "
+        f"{len(done)} of {CAMPAIGNS} campaigns. {SETTINGS[window].__doc__} {FACETS} facets, "
         f"SNR {SNR:g} (mean flux over noise), {NOISES} noises each; medians over campaigns. Errors "
         "are median angles between least-squares fits and truth. Beside what is counted each "
         f"campaign has the {FIRST} measurements of its first visit. Planned were "
