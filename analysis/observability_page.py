@@ -65,28 +65,21 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
 def _page(
     found: Findings, content: dict[str, Any], images: dict[str, style.Image], command: Sequence[Any]
 ) -> str:
-    exact = sum(t.exact for t in found.trades)
-    unknown = len(found.campaign.unknowns.parameters)
     said = summary.sentences(found.trades)
-    if not found.trades:
-        head = f"All of the {unknown} unknowns are seen."
-    else:
-        head = f"{len(found.trades)} combinations of the {unknown} unknowns stay open" + (
-            f", {exact} of them whatever the noise." if exact else "."
-        )
     return (
         environment()
         .get_template("observability.html.j2")
         .render(
             title=found.scenario.name,
             n_obs=found.measured.curve.n_obs,
-            head=head,
+            head=f"{summary.headline(found)}.",
             good=not found.trades,
             trades=[line[0].upper() + line[1:] for line in said[:16]],
             more=max(0, len(said) - 16),
             images=images,
             scene=scene(found),
             parameters=_parameters(found),
+            linearity=summary.linearity_words(found),
             plan=content["plan"],
             plan_words=[] if found.plan is None else summary.plan_words(found.plan),
             schedule=[] if found.plan is None else _schedule(content["plan"]),
@@ -100,9 +93,12 @@ def _page(
 def _parameters(found: Findings) -> list[tuple[str, ...]]:
     c = found.campaign
     rows = []
-    for p, alone, both in zip(c.unknowns.parameters, c.bound, c.bound_with_prior, strict=True):
+    for p, alone, both, off in zip(
+        c.unknowns.parameters, c.bound, c.bound_with_prior, found.nonlinearity, strict=True
+    ):
+        bent = "> 100" if off > 1.0 else f"{100.0 * off:.0f}" if off >= 0.01 else "< 1"
         rows.append((p.name, p.words, p.unit, show(p.prior_sd, p.prior_sd), show(alone, alone),
-                     show(both, both)))  # fmt: skip
+                     show(both, both), bent))  # fmt: skip
     return rows
 
 

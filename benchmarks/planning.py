@@ -1,21 +1,26 @@
 """Does planning pay? Fifty simulated campaigns, planned and at equal steps.
 
-    python benchmarks/planning.py            50 campaigns of each target, into RESULTS.md
+    python benchmarks/planning.py evening     4.5 hours of a high satellite, into RESULTS.md
+    python benchmarks/planning.py transit     six minutes of a low one
 
-A body of three diffuse facets tumbles over two sites on the orbit of the bundled box-wing. A first
-visit, 40 measurements at equal steps in the first third of the transit, is fitted; campaigns whose
-first fit leaves the pole or the normal worse than 10 deg are drawn anew, as linearisation means
-nothing there. The rest of the transit is then measured: at equal steps, or as planned from draws of
-what the first fit knows (its Gaussian), not from the truth. Everything is fitted again for many
-draws of all noise (least squares without a prior, from the truth, where a search that finds the
-right solution would end), and the errors are compared: what number of planned measurements reaches
-the error that 64 at equal steps leave?
+A body of three diffuse facets tumbles on an orbit seen from two sites. A first visit, 40
+measurements at equal steps in the first part of the window, is fitted. The rest of the window is
+then measured at equal steps, 64 times, or as an observer would plan it, with fewer or as many: plan
+all of them from draws of what the fit knows, take those of the next third of the window, fit again,
+plan what is left again, and so on. Nothing in a plan knows the truth; only the first fit begins
+there, where a search that finds the right solution would end. Every fit has several starts, and the
+last of each schedule, even or planned, which measures its error, one at the truth as well: it takes
+what fits best. Which number of planned measurements leaves the error that 64 at equal steps leave?
+Campaigns whose first visit leaves pole or normal worse than 10 deg (bound) are drawn anew.
 """
 
 from __future__ import annotations
 
+import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -26,46 +31,84 @@ from scipy.optimize import isotonic_regression
 from lcbayes import scenario
 from lcbayes._jax import jax, jnp
 from lcbayes.observability import planning
+from lcbayes.observability.campaign import bound
+from lcbayes.observability.known import roots
 from lcbayes.observability.parameters import Unknowns
-from lcbayes.observability.targets import of_directions
+from lcbayes.observability.targets import of_sites
 from lcbayes.physics import attitude, shapes
 from lcbayes.scenario import ConstantRate
 from lcbayes.scenarios.epochs import epochs
 from lcbayes.scenarios.viewing import Orbit
+from lcbayes.tle import parse_tle
 
 Floats = NDArray[np.float64]
-CAMPAIGNS, NOISES, SEED = 50, 16, 1
+Rows = NDArray[np.intp]
+CAMPAIGNS, NOISES, SEED = 50, 4, 1
 FACETS, SNR, FIRST, EVEN, WORST_DEG = 3, 20.0, 40, 64, 10.0
-PLANNED = (4, 8, 16, 24, 32, 48, 64)
-DRAWN = 400  # of what the first fit knows
+PLANNED = (16, 32, 64)
 TARGETS = ("pole", "normal:0")
-STEPS = 12  # of least squares
+DRAWS, STARTS, STEPS = 8, 6, 50  # of what a fit knows; of each fit; of least squares
+DRAW_STEPS = 10
 BASE = scenario.load("box-wing")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Epochs of the transit, the same for all campaigns."""
+    """Epochs of a window, the same for all campaigns; the first visit, and when plans are made."""
 
     t: Floats
     sun: Floats
     obs: Floats
     dilution: Floats
-    site: NDArray[np.str_]
+    first: Rows
+    plans: Floats
+    rates: tuple[float, float]
+
+    @classmethod
+    def of(cls, orbit: Orbit, share: float, rates: tuple[float, float]) -> Setting:
+        """``share`` of the window for the first visit; rates of the spin (rad/s)."""
+        curve = epochs(orbit)
+        assert curve.range_km is not None
+        near = (curve.range_km / curve.range_km.min()) ** -2.0
+        begin = curve.t[0] + share * np.ptp(curve.t)
+        first = np.flatnonzero(curve.t < begin)
+        plans = begin + (curve.t[-1] - begin) * np.arange(3) / 3.0
+        return cls(curve.t, curve.sun, curve.obs, near,
+                   first[planning.even(len(first), FIRST)], plans, rates)  # fmt: skip
 
     @property
     def arrays(self) -> tuple[Floats, ...]:
         return self.t, self.sun, self.obs, self.dilution
 
-    @classmethod
-    def of(cls) -> Setting:
-        assert isinstance(BASE.geometry, Orbit)
-        passes = tuple(replace(one, step=1.0) for one in BASE.geometry.passes)
-        curve = epochs(replace(BASE.geometry, passes=passes))
-        assert curve.range_km is not None
-        assert curve.site is not None
-        near = (curve.range_km / curve.range_km.min()) ** -2.0
-        return cls(curve.t, curve.sun, curve.obs, near, curve.site)
+
+def transit() -> Setting:
+    """The bundled scenario's: six minutes, the first third of it a first visit."""
+    assert isinstance(BASE.geometry, Orbit)
+    passes = tuple(replace(one, step=1.0) for one in BASE.geometry.passes)
+    return Setting.of(replace(BASE.geometry, passes=passes), 1.0 / 3.0, (0.01, 0.04))
+
+
+def evening() -> Setting:
+    """Four and a half hours of a satellite 17,000 km up, which turns in 5 to 25 minutes."""
+    lines = (
+        "1 99002U 26002A   26105.50000000  .00000000  00000-0  00000-0 0  999",
+        "2 99002   7.0000 060.0000 0003000 090.0000   0.0000  2.50000000   12",
+    )
+    tle = parse_tle("\n".join(line + _checksum(line) for line in lines), "evening.tle")
+    assert isinstance(BASE.geometry, Orbit)
+    start, stop = datetime(2026, 4, 15, 18, 30, tzinfo=UTC), datetime(2026, 4, 16, 6, tzinfo=UTC)
+    passes = tuple(
+        replace(one, start=start, stop=stop, step=60.0, max_sun_elevation_deg=-12.0)
+        for one in BASE.geometry.passes
+    )
+    return Setting.of(Orbit(tle, passes), 1.0 / 6.0, (2 * np.pi / 1500.0, 2 * np.pi / 300.0))
+
+
+def _checksum(line: str) -> str:
+    return str(sum(int(c) if c.isdigit() else c == "-" for c in line) % 10)
+
+
+SETTINGS: dict[str, Callable[[], Setting]] = {"evening": evening, "transit": transit}
 
 
 def _axes(normals: jax.Array) -> jax.Array:
@@ -73,63 +116,22 @@ def _axes(normals: jax.Array) -> jax.Array:
     return u / jnp.linalg.norm(u, axis=1, keepdims=True)
 
 
-def _unknowns(normals, areas, omega) -> Unknowns:
-    """The unknowns of a body whose numbers may be traced."""
-    axes: Any = _axes(normals)
-    shape = shapes.Body(normals, areas, axes, ("bus",) * FACETS)
-    what = replace(BASE, body=shape, attitude=ConstantRate(omega))
-    return Unknowns(what, PARAMETERS)
-
-
 PARAMETERS = Unknowns.of(
     replace(BASE, body=shapes.body(np.eye(3)[:FACETS], np.ones(FACETS), "bus")),
     ("spin", "normals", "areas"),
 ).parameters
 NAMES = tuple(p.name for p in PARAMETERS)
-PRIOR_SD = np.array([p.prior_sd for p in PARAMETERS])
+PRECISION = np.array([p.prior_sd for p in PARAMETERS]) ** -2.0
 
 
-@jax.jit
-def predicted(theta, truth, t, sun, obs, dilution):
-    return _unknowns(*truth).flux(theta, t, sun, obs) * dilution
-
-
-@jax.jit
-def slope(theta, truth, t, sun, obs, dilution):
-    def flux(theta):
-        return _unknowns(*truth).flux(theta, t, sun, obs) * dilution
-
-    return jax.jacfwd(flux)(theta)
-
-
-@jax.jit
-def fitted(start, truth, y, weight, t, sun, obs, dilution):
-    """Levenberg-Marquardt for every noise draw: y (R, T), weight 1/σ or 0 (T,); θ (R, P)."""
-
-    def flux(theta):
-        return _unknowns(*truth).flux(theta, t, sun, obs) * dilution
-
-    def one(y):
-        def cost(theta):
-            return jnp.sum(((y - flux(theta)) * weight) ** 2)
-
-        def step(_, state):
-            theta, now, damping = state
-            j = jax.jacfwd(flux)(theta) * weight[:, None]
-            normal = j.T @ j
-            diagonal = jnp.diag(jnp.diag(normal) * damping + 1e-12)
-            trial = theta + jnp.linalg.solve(normal + diagonal, j.T @ ((y - flux(theta)) * weight))
-            after = cost(trial)
-            better = after < now
-            return (
-                jnp.where(better, trial, theta),
-                jnp.where(better, after, now),
-                jnp.where(better, 0.2 * damping, 8.0 * damping),
-            )
-
-        return jax.lax.fori_loop(0, STEPS, step, (start, cost(start), 1e-3))[0]
-
-    return jax.vmap(one)(y)
+def predicted(theta, truth, arrays):
+    """Flux for deviations θ from a body and a spin that may be traced, (T,)."""
+    normals, areas, omega = truth
+    t, sun, obs, dilution = arrays
+    axes: Any = _axes(normals)
+    body = shapes.Body(normals, areas, axes, ("bus",) * FACETS)
+    what = replace(BASE, body=body, attitude=ConstantRate(omega))
+    return Unknowns(what, PARAMETERS).flux(theta, t, sun, obs) * dilution
 
 
 def directions(theta, truth):
@@ -142,116 +144,189 @@ def directions(theta, truth):
     return jnp.stack([omega / jnp.linalg.norm(omega), turn @ n])
 
 
+def tangents(theta, truth):
+    """What the two targets are made of: angles across the two directions, deg, (2, 2)."""
+    pole, normal = directions(theta, truth)
+    sites = {"omega": pole, "normals": normal[None]}
+    return jnp.stack([of_sites(sites, name)[0] for name in TARGETS])
+
+
+def least_squares(residuals, start, steps):
+    """Levenberg-Marquardt: the end, and the sum of squares there."""
+
+    def step(_, state):
+        theta, now, damping = state
+        r, j = residuals(theta), jax.jacfwd(residuals)(theta)
+        normal = j.T @ j
+        damped = normal + jnp.diag(jnp.diag(normal) * damping + 1e-12)
+        trial = theta - jnp.linalg.solve(damped, j.T @ r)
+        after = jnp.sum(residuals(trial) ** 2)
+        better = after < now
+        return (
+            jnp.where(better, trial, theta),
+            jnp.where(better, after, now),
+            jnp.where(better, 0.2 * damping, 8.0 * damping),
+        )
+
+    begin = (start, jnp.sum(residuals(start) ** 2), 1e-3)
+    return jax.lax.fori_loop(0, steps, step, begin)[:2]
+
+
+@jax.jit
+def fitted(starts, truth, y, weight, rows, arrays, key):
+    """For every noise: the best of the fits from its starts, and draws of what it knows.
+
+    starts (R, S, P), y, weight and rows (R, n); θ (R, P) and draws (R, K, P). A draw is the best
+    fit to data and prior that are both disturbed by as much as they are uncertain (randomised
+    maximum likelihood), the prior wide and about the fit.
+    """
+
+    def one(starts, y, weight, rows, key):
+        some = tuple(x[rows] for x in arrays)
+
+        def residuals(theta):
+            return (predicted(theta, truth, some) - y) * weight
+
+        ends, costs = jax.vmap(lambda s: least_squares(residuals, s, STEPS))(starts)
+        best = ends[jnp.argmin(costs)]
+
+        def draw(key):
+            noise = jax.random.normal(key, (len(y) + len(best),))
+            wide = jnp.sqrt(PRECISION)
+
+            def disturbed(theta):
+                r = residuals(theta) + noise[: len(y)] * (weight > 0.0)
+                return jnp.concatenate([r, (theta - best) * wide + noise[len(y) :]])
+
+            return least_squares(disturbed, best, DRAW_STEPS)[0]
+
+        return best, jax.vmap(draw)(jax.random.split(key, DRAWS))
+
+    return jax.vmap(one)(starts, y, weight, rows, jax.random.split(key, len(y)))
+
+
+_slopes = jax.jit(jax.vmap(jax.jacfwd(predicted), in_axes=(0, None, None)))
+_target_slopes = jax.jit(jax.vmap(jax.jacfwd(tangents), in_axes=(0, None)))
+
+
 @jax.jit
 def errors(theta, truth):
-    """Angles (deg) between estimate and truth of pole and first normal, (2,)."""
-    found, true = directions(theta, truth), directions(jnp.zeros(len(NAMES)), truth)
-    across = jnp.linalg.norm(jnp.cross(found, true), axis=1)
-    return jnp.degrees(jnp.arctan2(across, jnp.sum(found * true, axis=1)))
+    """Angles (deg) between estimates (R, P) and truth of pole and first normal, (R, 2)."""
+    true = directions(jnp.zeros(len(NAMES)), truth)
+    found = jax.vmap(directions, in_axes=(0, None))(theta, truth)
+    across = jnp.linalg.norm(jnp.cross(found, true), axis=-1)
+    return jnp.degrees(jnp.arctan2(across, jnp.sum(found * true, axis=-1)))
 
 
-_all_directions = jax.jit(jax.vmap(directions, in_axes=(0, None)))
-_all_predicted = jax.jit(jax.vmap(predicted, in_axes=(0, None, None, None, None, None)))
-_all_errors = jax.jit(jax.vmap(errors, in_axes=(0, None)))
+class Campaign:
+    """A body, its spin, the noise of all epochs, and the fits to the first visit."""
+
+    def __init__(self, setting: Setting, seed: int) -> None:
+        rng = np.random.default_rng([SEED, seed])
+        self.setting, self.arrays = setting, tuple(map(jnp.asarray, setting.arrays))
+        self.key = jax.random.key(seed)
+        zero = jnp.zeros(len(NAMES))
+        while True:
+            self.truth = _body(rng, setting.rates)
+            clean = np.asarray(predicted(zero, self.truth, self.arrays))
+            if not clean[setting.first].any():
+                continue
+            self.sigma = float(clean.mean()) / SNR
+            self.slope = np.asarray(_slopes(zero[None], self.truth, self.arrays))[0] / self.sigma
+            self.target = np.asarray(_target_slopes(zero[None], self.truth))[0]
+            if max(self.bound(setting.first, k) for k in range(2)) < WORST_DEG:
+                break
+        self.y = clean + self.sigma * rng.standard_normal((NOISES, len(clean)))
+        self.rest = np.flatnonzero(setting.t >= setting.plans[0])
+        visited = [setting.first] * NOISES
+        self.first = self.fit(jnp.zeros((NOISES, STARTS, len(NAMES))), visited)
+
+    def bound(self, rows: Rows, k: int) -> float:
+        """Bound on the error of a target with those measurements, deg; prior included."""
+        seen = np.concatenate([self.slope[rows], np.diag(np.sqrt(PRECISION))])
+        if not np.all(np.isfinite(bound(self.slope[rows]))):
+            return np.inf
+        return float(np.sqrt(np.trace(self.target[k] @ np.linalg.inv(seen.T @ seen)
+                                      @ self.target[k].T) / 2.0))  # fmt: skip
+
+    def fit(self, starts, rows: list[Rows]) -> tuple[jax.Array, jax.Array]:
+        """θ and draws from each noise's own measurements, filled up to one size."""
+        used = np.zeros((NOISES, FIRST + EVEN), int)
+        weight = np.zeros(used.shape)
+        for i, mine in enumerate(rows):
+            used[i, : len(mine)], weight[i, : len(mine)] = mine, 1.0 / self.sigma
+        self.key, key = jax.random.split(self.key)
+        y = np.take_along_axis(self.y, used, axis=1)
+        return fitted(starts, self.truth, y, weight, used, self.arrays, key)
+
+    def starts(self, theta, draws, last: bool):
+        """Of the next fit: the last one, some of its draws and of the first one's.
+
+        The last fit of a schedule, which only measures its error, also starts at the truth, as a
+        search that misses no solution would come by it; what fits best is taken.
+        """
+        early = self.first[1][:, : STARTS - 3]
+        if last:
+            early = early.at[:, -1].set(0.0)
+        return jnp.concatenate([theta[:, None], draws[:, :2], early], axis=1)
+
+    def even(self) -> Floats:
+        """Median error (deg) of both targets after measurements at equal steps, (2,)."""
+        chosen = self.rest[planning.even(len(self.rest), EVEN)]
+        rows = [np.concatenate([self.setting.first, chosen])] * NOISES
+        return np.median(
+            errors(self.fit(self.starts(*self.first, last=True), rows)[0], self.truth), axis=0
+        )
+
+    def planned(self, n: int, k: int) -> float:
+        """The same of one target after n measurements as planned."""
+        theta, draws = self.first
+        rows, left = [self.setting.first] * NOISES, [n] * NOISES
+        for now, then in zip(self.setting.plans, [*self.setting.plans[1:], np.inf], strict=True):
+            for i in range(NOISES):
+                if left[i]:
+                    chosen = self._plan(draws[i], rows[i], now, left[i], k)
+                    chosen = chosen[self.setting.t[chosen] < then]
+                    rows[i], left[i] = np.concatenate([rows[i], chosen]), left[i] - len(chosen)
+            last = np.isinf(then)
+            theta, draws = self.fit(self.starts(theta, draws, last), rows)
+        return float(np.median(errors(theta, self.truth)[:, k]))
+
+    def _plan(self, draws, used: Rows, now: float, n: int, k: int) -> Rows:
+        """n epochs from now on, from the draws of what is known now."""
+        slopes = np.asarray(_slopes(draws, self.truth, self.arrays)) / self.sigma
+        seen = slopes[:, used]
+        root = roots(np.swapaxes(seen, 1, 2) @ seen + np.diag(PRECISION))
+        targets = np.asarray(_target_slopes(draws, self.truth))[:, k] @ root
+        ahead = (self.setting.t >= now)[:, None]  # what is past tells nothing more
+        measured = (slopes @ root * ahead)[:, self.rest, None]
+        return self.rest[planning.best(measured, targets, n).visits]
 
 
-def drawn(setting: Setting, rng: np.random.Generator):
-    """A body, its spin, the noise, and the first fit; drawn anew until that is good enough."""
-    first_third = np.flatnonzero(setting.t < setting.t[0] + np.ptp(setting.t) / 3.0)
-    first = first_third[planning.even(len(first_third), FIRST)]
-    arrays = setting.arrays
-    while True:
-        normals = rng.standard_normal((FACETS, 3))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        omega = rng.standard_normal(3)
-        omega *= rng.uniform(0.01, 0.04) / np.linalg.norm(omega)
-        truth = (normals, 2.0 * rng.lognormal(0.0, 0.3, FACETS), omega)
-        truth = tuple(map(jnp.asarray, truth))
-        zero = jnp.zeros(3 + 3 * FACETS)
-        clean = np.asarray(predicted(zero, truth, *arrays))
-        if not clean[first].any():
-            continue
-        sigma = float(clean.mean()) / SNR
-        weight = np.zeros(len(clean))
-        weight[first] = 1.0 / sigma
-        j = np.asarray(slope(zero, truth, *arrays)) * weight[:, None]
-        values = np.linalg.svd(j / np.maximum(np.linalg.norm(j, axis=0), 1e-12), compute_uv=False)
-        if values[-1] < 1e-3:
-            continue
-        y = clean + sigma * rng.standard_normal(len(clean))
-        estimate = fitted(zero, truth, y[None], weight, *arrays)[0]
-        off = np.asarray(errors(estimate, truth))
-        j = np.asarray(slope(estimate, truth, *arrays)) / sigma
-        covariance = np.linalg.inv(j[first].T @ j[first] + np.diag(PRIOR_SD**-2))
-        spread = np.degrees(np.sqrt(np.diag(covariance)))
-        tilts = [NAMES.index(f"normal_0_{k}") for k in "uv"]
-        rate = np.linalg.norm(omega)
-        pole = np.linalg.norm([spread[NAMES.index(f"omega_{a}")] / rate for a in "xyz"])
-        if max(off.max(), pole, spread[tilts].max()) < WORST_DEG:
-            return truth, clean, sigma, first, estimate, covariance
+def _body(rng: np.random.Generator, rates: tuple[float, float]):
+    normals = rng.standard_normal((FACETS, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    omega = rng.standard_normal(3)
+    omega *= rng.uniform(*rates) / np.linalg.norm(omega)
+    areas = 2.0 * rng.lognormal(0.0, 0.3, FACETS)
+    return tuple(map(jnp.asarray, (normals, areas, omega)))
 
 
-def campaign(setting: Setting, seed: int) -> dict[str, dict[str, Any]]:
-    """Median errors (deg) by target: after the first visit, after even ones, and as planned."""
-    rng = np.random.default_rng([SEED, seed])
-    truth, clean, sigma, first, estimate, covariance = drawn(setting, rng)
-    rest = np.flatnonzero(setting.t > setting.t[0] + np.ptp(setting.t) / 3.0)
-    known = rng.multivariate_normal(np.asarray(estimate), covariance, DRAWN)
-    flux = np.asarray(_all_predicted(jnp.asarray(known), truth, *(x[rest] for x in setting.arrays)))
-    apart = (flux - flux.mean(axis=0)).T / sigma / np.sqrt(DRAWN - 1)
-    noise = sigma * rng.standard_normal((NOISES, len(clean)))
-
-    def error(chosen: NDArray[np.intp]) -> Floats:
-        """Of both targets, all noise drawn anew; epochs not used fill up to one size."""
-        used = np.concatenate([first, rest[chosen]])
-        rows = np.concatenate([used, np.zeros(FIRST + EVEN - len(used), int)])
-        weight = np.where(np.arange(len(rows)) < len(used), 1.0 / sigma, 0.0)
-        y = (clean + noise)[:, rows]
-        theta = fitted(jnp.zeros(len(NAMES)), truth, y, weight, *(x[rows] for x in setting.arrays))
-        off = np.asarray(_all_errors(theta, truth))
-        return np.median(off, axis=0)
-
-    start, even = error(np.array([], int)), error(planning.even(len(rest), EVEN))
-    found = {}
-    for k, target in enumerate(TARGETS):
-        drawn_directions = np.asarray(_all_directions(jnp.asarray(known), truth))[:, k]
-        wanted = of_directions(drawn_directions) / np.sqrt(DRAWN - 1)
-        measured, wanted = planning.linearised(apart, wanted, known)
-        measured = measured[:, None, :]
-        chosen = [planning.best(measured, wanted, n).visits for n in PLANNED]
-        found[target] = {
-            "first": start[k], "even": even[k],
-            "planned": np.array([error(visits)[k] for visits in chosen]),
-            "second site": _second_site(setting, rest, measured, wanted),
-        }  # fmt: skip
-    return found
-
-
-def _second_site(setting: Setting, rest, measured, wanted) -> float:
-    """Bound on the error with 32 visits planned: the better site alone, over both."""
-    alone = [
-        planning.best(measured[setting.site[rest] == name], wanted, 32).sd[-1]
-        for name in np.unique(setting.site[rest])
-    ]
-    return float(min(alone) / planning.best(measured, wanted, 32).sd[-1])
-
-
-def needed(found: dict[str, Any]) -> float:
+def needed(even: float, planned: Floats) -> float:
     """Planned measurements that reach an error; ∞ if none of those tried.
 
-    The errors tried, each of few noise draws, are first made to fall with their number (least
-    squares of the logarithm), then interpolated.
+    The errors tried, each of few noises, are first made to fall with their number (least squares
+    of the logarithm), then interpolated between logarithms.
     """
-    given = found["even"]
-    best = np.exp(isotonic_regression(np.log(found["planned"]), increasing=False).x)
-    reached = np.flatnonzero(best <= given)
+    best = isotonic_regression(np.log(planned), increasing=False).x
+    reached = np.flatnonzero(best <= np.log(even))
     if not len(reached):
         return np.inf
     i = int(reached[0])
     if i == 0:
         return float(PLANNED[0])
-    share = np.log(best[i - 1] / given) / np.log(best[i - 1] / best[i])
-    return PLANNED[i - 1] + share * (PLANNED[i] - PLANNED[i - 1])
+    share = (best[i - 1] - np.log(even)) / (best[i - 1] - best[i])
+    return float(PLANNED[i - 1] * (PLANNED[i] / PLANNED[i - 1]) ** share)
 
 
 def _quartiles(x: Floats) -> str:
@@ -259,44 +334,61 @@ def _quartiles(x: Floats) -> str:
     return f"{middle:.2f} ({low:.2f} … {high:.2f})"
 
 
-def main() -> None:
-    setting = Setting.of()
-    begun, done = time.monotonic(), []
+def run(setting: Setting) -> list[list[dict[str, Any]]]:
+    """For each campaign and target: errors after the first visit, at equal steps, planned."""
+    begun, done = time.process_time(), []
     for seed in range(CAMPAIGNS):
-        done.append(campaign(setting, seed))
-        said = [f"{x['first']:.3g} {x['even']:.3g} {needed(x):.3g}" for x in done[-1].values()]
-        print(seed, f"{time.monotonic() - begun:.0f} s", *said, sep="; ", flush=True)
-    write(done)
+        campaign = Campaign(setting, seed)
+        first = np.median(errors(campaign.first[0], campaign.truth), axis=0)
+        even = campaign.even()
+        mine = [
+            {
+                "first": first[k], "even": even[k],
+                "planned": np.array([campaign.planned(n, k) for n in PLANNED]),
+            }
+            for k in range(len(TARGETS))
+        ]  # fmt: skip
+        done.append(mine)
+        said = [f"{x['first']:.3g} {x['even']:.3g} {np.round(x['planned'], 3)} "
+                f"{needed(x['even'], x['planned']):.3g}" for x in mine]  # fmt: skip
+        print(seed, f"{time.process_time() - begun:.0f} s", *said, sep="; ", flush=True)
+    return done
 
 
-def write(done: list[dict[str, dict[str, Any]]]) -> None:
+def write(window: str, done: list[list[dict[str, Any]]]) -> None:
     """The section of RESULTS.md."""
     rows = []
-    for target in TARGETS:
-        mine = [d[target] for d in done]
-        count = np.array([needed(x) for x in mine]) / EVEN
-        even = np.array([x["even"] for x in mine])
-        same = np.array([x["planned"][-1] for x in mine]) / even
-        first = np.array([x["first"] for x in mine])
+    for k, target in enumerate(TARGETS):
+        even = np.array([d[k]["even"] for d in done])
+        planned = np.array([d[k]["planned"] for d in done])
+        count = np.array([needed(d[k]["even"], d[k]["planned"]) for d in done]) / EVEN
+        half = planned[:, PLANNED.index(EVEN // 2)] / even
         rows.append([
-            target, f"{np.median(first):.2f}", f"{np.median(even):.3f}", _quartiles(count),
-            f"{int(np.sum(count <= 0.5))} of {len(count)}", f"{np.median(same):.2f}",
-            _quartiles(np.array([x["second site"] for x in mine])),
+            target, f"{np.median([d[k]['first'] for d in done]):.2f}",
+            f"{np.median(even):.3f}", _quartiles(count),
+            f"{int(np.sum(count <= 0.5))} of {len(count)}", f"{np.median(half):.2f}",
+            f"{np.median(planned[:, -1] / even):.2f}",
         ])  # fmt: skip
         print(rows[-1], flush=True)
     heads = [
         "target", "error after the first visit (deg)", f"after {EVEN} more at equal steps (deg)",
         f"planned measurements for the same error, over {EVEN}: median (quartiles)",
-        "campaigns with at most half", f"error of {EVEN} planned over {EVEN} even, median",
-        "bound with the better site alone over both sites, 32 planned: median (quartiles)",
+        "campaigns with at most half", f"error of {EVEN // 2} planned over {EVEN} even, median",
+        f"of {EVEN} planned",
     ]  # fmt: skip
     text = (
-        f"{len(done)} campaigns, {FACETS} diffuse facets, SNR {SNR:g}, {NOISES} noise draws each, "
-        "medians over campaigns. Errors are median angles between least-squares fits and truth.\n\n"
-        + table(heads, rows)
+        f"{len(done)} of {CAMPAIGNS} campaigns. {SETTINGS[window].__doc__} {FACETS} facets, "
+        f"SNR {SNR:g} (mean flux over noise), {NOISES} noises each; medians over campaigns. Errors "
+        "are median angles between least-squares fits and truth. Beside what is counted each "
+        f"campaign has the {FIRST} measurements of its first visit. Planned were "
+        f"{', '.join(map(str, PLANNED))} measurements, so no ratio is below "
+        f"{PLANNED[0] / EVEN:g}.\n\n" + table(heads, rows)
     )
-    write_section("Planned and even schedules", "python benchmarks/planning.py", text)
+    title = f"Planned and even schedules: {window}"
+    write_section(title, f"python benchmarks/planning.py {window}", text)
 
 
 if __name__ == "__main__":
-    main()
+    if len(sys.argv) != 2 or sys.argv[1] not in SETTINGS:
+        sys.exit(__doc__)
+    write(sys.argv[1], run(SETTINGS[sys.argv[1]]()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,57 +92,115 @@ def noise_free(
         Which curves of ``wanted`` are relative to their own mean, for want of a known scale.
     notes : list of str
     """
-    if (fitted.range_km is None) != (wanted.range_km is None):
-        raise InputError(
-            "ranges are known for only one of the fitted curve and the epochs to predict; give "
-            "range_km in both or in neither"
-        )
-    if wanted.frame != fitted.frame:
-        raise InputError(
-            f"the epochs to predict are in the frame {wanted.frame}, the fit in {fitted.frame}; "
-            "give both in one frame"
-        )
-    if (wanted.epoch_jd is None) != (fitted.epoch_jd is None):
-        raise InputError(
-            "only one of the fitted curve and the epochs to predict has absolute times; give utc "
-            "or jd in both, or t (s) from the same origin in both"
-        )
-    entry = gallery.find(model)
-    problem = Problem(entry.bind(options), Epochs.of(fitted))
-    sites = {k: posterior[k].values for k in problem.names}
-    count = posterior.sizes["chain"] * posterior.sizes["draw"]
-    pick = np.unique(np.linspace(0, count - 1, min(count, MOST_DRAWS)).round().astype(int))
-    sites = {k: v.reshape(count, *v.shape[2:])[pick] for k, v in sites.items()}
-
-    scale, notes, own_level = _scales(posterior, fitted, wanted, pick)
+    ready = Foretold.of(posterior, fitted, wanted, model, options)
+    scale, own_level = ready.scales(posterior), ready.own_level
     parts = []
     for start in range(0, wanted.n_obs, CHUNK):
         rows = np.arange(start, min(start + CHUNK, wanted.n_obs))
         parts.append(
-            _means(problem, sites, wanted.select(rows), fitted, scale[:, wanted.curve[rows]])
-        )
+            _means(ready.problem, ready.sites, wanted.select(rows), fitted,
+                   scale[:, wanted.curve[rows]])
+        )  # fmt: skip
     mean = np.concatenate(parts, axis=1)
     if own_level.any():
         mean = _relative(mean, wanted, own_level, fitted.kind)
-    return mean, pick, own_level, notes
+    return mean, ready.pick, own_level, ready.notes
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """What brightness at other epochs is worked out from.
+
+    Attributes
+    ----------
+    problem : Problem
+        Of the fitted curve, whose `Epochs` are ``data``.
+    sites : values of the model's sites at the draws, (S, …) each
+    pick : (S,)
+        Which draws of the posterior, chains joined, these are.
+    source : (C,) int
+        The fitted curve whose scale holds for each curve that is wanted; −1: its flux is absolute
+        or, where `own_level`, relative to its own mean.
+    own_level : (C,) bool
+    notes : list of str
+    """
+
+    problem: Problem
+    data: Epochs
+    sites: dict[str, Floats]
+    pick: NDArray[np.intp]
+    source: NDArray[np.intp]
+    own_level: NDArray[np.bool_]
+    notes: list[str]
+
+    @classmethod
+    def of(
+        cls,
+        posterior: xr.Dataset,
+        fitted: LightCurve,
+        wanted: LightCurve,
+        model: str,
+        options: Mapping[str, Any],
+        most: int = MOST_DRAWS,
+    ) -> Foretold:
+        """Arguments as of `predict`; at most so many draws, evenly taken.
+
+        Raises
+        ------
+        InputError
+            The two curves do not go together.
+        """
+        if (fitted.range_km is None) != (wanted.range_km is None):
+            raise InputError(
+                "ranges are known for only one of the fitted curve and the epochs to predict; give "
+                "range_km in both or in neither"
+            )
+        if wanted.frame != fitted.frame:
+            raise InputError(
+                f"the epochs to predict are in the frame {wanted.frame}, the fit in "
+                f"{fitted.frame}; give both in one frame"
+            )
+        if (wanted.epoch_jd is None) != (fitted.epoch_jd is None):
+            raise InputError(
+                "only one of the fitted curve and the epochs to predict has absolute times; give "
+                "utc or jd in both, or t (s) from the same origin in both"
+            )
+        data = Epochs.of(fitted)
+        problem = Problem(gallery.find(model).bind(options), data)
+        count = posterior.sizes["chain"] * posterior.sizes["draw"]
+        pick = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+        sites = {k: posterior[k].values for k in problem.names}
+        sites = {k: v.reshape(count, *v.shape[2:])[pick] for k, v in sites.items()}
+        return cls(problem, data, sites, pick, *_sources(fitted, wanted))
+
+    def scales(self, posterior: xr.Dataset) -> Floats:
+        """Factor on the flux per draw and curve that is wanted, (S, C)."""
+        if np.all(self.source < 0):
+            return np.ones((len(self.pick), len(self.source)))
+        known = posterior["scale"].values.reshape(-1, len(self.data.level))[self.pick]
+        known = known * np.asarray(self.data.level)
+        return np.where(self.source >= 0, known[:, self.source], 1.0)
+
+    def brightness(self, z: jax.Array, wanted: Epochs, curve: NDArray[np.intp]) -> jax.Array:
+        """Noise-free brightness at one unconstrained vector of the problem, (T,); differentiable.
+
+        ``wanted`` from `epochs_of_known_scale`, ``curve`` (T,) the curve each epoch belongs to.
+        """
+        sites = self.problem.constrain(z, self.data)
+        scale = jnp.ones(len(self.source))
+        if np.any(self.source >= 0):
+            scale = jnp.where(
+                self.source >= 0, (sites["scale"] * self.data.level)[self.source], 1.0
+            )
+        drawn = {k: sites[k] for k in self.problem.names}
+        return expected(wanted, self.problem.flux(drawn, wanted), scale[curve])
 
 
 def _means(
     problem: Problem, sites, wanted: LightCurve, fitted: LightCurve, scale: Floats
 ) -> Floats:
     """Noise-free brightness of every draw, (S, T)."""
-    from dataclasses import replace
-
-    data = Epochs.of(wanted, fitted)
-    each = jnp.arange(wanted.n_obs)
-    # One curve per epoch, of known scale: the scales of the draws are put in as they are.
-    data = replace(
-        data,
-        curve=each,
-        level=jnp.ones(wanted.n_obs),
-        noise_unit=jnp.ones(wanted.n_obs),
-        free_scale=(False,) * wanted.n_obs,
-    )
+    data = epochs_of_known_scale(wanted, fitted)
 
     def one(args):
         draw, s = args
@@ -150,32 +209,39 @@ def _means(
     return np.asarray(jax.jit(lambda a: jax.lax.map(one, a))((sites, scale)))
 
 
-def _scales(
-    posterior, fitted: LightCurve, wanted: LightCurve, pick
-) -> tuple[Floats, list[str], Any]:
-    """Factor on the flux per draw and curve of ``wanted``, notes, and which curves have none."""
-    levels = np.asarray(Epochs.of(fitted).level)
-    scale = np.ones((len(pick), wanted.n_curves))
-    own = np.zeros(wanted.n_curves, bool)
+def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
+    """One curve per epoch, of known scale: the scales of the draws are put in as they are."""
+    each = jnp.ones(wanted.n_obs)
+    return replace(
+        Epochs.of(wanted, fitted),
+        curve=jnp.arange(wanted.n_obs),
+        level=each,
+        noise_unit=each,
+        free_scale=(False,) * wanted.n_obs,
+    )
+
+
+def _sources(
+    fitted: LightCurve, wanted: LightCurve
+) -> tuple[NDArray[np.intp], NDArray[np.bool_], list[str]]:
+    """`Foretold.source`, `own_level` and notes."""
+    source, own = np.full(wanted.n_curves, -1), np.zeros(wanted.n_curves, bool)
     if not np.any(fitted.free_scale):
-        return scale, [], own
-    known = posterior["scale"].values.reshape(-1, fitted.n_curves)[pick]
+        return source, own, []
     names = {n: i for i, n in enumerate(fitted.curve_names)}
     missing = []
     for j, name in enumerate(wanted.curve_names):
         i = names.get(name)
         if i is not None and (fitted.n_curves > 1 or wanted.n_curves == 1):
-            scale[:, j] = known[:, i] * levels[i]
-        elif not np.all(fitted.free_scale):
-            pass  # calibrated curves fix the body's size, so the flux is absolute
-        else:
+            source[j] = i
+        elif np.all(fitted.free_scale):  # a calibrated curve would fix the body's size
             own[j] = True
             missing.append(name)
     notes = []
     if missing:
         listed = ", ".join(missing[:5]) + (" …" if len(missing) > 5 else "")
         notes.append(f"no fitted curve is named {listed}: relative to the mean of each curve")
-    return scale, notes, own
+    return source, own, notes
 
 
 def _relative(mean: Floats, wanted: LightCurve, own, kind: str) -> Floats:

@@ -2,5 +2,7 @@
 
 `measurements`: what each measurement says of the attitude. `parameters`, `campaign`: what all of
 them say together of attitude, spin, facets and surface. `trades`: what they leave open, in words.
-`planning`, `candidates`: which measurements to take next.
+`linearity`: how far the bounds may be believed. `planning`: which measurements to take next;
+`campaign_plan`, `known`, `targets`: those of a scenario, given its priors or an earlier fit.
+`judge`, `summary`: all of it at once, and in words.
 """

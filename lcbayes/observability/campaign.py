@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.observability.measurements import Measurements
 from lcbayes.observability.parameters import Unknowns
+from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 
 Floats = NDArray[np.float64]
 
@@ -77,17 +78,20 @@ def campaign(unknowns: Unknowns, measured: Measurements) -> Campaign:
     """Derivatives of every measurement by every unknown, forward through the whole model."""
     curve = measured.curve
     facets, size = len(unknowns.scenario.body.areas), len(unknowns.parameters)
-    sd = np.asarray(curve.error)
-    if curve.kind == "mag":  # of a flux that is as well known as the magnitude
-        weight = 1.0 / (measured.flux * sd / (2.5 / np.log(10.0)))
-    else:
-        weight = measured.unit / sd
     step = max(1, _TANGENTS // (facets * size))
     parts = [
         jacobian(unknowns, *(x[i : i + step] for x in (curve.t, curve.sun, curve.obs)))
         for i in range(0, curve.n_obs, step)
     ]
-    return Campaign(unknowns, np.concatenate(parts) * weight[:, None])
+    return Campaign(unknowns, np.concatenate(parts) * flux_weight(measured)[:, None])
+
+
+def flux_weight(measured: Measurements) -> Floats:
+    """One over the standard deviation of the flux at unit distance, 1/m², (T,)."""
+    sd = np.asarray(measured.curve.error)
+    if measured.curve.kind == "mag":  # of a flux that is as well known as the magnitude
+        return MAGNITUDE_PER_NEPER / (measured.flux * sd)
+    return measured.unit / sd
 
 
 def jacobian(unknowns: Unknowns, t: Floats, sun: Floats, obs: Floats) -> Floats:

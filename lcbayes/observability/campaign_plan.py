@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +11,7 @@ from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 from lcbayes.observability import planning
 from lcbayes.observability.campaign import Campaign
-from lcbayes.observability.measurements import Measurements
-from lcbayes.observability.targets import Target, of_posterior, of_unknowns, sampled
-from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
+from lcbayes.observability.targets import Target, of_unknowns
 from lcbayes.scenario import Scenario
 from lcbayes.scenarios.epochs import epochs
 from lcbayes.scenarios.viewing import Orbit
@@ -85,39 +80,8 @@ def visits(curve: LightCurve, length_s: float) -> list[NDArray[np.intp]]:
 
 
 def from_prior(found: Campaign, target: str) -> tuple[Floats, Target]:
-    """Factors of the measurements (T, S) and of the target before anything was measured."""
-    return found.jacobian * found.unknowns.prior_sd, of_unknowns(found.unknowns, target)
-
-
-def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats, Target, list[str]]:
-    """The same from the posterior draws of an earlier fit; the noise is the scenario's.
-
-    Returns
-    -------
-    factor : (T, S)
-    target : Target
-    notes : of the prediction
-    """
-    from lcbayes.predict import fitted_curve, load, noise_free
-
-    posterior, config = load(folder)
-    fitted = fitted_curve(folder, config)
-    wanted = replace(measured.curve, kind=fitted.kind)
-    options: Mapping[str, Any] = config.get("options", {})
-    mean, pick, relative, notes = noise_free(posterior, fitted, wanted, config["model"], options)
-    if np.any(relative):
-        raise InputError(
-            f"the fit in {folder} has curves of unknown scale only, so the brightness to come is "
-            "not known; plan with a fit that has a calibrated curve"
-        )
-    flux = measured.flux * measured.unit
-    sd = measured.mag_err if fitted.kind == "mag" else flux * measured.mag_err / MAGNITUDE_PER_NEPER
-    if fitted.kind == "flux" and measured.curve.kind == "flux":
-        sd = np.asarray(measured.curve.error)
-    apart = np.nan_to_num((mean - mean.mean(axis=0)) / sd / np.sqrt(len(mean) - 1))
-    wanted = of_posterior(posterior, pick, target)
-    factor, rows = planning.linearised(apart.T, wanted.factor, sampled(posterior, pick))
-    return factor, replace(wanted, factor=rows), notes
+    """Factors of the measurements (1, T, S) and of the target before anything was measured."""
+    return (found.jacobian * found.unknowns.prior_sd)[None], of_unknowns(found.unknowns, target)
 
 
 def plan(
@@ -133,8 +97,8 @@ def plan(
 
     Parameters
     ----------
-    factor : (T, S)
-        From `from_prior` or `from_fit`.
+    factor : (K, T, S)
+        From `from_prior` or `known.from_fit`.
     curve : LightCurve
         The epochs that can be observed.
     n : int
@@ -154,7 +118,7 @@ def plan(
     alone, starts = {}, []
     for name in names if len(names) > 1 else []:
         here = [g for g, rows in enumerate(groups) if str(curve.site[rows[0]]) == name]  # pyright: ignore
-        alone[name] = planning.best(stacked[here], target.factor, n, criterion)
+        alone[name] = planning.best(stacked[:, here], target.factor, n, criterion)
         if len(here) >= n:
             starts.append(np.array(here)[alone[name].visits])
     schedule = planning.best(stacked, target.factor, n, criterion, starts)
@@ -166,15 +130,15 @@ def plan(
 
 def _even_needed(stacked: Floats, targets: Floats, wanted: float, n: int) -> int | None:
     """Least number of visits at equal steps, from n on, that reaches an error."""
-    for count in range(n, len(stacked) + 1):
-        if planning.sd_after(stacked, targets, planning.even(len(stacked), count)) <= wanted:
+    for count in range(n, stacked.shape[1] + 1):
+        if planning.sd_after(stacked, targets, planning.even(stacked.shape[1], count)) <= wanted:
             return count
     return None
 
 
 def _stacked(factor: Floats, groups: list[NDArray[np.intp]]) -> Floats:
-    """(G, k, S), short visits filled up with rows of zeros."""
-    out = np.zeros((len(groups), max(map(len, groups)), factor.shape[1]))
+    """(K, G, k, S), short visits filled up with rows of zeros."""
+    out = np.zeros((len(factor), len(groups), max(map(len, groups)), factor.shape[2]))
     for g, rows in enumerate(groups):
-        out[g, : len(rows)] = factor[rows]
+        out[:, g, : len(rows)] = factor[:, rows]
     return out

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from lcbayes.observability import campaign_plan
+import numpy as np
+
+from lcbayes.observability import campaign_plan, known
 from lcbayes.observability.campaign import campaign
+from lcbayes.observability.linearity import LINEAR, nonlinearity
 from lcbayes.observability.measurements import measure
 from lcbayes.observability.parameters import USUAL, Unknowns
 from lcbayes.observability.summary import Findings
@@ -48,22 +51,24 @@ def judge(
     progress = progress or Silent()
     scenario, skipped = campaign_plan.usable(scenario)
     notes = list(skipped)
-    with progress.stage("observability", 4 if n_visits else 3, "steps") as track:
+    with progress.stage("observability", 5 if n_visits else 4, "steps") as track:
         measured = measure(scenario)
         track.advance(1, f"{measured.curve.n_obs} measurements")
         found = campaign(Unknowns.of(scenario, unknown), measured)
         track.advance(1, f"{len(found.unknowns.parameters)} unknowns")
         left = trades(found, measured)
         track.advance(1, f"{len(left)} combinations open")
+        bent = nonlinearity(found, measured)
+        track.advance(1, f"{int(np.sum(bent > LINEAR))} beyond the linear")
         plan = None
         if n_visits:
             if posterior is None:
                 factor, wanted = campaign_plan.from_prior(found, target)
             else:
-                factor, wanted, told = campaign_plan.from_fit(posterior, measured, target)
+                factor, wanted, told = known.from_fit(posterior, measured, target)
                 notes += told
             plan = campaign_plan.plan(
                 factor, wanted, measured.curve, n_visits, criterion=criterion, visit_s=visit_s
             )
             track.advance(1, f"{n_visits} visits of {len(plan.visits)}")
-    return Findings(scenario, measured, found, left, plan, tuple(notes))
+    return Findings(scenario, measured, found, left, bent, plan, tuple(notes))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lcbayes.observability.campaign import Campaign
 from lcbayes.observability.campaign_plan import Plan
+from lcbayes.observability.linearity import LINEAR
 from lcbayes.observability.measurements import Measurements, over_directions
 from lcbayes.observability.trades import Trade
 from lcbayes.physics.facets import grid
@@ -26,12 +27,13 @@ MAP_DIRECTIONS = 20_000
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a run of the command found."""
+    """All that a run of the command found; `nonlinearity` (P,) as `linearity` has it."""
 
     scenario: Scenario
     measured: Measurements
     campaign: Campaign
     trades: list[Trade]
+    nonlinearity: Floats
     plan: Plan | None = None
     notes: tuple[str, ...] = ()
 
@@ -92,6 +94,7 @@ def numbers(found: Findings) -> dict[str, Any]:
             "fisher": c.fisher,
             "crlb_sd": c.bound,
             "crlb_sd_with_prior": c.bound_with_prior,
+            "nonlinearity": found.nonlinearity,
             "unobservable": [
                 {
                     "words": t.words,
@@ -173,15 +176,7 @@ def words(found: Findings) -> list[str]:
     m, c = found.measured, found.campaign
     curve, i = m.curve, found.most_informative
     lines = [f"note: {note}" for note in found.notes]
-    exact = sum(t.exact for t in found.trades)
-    lines.append(
-        f"{curve.n_obs} measurements, {len(c.unknowns.parameters)} unknowns: "
-        + (
-            f"{len(found.trades)} combinations are open, {exact} of them not seen at all"
-            if found.trades
-            else "all of them are seen"
-        )
-    )
+    lines.append(f"{curve.n_obs} measurements: {headline(found).lower()}")
     said = sentences(found.trades)
     lines += [f"  {line}" for line in said[:12]]
     if len(said) > 12:
@@ -192,10 +187,53 @@ def words(found: Findings) -> list[str]:
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
     for group, name, unit, value in bounds_by_group(c):
-        lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}")
+        lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}".rstrip())
+    lines.append(linearity_words(found))
     if found.plan is not None:
         lines += plan_words(found.plan)
     return lines
+
+
+def headline(found: Findings) -> str:
+    """How many combinations of the unknowns stay open."""
+    unknown, left = len(found.campaign.unknowns.parameters), len(found.trades)
+    if not left:
+        return f"All of the {unknown} unknowns are seen"
+    some, stay = ("One combination", "stays") if left == 1 else (f"{left} combinations", "stay")
+    exact = sum(t.exact for t in found.trades)
+    how = f", {exact} of them whatever the noise" if exact else ""
+    if exact == left:
+        how = " whatever the noise"
+    return f"{some} of the {unknown} unknowns {stay} open{how}"
+
+
+def linearity_words(found: Findings) -> str:
+    """Whether the bound describes the errors, and if not, of which unknowns it does not.
+
+    Of the unknowns that the data set; of the others only the prior's width is known.
+    """
+    parameters = found.campaign.unknowns.parameters
+    off = np.where(np.isfinite(found.campaign.bound), found.nonlinearity, -1.0)
+    bent = np.flatnonzero(off > LINEAR)
+    seen = int(np.sum(off >= 0.0))
+    if not seen:
+        return "no unknown is set by the measurements alone"
+    if not len(bent):
+        share = max(1.0, float(np.ceil(100.0 * off.max())))
+        return (
+            "the brightness is linear within two standard deviations of every unknown that the "
+            f"measurements set: intervals from the bounds are right to {share:.0f} %"
+        )
+    worst = bent[np.argsort(-off[bent])][:3]
+    told = [
+        f"{parameters[i].words} ({100.0 * off[i]:.0f} %)" if off[i] < 1.0
+        else f"{parameters[i].words} (more than their length)" for i in worst
+    ]  # fmt: skip
+    return (
+        f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
+        "brightness is not linear within two standard deviations, and intervals are off, most "
+        f"for {' and '.join([', '.join(told[:-1]), told[-1]] if told[1:] else told)}"
+    )
 
 
 def sentences(trades: list[Trade]) -> list[str]:

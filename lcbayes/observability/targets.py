@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.observability.parameters import GROUPS, Unknowns
 from lcbayes.scenario import ConstantRate, PrincipalAxis
@@ -18,13 +19,13 @@ NAMES = ("pole", *GROUPS, "normal:I", "all")
 
 @dataclass(frozen=True)
 class Target:
-    """Factor B of `planning`, with the unit of its rows.
+    """Factor B of `planning` for each of K versions of the truth, with the unit of its rows.
 
     Attributes
     ----------
     name : as it was asked for
     unit : "deg", "rad/s" or "1" (logarithms, reflectances; shares of what was known, for a mixture)
-    factor : (T, S)
+    factor : (K, T, S)
     """
 
     name: str
@@ -44,7 +45,7 @@ def of_unknowns(unknowns: Unknowns, name: str) -> Target:
         Nothing unknown has that name.
     """
     if name == "pole":
-        return Target(name, "deg", np.degrees(_pole(unknowns) * unknowns.prior_sd))
+        return Target(name, "deg", np.degrees(_pole(unknowns) * unknowns.prior_sd)[None])
     rows = [i for i, p in enumerate(unknowns.parameters) if _named(p.name, p.group, p.facet, name)]
     if not rows:
         known = ", ".join(["pole", *dict.fromkeys(p.group for p in unknowns.parameters)])
@@ -54,9 +55,9 @@ def of_unknowns(unknowns: Unknowns, name: str) -> Target:
         )
     units = {unknowns.parameters[i].unit for i in rows}
     if len(units) > 1:
-        return Target(name, "1", np.eye(len(unknowns.parameters))[rows])
+        return Target(name, "1", np.eye(len(unknowns.parameters))[None, rows])
     unit, scale = ("deg", np.degrees(1.0)) if units == {"rad"} else (units.pop(), 1.0)
-    return Target(name, unit, scale * np.diag(unknowns.prior_sd)[rows])
+    return Target(name, unit, scale * np.diag(unknowns.prior_sd)[None, rows])
 
 
 def _named(parameter: str, group: str, facet: int | None, name: str) -> bool:
@@ -84,100 +85,73 @@ def _pole(unknowns: Unknowns) -> Floats:
 
 def across(direction: Floats) -> Floats:
     """Two unit vectors that are perpendicular to a unit vector and to each other, (2, 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(direction))]
-    first = np.cross(direction, helper)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)]).astype(np.float64)
+    return np.asarray(_across(jnp.asarray(direction)))
 
 
-def sampled(posterior: xr.Dataset, pick: NDArray[np.intp]) -> Floats:
-    """Draws of everything that a posterior holds, a column each, (S, D)."""
-    return np.concatenate([x.reshape(len(pick), -1) for x in _drawn(posterior, pick).values()], 1)
+def _across(direction: jax.Array) -> jax.Array:
+    helper = jnp.eye(3)[jnp.argmin(jnp.abs(direction))]
+    first = jnp.cross(direction, helper)
+    first = first / jnp.linalg.norm(first)
+    return jnp.stack([first, jnp.cross(direction, first)])
 
 
-def _drawn(posterior: xr.Dataset, pick: NDArray[np.intp]) -> dict[str, Floats]:
-    return {
-        str(k): v.values.reshape(-1, *v.shape[2:])[pick]
-        for k, v in posterior.data_vars.items()
-        if v.dtype.kind == "f" and v.dims[:2] == ("chain", "draw")
-    }
+def of_sites(sites: Mapping[str, jax.Array], name: str) -> tuple[jax.Array, str]:
+    """A target at one draw of a fit, as a function of the model's sites that can be differentiated.
 
+    A direction is given by its two components across itself, which are zero but move with it.
 
-def of_posterior(posterior: xr.Dataset, pick: NDArray[np.intp], name: str) -> Target:
-    """The same from draws of a fit, about their mean and over √(S − 1).
+    Parameters
+    ----------
+    sites : as `Problem.constrain` gives them
+
+    Returns
+    -------
+    value : (T,)
+    unit : "" for a mixture
 
     Raises
     ------
     InputError
-        The posterior does not hold it.
+        The fit does not hold it.
     """
-    rows, unit = _of_draws(_drawn(posterior, pick), name)
-    rows = rows - rows.mean(axis=0)
-    if unit == "":
-        rows, unit = rows / rows.std(axis=0, ddof=1), "1"
-    return Target(name, unit, rows.T / np.sqrt(len(rows) - 1))
-
-
-def _of_draws(drawn: dict[str, Floats], name: str) -> tuple[Floats, str]:
-    """Draws of the target (S, T) and its unit, "" for a mixture."""
-    spin = drawn.get("omega")
+    spin = sites.get("omega")
     if name == "pole" and spin is not None:
         return _tangents(spin), "deg"
-    if name == "pole" and "pole_lon" in drawn:
-        lon, lat = drawn["pole_lon"], drawn["pole_lat"]
-        axis = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
-        return _tangents(axis), "deg"
+    if name == "pole" and "pole_lon" in sites:
+        lon, lat = sites["pole_lon"], sites["pole_lat"]
+        axis = [jnp.cos(lat) * jnp.cos(lon), jnp.cos(lat) * jnp.sin(lon), jnp.sin(lat)]
+        return _tangents(jnp.stack(axis)), "deg"
     if name == "spin" and spin is not None:
         return spin, "rad/s"
-    normals, areas = drawn.get("normals"), drawn.get("albedo_area", drawn.get("area"))
+    normals, areas = sites.get("normals"), sites.get("albedo_area", sites.get("area"))
     if name.startswith("normal") and normals is not None:
-        n, which = normals.shape[1], name.removeprefix("normal:")
+        n, which = len(normals), name.removeprefix("normal:")
         chosen = range(n) if name == "normals" else [int(which)] if which.isdigit() else []
         if chosen and max(chosen) < n:
-            return np.concatenate([_tangents(normals[:, i]) for i in chosen], axis=1), "deg"
+            return jnp.concatenate([_tangents(normals[i]) for i in chosen]), "deg"
     if name == "areas" and areas is not None:
-        return np.log(areas), "1"
+        return jnp.log(areas), "1"
     if name == "all":
-        found = [
-            x
-            for part in ("spin", "pole", "normals", "areas")
-            if (x := _try(drawn, part)) is not None
-        ]
+        parts = ("spin" if spin is not None else "pole", "normals", "areas")
+        found = [x for part in parts if (x := _try(sites, part)) is not None]
         if found:
-            return np.concatenate(found, axis=1), ""
-    if name in drawn and name not in ("normals", "omega"):
-        return drawn[name].reshape(len(drawn[name]), -1), ""
+            return jnp.concatenate(found), ""
+    if name in sites and name not in ("normals", "omega"):
+        return jnp.ravel(sites[name]), ""
     raise InputError(
-        f"target {name!r} is not in the posterior; it holds {', '.join(sorted(drawn))}: choose "
+        f"target {name!r} is not in the posterior; it holds {', '.join(sorted(sites))}: choose "
         "pole, spin, normals, normal:I for facet I, areas, all, or one of those"
     )
 
 
-def _try(drawn: dict[str, Floats], part: str) -> Floats | None:
-    if part == "pole" and "omega" in drawn:
-        return None  # spin has it
+def _try(sites: Mapping[str, jax.Array], part: str) -> jax.Array | None:
     try:
-        return _of_draws(drawn, part)[0]
+        return of_sites(sites, part)[0]
     except InputError:
         return None
 
 
-def of_directions(vectors: Floats) -> Floats:
-    """Angles (deg) of drawn vectors (S, 3) from their mean along two axes across it, (2, S).
-
-    Centred: over √(S − 1) they are the factor of a target.
-    """
-    found = _tangents(vectors)
-    return (found - found.mean(axis=0)).T
-
-
-def _tangents(vectors: Floats) -> Floats:
-    """Angles (deg) of vectors from the direction of their mean along two axes, (S, 2)."""
-    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    mean = unit.mean(axis=0)
-    mean /= np.linalg.norm(mean)
-    axes = across(mean)
-    off = np.degrees(np.arccos(np.clip(unit @ mean, -1.0, 1.0)))
-    flat = unit @ axes.T
-    length = np.maximum(np.linalg.norm(flat, axis=1), 1e-300)
-    return flat * (off / length)[:, None]
+def _tangents(vector: jax.Array) -> jax.Array:
+    """Components (deg) of a vector's direction along two axes across it, (2,)."""
+    unit = vector / jnp.linalg.norm(vector)
+    return jnp.degrees(_across(jax.lax.stop_gradient(unit)) @ unit)

@@ -8,11 +8,9 @@ import re
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from lcbayes import cli
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
-from lcbayes.observability.targets import of_posterior
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
 
 
 def test_a_scenario_is_judged_and_planned(tmp_path, capsys):
@@ -32,6 +30,7 @@ def test_a_scenario_is_judged_and_planned(tmp_path, capsys):
     assert fisher.shape == (9, 9) == (len(campaign["parameters"]),) * 2
     assert campaign["crlb_sd"] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(fisher))), rel=1e-6)
     assert campaign["unobservable"] == []
+    assert 0.05 > max(campaign["nonlinearity"]) > min(campaign["nonlinearity"]) >= 0.0
     rows = list(csv.DictReader((out / "schedule.csv").read_text().splitlines()))
     assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "5"]
     assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
@@ -62,33 +61,3 @@ def test_faults_are_said_in_one_line(options, message, tmp_path, capsys):
     assert said.startswith("lcbayes observability: ")
     assert message in said
     assert not out.exists()
-
-
-def draws() -> xr.Dataset:
-    """Draws as a fit of a tumbler has them, in two chains."""
-    rng = np.random.default_rng(1)
-    omega = [0.0, 0.0, 0.02] + 1e-4 * rng.standard_normal((2, 300, 3))
-    normals = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) + 0.01 * rng.standard_normal(
-        (2, 300, 2, 3)
-    )
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    area = np.exp(0.05 * rng.standard_normal((2, 300, 2)))
-    by = ("chain", "draw")
-    return xr.Dataset({
-        "omega": ((*by, "axis"), omega), "normals": ((*by, "facet", "xyz"), normals),
-        "albedo_area": ((*by, "facet"), area), "mode": (by, np.zeros((2, 300), int)),
-    })  # fmt: skip
-
-
-def test_targets_from_draws_have_the_draws_own_spread():
-    pick = np.arange(600)
-    for name, sd, unit in (
-        ("pole", np.degrees(1e-4 / 0.02), "deg"), ("normal:1", np.degrees(0.01), "deg"),
-        ("areas", 0.05, "1"), ("spin", 1e-4, "rad/s"), ("all", 1.0, "1"),
-    ):  # fmt: skip
-        target = of_posterior(draws(), pick, name)
-        assert target.unit == unit
-        rms = np.sqrt(np.mean(np.sum(target.factor**2, axis=1)))
-        assert rms == pytest.approx(sd, rel=0.08)  # 600 draws of 2 and more: 2 % sd at most
-    with pytest.raises(InputError, match="target 'normal:7' is not in the posterior"):
-        of_posterior(draws(), pick, "normal:7")

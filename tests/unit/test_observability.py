@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from lcbayes import scenario
-from lcbayes._jax import jax
+from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.observability import campaign_plan, summary
-from lcbayes.observability.campaign import Campaign, bound, campaign
+from lcbayes.observability.campaign import Campaign, bound, campaign, flux_weight
+from lcbayes.observability.linearity import LINEAR, nonlinearity
 from lcbayes.observability.measurements import measure, over_directions
 from lcbayes.observability.parameters import GROUPS, USUAL, Unknowns
 from lcbayes.observability.targets import of_unknowns
@@ -246,12 +248,12 @@ def test_targets_turn_unknowns_into_what_is_asked():
     change = np.array([1e-7, -2e-7, 3e-7])
     theta = np.zeros(len(unknowns.parameters))
     theta[:3] = change
-    moved = np.linalg.norm(pole.factor / unknowns.prior_sd @ theta)
+    moved = np.linalg.norm(pole.factor[0] / unknowns.prior_sd @ theta)
     after = omega + change
     angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(omega, after))
                                  / np.linalg.norm(omega) / np.linalg.norm(after)))  # fmt: skip
     assert moved == pytest.approx(angle, rel=1e-4)
-    assert of_unknowns(unknowns, "normal:1").factor.shape == (2, 9)
+    assert of_unknowns(unknowns, "normal:1").factor.shape == (1, 2, 9)
     assert of_unknowns(unknowns, "all").unit == "1"
     with pytest.raises(InputError, match="target 'nose' is not unknown here; choose from pole"):
         of_unknowns(unknowns, "nose")
@@ -272,6 +274,34 @@ def test_a_plan_beats_equal_steps_and_counts_visits(panel, measured, everything)
     assert rows[0]["n_measurements"] == 2
     with pytest.raises(InputError, match="99 visits are asked for, and 16 are possible"):
         campaign_plan.plan(factor, target, m.curve, 99, visit_s=8.0)
+
+
+def test_an_error_within_which_the_brightness_bends_is_told():
+    """Against the profile χ² by least squares of its own, and the share falls as the noise does."""
+    what = scenario.load("two-facet-spin")
+    off = {}
+    for snr in (10.0, 100.0):
+        loud = replace(what, noise=Noise("snr", snr))
+        m = measure(loud)
+        found = campaign(Unknowns.of(loud), m)
+        off[snr] = nonlinearity(found, m)
+    np.testing.assert_allclose(off[100.0], off[10.0] / 10.0, rtol=0.5, atol=1e-3)
+    sd, prior, weight = found.bound_with_prior, found.unknowns.prior_sd, flux_weight(m)
+    i = int(np.argmax(off[100.0]))
+    epochs = tuple(map(jnp.asarray, (m.curve.t, m.curve.sun, m.curve.obs)))
+    flux = jax.jit(lambda theta: found.unknowns.flux(theta, *epochs))
+    clean, ends = np.asarray(flux(jnp.zeros(9))), []
+    for side in (-2.0, 2.0):
+
+        def residuals(others, side=side):
+            theta = np.insert(others, i, side * sd[i])
+            return np.concatenate([(np.asarray(flux(theta)) - clean) * weight, theta / prior])
+
+        scale = np.delete(sd, i)
+        ends.append(2.0 * least_squares(residuals, np.zeros(8), x_scale=scale, xtol=1e-10).cost)
+    expected = np.max(np.abs(np.sqrt(ends) / 2.0 - 1.0))
+    assert off[100.0][i] == pytest.approx(expected, rel=0.02)
+    assert off[100.0][i] < LINEAR < off[10.0][i]
 
 
 def test_unknown_groups_are_named():
