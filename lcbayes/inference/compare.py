@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,9 @@ from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
 from lcbayes.inference.population import evenly
+from lcbayes.inference.posed import posed
 from lcbayes.inference.prior_mass import log_prior_mass
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import Problem, compiled, prior_draws
 from lcbayes.inference.settings import Settings
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Parts, Silent
@@ -140,12 +142,12 @@ def run(
     plain = dict(options)
     sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # of the path alone
     with entry.blamed():
-        posed = {n: Problem(entry.bind({**plain, "n_facets": n}), data) for n in counts}
+        problems = {n: posed(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
     begun = time.monotonic()
     ends = {
         n: _best_fit(problem, data, keys[0], n, settings, workers, checkpoint, progress)
-        for n, problem in posed.items()
+        for n, problem in problems.items()
     }
     ends = {n: z for n, z in ends.items() if z is not None}
     if not ends:
@@ -153,8 +155,8 @@ def run(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
-    weighed_at = max(ends, key=lambda n: _log_likelihood(posed[n], ends[n], data))
-    weighed = information.weighed(posed[weighed_at], ends[weighed_at], data)
+    weighed_at = max(ends, key=lambda n: _log_likelihood(problems[n], ends[n], data))
+    weighed = information.weighed(problems[weighed_at], ends[weighed_at], data)
     search_s = time.monotonic() - begun
 
     def candidate(n: int, problem: Problem, within: Silent) -> Candidate:
@@ -173,7 +175,7 @@ def run(
         if larger := [k for k in found if k > n]:
             k = min(larger)
             starts.append(
-                hopeless.with_fewer(posed[k], found[k].z_best, problem, entry.facet_sites, data)
+                hopeless.with_fewer(problems[k], found[k].z_best, problem, entry.facet_sites, data)
             )
         rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
         if not len(rows):
@@ -185,14 +187,14 @@ def run(
         return RuledOut(n, problem.dim, below, _chi2(problem, z, data))
 
     def promise(n: int) -> float:
-        return _log_likelihood(posed[n], ends[n], data) if n in ends else -np.inf
+        return _log_likelihood(problems[n], ends[n], data) if n in ends else -np.inf
 
     found, ruled_out, failed, path = {}, {}, [], None
     with progress.stage("comparing", 100, "%") as track:
         to_do = [*counts, upper_bound] if upper_bound else counts
         parts = Parts(track, 100, sum(map(_cost, to_do)))
         if upper_bound:
-            area = _area(posed[weighed_at], ends[weighed_at], data)
+            area = _area(problems[weighed_at], ends[weighed_at], data)
             weight = sparsity or sparse.weight(area)
             with parts.part(_cost(upper_bound), "sparse path", 1) as within:
                 try:
@@ -202,12 +204,12 @@ def run(
                     )  # fmt: skip
                 except (smc.Collapse, InputError) as fault:
                     failed.append(f"the sparse path from {upper_bound} facets: {fault}")
-            if path and path.n_facets not in posed:
-                end = entry.bind({**plain, "n_facets": path.n_facets})
-                posed[path.n_facets] = Problem(end, data)
+            if path and path.n_facets not in problems:
+                end = {**plain, "n_facets": path.n_facets}
+                problems[path.n_facets] = posed(entry, end, data)[0]
                 parts.total += _cost(path.n_facets)
-        for n in sorted(posed, key=lambda n: (-promise(n), n)):
-            problem = posed[n]
+        for n in sorted(problems, key=lambda n: (-promise(n), n)):
+            problem = problems[n]
             if out := chance(n, problem):
                 ruled_out[n] = out
                 parts.total -= _cost(n)
@@ -230,9 +232,8 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     """z of the best end of a search, (D,)."""
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
-        draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
-        ends = search.race(problem, data, draw(keys, data), workers, progress)
+        ends = search.race(problem, data, prior_draws(problem, keys, data), workers, progress)
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None
@@ -246,10 +247,7 @@ def _candidate(
     log_z = both.log_evidences - mass.value
     best = _best_particle(runs)
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
-    pointwise = jax.jit(
-        lambda rows, d: jax.lax.map(lambda row: problem.log_likelihood(row, d), rows)
-    )
-    log_likelihood = np.asarray(pointwise(rows, data))
+    log_likelihood = np.asarray(_pointwise(problem, rows, data))
     own = information.weighed(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
     return Candidate(
@@ -286,13 +284,19 @@ def _best_particle(runs: Sequence[smc.Result]) -> Floats:
 
 def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
     """Of all points, each taken whole."""
-    return float(jax.jit(problem.log_likelihood)(jnp.asarray(z), data).sum())
+    return float(compiled(problem.log_likelihood)(jnp.asarray(z), data).sum())
+
+
+@partial(jax.jit, static_argnums=0)
+def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    """ln likelihood of every point at rows (n, D), (n, T)."""
+    return jax.lax.map(lambda row: problem.log_likelihood(row, data), rows)
 
 
 def _chi2(problem: Problem, z: Floats, data: Epochs) -> float | None:
     if not data.has_error:
         return None
-    mean = jax.jit(problem.moments)(jnp.asarray(z), data).mean
+    mean = compiled(problem.moments)(jnp.asarray(z), data).mean
     return float(np.sum(((data.brightness - mean) / data.error) ** 2))
 
 
@@ -307,7 +311,7 @@ def _sparse_path(
     changed = {
         **options, "n_facets": upper_bound, "sparsity": weight, "log_area_sd": sparse.LOG_AREA_SD,
     }  # fmt: skip
-    problem = Problem(entry.bind(changed), data)
+    problem = posed(entry, changed, data)[0]
     (found,) = independent_runs(
         problem, data, key, settings.num_samples, 1, name="sparse", checkpoint=checkpoint,
         workers=workers, progress=progress,

@@ -22,7 +22,7 @@ from lcbayes.inference import evidence, information, population, search, solutio
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import Problem, Sites
+from lcbayes.inference.problem import Problem, Sites, prior_draws
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.inference.start_from import placed
@@ -210,12 +210,6 @@ def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> 
         return flat.reshape(z.shape)  # a user's model whose facets have no size
     mean = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
     return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
-
-
-@partial(jax.jit, static_argnums=0)
-def prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
-    """Unconstrained vectors from the prior, one for each key, (n, D)."""
-    return jax.vmap(problem.prior_draw, (0, None))(keys, data)
 
 
 @partial(jax.jit, static_argnums=0)

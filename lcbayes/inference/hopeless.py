@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, islice
 from typing import Any
 
@@ -58,14 +59,16 @@ def largest_likelihood(
     of every evidence.
     """
     ends = search.polish(problem, data, starts, workers)
-    likelihood = jax.jit(
-        lambda rows: jax.lax.map(
-            lambda z: jnp.sum(data.information * problem.log_likelihood(z, data)), rows
-        )
-    )
-    reached = np.nan_to_num(np.asarray(likelihood(jnp.asarray(ends.z))), nan=-np.inf)
+    reached = np.asarray(_log_likelihoods(problem, jnp.asarray(ends.z), data))
+    reached = np.nan_to_num(reached, nan=-np.inf)
     best = int(np.argmax(reached))
     return float(reached[best]) - log_prior_mass(problem, data, key).value, ends.z[best]
+
+
+@partial(jax.jit, static_argnums=0)
+def _log_likelihoods(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    """Of all points, to the power of their information, at rows (n, D)."""
+    return jax.lax.map(lambda z: jnp.sum(data.information * problem.log_likelihood(z, data)), rows)
 
 
 def with_fewer(

@@ -21,15 +21,18 @@ _kept: dict[Hashable, tuple[Problem, Problem]] = {}
 
 def posed(entry: Entry, options: Mapping[str, Any], data: Epochs) -> tuple[Problem, Problem]:
     """The posterior of a model given a light curve: as the model has it, and in the coordinates in
-    which it is sampled, which are the same where the model has none of its own."""
+    which it is sampled, which are the same where the model has none of its own. A model's own
+    coordinates may hold numbers of its light curve, so such problems are not shared."""
     leaves, structure = jax.tree.flatten(data)
     shapes = tuple((x.shape, str(x.dtype)) for x in leaves)
-    key = (entry.module, tuple(sorted(options.items())), structure, shapes)
+    key: Hashable = (entry.module, tuple(sorted(options.items())), structure, shapes)
+    hook = entry.hook("coordinates")
+    if hook is not None:
+        key = (key, len(_kept))
     if key not in _kept:
         plain = Problem(entry.bind(options), data)
-        hook = entry.hook("coordinates")
-        _kept[key] = plain, (Problem(entry.bind(options), data, hook(data, **options)) if hook
-                             else plain)  # fmt: skip
+        own = Problem(entry.bind(options), data, hook(data, **options)) if hook else plain
+        _kept[key] = plain, own
     return _kept[key]
 
 

@@ -267,6 +267,12 @@ def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
     return partial(_call, owner.__func__, owner.__self__)
 
 
+@partial(jax.jit, static_argnums=0)
+def prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
+    """Unconstrained vectors from the prior, one for each key, (n, D)."""
+    return jax.vmap(problem.prior_draw, (0, None))(keys, data)
+
+
 @partial(jax.jit, static_argnums=(0, 1))
 def _call(function: Callable[..., Any], problem: Problem, *args: Any) -> Any:
     return function(problem, *args)
