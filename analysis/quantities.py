@@ -36,6 +36,13 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "r_spec": ("specular reflectance", "", 0.0),
     "r_diff": ("diffuse reflectance", "", 0.0),
     "area": ("area", "", 0.0),
+    "member_sd": ("how individuals differ, sd", "mag", 0.0),
+    "member_offset": ("how much fainter a curve is than its kind", "mag", 0.0),
+    "site_sd": ("how zero points of sites differ, sd", "mag", 0.0),
+    "site_offset": ("zero point of a site", "mag", 0.0),
+    "extinction": ("extinction", "mag per airmass", 0.0),
+    "outlier_share": ("share of outliers", "", 0.0),
+    "outlier_width": ("width of outliers, in scales", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
     "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }

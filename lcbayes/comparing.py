@@ -95,7 +95,8 @@ def compare(
     n_facets : ints
         Numbers to compare, two at least; each as likely as the others before the data.
     model : str
-        "faceted", "faceted-brdf", or the path of a model file with an option ``n_facets``.
+        "faceted", "faceted-brdf", "stabilised", or the path of a model file with an option
+        ``n_facets``.
     seed : int
         The same input, version, seed and device give the same numbers.
     num_particles, num_runs : int
@@ -186,7 +187,7 @@ def _check_model(entry: Any, sparse: int | None, counts: list[int]) -> None:
     if "n_facets" not in entry.options or entry.hook("starts") is not None:
         raise InputError(
             f"--model {entry.name} has no number of facets to compare; available: faceted, "
-            "faceted-brdf, or a file whose model has an option n_facets"
+            "faceted-brdf, stabilised, or a file whose model has an option n_facets"
         )
     if sparse is None:
         return

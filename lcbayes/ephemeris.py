@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,11 +37,17 @@ def ephemeris(curve: LightCurve) -> Ephemeris:
     north = [None, None]
     if curve.frame in TILT:
         north = [jnp.array([0.0, -np.sin(a), np.cos(a)]) for a in TILT[curve.frame]]
-    velocity = curve.velocity_km_s
-    if velocity is None and curve.position_km is not None:
-        velocity = velocity_from_places(curve.t, curve.position_km, curve.curve)
+    velocity = with_velocity(curve).velocity_km_s
     place, motion = (None if v is None else jnp.asarray(v) for v in (curve.position_km, velocity))
     return Ephemeris(jnp.asarray(curve.t), jnp.asarray(curve.sun), place, motion, *north)
+
+
+def with_velocity(curve: LightCurve) -> LightCurve:
+    """The curve with velocities from neighbouring places, where it has none and they can be had."""
+    if curve.velocity_km_s is not None or curve.position_km is None:
+        return curve
+    velocity = velocity_from_places(curve.t, curve.position_km, curve.curve)
+    return curve if velocity is None else replace(curve, velocity_km_s=velocity)
 
 
 def frames(law: Attitude, curve: LightCurve) -> Frames:

@@ -6,9 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lcbayes import geometry, penumbra
 from lcbayes._jax import jax, jnp
+from lcbayes.ephemeris import ephemeris
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import photometry
+from lcbayes.physics.laws import Ephemeris
+
+UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
 
 
 def _static(default):
@@ -46,12 +51,26 @@ class Epochs:
     curve : (T,) int
         Group of the point.
     exposure_s : (T,) s
+    orbit : Ephemeris
+        What attitude laws read, at the same times; its own t is ``t``.
+    sunlight : (T,)
+        Share of sunlight that reaches the body past the Earth, `lcbayes.penumbra`, at least
+        `UMBRA`; 1 where its place is not known.
+    airmass : (T,)
+        1 where places or ranges are not known.
+    site : (T,) int
+        Which of the fitted curve's sites the point was seen from; ``n_sites`` for any other.
+    member : (T,) int
+        Which of the fitted curve's groups the point belongs to; ``n_members`` for any other. Unlike
+        ``curve`` it means the same object at epochs that are predicted.
     information : scalar or (T,)
         What a point is worth, 1 where errors are independent: the power of its likelihood.
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
         Whether the group's brightness carries an unknown factor.
+    n_sites, n_members : int
+        Of the fitted curve.
     calibrated : bool
         Whether any group of the fitted curve carries none; carried over like ``t_middle``.
     """
@@ -70,11 +89,18 @@ class Epochs:
     noise_unit: jax.Array
     curve: jax.Array
     exposure_s: jax.Array
+    orbit: Ephemeris
+    sunlight: jax.Array
+    airmass: jax.Array
+    site: jax.Array
+    member: jax.Array
     information: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)
     free_scale: tuple[bool, ...] = _static(())
+    n_sites: int = _static(1)
+    n_members: int = _static(1)
     calibrated: bool = _static(True)
 
     @classmethod
@@ -112,6 +138,12 @@ class Epochs:
                 level[i] = np.mean(linear[here] / dilution[here])
             if curve.kind == "flux":
                 noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
+        sites = np.unique(fitted.site)
+        sunlight, airmass = np.ones(n), np.ones(n)
+        if curve.position_km is not None:
+            sunlight = np.maximum(penumbra.sunlight(curve.position_km, curve.sun), UMBRA)
+            if curve.range_km is not None:
+                airmass = geometry.airmass(curve.position_km, curve.obs, curve.range_km)
         return cls(
             t=jnp.asarray(t),
             t_middle=jnp.asarray(0.5 * span),
@@ -127,10 +159,26 @@ class Epochs:
             noise_unit=jnp.asarray(noise_unit),
             curve=jnp.asarray(curve.curve),
             exposure_s=jnp.asarray(curve.exposure_s),
+            orbit=ephemeris(curve)._replace(t=jnp.asarray(t)),
+            sunlight=jnp.asarray(sunlight),
+            airmass=jnp.asarray(airmass),
+            site=jnp.asarray(_index(curve.site, sites)),
+            member=jnp.asarray(
+                _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
+            ),
             information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
             has_exposure=bool(np.any(curve.exposure_s > 0)),
             free_scale=tuple(bool(x) for x in curve.free_scale),
+            n_sites=len(sites),
+            n_members=fitted.n_curves,
             calibrated=not np.all(fitted.free_scale),
         )
+
+
+def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Where each name stands among those known, else their number."""
+    order = {str(name): i for i, name in enumerate(known)}
+    found, inverse = np.unique(names, return_inverse=True)
+    return np.array([order.get(str(name), len(order)) for name in found])[inverse]

@@ -95,7 +95,7 @@ def fit(
     curve : LightCurve
         From `lcbayes.read`.
     model : str
-        "faceted", "faceted-brdf", "convex-grid", or the path of a model file.
+        "faceted", "faceted-brdf", "convex-grid", "stabilised", or the path of a model file.
     sampler : str
         "nuts", "ahmc" (Fisher-adaptive HMC, exact), "smc" (particles from the prior, for posteriors
         of many solutions), "hmc", "rmhmc", "mh" (random walk), or "ahmc-paper", the published rule,
@@ -220,16 +220,23 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
         said.append(
             f"Its sidereal period is near {options['period']} h; other periods were not searched."
         )
+    elif model == "stabilised":
+        said.append("The body is flat facets that do not shade one another.")
+        law = options.get("law", "yaw-steering")
+        said.append(f"Its attitude follows the law {law}; normals are in the axes of that law.")
     if options:
         said.append("Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + ".")
     if np.any(curve.free_scale):
         n = int(np.sum(curve.free_scale))
         said.append(f"The scale of {n} of {curve.n_curves} curves is unknown and inferred.")
+    added = model == "stabilised" and options.get("scatter", 1.0)
     said.append(
-        "The errors of the file are taken as they are, independent and Gaussian."
+        "A scatter beyond the errors of the file is inferred."
+        if curve.error is not None and added
+        else "The errors of the file are taken as they are, independent and Gaussian."
         if curve.error is not None
         else "The file has no errors; a noise level is inferred"
-        + (" for each curve." if curve.n_curves > 1 else ".")
+        + (" for each curve." if curve.n_curves > 1 and not added else ".")
     )
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:

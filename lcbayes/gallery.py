@@ -19,6 +19,9 @@ user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega`
 ``starts(data, key, **options)``
     Constrained values of the sampled sites from which to search, a list of dicts; otherwise the
     search starts from the prior.
+``NUM_STARTS``
+    How many starts from the prior suffice, where the model has no ``starts``; otherwise it is
+    chosen by the number of parameters.
 ``coordinates(data, **options)``
     Transforms for sampled sites in which the posterior is easier to sample, {site: Transform}.
 ``constants(data, **options)``
@@ -41,7 +44,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from lcbayes.errors import InputError
 
-BUILT_IN = ("faceted", "faceted-brdf", "convex-grid")
+BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
 
 
 @dataclass(frozen=True)

@@ -248,6 +248,22 @@ def sunlit(position_km: Floats, to_sun_km: Floats) -> NDArray[np.bool_]:
     return apart >= discs
 
 
+def airmass(position_km: Floats, obs: Floats, range_km: Floats) -> Floats:
+    """Air between a satellite and its observer, (T,), as a multiple of that toward the zenith.
+
+    X = 1/(sin h + 0.50572 (h + 6.07995°)^(−1.6364)), h the altitude in degrees over a horizon that
+    is square to the observer's geocentric place (within 0.2° of the true one).
+
+    References
+    ----------
+    Kasten & Young 1989, Applied Optics 28, 4735, eq. (3).
+    """
+    site = position_km + range_km[:, None] * obs
+    rise = -np.sum(site * obs, axis=-1) / np.linalg.norm(site, axis=-1)
+    h = np.degrees(np.arcsin(np.clip(rise, 0.0, 1.0)))
+    return 1.0 / (np.sin(np.radians(h)) + 0.50572 * (h + 6.07995) ** -1.6364)
+
+
 def _seen(time: Times, site: Site, satellite: Floats, earth: Earth) -> Geometry:
     """Directions for a satellite at a geocentric GCRS place."""
     place = np.broadcast_to(earth.to_gcrs(site.itrs()), satellite.shape)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection
 
 CARRIERS = frozenset(
-    {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level", "noise_unit"}
-)
+    {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level", "noise_unit",
+     "tilt_unit", "logit_outlier_share", "log_outlier_excess", "member_unit", "site_unit"}
+)  # fmt: skip
 
 
 def reported(names: Collection[str]) -> list[str]:
@@ -15,7 +16,7 @@ def reported(names: Collection[str]) -> list[str]:
         n
         for n in names
         if n not in CARRIERS
-        and not n.endswith("_base")
+        and not n.endswith(("_base", "_held", "_free", "_shared"))
         and not (n.startswith("log_") and n[4:] in names)
     ]
 

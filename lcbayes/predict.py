@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from lcbayes import gallery
 from lcbayes._jax import jax, jnp
+from lcbayes.ephemeris import with_velocity
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
-from lcbayes.noise import expected
+from lcbayes.noise import STUDENT_T_DF, expected
 
 Floats = NDArray[np.float64]
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
@@ -58,13 +59,16 @@ def predict(
     Notes
     -----
     Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
-    error; where they were inferred, ``sigma``. A curve of unknown scale is predicted with the
+    error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
+    fit. A curve of unknown scale is predicted with the
     scale of the fitted curve of the same name; without one, relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
-    rng = np.random.default_rng(seed)
-    drawn = mean + sd * rng.standard_normal(mean.shape)
+    entry = gallery.find(model)
+    noise_law = {o.name: o.default for o in entry.options.values()} | dict(options)
+    law = noise_law.get("noise_law", "gaussian")
+    drawn = mean + sd * _unit_noise(law, posterior, pick, mean.shape, np.random.default_rng(seed))
     name = fitted.kind
     columns = {f"{name}_mean": mean.mean(axis=0)}
     for label, q in zip(
@@ -92,6 +96,7 @@ def noise_free(
         Which curves of ``wanted`` are relative to their own mean, for want of a known scale.
     notes : list of str
     """
+    wanted = with_velocity(wanted)  # of neighbours, which may be in another chunk
     ready = Foretold.of(posterior, fitted, wanted, model, options)
     scale, own_level = ready.scales(posterior), ready.own_level
     parts = []
@@ -254,19 +259,36 @@ def _relative(mean: Floats, wanted: LightCurve, own, kind: str) -> Floats:
     return mean
 
 
+def _unit_noise(law: str, posterior, pick, shape, rng: np.random.Generator) -> Floats:
+    """Noise of unit scale by the law of a fit, (S, T)."""
+    if law == "student-t":
+        return rng.standard_t(STUDENT_T_DF, shape)
+    drawn = rng.standard_normal(shape)
+    if law != "mixture":
+        return drawn
+    share, width = (
+        posterior[name].values.reshape(-1)[pick][:, None]
+        for name in ("outlier_share", "outlier_width")
+    )
+    return np.where(rng.random(shape) < share, width, 1.0) * drawn
+
+
 def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) -> Floats:
     """Standard deviation of what would be recorded, (S, T).
 
     The noise level of a fit is relative to the mean of the curve it was seen in; it is the same
     at every epoch, the dark ones too.
     """
-    if wanted.error is not None:
-        return np.broadcast_to(wanted.error, shape)
     unit = np.asarray(Epochs.of(fitted).noise_unit)
-    if fitted.error is not None:
+    given = None
+    if wanted.error is not None:
+        given = np.broadcast_to(wanted.error, shape)
+    elif fitted.error is not None:
         relative = np.median(fitted.error / unit[fitted.curve])
         each = np.where(own, relative, np.median(fitted.error))
-        return np.broadcast_to(each[wanted.curve], shape)
+        given = np.broadcast_to(each[wanted.curve], shape)
+    if given is not None and (fitted.error is None or "sigma" not in posterior):
+        return given
     names = {n: i for i, n in enumerate(fitted.curve_names)}
     each = [unit[names[n]] if n in names else unit.mean() for n in wanted.curve_names]
     sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
@@ -275,7 +297,8 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
         known = [names.get(n) for n in wanted.curve_names]
         columns = [sigma[:, 0] if i is None else noise[:, i] for i in known]
         sigma = np.stack(columns, axis=1)[:, wanted.curve]
-    return sigma * np.where(own, 1.0, each)[wanted.curve]
+    inferred = sigma * np.where(own, 1.0, each)[wanted.curve]
+    return inferred if given is None else np.hypot(given, inferred)
 
 
 def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:

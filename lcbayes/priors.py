@@ -6,7 +6,7 @@ Each function draws NumPyro sites under the names of the results (``normals``, `
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpyro
@@ -17,10 +17,12 @@ from numpyro.util import is_prng_key
 
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
-from lcbayes.physics import attitude, facets
+from lcbayes.physics import attitude, facets, reflectance
 from lcbayes.physics.torque_free import torque_free
 
 RADIUS_SD = 0.1
+SPECULAR = {"nu": (100.0, 1.0), "n": (100.0, 1.0), "m": (0.2, 0.5)}
+"""Parameters of reflectance laws that are scales: median and sd of the logarithm."""
 SPINS = ("free", "none", "torque-free")
 
 type Rotation = Callable[..., tuple[jax.Array, ...]]
@@ -108,6 +110,56 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
     if weight < 0:
         raise ValueError(f"sparsity is {weight}; give a weight >= 0")
     numpyro.factor("sparse_area", -weight * jnp.sum(jnp.abs(albedo_area)) ** 2)
+
+
+def surface(
+    law: str,
+    n: int,
+    scales: Mapping[str, tuple[float, float]] = SPECULAR,
+    suffix: str = "",
+) -> dict[str, jax.Array]:
+    """The parameters of a reflectance law for n facets, (n,) each: shares uniform over their range,
+    those in ``scales`` log-normal; sites have the parameters' names with a suffix."""
+    found = {}
+    for name, parameter in reflectance.get_law(law).parameters.items():
+        if name == "nv":  # the in-plane axis of an unknown facet is not observable enough to ask
+            continue
+        if name in scales:
+            median, sd = scales[name]
+            log = dist.Normal(jnp.log(median), sd).expand([n]).to_event(1)
+            log_value = numpyro.sample(f"log_{name}{suffix}", log)
+            found[name] = numpyro.deterministic(f"{name}{suffix}", jnp.exp(log_value))
+        elif parameter.default is None:
+            uniform = dist.Uniform(parameter.lower, parameter.upper).expand([n])
+            found[name] = numpyro.sample(f"{name}{suffix}", uniform.to_event(1))
+    return found
+
+
+def energy(law: str, parameters: Mapping[str, jax.Array]) -> None:
+    """Factor that keeps facets from giving back more light than they receive, where the bounds of
+    the law's parameters do not see to it: exp(−50 · excess of the sum of reflectances over 1)."""
+    if reflectance.get_law(law).sum_to_one:
+        excess = jnp.maximum(parameters["r_diff"] + parameters["r_spec"] - 1.0, 0.0)
+        numpyro.factor("energy", -50.0 * jnp.sum(excess))
+
+
+def deviations(name: str, n: int, median: float, log_sd: float = 1.0) -> jax.Array:
+    """Deviations (n + 1,) of the members of a group from what they have in common.
+
+    τ uᵢ, uᵢ ~ N(0, 1), τ ~ LogNormal(ln median, log_sd): non-centred, so that a small τ makes no
+    funnel. The last is that of a member not seen yet: its u is drawn from the prior alone, so that
+    what is predicted for a new member is as uncertain as the members differ.
+
+    References
+    ----------
+    Betancourt & Girolami 2015, in Current Trends in Bayesian Methodology, ch. 4 (non-centred).
+    """
+    log_spread = numpyro.sample(f"log_{name}_sd", dist.Normal(jnp.log(median), log_sd))
+    spread = jnp.asarray(numpyro.deterministic(f"{name}_sd", jnp.exp(log_spread)))
+    unit = numpyro.sample(f"{name}_unit", dist.Normal(0.0, 1.0).expand([n + 1]).to_event(1))
+    offset = spread * jnp.asarray(unit)
+    numpyro.deterministic(f"{name}_offset", offset[:n])
+    return offset
 
 
 def angular_velocity(sd: float) -> jax.Array:

@@ -19,7 +19,7 @@ from lcbayes.gallery import Entry
 from lcbayes.inference.fit import Mode, Posterior, constrain_draws
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
-from lcbayes.noise import OBSERVED
+from lcbayes.noise import OBSERVED, OUTLIER
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "coefficients": ("coefficient",), "inertia_base": ("shape",), "inertia_ratio": ("moment",),
     "area": ("facet",), "r_diff": ("facet",), "r_spec": ("facet",), "w": ("facet",),
     "nu": ("facet",), "n": ("facet",), "m": ("facet",),
+    "member_offset": ("member",), "site_offset": ("site",),
     "log_nu": ("facet",), "log_n": ("facet",), "log_m": ("facet",),
 }  # fmt: skip
 STATS = {
@@ -65,11 +66,13 @@ def tree(
     mixed = constrain_draws(problem, z, data)
     draws = dataset(mixed).assign(mode=(("chain", "draw"), label))
     pointwise, replicated = _predictions(problem, z, data, seed)
+    probability = _outliers(problem, z, data)
+    outliers = {} if probability is None else {OUTLIER: (("time",), probability)}
     time = ("chain", "draw", "time")
     groups: dict[str, xr.Dataset] = {
         "posterior": draws,
         "log_likelihood": xr.Dataset({OBSERVED: (time, pointwise)}),
-        "posterior_predictive": xr.Dataset({OBSERVED: (time, replicated)}),
+        "posterior_predictive": xr.Dataset({OBSERVED: (time, replicated)} | outliers),
         "prior": dataset(_prior(problem, data, seed)),
         "observed_data": xr.Dataset({OBSERVED: (("time",), curve.brightness)}),
         "constant_data": _constants(curve, data, entry, options),
@@ -105,6 +108,15 @@ def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs)
         return problem.log_likelihood(row, data), problem.replicate(row, data, key)
 
     return jax.lax.map(one, (rows, keys))
+
+
+def _outliers(problem: Problem, z: Floats, data: Epochs) -> Floats | None:
+    """Probability that each point is an outlier, (T,), where the noise knows of any."""
+    rows = jnp.asarray(z.reshape(-1, z.shape[-1]))
+    if OUTLIER not in jax.eval_shape(problem.constrain, rows[0], data):
+        return None
+    each = jax.jit(lambda a: jax.lax.map(lambda row: problem.constrain(row, data)[OUTLIER], a))
+    return np.asarray(each(rows)).mean(axis=0)
 
 
 def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> dict[str, NDArray]:

@@ -17,6 +17,7 @@ from lcbayes.inference.loo import loo
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
 from lcbayes.names import label, reported
+from lcbayes.noise import OBSERVED, OUTLIER
 from lcbayes.results import dataset
 
 Floats = NDArray[np.float64]
@@ -117,6 +118,7 @@ def summarise(
         "parameters": modes[0]["parameters"],
         "modes": modes,
         "fit": fit,
+        **_outliers(found, curve),
         "timing": {
             "search_s": timing.search_s,
             "compile_s": timing.compile_s,
@@ -147,7 +149,8 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
     se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
     elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
     chi2 = None
-    if curve.error is not None:
+    # scatter that is inferred beside the errors makes any model fit them
+    if curve.error is not None and "sigma" not in found["posterior"]:
         mean = posterior.problem.moments(
             jnp.asarray(
                 best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]
@@ -166,6 +169,27 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         "max_pareto_k": khat,
         "log_evidence": float(total),
         "log_evidence_se": float(se),
+    }
+
+
+def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
+    """Points that are outliers more likely than not, where the noise law knows of any."""
+    predicted = found["posterior_predictive"]
+    if OUTLIER not in predicted:
+        return {}
+    probability = predicted[OUTLIER].to_numpy()
+    middle = predicted[OBSERVED].mean(("chain", "draw")).to_numpy()
+    return {
+        "outliers": [
+            {
+                "row": int(k),
+                "t": float(curve.t[k]),
+                "curve": curve.curve_names[curve.curve[k]],
+                "probability": float(probability[k]),
+                "residual": float(curve.brightness[k] - middle[k]),
+            }
+            for k in np.flatnonzero(probability > 0.5)
+        ]
     }
 
 

@@ -4,4 +4,4 @@ A model file, ours or a user's, defines ``model(data, *, option=default, ...)``;
 `lcbayes.inference.contract` for the names it may define besides.
 """
 
-NAMES = ("faceted", "faceted-brdf", "convex-grid")
+NAMES = ("faceted", "faceted-brdf", "convex-grid", "stabilised")

@@ -3,36 +3,15 @@
 from typing import Literal
 
 import numpyro
-import numpyro.distributions as dist
 
 from lcbayes import noise, priors
-from lcbayes._jax import jnp
 from lcbayes.epochs import Epochs
-from lcbayes.physics import brightness, photometry, reflectance
+from lcbayes.physics import brightness, photometry
 
 SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
 
-# Priors of the parameters that are scales: median and sd of the logarithm.
-SCALES = {"nu": (100.0, 1.0), "n": (100.0, 1.0), "m": (0.2, 0.5)}
 FACET_SITES = ("normals_base", "log_albedo_area", "r_diff", "r_spec", "w", "log_nu", "log_n",
                "log_m")  # fmt: skip
-
-
-def surface(law: str, n_facets: int) -> dict[str, jnp.ndarray]:
-    """The parameters of each facet's law, (N,) each: shares uniform, scales log-normal."""
-    found = {}
-    for name, parameter in reflectance.get_law(law).parameters.items():
-        if name == "nv":  # the in-plane axis of an unknown facet is not observable enough to ask
-            continue
-        if name in SCALES:
-            median, sd = SCALES[name]
-            log = dist.Normal(jnp.log(median), sd).expand([n_facets]).to_event(1)
-            log_value = numpyro.sample(f"log_{name}", log)
-            found[name] = numpyro.deterministic(name, jnp.exp(log_value))
-        elif parameter.default is None:
-            uniform = dist.Uniform(parameter.lower, parameter.upper).expand([n_facets])
-            found[name] = numpyro.sample(name, uniform.to_event(1))
-    return found
 
 
 def model(
@@ -86,11 +65,9 @@ def model(
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
         priors.sparse_area(albedo_area, sparsity)
-    parameters = surface(law, n_facets)
+    parameters = priors.surface(law, n_facets)
+    priors.energy(law, parameters)
     shares = [parameters[k] for k in ("r_diff", "r_spec", "w") if k in parameters]
-    if reflectance.get_law(law).sum_to_one:
-        # Beyond a sum of one the facet would give back more light than it receives.
-        numpyro.factor("energy", -50.0 * jnp.sum(jnp.maximum(sum(shares) - 1.0, 0.0)))
     area = numpyro.deterministic("area", albedo_area / sum(shares))
 
     def directions(t):

@@ -17,6 +17,7 @@ examples:
   lcbayes compare pass.csv --facets 1-8 -o out
   lcbayes compare pass.csv --facets 2,3,4 --num-particles 2000 --num-runs 8 -o out
   lcbayes compare pass.csv --facets 1-4 --sparse 10 -o out
+  lcbayes compare starlink.csv --facets 1-3 --model stabilised -o out
   lcbayes compare glint.csv --facets 1-4 --model faceted-brdf --law cook-torrance -o out
 
 Evidences and predictive densities are natural logarithms (nat). Each number of
@@ -24,7 +25,7 @@ facets is as likely as the others before the data. The run ends with exit status
 if its runs differ by more than bears a conclusion, or the particles lost their way.
 A run that was stopped goes on when the same command is given again.
 """
-FLAGS = ("law", "noise_law", "spin")
+FLAGS = ("law", "reflectance", "facets", "noise_law", "spin")
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_particles": "particles that move, in each run (default 100)",
@@ -39,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--facets", metavar="N-M", default="1-8", help="numbers to compare: 1-8 (default) or 1,2,4"
     )
-    parser.add_argument("--model", metavar="NAME", help="faceted (default), faceted-brdf, a file")
+    parser.add_argument(
+        "--model", metavar="NAME", help="faceted (default), faceted-brdf, stabilised, a file"
+    )
     add_model_arguments(parser, FLAGS)
     parser.add_argument(
         "--sparse",

@@ -19,6 +19,8 @@ examples:
   lcbayes fit pass.csv -o out --n-facets 3 --seed 1
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
   lcbayes fit pass.csv -o out --n-facets 4 --sampler smc
+  lcbayes fit starlink.csv -o out --model stabilised
+  lcbayes fit pass.csv --tle object.tle -o out --model stabilised --law lvlh --facets +z,-x~5
   lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
   lcbayes fit --config out/run.toml -o again        the same numbers
 
@@ -40,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
     parser.add_argument("--config", metavar="FILE", type=Path, help="run.toml of an earlier fit")
     parser.add_argument(
-        "--model", metavar="NAME", help="faceted (default), faceted-brdf, convex-grid, or a file"
+        "--model",
+        metavar="NAME",
+        help="faceted (default), faceted-brdf, convex-grid, stabilised, or a file",
     )
     parser.add_argument(
         "--sampler",

@@ -12,8 +12,10 @@ from lcbayes.errors import InputError
 FLAGS = {
     "n_facets": (int, "N", "number of facets (of grid normals for convex-grid)"),
     "period": (float, "HOURS", "sidereal period, about"),
-    "law": (str, "NAME", "reflectance law"),
-    "noise_law": (str, "NAME", "gaussian or student-t"),
+    "law": (str, "NAME", "reflectance law; for stabilised the attitude law"),
+    "reflectance": (str, "NAME", "reflectance law, for stabilised"),
+    "facets": (str, "LIST", "facets of known normals, for stabilised: +z,array:+x~5"),
+    "noise_law": (str, "NAME", "gaussian, student-t or mixture"),
     "spin": (str, "KIND", "free, none for a body that does not turn, torque-free"),
 }
 

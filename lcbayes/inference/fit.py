@@ -27,9 +27,11 @@ from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.inference.start_from import placed
 from lcbayes.lightcurve import LightCurve
+from lcbayes.noise import FLUX, OUTLIER
 from lcbayes.progress import Silent
 
 Floats = NDArray[np.float64]
+PER_EPOCH = ("expected", FLUX, OUTLIER)
 SMALLEST_ESS = 50.0  # assumed for a chain whose own estimate is not to be had
 
 
@@ -188,7 +190,7 @@ def identity(
 
 def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
     hook = entry.hook("starts")
-    n = n or int(np.clip(3.5 * problem.dim**2, 48, 3000))
+    n = n or entry.hook("NUM_STARTS") or int(np.clip(3.5 * problem.dim**2, 48, 3000))
     if hook is None:
         return prior_draws(problem, jax.random.split(key, n), data)
     return jnp.stack([problem.ravel(sites) for sites in hook(data, key, **options)])
@@ -208,7 +210,8 @@ def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> 
     flat = np.array([order.like(row, centre) for row in z.reshape(-1, z.shape[-1])])
     if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
         return flat.reshape(z.shape)  # a user's model whose facets have no size
-    mean = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
+    sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
+    mean = sizes[-order.n_facets :]  # those of known normal come first
     return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
 
 
@@ -236,7 +239,7 @@ def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.n
 def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
     def one(row: jax.Array) -> Sites:
         sites = problem.constrain(row, data)
-        return {k: v for k, v in sites.items() if k not in ("expected", "flux")}
+        return {k: v for k, v in sites.items() if k not in PER_EPOCH}
 
     return jax.lax.map(one, jnp.asarray(rows), batch_size=32)
 

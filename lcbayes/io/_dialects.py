@@ -14,6 +14,7 @@ from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve
 
 MMT9_SITE = "43.65,41.431,2030"  # Nizhny Arkhyz, as SCORE gives it
+POMENIS_SITE = "32.4434,-110.7881,2790"  # Mt Lemmon, as the file's first lines give it
 MMT9_COLUMNS = ("Date", "Time", "StdMag", "Mag", "Filter", "Penumbra", "Distance", "Phase")
 SCORE_COLUMNS = {
     "observation_time_utc": "utc",
@@ -122,12 +123,16 @@ def read_score(file: TextFile, options: Options) -> LightCurve:
 def read_pomenis(file: TextFile, options: Options) -> LightCurve:
     """Read Pomenis magnitudes: AB magnitudes of many satellites of one make, as one curve.
 
-    The site (Mt Lemmon) must be given. Heights are taken over the WGS84 ellipsoid. Rows are
-    sorted by time.
+    The site is Mt Lemmon unless another is given. Heights are taken over the WGS84 ellipsoid. Rows
+    are sorted by time.
     """
     table = parse(file, NUMERIC, POMENIS_COLUMNS)
     table.texts["curve"] = np.full(len(table), "0")
-    return build(_sorted(table), options, "pomenis")
+    notes: tuple[str, ...] = ()
+    if options.site is None:
+        options = replace(options, site=POMENIS_SITE)
+        notes = (f"seen from Mt Lemmon ({POMENIS_SITE})",)
+    return build(_sorted(table), options, "pomenis", notes)
 
 
 def _true(table: Table, name: str) -> np.ndarray:

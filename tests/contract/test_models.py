@@ -14,7 +14,10 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference.problem import Problem
 
 LIGHT = small.curve(24, 2, error=None, free_scale=np.array([True]))
-NEEDED = {"convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2}}
+NEEDED = {
+    "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
+    "stabilised": {"law": "inertial"},  # the one that needs no orbit
+}
 OPTIONS = [
     *[(name, NEEDED.get(name, {})) for name in gallery.BUILT_IN],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),

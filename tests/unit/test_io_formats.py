@@ -210,8 +210,9 @@ def test_pomenis(tmp_path):
     assert curve.brightness.tolist() == [7.8, 4.8]
     assert curve.range_km is not None
     assert curve.range_km[1] == pytest.approx(550 - 2.79, abs=1e-6)
-    with pytest.raises(InputError, match="names no site"):
-        read(path)
+    alone = read(path)
+    assert "seen from Mt Lemmon" in alone.source["notes"]
+    np.testing.assert_array_equal(alone.obs, curve.obs)
 
 
 def test_the_format_can_be_said(tmp_path):

@@ -1,0 +1,195 @@
+"""Facets of a satellite whose attitude follows a known law: it need not be sought."""
+
+from functools import partial
+from typing import Literal
+
+import numpyro
+import numpyro.distributions as dist
+
+from lcbayes import noise, priors
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.facet_list import ARRAY, facet_list, tangents
+from lcbayes.geometry import EARTH_KM
+from lcbayes.physics import attitude, brightness, catalogue, earthshine, photometry
+from lcbayes.physics import facets as directions
+from lcbayes.physics.reflectance import LAWS
+
+SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
+UNIT = {"r_diff": 1.0, "w": 4.0 * jnp.pi}  # what makes area and albedo-area of a diffuse law one
+SPECULAR = {"nu": (30.0, 1.5), "n": (30.0, 1.5), "m": (0.3, 0.7)}
+HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of those that are not
+FACET_SITES = ("free_normals_base", *(name + FREE for name in (
+    "log_area", "r_diff", "r_spec", "log_nu", "log_n", "log_m")))  # fmt: skip
+
+NUM_STARTS = 96  # facets of known attitude have few solutions, and many individuals cost time
+
+
+def model(
+    data: Epochs,
+    *,
+    law: str = "yaw-steering",
+    n_facets: int = 0,
+    facets: str = "",
+    reflectance: Literal[
+        "ashikhmin-shirley",
+        "ashikhmin-shirley-distribution",
+        "cook-torrance",
+        "blinn-phong",
+        "lambertian",
+        "non-lambertian",
+        "lommel-seeliger-lambert",
+    ] = "ashikhmin-shirley",
+    surface: Literal["separate", "shared"] = "separate",
+    individuals: bool = True,
+    site_offsets: bool = True,
+    extinction: bool = False,
+    earth_albedo: float = 0.0,
+    log_area_mean: float = 1.0,
+    log_area_sd: float = 1.5,
+    noise_law: noise.Law = "student-t",
+    scatter: float = 0.3,
+):
+    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ of facets in the axes of an attitude law, as it is observed.
+
+    Parameters
+    ----------
+    law
+        Attitude law, with its settings: lvlh:yaw_deg=4. The default has z at nadir, and x as near
+        to the Sun as it then can.
+    n_facets
+        Number of facets in all; those that are not listed point anywhere. 0: those listed, or two.
+    facets
+        Facets of which the normals are known: +z, array:+x~5@22.7, sun-pointing:-x, 0 0.6 0.8 — in
+        the axes of the body, of its array or of another law; ~ degrees if partly known; @ m².
+    reflectance
+        Of all facets; see `lcbayes.physics.reflectance`.
+    surface
+        Parameters of the reflectance: "separate" for each facet, or "shared".
+    individuals
+        Whether each of several curves (satellites) may be brighter or fainter than the others.
+    site_offsets
+        Whether magnitudes of each of several sites may have a zero point of their own.
+    extinction
+        Whether the air's extinction is still in the magnitudes; k ~ Normal(0.2, 0.1) mag/airmass.
+    earth_albedo
+        Of the ground, whose light falls on the satellite too; 0 leaves it out.
+    log_area_mean, log_area_sd
+        Mean and sd of ln(area / m²).
+    noise_law
+        gaussian, student-t or mixture.
+    scatter
+        Median of the prior of what scatters beyond the file's errors, mag; 0: nothing does.
+    """
+    listed = facet_list(facets)
+    total = n_facets or len(listed) or 2
+    listed = listed[:total]
+    free = total - len(listed)
+
+    where = [facet.where for facet in listed] + [""] * free
+    normals = _normals(listed, free)
+    area, parameters = _surface(listed, free, reflectance, surface, (log_area_mean, log_area_sd))
+    turned = {name: _law(law, name) for name in sorted(set(where))}
+
+    def at(t):
+        along = data.orbit._replace(t=t)
+        toward, strength = data.sun[None], jnp.ones((1, *t.shape))
+        if earth_albedo:
+            if along.position_km is None:
+                raise InputError("earth_albedo is given, but the satellite's places are not known")
+            shine = earthshine.glow(along.position_km / EARTH_KM, data.sun, earth_albedo)
+            toward = jnp.concatenate([toward, shine.toward])
+            strength = jnp.concatenate([strength, shine.strength / data.sunlight])
+        flux = jnp.zeros(t.shape)
+        for name, attitude_law in turned.items():
+            here = jnp.array([i for i, other in enumerate(where) if other == name])
+            made = attitude_law.frames(along)
+            axes = jnp.asarray(made.array if name == ARRAY else made.body)
+            mine = {k: jnp.broadcast_to(v, (total,))[here] for k, v in parameters.items()}
+            sent = partial(
+                brightness.flux_brdf, obs_body=attitude.to_body(axes, data.obs),
+                normals=normals[here], area=area[here], law=reflectance, params=mine,
+            )  # fmt: skip
+            each = jax.vmap(lambda v, axes=axes, sent=sent: sent(attitude.to_body(axes, v)))(toward)
+            flux += jnp.sum(strength * each, axis=0)
+        return flux
+
+    if free:
+        axes = _law(law, "").frames(data.orbit).body
+        sun, obs = attitude.to_body(axes, data.sun), attitude.to_body(axes, data.obs)
+        priors.lit_and_seen(sun, obs, normals[len(listed) :])
+    flux = (photometry.exposed(at, data.exposure_s) if data.has_exposure else at)(data.t)
+    fainter = jnp.zeros(data.t.shape)  # mag
+    if individuals and data.n_members > 1 and data.calibrated:
+        fainter += priors.deviations("member", data.n_members, 0.2)[data.member]
+    if site_offsets and data.n_sites > 1:
+        fainter += priors.deviations("site", data.n_sites, 0.2)[data.site]
+    if extinction:
+        fainter += numpyro.sample("extinction", dist.Normal(0.2, 0.1)) * data.airmass
+    noise.observe(data, flux * 10.0 ** (-0.4 * fainter), noise_law, scatter)
+
+
+def _law(law: str, where: str):
+    """The law whose axes facets are in."""
+    if where not in ("", ARRAY):
+        return catalogue.parse(where)
+    found = catalogue.parse(law)
+    if where == ARRAY and not found.array:
+        raise InputError(f"a facet is on the array, but the law {law!r} has none")
+    return found
+
+
+def _normals(listed, free: int):
+    """Unit normals (N, 3), the listed ones first."""
+    known = jnp.array([facet.normal for facet in listed]).reshape(-1, 3)
+    partly = [i for i, facet in enumerate(listed) if facet.sd_deg]
+    if partly:
+        width = jnp.deg2rad(jnp.array([listed[i].sd_deg for i in partly]))
+        unit = dist.Normal(0.0, 1.0).expand([len(partly), 2]).to_event(2)
+        tilt = width[:, None] * numpyro.sample("tilt_unit", unit)
+        across = jnp.array([tangents(listed[i].normal) for i in partly])  # (P, 2, 3)
+        tilted = known[jnp.array(partly)] + jnp.einsum("pk,pkx->px", jnp.tan(tilt), across)
+        tilted = tilted / jnp.linalg.norm(tilted, axis=1, keepdims=True)
+        known = known.at[jnp.array(partly)].set(tilted)
+    anywhere = priors.directions("free_normals", free) if free else jnp.zeros((0, 3))
+    normals = jnp.asarray(numpyro.deterministic("normals", jnp.concatenate([known, anywhere])))
+    phi, g = directions.angles(normals)
+    numpyro.deterministic("phi", phi)
+    numpyro.deterministic("g", g)
+    return normals
+
+
+def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[float, float]):
+    """Area of each facet (N,) and the parameters of its reflectance, (N,) or (1,) if shared."""
+    unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
+    log = jnp.log(jnp.array([facet.area_m2 or 1.0 for facet in listed]))
+    if unknown:
+        prior = dist.Normal(*log_area).expand([len(unknown)]).to_event(1)
+        log = log.at[jnp.array(unknown)].set(numpyro.sample("log_area" + HELD, prior))
+    if free:
+        prior = dist.Normal(*log_area).expand([free]).to_event(1)
+        log = jnp.concatenate([log, numpyro.sample("log_area" + FREE, prior)])
+    area = jnp.exp(log)
+    numpyro.deterministic("area", area)
+    if LAWS[reflectance].diffuse:
+        known = {
+            k: p.default for k, p in LAWS[reflectance].parameters.items() if p.default is not None
+        }
+        unit = {k: v for k, v in UNIT.items() if k in LAWS[reflectance].parameters}
+        numpyro.deterministic("albedo_area", area)
+        return area, {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in (known | unit).items()}
+    if kind == "shared":
+        parameters = priors.surface(reflectance, 1, SPECULAR, "_shared")
+    else:
+        parts = [
+            priors.surface(reflectance, n, SPECULAR, suffix)
+            for n, suffix in ((len(listed), HELD), (free, FREE))
+            if n
+        ]
+        parameters = {k: jnp.concatenate([part[k] for part in parts]) for k in parts[0]}
+    priors.energy(reflectance, parameters)
+    for name, values in parameters.items():
+        numpyro.deterministic(name, values)
+    numpyro.deterministic("albedo_area", area * (parameters["r_diff"] + parameters["r_spec"]))
+    return area, parameters

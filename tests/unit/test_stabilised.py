@@ -1,0 +1,263 @@
+"""Facets of a satellite of known attitude, as they are observed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpyro import handlers
+from scipy import integrate, stats
+
+from lcbayes import gallery, noise
+from lcbayes._jax import jax, jnp
+from lcbayes.ephemeris import frames
+from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
+from lcbayes.facet_list import Facet, facet_list, tangents
+from lcbayes.geometry import EARTH_KM
+from lcbayes.inference.problem import Problem
+from lcbayes.lightcurve import LightCurve
+from lcbayes.physics import attitude, catalogue, photometry
+from lcbayes.physics.earthshine import glow
+
+N = 40
+
+
+def sky(n: int = N, seed: int = 0, velocity: bool = True) -> LightCurve:
+    """A satellite at 550 km over places from which it is seen at dusk, V magnitudes, no errors."""
+    rng = np.random.default_rng(seed)
+    unit = lambda v: v / np.linalg.norm(v, axis=-1, keepdims=True)  # noqa: E731
+    site = unit(np.array([0.1, 0.95, 0.3]) + 0.1 * rng.standard_normal((n, 3)))
+    up = unit(site + 0.06 * rng.standard_normal((n, 3)))
+    position = (EARTH_KM + 550.0) * up
+    line = EARTH_KM * site - position
+    return LightCurve(
+        t=np.linspace(0.0, 300.0, n),
+        brightness=np.full(n, 6.0),
+        error=None,
+        kind="mag",
+        sun=np.tile(unit(np.array([1.0, -0.45, 0.0])), (n, 1)),
+        obs=unit(line),
+        range_km=np.linalg.norm(line, axis=1),
+        position_km=position,
+        velocity_km_s=7.6 * unit(np.cross(up, [0.3, 0.2, 1.0])) if velocity else None,
+        band=np.full(n, "V"),
+        frame="icrs",
+    )
+
+
+def traced(curve: LightCurve, **options):
+    """Values of every site at a draw from the prior."""
+    entry = gallery.find("stabilised")
+    model = handlers.seed(entry.bind(entry.check(options)), 1)
+    trace = handlers.trace(model).get_trace(Epochs.of(curve))
+    return {k: v["value"] for k, v in trace.items()}
+
+
+def lambert(sun, obs, normal, area):
+    return area / np.pi * np.maximum(sun @ normal, 0.0) * np.maximum(obs @ normal, 0.0)
+
+
+def test_a_list_of_facets():
+    assert facet_list("+z, array:-X~5@22.7 , 0 3 4@1e1") == [
+        Facet("", (0.0, 0.0, 1.0)),
+        Facet("array", (-1.0, 0.0, 0.0), 5.0, 22.7),
+        Facet("", (0.0, 0.6, 0.8), 0.0, 10.0),
+    ]
+    assert facet_list("") == []
+    assert facet_list("sun-pointing:+x")[0].where == "sun-pointing"
+    for normal in ((0.0, 0.0, 1.0), (0.6, 0.0, -0.8)):
+        basis = np.array([normal, *tangents(normal)])
+        np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("up", "'up' is none"),
+        ("+z;+x", "is none"),
+        ("+z~90", "give 0 to 60"),
+        ("0 0 0", "points nowhere"),
+        ("+z@0", "give one > 0"),
+        ("+z~-1", "give 0 to 60"),
+    ],
+)
+def test_lists_that_are_none(text, says):
+    with pytest.raises(InputError, match=says) as fault:
+        facet_list(text)
+    assert "\n" not in str(fault.value)
+
+
+def test_flux_is_the_sum_over_the_frames_of_its_facets():
+    """Body, array and another law at once, by hand; the magnitude follows from range and band."""
+    curve = sky()
+    found = traced(curve, law="nadir-sun-array", reflectance="lambertian",
+                   facets="+z@3.0, array:+x@11, sun-pointing:+x@2", scatter=0.3)  # fmt: skip
+    made = frames(catalogue.find("nadir-sun-array"), curve)
+    pointer = frames(catalogue.find("sun-pointing"), curve).body
+    want = np.zeros(N)
+    assert made.array is not None
+    for axes, normal, area in (
+        (made.body, [0, 0, 1.0], 3.0), (made.array, [1.0, 0, 0], 11.0), (pointer, [1.0, 0, 0], 2.0)
+    ):  # fmt: skip
+        sun, obs = (np.einsum("tji,tj->ti", axes, v) for v in (curve.sun, curve.obs))
+        want += lambert(sun, obs, np.array(normal), area)
+    assert np.all(want > 0)
+    light = np.asarray(Epochs.of(curve).sunlight)
+    np.testing.assert_allclose(found["flux"], want * light, rtol=1e-10)
+    assert curve.range_km is not None
+    m = photometry.magnitude(
+        jnp.asarray(want * light), jnp.asarray(1e3 * curve.range_km), photometry.sun_magnitude("V")
+    )
+    np.testing.assert_allclose(found["expected"], m, atol=1e-6)
+
+
+def test_unlisted_facets_point_anywhere_and_partly_known_ones_about_where_they_are_said():
+    data = Epochs.of(sky(8))
+    options = {"facets": "+z@1, +x~5", "n_facets": 3, "reflectance": "lambertian"}
+    problem = Problem(gallery.find("stabilised").bind(options), data)
+
+    @jax.jit
+    def drawn(keys):
+        draw = lambda key: problem.constrain(problem.prior_draw(key, data), data)  # noqa: E731
+        return jax.lax.map(lambda key: {k: draw(key)[k] for k in ("normals", "area")}, keys)
+
+    found = drawn(jax.random.split(jax.random.key(0), 200))
+    normals = np.asarray(found["normals"])
+    np.testing.assert_array_equal(normals[:, 0], [[0.0, 0.0, 1.0]] * 200)
+    tilt = np.degrees(np.arctan2(normals[:, 1, 1:], normals[:, 1, :1]))
+    # of 400 values of sd 5, the sd has a standard error of 0.18: 4 of them, once in 16,000
+    assert np.std(tilt) == pytest.approx(5.0, abs=0.71)
+    assert np.abs(normals[:, 2].mean(axis=0)).max() < 4 / np.sqrt(3 * 200)
+    np.testing.assert_allclose(found["area"][:, 0], 1.0)
+
+
+def test_surfaces_are_shared_or_separate():
+    shared = traced(sky(8), n_facets=3, surface="shared")
+    assert shared["r_diff_shared"].shape == (1,)
+    separate = traced(sky(8), n_facets=3, facets="+z", surface="separate")
+    assert (separate["r_diff_held"].shape, separate["r_diff_free"].shape) == ((1,), (2,))
+
+
+@pytest.mark.parametrize(
+    ("curve", "options", "says"),
+    [
+        (sky(8, velocity=False), {"law": "lvlh"}, "no velocity; read it with --tle"),
+        (replace(sky(8), position_km=None, velocity_km_s=None), {}, "needs the satellite's orbit"),
+        (sky(8), {"facets": "array:+x"}, "has none"),
+        (sky(8), {"law": "upside-down"}, "unknown attitude law"),
+        (sky(8), {"facets": "+w"}, "is none"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(curve, options, says):
+    if "array" in options.get("facets", ""):
+        options = {**options, "law": "lvlh"}
+    with pytest.raises(InputError, match=says) as fault:
+        traced(curve, **options)
+    assert "\n" not in str(fault.value)
+
+
+def test_places_alone_do_for_laws_that_need_no_velocity():
+    assert np.isfinite(traced(sky(8, velocity=False), law="yaw-steering")["expected"]).all()
+
+
+def test_earthshine_adds_what_the_ground_sends():
+    """On one Lambertian facet at nadir: Σ over the ground's directions of strength times flux."""
+    curve = sky(6)
+    options: dict = {"law": "lvlh", "reflectance": "lambertian", "facets": "+z@2"}
+    dark, lit = traced(curve, **options), traced(curve, **options, earth_albedo=0.4)
+    assert curve.position_km is not None
+    light = glow(jnp.asarray(curve.position_km / EARTH_KM), jnp.asarray(curve.sun), 0.4)
+    nadir = -curve.position_km / np.linalg.norm(curve.position_km, axis=1, keepdims=True)
+    seen = 2.0 / np.pi * np.sum(curve.obs * nadir, axis=1)
+    want = seen * np.sum(light.strength * np.einsum("qtk,tk->qt", light.toward, nadir), axis=0)
+    np.testing.assert_allclose(lit["flux"] - dark["flux"], want, rtol=1e-9)
+
+
+def several(n_each: int = 4) -> LightCurve:
+    n = 3 * n_each
+    return replace(
+        sky(n), curve=np.repeat(np.arange(3), n_each), curve_names=("a", "b", "c"),
+        free_scale=np.zeros(3, bool), site=np.array(["north", "south"] * (n // 2)),
+    )  # fmt: skip
+
+
+def test_members_and_sites_are_known_again_at_other_epochs():
+    fitted = several()
+    wanted = replace(
+        several(), curve_names=("c", "new", "a"), site=np.array(["south", "west"] * 6)
+    )  # fmt: skip
+    data = Epochs.of(wanted, fitted)
+    assert data.member.tolist() == [2] * 4 + [3] * 4 + [0] * 4
+    assert data.site.tolist() == [1, 2] * 6
+    assert (data.n_members, data.n_sites) == (3, 2)
+
+
+def test_members_and_sites_shift_magnitudes():
+    found = traced(several(), reflectance="lambertian", facets="+z@3,+x@5")
+    alone = traced(several(), reflectance="lambertian", facets="+z@3,+x@5", individuals=False,
+                   site_offsets=False)  # fmt: skip
+    data = Epochs.of(several())
+    shift = found["member_sd"] * found["member_unit"][data.member]
+    shift += found["site_sd"] * found["site_unit"][data.site]
+    assert found["member_unit"].shape == (4,)  # and one for a member not seen yet
+    np.testing.assert_allclose(found["expected"] - alone["expected"], shift, atol=1e-6)
+
+
+def test_extinction_is_linear_in_airmass():
+    found = traced(sky(), extinction=True, facets="+z@3,+x@5", reflectance="lambertian")
+    plain = traced(sky(), facets="+z@3,+x@5", reflectance="lambertian")
+    air = np.asarray(Epochs.of(sky()).airmass)
+    assert air.min() >= 1.0 - 1e-3
+    fainter = found["expected"] - plain["expected"]
+    np.testing.assert_allclose(fainter, found["extinction"] * air, atol=1e-6)
+
+
+def test_the_mixture_is_a_density_whose_outliers_are_bayes():
+    law = noise.Contaminated(1.0, 0.5, 0.1, 6.0)
+    total = integrate.quad(lambda y: float(jnp.exp(law.log_prob(y))), -20, 20, points=[1.0])[0]
+    assert total == pytest.approx(1.0, abs=1e-8)
+    near = 0.9 * stats.norm.pdf(3.0, 1.0, 0.5)
+    far = 0.1 * stats.norm.pdf(3.0, 1.0, 3.0)
+    assert float(law.outlier(3.0)) == pytest.approx(far / (near + far), rel=1e-10)
+    drawn = np.asarray(law.sample(jax.random.key(3), (20000,)))
+    # variance σ²(1 − ε + ε κ²) = 1.125; its standard error from the fourth moment, 4 of them
+    fourth = 3 * 0.5**4 * (0.9 + 0.1 * 6.0**4)
+    assert drawn.var() == pytest.approx(1.125, abs=4 * np.sqrt((fourth - 1.125**2) / 20000))
+    sane = noise.Contaminated(1.0, 0.5, 1e-12, 6.0)
+    assert float(sane.log_prob(1.2)) == pytest.approx(stats.norm.logpdf(1.2, 1.0, 0.5), abs=1e-9)
+
+
+def test_scatter_adds_to_the_errors_of_the_file():
+    curve = replace(sky(8), error=np.full(8, 0.2))
+    data = Epochs.of(curve)
+    problem = Problem(gallery.find("stabilised").bind({"facets": "+z@3,+x@5"}), data)
+    z = problem.prior_draw(jax.random.key(0), data)
+    sigma = float(problem.constrain(z, data)["sigma"])
+    np.testing.assert_allclose(problem.moments(z, data).sd, np.hypot(0.2, sigma), rtol=1e-12)
+
+
+def test_gradients_are_those_of_differences():
+    """With everything switched on."""
+    curve = several()
+    options = {"n_facets": 2, "facets": "+x~5", "extinction": True, "noise_law": "mixture",
+               "law": "lvlh"}  # fmt: skip
+    data = Epochs.of(curve)
+    problem = Problem(gallery.find("stabilised").bind(options), data)
+    z = problem.prior_draw(jax.random.key(4), data)
+    potential = jax.jit(problem.potential)
+    slope = jax.jit(jax.grad(problem.potential))(z, data)
+    step = 1e-5
+    along = np.asarray(jax.random.normal(jax.random.key(5), z.shape))
+    change = (potential(z + step * along, data) - potential(z - step * along, data)) / (2 * step)
+    assert float(change) == pytest.approx(float(slope @ along), rel=1e-5)
+
+
+def test_directions_turn_with_the_body():
+    """A facet at nadir under lvlh is one at −z under zenith, which is lvlh turned over."""
+    one = traced(sky(), law="lvlh", facets="+z@2", reflectance="non-lambertian")
+    other = traced(sky(), law="zenith", facets="-z@2", reflectance="non-lambertian")
+    np.testing.assert_allclose(one["flux"], other["flux"], rtol=1e-12)
+    axes = attitude.to_body(frames(catalogue.find("lvlh"), sky()).body, jnp.asarray(sky().sun))
+    assert axes.shape == (N, 3)
