@@ -372,13 +372,14 @@ def _match(
     mine = np.stack([phase, magnitude], axis=1) / unit
     samples = [mine]
     by_point = np.argsort(which, kind="stable")
-    begin = np.searchsorted(which[by_point], np.arange(n))
+    # each point of the observations once, where it is bright enough in some draw
     count = np.bincount(which, minlength=n)
+    bright = np.flatnonzero(count)
+    begin = np.searchsorted(which[by_point], bright)
     for _ in range(n_nulls):
-        # each point of the observations once, where it is bright enough in some draw
-        chosen = by_point[begin + (rng.random(n) * count).astype(int) % np.maximum(count, 1)]
-        again = values[chosen][count > 0]
-        samples.append(np.stack([phase[count > 0], again - np.median(again)], axis=1) / unit)
+        chosen = by_point[begin + (rng.random(n)[bright] * count[bright]).astype(int)]
+        again = values[chosen]
+        samples.append(np.stack([phase[bright], again - np.median(again)], axis=1) / unit)
     found = np.stack(reference.distances(samples), axis=1)
     own, null = found[0], found[1:]
     p = (1 + np.sum(null >= own, axis=0)) / (1 + n_nulls)

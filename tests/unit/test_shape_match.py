@@ -171,3 +171,16 @@ def test_conditions_that_are_not_met_are_said():
         Surface(0.7, 0.7)
     with pytest.raises(InputError, match=r"expected n_nulls >= 39"):
         shape_match(curve, n_nulls=3)
+
+
+def test_a_last_point_that_no_draw_would_show():
+    """Its error is so large that no orientation of a candidate is bright enough there."""
+    curve = seen("cube")
+    typical = float(np.median(curve.brightness))
+    flux, error = curve.brightness.copy(), curve.error.copy()
+    flux[-1], error[-1] = 60.0 * typical, 15.0 * typical
+    found = shape_match(
+        replace(curve, brightness=flux, error=error), some("cube"), n_nulls=39, n_draws=2000
+    )
+    assert found.n_obs == 200
+    assert 0.0 < found.matches[0].p_value <= 1.0
