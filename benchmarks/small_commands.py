@@ -48,7 +48,7 @@ def curves() -> dict[str, LightCurve]:
     edge = with_noise(one, flux_of(one, LVLH, crossing(one, LVLH, 5), 1.0), 0.01, 1)
     return {
         "spin": thinned(spinner(2013, 6, 50.0, "cylinder")[0]),
-        "glints": thinned(wire_flashes(3, 50.0)),
+        "glints": thinned(wire_flashes(3, 50.0)[0]),
         "single-facet": edge,
         "attitude-test": weeks,
         "shape-match": weeks,

@@ -25,7 +25,7 @@ facets is as likely as the others before the data. The run ends with exit status
 if its runs differ by more than bears a conclusion, or the particles lost their way.
 A run that was stopped goes on when the same command is given again.
 """
-FLAGS = ("law", "reflectance", "facets", "noise_law", "spin")
+FLAGS = ("law", "reflectance", "noise_law", "spin")
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_particles": "particles that move, in each run (default 100)",
@@ -38,7 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
     parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
     parser.add_argument(
-        "--facets", metavar="N-M", default="1-8", help="numbers to compare: 1-8 (default) or 1,2,4"
+        "--facets",
+        dest="counts",  # `facets` is an option of the model stabilised: --set facets=LIST
+        metavar="N-M",
+        default="1-8",
+        help="numbers to compare: 1-8 (default) or 1,2,4",
     )
     parser.add_argument(
         "--model", metavar="NAME", help="faceted (default), faceted-brdf, stabilised, a file"
@@ -63,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         for name in ("model", "sparse", *SETTINGS)
         if getattr(args, name) is not None
     }
-    counts = numbers(args.facets)
+    counts = numbers(args.counts)
     keywords |= model_options(args)
     if "n_facets" in keywords:
         raise InputError("--set n_facets does not go with compare; name the numbers with --facets")
