@@ -177,6 +177,7 @@ def test_a_last_point_that_no_draw_would_show():
     """Its error is so large that no orientation of a candidate is bright enough there."""
     curve = seen("cube")
     typical = float(np.median(curve.brightness))
+    assert curve.error is not None
     flux, error = curve.brightness.copy(), curve.error.copy()
     flux[-1], error[-1] = 60.0 * typical, 15.0 * typical
     found = shape_match(
