@@ -1,6 +1,7 @@
 """Starlink v1.5 as Pomenis saw it: fitted on one random half of the points, predicting the other.
 
-python benchmarks/pomenis.py [--facets 2] [--halves 10] [--compare FOLDER] [--keep FILE]
+python benchmarks/pomenis.py [--facets 2] [--halves 10] [--num-samples 3000] [--compare FOLDER]
+                             [--keep FILE]
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ def data() -> Path:
     return Path(os.environ.get("LCBAYES_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
-def half(curve: lcbayes.LightCurve, options: dict, seed: int) -> dict:
+def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) -> dict:
     """Of one division: residuals and coverage of the half that was not fitted."""
     first = np.random.default_rng(seed).permutation(curve.n_obs) < curve.n_obs // 2
     fitted, other = curve.select(first), curve.select(~first)
     begun = time.perf_counter()
-    found = lcbayes.fit(fitted, "stabilised", seed=seed, **options)
+    found = lcbayes.fit(fitted, "stabilised", seed=seed, **options, **settings)
     took = time.perf_counter() - begun
     columns, _ = predict(found.posterior, fitted, other, "stabilised", options, seed)
     residual = other.brightness - columns["mag_mean"]
@@ -53,14 +54,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--facets", type=int, default=2)
     parser.add_argument("--halves", type=int, default=10)
+    parser.add_argument("--num-samples", type=int, default=3000, help="draws of each chain")
     parser.add_argument("--compare", type=Path, help="results of lcbayes compare, to quote")
     parser.add_argument("--keep", type=Path, help="file of divisions done, to go on from")
     args = parser.parse_args()
     curve = read(data() / FILE)
     options = {"n_facets": args.facets}
+    settings = {"num_samples": args.num_samples}
     done = json.loads(args.keep.read_text()) if args.keep and args.keep.exists() else []
     for seed in range(len(done), args.halves):
-        done.append(half(curve, options, seed))
+        done.append(half(curve, options, settings, seed))
         print(json.dumps(done[-1]), flush=True)
         if args.keep:
             args.keep.write_text(json.dumps(done))
@@ -77,7 +80,8 @@ def main() -> None:
     text = (
         f"{curve.n_obs} AB magnitudes of satellites of one make over {np.ptp(curve.t) / 86400:.0f} "
         f"days; model `stabilised` as it stands but for `n_facets={args.facets}`: normals, areas "
-        "and surfaces unknown, nadir and the Sun's azimuth for axes, Student-t scatter.\n\n"
+        "and surfaces unknown, nadir and the Sun's azimuth for axes, Student-t scatter; four chains "
+        f"of {args.num_samples} draws.\n\n"
         f"{table(heads, rows)}\n\n"
         f"Median residual sd {np.median(column('sd')):.3f} mag (goal: at most {GOAL}; published "
         f"for these points {PUBLISHED[0]} with all of them fitted, {PUBLISHED[1]} from laboratory "

@@ -6,7 +6,8 @@ from collections.abc import Collection
 
 CARRIERS = frozenset(
     {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level", "noise_unit",
-     "tilt_unit", "logit_outlier_share", "log_outlier_excess", "member_unit", "site_unit"}
+     "tilt_unit", "logit_outlier_share", "log_outlier_excess", "member_unit", "site_unit",
+     "r_sum", "specular_share"}
 )  # fmt: skip
 
 

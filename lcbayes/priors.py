@@ -94,11 +94,15 @@ def normals(n_facets: int) -> jax.Array:
 def albedo_area(n_facets: int, log_mean: float = 0.0, log_sd: float = 1.0) -> jax.Array:
     """Log-normal albedo-areas α, m², (N,); Linares & Crassidis, eq. (7)."""
     _positive("log_area_sd", log_sd)
-    prior = dist.Normal(log_mean, log_sd).expand([n_facets]).to_event(1)
-    log_area = jnp.asarray(numpyro.sample("log_albedo_area", prior))
-    area = jnp.exp(log_area)
+    area = log_normal("albedo_area", n_facets, log_mean, log_sd)
     numpyro.deterministic("albedo_area", area)
     return area
+
+
+def log_normal(name: str, n: int, log_mean: float | jax.Array, log_sd: float) -> jax.Array:
+    """n positive values, carried by the site ``log_name``."""
+    prior = dist.Normal(log_mean, log_sd).expand([n]).to_event(1)
+    return jnp.exp(jnp.asarray(numpyro.sample(f"log_{name}", prior)))
 
 
 def sparse_area(albedo_area: jax.Array, weight: float) -> None:
@@ -113,34 +117,30 @@ def sparse_area(albedo_area: jax.Array, weight: float) -> None:
 
 
 def surface(
-    law: str,
-    n: int,
-    scales: Mapping[str, tuple[float, float]] = SPECULAR,
-    suffix: str = "",
+    law: str, n: int, scales: Mapping[str, tuple[float, float]] = SPECULAR, suffix: str = ""
 ) -> dict[str, jax.Array]:
-    """The parameters of a reflectance law for n facets, (n,) each: shares uniform over their range,
-    those in ``scales`` log-normal; sites have the parameters' names with a suffix."""
-    found = {}
-    for name, parameter in reflectance.get_law(law).parameters.items():
-        if name == "nv":  # the in-plane axis of an unknown facet is not observable enough to ask
-            continue
-        if name in scales:
-            median, sd = scales[name]
-            log = dist.Normal(jnp.log(median), sd).expand([n]).to_event(1)
-            log_value = numpyro.sample(f"log_{name}{suffix}", log)
-            found[name] = numpyro.deterministic(f"{name}{suffix}", jnp.exp(log_value))
-        elif parameter.default is None:
-            uniform = dist.Uniform(parameter.lower, parameter.upper).expand([n])
-            found[name] = numpyro.sample(f"{name}{suffix}", uniform.to_event(1))
+    """The parameters of a reflectance law for n facets, (n,) each; the caller records them.
+
+    Shares are uniform: r_diff and r_spec, where a law has both, over the triangle r_diff + r_spec
+    ≤ 1, in which no law gives back more light than it receives. Their coordinates are the sum
+    R ~ Beta(2, 1) and the specular share r_spec/R ~ U(0, 1): of a facet of unknown area the
+    light curve fixes the albedo-area and the share, and R is left to the prior. With r_diff and
+    r_spec for coordinates there is a curved ridge along which area grows as both shrink, which
+    chains explored five times as slowly. Parameters in ``scales`` are log-normal.
+    """
+    parameters = reflectance.get_law(law).parameters
+    parts = [name for name in ("r_diff", "r_spec", "w") if name in parameters]
+    total = dist.Beta(float(len(parts)), 1.0).expand([n]).to_event(1)
+    shares = [jnp.asarray(numpyro.sample(f"r_sum{suffix}", total))]
+    if len(parts) == 2:
+        uniform = dist.Uniform(0.0, 1.0).expand([n]).to_event(1)
+        share = jnp.asarray(numpyro.sample(f"specular_share{suffix}", uniform))
+        shares = [shares[0] * (1.0 - share), shares[0] * share]
+    found = dict(zip(parts, shares, strict=True))
+    for name, (median, sd) in scales.items():
+        if name in parameters:
+            found[name] = log_normal(f"{name}{suffix}", n, jnp.log(median), sd)
     return found
-
-
-def energy(law: str, parameters: Mapping[str, jax.Array]) -> None:
-    """Factor that keeps facets from giving back more light than they receive, where the bounds of
-    the law's parameters do not see to it: exp(−50 · excess of the sum of reflectances over 1)."""
-    if reflectance.get_law(law).sum_to_one:
-        excess = jnp.maximum(parameters["r_diff"] + parameters["r_spec"] - 1.0, 0.0)
-        numpyro.factor("energy", -50.0 * jnp.sum(excess))
 
 
 def deviations(name: str, n: int, median: float, log_sd: float = 1.0) -> jax.Array:

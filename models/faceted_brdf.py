@@ -10,8 +10,8 @@ from lcbayes.physics import brightness, photometry
 
 SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
 
-FACET_SITES = ("normals_base", "log_albedo_area", "r_diff", "r_spec", "w", "log_nu", "log_n",
-               "log_m")  # fmt: skip
+FACET_SITES = ("normals_base", "log_albedo_area", "r_sum", "specular_share", "log_nu",
+               "log_n", "log_m")  # fmt: skip
 
 
 def model(
@@ -66,9 +66,10 @@ def model(
     if sparsity:
         priors.sparse_area(albedo_area, sparsity)
     parameters = priors.surface(law, n_facets)
-    priors.energy(law, parameters)
-    shares = [parameters[k] for k in ("r_diff", "r_spec", "w") if k in parameters]
-    area = numpyro.deterministic("area", albedo_area / sum(shares))
+    for name, values in parameters.items():
+        numpyro.deterministic(name, values)
+    total = sum(parameters[k] for k in ("r_diff", "r_spec") if k in parameters)
+    area = numpyro.deterministic("area", albedo_area / total)
 
     def directions(t):
         return turned(t, data.sun, data.obs)

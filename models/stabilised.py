@@ -18,10 +18,10 @@ from lcbayes.physics.reflectance import LAWS
 
 SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
 UNIT = {"r_diff": 1.0, "w": 4.0 * jnp.pi}  # what makes area and albedo-area of a diffuse law one
-SPECULAR = {"nu": (30.0, 1.5), "n": (30.0, 1.5), "m": (0.3, 0.7)}
+SPECULAR = {"nu": (30.0, 1.0), "n": (30.0, 1.0), "m": (0.3, 0.7)}
 HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of those that are not
 FACET_SITES = ("free_normals_base", *(name + FREE for name in (
-    "log_area", "r_diff", "r_spec", "log_nu", "log_n", "log_m")))  # fmt: skip
+    "log_albedo_area", "r_sum", "specular_share", "log_nu", "log_n", "log_m")))  # fmt: skip
 
 NUM_STARTS = 96  # facets of known attitude have few solutions, and many individuals cost time
 
@@ -46,7 +46,7 @@ def model(
     site_offsets: bool = True,
     extinction: bool = False,
     earth_albedo: float = 0.0,
-    log_area_mean: float = 1.0,
+    log_area_mean: float = 0.0,
     log_area_sd: float = 1.5,
     noise_law: noise.Law = "student-t",
     scatter: float = 0.3,
@@ -76,7 +76,7 @@ def model(
     earth_albedo
         Of the ground, whose light falls on the satellite too; 0 leaves it out.
     log_area_mean, log_area_sd
-        Mean and sd of ln(area / m²).
+        Mean and sd of ln(α / m²), α = area · (r_diff + r_spec), of facets of unknown area.
     noise_law
         gaussian, student-t or mixture.
     scatter
@@ -162,34 +162,32 @@ def _normals(listed, free: int):
 
 def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[float, float]):
     """Area of each facet (N,) and the parameters of its reflectance, (N,) or (1,) if shared."""
-    unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
-    log = jnp.log(jnp.array([facet.area_m2 or 1.0 for facet in listed]))
-    if unknown:
-        prior = dist.Normal(*log_area).expand([len(unknown)]).to_event(1)
-        log = log.at[jnp.array(unknown)].set(numpyro.sample("log_area" + HELD, prior))
-    if free:
-        prior = dist.Normal(*log_area).expand([free]).to_event(1)
-        log = jnp.concatenate([log, numpyro.sample("log_area" + FREE, prior)])
-    area = jnp.exp(log)
-    numpyro.deterministic("area", area)
-    if LAWS[reflectance].diffuse:
-        known = {
-            k: p.default for k, p in LAWS[reflectance].parameters.items() if p.default is not None
-        }
-        unit = {k: v for k, v in UNIT.items() if k in LAWS[reflectance].parameters}
-        numpyro.deterministic("albedo_area", area)
-        return area, {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in (known | unit).items()}
-    if kind == "shared":
-        parameters = priors.surface(reflectance, 1, SPECULAR, "_shared")
+    law, share = LAWS[reflectance], jnp.ones(1)
+    if law.diffuse:
+        known = {k: p.default for k, p in law.parameters.items() if p.default is not None}
+        unit = {k: v for k, v in UNIT.items() if k in law.parameters}
+        parameters = {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in (known | unit).items()}
     else:
-        parts = [
-            priors.surface(reflectance, n, SPECULAR, suffix)
-            for n, suffix in ((len(listed), HELD), (free, FREE))
-            if n
-        ]
-        parameters = {k: jnp.concatenate([part[k] for part in parts]) for k in parts[0]}
-    priors.energy(reflectance, parameters)
-    for name, values in parameters.items():
-        numpyro.deterministic(name, values)
-    numpyro.deterministic("albedo_area", area * (parameters["r_diff"] + parameters["r_spec"]))
+        if kind == "shared":
+            parameters = priors.surface(reflectance, 1, SPECULAR, "_shared")
+        else:
+            parts = [
+                priors.surface(reflectance, n, SPECULAR, suffix)
+                for n, suffix in ((len(listed), HELD), (free, FREE))
+                if n
+            ]
+            parameters = {k: jnp.concatenate([part[k] for part in parts]) for k in parts[0]}
+        share = parameters["r_diff"] + parameters["r_spec"]
+        for name, values in parameters.items():
+            numpyro.deterministic(name, values)
+
+    # What the data fix is the albedo-area; where the area is given, it and the shares make that.
+    albedo_area = share * jnp.array([facet.area_m2 or 1.0 for facet in listed] + [1.0] * free)
+    unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
+    for which, suffix in ((unknown, HELD), (list(range(len(listed), len(listed) + free)), FREE)):
+        if which:
+            found = priors.log_normal(f"albedo_area{suffix}", len(which), *log_area)
+            albedo_area = albedo_area.at[jnp.array(which)].set(found)
+    numpyro.deterministic("albedo_area", albedo_area)
+    area = jnp.asarray(numpyro.deterministic("area", albedo_area / share))
     return area, parameters

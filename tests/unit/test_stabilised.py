@@ -135,9 +135,17 @@ def test_unlisted_facets_point_anywhere_and_partly_known_ones_about_where_they_a
 
 def test_surfaces_are_shared_or_separate():
     shared = traced(sky(8), n_facets=3, surface="shared")
-    assert shared["r_diff_shared"].shape == (1,)
+    assert shared["r_diff"].shape == (1,)
     separate = traced(sky(8), n_facets=3, facets="+z", surface="separate")
-    assert (separate["r_diff_held"].shape, separate["r_diff_free"].shape) == ((1,), (2,))
+    assert (separate["r_sum_held"].shape, separate["r_sum_free"].shape) == ((1,), (2,))
+    assert separate["r_diff"].shape == (3,)
+
+
+def test_areas_that_are_given_are_kept():
+    found = traced(sky(8), n_facets=3, facets="+x@2.5, +z", surface="separate")
+    assert found["area"][0] == pytest.approx(2.5, rel=1e-12)
+    total = found["r_diff"] + found["r_spec"]
+    np.testing.assert_allclose(found["albedo_area"], found["area"] * total, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
