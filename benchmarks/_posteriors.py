@@ -115,7 +115,8 @@ def _simulated(what: scenario.Scenario, model: str, options: dict[str, Any]) -> 
         "normals_base": jnp.array([f["normal"] for f in truth["facets"]]),
         "log_albedo_area": jnp.log(jnp.asarray(what.body.areas) * shares),
         "omega_unit": jnp.array(truth["attitude"].get("omega_rad_s", [0.0])) / 0.1,
-        **{k: p[k] for k in ("r_diff", "r_spec") if k in p},
+        "r_sum": shares,
+        "specular_share": p.get("r_spec", 0.0) / shares,
         **{f"log_{k}": jnp.log(p[k]) for k in ("nu",) if k in p},
     }
     return _at(problem, _climb(problem, problem.ravel(sites), data), data)

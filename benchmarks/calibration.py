@@ -28,6 +28,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
 from lcbayes.epochs import Epochs
 from lcbayes.inference import smc
+from lcbayes.inference.prior_mass import accepted
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
 
@@ -77,9 +78,9 @@ def main() -> None:
         told = jax.jit(
             lambda z, d, p=problem: jax.lax.map(lambda r: quantities(p.constrain(r, d)), z)
         )
-        truths = prior_bodies(problem, data, jax.random.key(n), EACH)
+        truths = accepted(problem, data, jax.random.key(n), EACH)
         flux = jax.jit(lambda z, d, p=problem: jax.lax.map(lambda r: p.moments(r, d).mean, z))
-        many = prior_bodies(problem, data, jax.random.key(100 + n), 400)
+        many = accepted(problem, data, jax.random.key(100 + n), 400)
         sd = float(np.median(np.mean(np.asarray(flux(many, data)), axis=1))) / SNR
         data = replace(data, error=jnp.full(data.t.size, sd))
         begun = time.monotonic()
@@ -96,21 +97,6 @@ def main() -> None:
         print(f"{n} facets: {took:.1f} s a problem", flush=True)
         rows.append([str(n), str(EACH), f"{took:.1f}"])
     report(np.array(ranks), rows, np.array(spreads))
-
-
-def prior_bodies(problem: Problem, data: Epochs, key: jax.Array, n: int) -> jax.Array:
-    """n draws (n, D) from the prior with its factors, which are at most one: by rejection."""
-
-    @jax.jit
-    def drawn(key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        key_draw, key_accept = jax.random.split(key)
-        z = problem.prior_draw(key_draw, data)
-        return z, jnp.log(jax.random.uniform(key_accept)) < problem.log_factors(z, data)
-
-    z, taken = jax.lax.map(drawn, jax.random.split(key, 60 * n))
-    found = z[np.asarray(taken)]
-    assert len(found) >= n
-    return found[:n]
 
 
 def pooled(found: smc.Runs, n: int) -> np.ndarray:

@@ -80,8 +80,8 @@ def main() -> None:
     text = (
         f"{curve.n_obs} AB magnitudes of satellites of one make over {np.ptp(curve.t) / 86400:.0f} "
         f"days; model `stabilised` as it stands but for `n_facets={args.facets}`: normals, areas "
-        "and surfaces unknown, nadir and the Sun's azimuth for axes, Student-t scatter; four chains "
-        f"of {args.num_samples} draws.\n\n"
+        "and surfaces unknown, nadir and the Sun's azimuth for axes, Student-t scatter; four "
+        f"chains of {args.num_samples} draws.\n\n"
         f"{table(heads, rows)}\n\n"
         f"Median residual sd {np.median(column('sd')):.3f} mag (goal: at most {GOAL}; published "
         f"for these points {PUBLISHED[0]} with all of them fitted, {PUBLISHED[1]} from laboratory "

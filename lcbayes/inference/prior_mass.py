@@ -6,8 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from lcbayes._jax import jax
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.errors import InputError
 from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.problem import Problem
 
@@ -24,6 +25,38 @@ def _factors(problem: Problem, data: Epochs, keys: jax.Array) -> jax.Array:
         return problem.log_factors(problem.prior_draw(key, data), data)
 
     return jax.lax.map(one, keys, batch_size=64)
+
+
+@partial(jax.jit, static_argnums=0)
+def _drawn(problem: Problem, data: Epochs, keys: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """A draw from the prior for each key, and whether its factors keep it."""
+
+    def one(key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        key_draw, key_keep = jax.random.split(key)
+        z = problem.prior_draw(key_draw, data)
+        return z, jnp.log(jax.random.uniform(key_keep)) < problem.log_factors(z, data)
+
+    return jax.lax.map(one, keys, batch_size=64)
+
+
+def accepted(problem: Problem, data: Epochs, key: jax.Array, n: int) -> jax.Array:
+    """n draws (n, D) from the prior with its factors, which are at most one: by rejection.
+
+    Raises
+    ------
+    InputError
+        If the factors keep fewer of 16,384 draws.
+    """
+    found = jnp.zeros((0, problem.dim))
+    for i in range(MAX_BATCHES):
+        keys = jax.random.split(jax.random.fold_in(key, i), 256)
+        z, kept = _drawn(problem, data, keys)
+        found = jnp.concatenate([found, z[np.asarray(kept)]])
+        if len(found) >= n:
+            return found[:n]
+    raise InputError(
+        f"the factors of the prior keep {len(found)} of {MAX_BATCHES * 256} draws; {n} are wanted"
+    )
 
 
 def log_prior_mass(problem: Problem, data: Epochs, key: jax.Array) -> LogEvidence:
