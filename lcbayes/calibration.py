@@ -107,14 +107,15 @@ def calibrate(
     from lcbayes.inference.prior_mass import accepted
     from lcbayes.inference.problem import compiled
 
-    if np.any(curve.free_scale) or (curve.kind == "flux" and not np.all(np.isfinite(curve.error))):
+    entry = gallery.find(model)
+    options = {k: v for k, v in asked.items() if k not in SETTINGS}
+    data = Epochs.of(curve)
+    told_by_flux = curve.kind == "flux" and bool(np.any(np.isnan(data.error)))
+    if np.any(curve.free_scale) or told_by_flux:
         raise InputError(
             "calibration draws scales and errors from their priors, and those of this curve are "
             "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
-    entry = gallery.find(model)
-    options = {k: v for k, v in asked.items() if k not in SETTINGS}
-    data = Epochs.of(curve)
     plain, _ = posed(entry, entry.check(options), data)
     told = quantities or scalars
     places, trusted, kept = [], [], ()
@@ -126,13 +127,15 @@ def calibrate(
             seen = replace(curve, brightness=drawn)
             found = fit(seen, model, seed=seed + i, **asked)
             sites = {
-                k: np.asarray(v).reshape(-1, *v.shape[2:])
+                str(k): np.asarray(v).reshape(-1, *v.shape[2:])
                 for k, v in found.posterior.data_vars.items()
             }
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)
             true = {k: np.asarray(v)[0] for k, v in true.items()}
             likelihood = compiled(plain.log_likelihood)(truth, Epochs.of(seen))
-            among = found.tree["log_likelihood"][OBSERVED].values.sum(axis=-1).ravel()
+            among = (
+                found.tree["log_likelihood"].to_dataset()[OBSERVED].to_numpy().sum(axis=-1).ravel()
+            )
             of_draws = told(sites) | {LIKELIHOOD: among}
             of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)
