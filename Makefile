@@ -98,5 +98,5 @@ format: env
 
 clean:
 	@rm -rf $(VENV) build dist *.egg-info demo docs/_build docs/api .pytest_cache .ruff_cache .coverage
-	@find docs/gallery -mindepth 1 ! -name '*.toml' -delete
+	@find docs/gallery -mindepth 1 ! -name '*.toml' ! -name '*.obj' -delete
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

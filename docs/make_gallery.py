@@ -69,7 +69,7 @@ class Scenario:
 MODELS = (
     Scenario("faceted", "two-facet-spin", ("--n-facets", "2")),
     Scenario("faceted-brdf", "docs/gallery/faceted-brdf.toml", ("--n-facets", "1", "--spin", "none")),
-    Scenario("convex-grid", "brick", ("--period", "5.76")),
+    Scenario("convex-grid", "docs/gallery/convex-grid.toml", ("--period", "5.76")),
     Scenario("stabilised", "docs/gallery/stabilised.toml",
              ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian")),
 )  # fmt: skip
@@ -241,7 +241,10 @@ def index(names: Sequence[str]) -> str:
         picture = re.search(r"!\[([^\]]*)\]\(([^)]+)\)", text)
         assert picture, f"{name} shows nothing"
         cells.append((name, title, picture[2]))
-    for head, rows in (("Models", cells[: len(MODELS)]), ("The papers' figures", cells[len(MODELS) :])):
+    for head, rows in (
+        ("Models", cells[: len(MODELS)]),
+        ("The papers' figures", cells[len(MODELS) :]),
+    ):
         lines += [f"## {head}", "", "| | |", "|---|---|"]
         lines += [f"| ![]({image}) | [{title}](gallery/{name}.md) |" for name, title, image in rows]
         lines.append("")

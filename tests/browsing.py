@@ -75,7 +75,7 @@ LOOK = """() => {
       (e) => seen(e) && e.getBoundingClientRect().right > document.documentElement.clientWidth + 1
         && !e.closest(".scroll, pre, .table-wrapper"));
     wrong.add(`${out} px stick out at ${innerWidth}: `
-      + widest.slice(0, 3).map((e) => `<${e.tagName.toLowerCase()} class="${e.className}">`).join(" "));
+      + widest.slice(0, 3).map((e) => `<${e.tagName} class="${e.className}">`).join(" "));
   }
   if (!document.title.trim()) wrong.add("no title");
   if (!document.documentElement.lang) wrong.add("no language");
