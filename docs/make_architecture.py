@@ -1,4 +1,6 @@
-"""Draw `docs/figures/architecture.svg`, the layers of the package: `python docs/make_architecture.py`.
+"""Draw `docs/figures/architecture.svg`, the layers of the package.
+
+python docs/make_architecture.py
 
 `tests/contract/test_imports.py` holds `LAYERS` against the rules that it checks.
 """
@@ -19,8 +21,10 @@ LAYERS = {
     "ground": ("lcbayes._jax, lcbayes.errors", ()),
     "physics": ("lcbayes.physics", ("ground",)),
     "io": ("lcbayes.io", ("ground", "core")),
-    "core": ("light curves, priors, noise, inference, scenarios,\nresults, methods without inversion",
-             ("physics", "io")),
+    "core": (
+        "light curves, priors, noise, inference, scenarios,\nresults, methods without inversion",
+        ("physics", "io"),
+    ),
     "models": ("lcbayes.models", ("core",)),
     "analysis": ("lcbayes.analysis: figures, pages", ("models",)),
     "front door": ("lcbayes.cli, lcbayes.commands, lcbayes itself", ("analysis",)),

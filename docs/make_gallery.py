@@ -51,7 +51,8 @@ try:
 finally:
     read |= {getattr(m, "__file__", None) or "" for m in list(sys.modules.values())}
     paths = {pathlib.Path(name).resolve() for name in read if name}
-    kept = [p for p in paths if p.is_relative_to(root) and p.is_file() and "__pycache__" not in p.parts]
+    paths = {p for p in paths if p.is_relative_to(root) and p.is_file()}
+    kept = [p for p in paths if "__pycache__" not in p.parts]
     pathlib.Path(noted).write_text(json.dumps(sorted(str(p.relative_to(root)) for p in kept)))
 """
 NOT_SOURCES = (".venv/", "docs/gallery/", "docs/_build/", ".git/")
@@ -68,7 +69,8 @@ class Scenario:
 
 MODELS = (
     Scenario("faceted", "two-facet-spin", ("--n-facets", "2")),
-    Scenario("faceted-brdf", "docs/gallery/faceted-brdf.toml", ("--n-facets", "1", "--spin", "none")),
+    Scenario("faceted-brdf", "docs/gallery/faceted-brdf.toml",
+             ("--n-facets", "1", "--spin", "none")),
     Scenario("convex-grid", "docs/gallery/convex-grid.toml", ("--period", "5.76")),
     Scenario("stabilised", "docs/gallery/stabilised.toml",
              ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian")),
@@ -99,8 +101,7 @@ def run(kind: str, words: Sequence[str], files: set[str]) -> tuple[str, int]:
         noted = Path(scratch) / "read.json"
         done = subprocess.run(
             [sys.executable, "-c", WATCH, str(noted), kind, *words], cwd=ROOT, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            capture_output=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         if done.returncode not in (0, 3):
             raise SystemExit(f"{shlex.join(words)} failed:\n{done.stderr[-3000:]}")
