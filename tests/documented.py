@@ -76,7 +76,7 @@ def damit(curve: LightCurve, to: Path) -> None:
 
 def provide(folder: Path, words: list[str]) -> None:
     """The files that a command names and a user would have, made unless they are there."""
-    tle = "--tle" in words
+    tle = any(word.endswith(".tle") for word in words)
     makers = {
         r"(pass|passes|mine|tumbler|geo)\.csv": lambda p: with_elements(p) if tle else turning(p),
         r"(object|objects|geo)\.tle": lambda p: copy("box-wing.tle", p),

@@ -47,6 +47,7 @@ def test_damaged_texts_are_read_or_refused(name, tmp_path):
     @given(damaged(name))
     @example(b"")
     @example(b"\x00" * 50)
+    @example(b"#a\n# - {name: a1")
     @example(b"a = " + b"[" * 5000)
     def try_one(content: bytes) -> None:
         readers.give(name, content, tmp_path)
