@@ -8,6 +8,7 @@ Whole processes, the best and the median of 21, after one that is not counted: `
 
 from __future__ import annotations
 
+import os
 import statistics
 import subprocess
 import sys
@@ -34,13 +35,14 @@ def seconds(words: list[str]) -> list[float]:
 
 
 def main() -> None:
-    rows = []
+    load, rows = os.getloadavg()[0], []
     for name, (words, goal) in WHAT.items():
         took = seconds(words)
         cells = [f"{min(took):.3f}", f"{statistics.median(took):.3f}"]
         rows.append([name, *cells, "" if goal is None else f"{goal:g}"])
         print(*rows[-1], flush=True)
     text = table(["whole process", "best (s)", "median (s)", "goal (s)"], rows)
+    text += f"\n\nOther work on the machine: load average {load:.1f} at the beginning."
     write_section("Start-up", "python benchmarks/start_up.py", text)
 
 

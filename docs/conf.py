@@ -27,7 +27,7 @@ html_extra_path = ["_build/extra"]
 (ROOT / "docs" / "_build" / "extra").mkdir(parents=True, exist_ok=True)
 
 myst_heading_anchors = 3  # links such as models.md#a-facet-that-is-never-seen
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["attrs_inline"]  # widths of the gallery's pictures
 
 apidoc_modules = [
     {

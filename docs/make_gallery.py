@@ -185,9 +185,7 @@ def model_page(made: Scenario, folder: Path, files: set[str]) -> str:
     files |= {str(scenario.relative_to(ROOT)), str(source.relative_to(ROOT))}
     return f"""# {made.model}
 
-```text
-{options.strip()}
-```
+{options.partition(": ")[2].partition(chr(10))[0].capitalize()}.
 
 ## A light curve of known truth, and its fit
 
@@ -198,6 +196,13 @@ def model_page(made: Scenario, folder: Path, files: set[str]) -> str:
 <a href="../reports/{made.model}.html">The whole report</a>, as `lcbayes fit` writes it.
 
 {shown_pictures}
+
+## Its parameters and options
+
+```text
+$ lcbayes models {made.model}
+{options.strip()}
+```
 
 ## The scenario
 
@@ -223,7 +228,7 @@ def page(name: str, make: Callable[[Path, set[str]], str]) -> None:
     begun = time.monotonic()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    files: set[str] = set()
+    files = {"docs/make_gallery.py"}
     text = make(folder, files)
     took = round(time.monotonic() - begun)
     (OUT / f"{name}.md").write_text(text, encoding="utf-8")
@@ -247,7 +252,10 @@ def index(names: Sequence[str]) -> str:
         ("The papers' figures", cells[len(MODELS) :]),
     ):
         lines += [f"## {head}", "", "| | |", "|---|---|"]
-        lines += [f"| ![]({image}) | [{title}](gallery/{name}.md) |" for name, title, image in rows]
+        lines += [
+            f"| ![{title}](gallery/{image}){{width=260px}} | [{title}](gallery/{name}.md) |"
+            for name, title, image in rows
+        ]
         lines.append("")
     listed = "\n".join(f"gallery/{name}" for name in names)
     return "\n".join(lines) + f"\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
