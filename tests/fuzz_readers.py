@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-import atheris
+import atheris  # pyright: ignore[reportMissingImports]
 
 with atheris.instrument_imports(include=["lcbayes"]):
     import readers

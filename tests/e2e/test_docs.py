@@ -28,7 +28,7 @@ SOONER = {
 BLOCKS = [block for page in PAGES for block in documented.blocks(page)]
 SHELL = [block for block in BLOCKS if block.language == "sh"]
 NOT_RUN = {"docs/batch.md": "needs a Dask cluster at that address"}
-QUICK = {"docs/quickstart.md"}
+QUICKSTART, PASTED = "docs/quickstart.md", 5  # its commands that need no file of the reader
 
 
 def label(block: Block) -> str:
@@ -74,21 +74,23 @@ def test_every_command_of_the_pages_and_of_help_is_understood():
     assert set(cli.COMMANDS) <= named | inline, "a command that no page shows"
 
 
-def run_page(page: str, folder: Path) -> None:
-    for words in commands(page):
+def run_page(page: str, folder: Path, first: int | None = None) -> None:
+    for words in commands(page)[:first]:
         documented.provide(folder, words)
         sooner = SOONER.get(words[0], []) if "--config" not in words else []
         status = cli.main([*words, *sooner])
         assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=[] if page in QUICK else pytest.mark.slow)
-        for page in dict.fromkeys(b.page for b in SHELL)
-    ],
-)
+def test_the_quickstart_can_be_pasted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(QUICKSTART, tmp_path, PASTED)
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert len((tmp_path / "brightness.csv").read_text().splitlines()) > 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", dict.fromkeys(b.page for b in SHELL))
 def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_page(page, tmp_path)
@@ -131,7 +133,7 @@ def test_the_model_file_of_the_docs_fits(tmp_path):
 
 
 TRIED_ABOVE = {"README.md", "docs/models.md"}
-CHEAP = {"docs/attitude-laws.md", "docs/quickstart.md"}
+CHEAP = {"docs/attitude-laws.md"}
 
 
 @pytest.mark.usefixtures("few")
