@@ -6,6 +6,7 @@ import re
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -136,7 +137,13 @@ def three_facets(to: Path) -> None:
 def earlier_fit(scenario: Path, out: Path) -> None:
     curve = scenario.with_name("earlier.csv")
     simulate(scenario, curve)
-    few = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 8, "max_modes": 1}
+    few: dict[str, Any] = {
+        "num_warmup": 50,
+        "num_samples": 50,
+        "num_chains": 2,
+        "num_starts": 8,
+        "max_modes": 1,
+    }
     lcbayes.fit(lcbayes.read(curve), n_facets=3, out=out, seed=1, **few)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import atheris  # pyright: ignore[reportMissingImports]
 
-with atheris.instrument_imports(include=["lcbayes"]):
+with atheris.instrument_imports(include=["lcbayes"]):  # pyright: ignore
     import readers
 
 NAMES = tuple(readers.READERS)
