@@ -73,7 +73,8 @@ MODELS = (
              ("--n-facets", "1", "--spin", "none")),
     Scenario("convex-grid", "docs/gallery/convex-grid.toml", ("--period", "5.76")),
     Scenario("stabilised", "docs/gallery/stabilised.toml",
-             ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian")),
+             ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian",
+         "--num-samples", "1500")),
 )  # fmt: skip
 
 
