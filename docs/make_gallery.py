@@ -74,7 +74,7 @@ MODELS = (
     Scenario("convex-grid", "docs/gallery/convex-grid.toml", ("--period", "5.76")),
     Scenario("stabilised", "docs/gallery/stabilised.toml",
              ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian",
-         "--num-samples", "1500")),
+              "--num-samples", "1500")),
 )  # fmt: skip
 
 
