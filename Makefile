@@ -1,6 +1,7 @@
 # make demo      the main job on a bundled light curve, and where its report is
 # make test      the tests, without the long statistical runs
 # make test-all  every test
+# make docs      the site, with a gallery whose pages are made anew where they changed
 # make lint      formatting, lint and types, as CI checks them (make format repairs)
 # make clean     removes the environment and whatever else was made here
 #
@@ -32,10 +33,10 @@ ifneq ($(PYTHON),)
     [ "$$("$(PYTHON)" -c '$(BASE)')" = "$$($(BIN)/python -c '$(BASE)')" ] || rm -rf $(VENV))
 endif
 
-.PHONY: help demo env test test-all lint format clean
+.PHONY: help demo env test test-all docs lint format clean
 
 help:
-	@sed -n '1,7s/^# \{0,1\}//p' Makefile
+	@sed -n '1,8s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@for candidate in $(if $(PYTHON),"$(PYTHON)",$(CANDIDATES)); do \
@@ -61,6 +62,11 @@ $(VENV)/.installed-dev: pyproject.toml $(BIN)/python
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -e '.[dev]'
 	@touch $(VENV)/.installed $@
 
+$(VENV)/.installed-docs: pyproject.toml $(BIN)/python
+	@echo "installing lcbayes and what makes its site into $(VENV), about a minute"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -e '.[docs]'
+	@touch $(VENV)/.installed $@
+
 env: $(VENV)/.installed-dev
 
 demo: $(VENV)/.installed
@@ -76,6 +82,11 @@ test: env
 test-all: env
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
+docs: $(VENV)/.installed-docs
+	@$(BIN)/python docs/make_gallery.py
+	@$(BIN)/python -m sphinx -b html -q -W --keep-going -d docs/_build/doctrees docs docs/_build/html
+	@echo "site: $(CURDIR)/docs/_build/html/index.html"
+
 lint: env
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -86,5 +97,6 @@ format: env
 	@$(BIN)/ruff format .
 
 clean:
-	@rm -rf $(VENV) build dist *.egg-info demo .pytest_cache .ruff_cache .coverage
+	@rm -rf $(VENV) build dist *.egg-info demo docs/_build docs/api .pytest_cache .ruff_cache .coverage
+	@find docs/gallery -mindepth 1 ! -name '*.toml' ! -name '*.obj' -delete
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

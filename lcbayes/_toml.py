@@ -43,6 +43,8 @@ def read_toml(path: str | Path) -> Table:
         what, _, where = str(fault).rpartition(" (at ")
         where = where.removesuffix(")")
         raise InputError(f"{path}, {where}: not TOML ({what}); correct that line") from None
+    except RecursionError:
+        raise InputError(f"{path}: arrays or tables lie too deep in one another") from None
     return Table(path, data, (), _lines_of(text))
 
 

@@ -76,6 +76,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_INTERRUPTED
+    except OSError as fault:  # a disk that is full, a folder that was taken away
+        said = f"{fault.filename}: {fault.strerror}" if fault.filename else str(fault)
+        print(
+            f"lcbayes {args.command}: {' '.join(said.split())}; what was there before is as it "
+            "was: make room, or choose another place, and give the same command again",
+            file=sys.stderr,
+        )
+        return EXIT_BAD_INPUT
 
 
 if __name__ == "__main__":

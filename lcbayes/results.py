@@ -167,7 +167,9 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
                 encoding.setdefault(node.path, {})[str(name)] = {
                     "zlib": True, "complevel": 1, "shuffle": True, "dtype": kind,
                 }  # fmt: skip
-    write_atomic(path, lambda p: found.to_netcdf(p, engine="h5netcdf", encoding=encoding))
+    # made in memory: HDF5 crashes the process where the disk fills while it writes
+    content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
+    write_atomic(path, lambda p: p.write_bytes(content))
 
 
 def save_json(content: Mapping[str, Any], path: Path) -> None:

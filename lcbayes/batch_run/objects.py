@@ -74,6 +74,8 @@ def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> l
 def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     file = read_text(path)
     kept = [(i, x) for i, x in enumerate(file.text.split("\n"), 1) if x.strip() and x[0] != "#"]
+    if not kept:
+        raise InputError(f"{path} holds comments alone; a catalogue has a head and rows")
     table = csv.reader(line for _, line in kept)
     heads = [head.strip() for head in next(table)]
     if "curve" not in heads:

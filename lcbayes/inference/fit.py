@@ -22,7 +22,7 @@ from lcbayes.inference import evidence, information, population, search, solutio
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import Problem, Sites, prior_draws
+from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.inference.start_from import placed
@@ -133,6 +133,8 @@ def run(
             mode.z = _in_order(plain, entry.facet_sites, mode.z, mode.solution.z, data)
         return Posterior(plain, data, modes, len(starts), timing, reasons)
 
+    if plain is not problem and not _hold(plain, problem, found, data):
+        problem = plain
     own_order = FacetOrder(problem, entry.facet_sites)
     sampler = Sampler(problem, settings, workers)
     modes: list[Mode] = []
@@ -155,6 +157,19 @@ def run(
     weigh(modes)
     modes.sort(key=lambda m: -m.weight)
     return Posterior(problem, data, modes, len(starts), timing)
+
+
+def _hold(
+    plain: Problem, problem: Problem, found: Sequence[solutions.Solution], data: Epochs
+) -> bool:
+    """Whether the model's own coordinates tell every solution.
+
+    They are there to sample well, not to say what the posterior is, and may fail at bodies of an
+    extreme kind: the moments of a brick's areas, nearly all in six places, do not give them back.
+    """
+    density = compiled(problem.potential)
+    at = (_translate(plain, problem, solution.z, data) for solution in found)
+    return all(np.isfinite(density(jnp.asarray(z), data)) for z in at)
 
 
 def digest(curve: LightCurve) -> str:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 
@@ -116,6 +117,20 @@ def test_imports_point_one_way(module):
         if _ours(name) and _layer(name) != layer and _layer(name) not in ALLOWED[layer]
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_picture_shows_these_rules():
+    """An arrow of docs/figures/architecture.svg is a way down; all below may be imported from."""
+    layers = run_path(str(ROOT / "docs" / "make_architecture.py"))["LAYERS"]
+
+    def below(layer: str, seen: frozenset[str]) -> set[str]:
+        direct = set(layers[layer][1]) - seen
+        return direct.union(*(below(other, seen | {layer} | direct) for other in direct))
+
+    # io and core are side by side: io does not inherit what core may import from
+    reach = {layer: below(layer, frozenset({layer})) for layer in layers}
+    reach["io"] = set(layers["io"][1])
+    assert reach == ALLOWED
 
 
 def test_no_circles():

@@ -24,7 +24,7 @@ def brick(tmp_path):
     return tmp_path / "brick.csv"
 
 
-def test_a_brick_from_file_to_shape(brick, tmp_path, capsys):
+def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     out = tmp_path / "out"
     (out / "figures").mkdir(parents=True)
     (out / "figures" / "stale.svg").write_text("")
@@ -54,6 +54,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys):
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {"albedo-area.svg", "fit.svg", "shape.svg"}
     assert not list(out.glob(".*"))
+    look(out / "albedo_area.html")
     # the same command gives the same numbers
     assert cli.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
     assert json.loads(capsys.readouterr().out) == found

@@ -13,7 +13,7 @@ from lcbayes import cli
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
 
 
-def test_a_scenario_is_judged_and_planned(tmp_path, capsys):
+def test_a_scenario_is_judged_and_planned(tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["observability", "two-facet-spin", "-o", str(out), "--plan", "5", "--visit", "20"]
     assert cli.main([*argv, "--json"]) == EXIT_DONE
@@ -36,6 +36,7 @@ def test_a_scenario_is_judged_and_planned(tmp_path, capsys):
     assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
     page = (out / "observability.html").read_text()
     assert "All of the 9 unknowns are seen." in page
+    look(out / "observability.html", turning=1)
     assert not re.search(r"(?:src|href)=\"(?!data:)", page)
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {f"{n}.svg" for n in ("bounds", "hemisphere", "information", "plan", "seen")}

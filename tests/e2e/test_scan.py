@@ -30,7 +30,7 @@ def asteroid(tmp_path_factory):
     return folder, argv, cli.main([*argv, "-o", str(folder / "out")])
 
 
-def test_a_spin_from_file_to_page(asteroid, capsys):
+def test_a_spin_from_file_to_page(asteroid, capsys, look):
     folder, argv, status = asteroid
     out = folder / "out"
     assert status == EXIT_DONE
@@ -53,6 +53,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys):
         rows = list(csv.DictReader(file))
     assert len(rows) == found["n_hypotheses"]
     assert min(float(r["chi2"]) for r in rows) > 0
+    look(out / "report.html")
     page = (out / "report.html").read_text()
     assert "Best spin: pole (" in page
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")

@@ -32,7 +32,7 @@ def files(tmp_path_factory):
     return folder
 
 
-def test_attitude_test(files, tmp_path, capsys):
+def test_attitude_test(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["attitude-test", str(files / "weeks.csv"), "-o", str(out), "--bodies", "99",
             "--law", "lvlh", "--law", "sun-north", "--law", "polar-spin:period_s=40"]  # fmt: skip
@@ -44,13 +44,14 @@ def test_attitude_test(files, tmp_path, capsys):
     found = json.loads((out / "attitude_test.json").read_text())
     assert found["laws"][0]["name"] == "lvlh"
     assert {p.name for p in (out / "figures").iterdir()} == {"laws.svg", "pairs.svg"}
+    look(out / "attitude_test.html")
     assert cli.main(["attitude-test", "--list"]) == EXIT_DONE
     assert "yaw-steering" in capsys.readouterr().out
     assert cli.main(["attitude-test", "x.csv", "-o", "y", "--law", "hover"]) == EXIT_BAD_INPUT
     assert "unknown attitude law 'hover'" in capsys.readouterr().err
 
 
-def test_single_facet(files, tmp_path, capsys):
+def test_single_facet(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["single-facet", str(files / "pass.csv"), "-o", str(out), "--json"]
     assert cli.main(argv) == EXIT_DONE
@@ -60,9 +61,10 @@ def test_single_facet(files, tmp_path, capsys):
     assert found["kind"]["visibility"] + found["kind"]["illumination"] > 0.0
     assert len(found["region"]["normals"]) >= 150
     assert {p.name for p in (out / "figures").iterdir()} == {"edge.svg", "normal.svg"}
+    look(out / "single_facet.html")
 
 
-def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys):
+def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["shape-match", str(files / "weeks.csv"), "-o", str(out), "--shape", "cube"]
     assert cli.main(argv) == EXIT_NOT_TRUSTED
@@ -70,5 +72,6 @@ def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys):
     assert told.startswith("NOT to be trusted: ")
     assert "looks stabilised" in told or "independent" in told
     assert (out / "figures" / "distributions.svg").exists()
+    look(out / "shape_match.html")
     assert cli.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT
     assert "unknown shape 'pyramid'; available: cube, " in capsys.readouterr().err

@@ -15,7 +15,7 @@ from lcbayes import cli
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 
 
-def test_a_spin_from_file_to_pole(tmp_path, capsys):
+def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     curve, truth = spinner(2013, 4, 50.0, "cylinder")
     lcbayes.write(curve, tmp_path / "passes.csv")
     out = tmp_path / "out"
@@ -36,6 +36,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys):
         "periodogram.svg", "synodic.svg", "pole.svg",
     }  # fmt: skip
     assert not list(out.glob(".*"))
+    look(out / "spin.html")
 
 
 def test_no_pole_where_there_is_none(tmp_path, capsys):
@@ -49,7 +50,7 @@ def test_no_pole_where_there_is_none(tmp_path, capsys):
     assert "no period is seen" in found["reasons"][0]
 
 
-def test_glints_from_file_to_directions(tmp_path, capsys):
+def test_glints_from_file_to_directions(tmp_path, capsys, look):
     curve, attitude, axis = wire_flashes(3, 50.0)
     lcbayes.write(curve, tmp_path / "wire.csv")
     out = tmp_path / "out"
@@ -62,6 +63,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys):
     assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert found["glints"][0]["sharp_and_small"] in (True, False)
     assert {p.name for p in (out / "figures").iterdir()} == {"glints.svg", "directions.svg"}
+    look(out / "glints.html")
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
     assert cli.main(argv) == EXIT_NOT_TRUSTED

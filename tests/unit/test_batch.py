@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 
+import browsing
 import pytest
 
 from lcbayes.analysis import batch_page, style
@@ -92,13 +93,16 @@ def test_table_and_summary_count_and_name():
     assert read[2]["chi2"] == ""
 
 
-def test_page_and_figure_of_failed_and_of_good_objects(tmp_path):
+def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
     run = {"catalogue": "/somewhere/night.csv", "version": "0"}
     said = table.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
     page = batch_page.write(tmp_path, said, run).read_text()
     assert "1 of 3 objects have a result that is trusted" in page
     assert "c.csv, line 3: &#39;x&#39; is no number" in page
     assert (tmp_path / "figures" / "batch.png").stat().st_size > 5000
+    evil = failed(Object(browsing.EVIL_TEXT, browsing.EVIL_FILE), browsing.EVIL_TEXT, 0.1)
+    said["objects"] = [*said["objects"], evil]
+    look(batch_page.write(tmp_path, said, run | {"catalogue": browsing.EVIL_FILE}))
     gallery = style.Gallery(tmp_path)
     only = batch_page.draw(rows()[2:], gallery)  # nothing but a failure can be drawn too
     right = only.axes[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import browsing
 import numpy as np
 import pytest
 
@@ -158,8 +159,8 @@ def test_what_python_gets(tmp_path):
 
 
 @pytest.mark.parametrize("good", [True, False])
-def test_the_page(tmp_path, good):
-    told = summary(*THREE, failed=[] if good else ["5 facets: <lost>"])
+def test_the_page(tmp_path, good, look):
+    told = summary(*THREE, failed=[] if good else ["5 facets: <lost>", browsing.EVIL_TEXT])
     path = comparison_page.write(tmp_path, told, RUN)
     page = path.read_text(encoding="utf-8")
     assert path == tmp_path / "compare.html"
@@ -172,6 +173,7 @@ def test_the_page(tmp_path, good):
     assert 'src="data:image/svg+xml' in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert not list(Path(tmp_path).glob(".*"))
+    look(comparison_page.write(tmp_path, told, RUN | {"curve": browsing.EVIL_FILE}))
 
 
 def test_the_figure_holds_far_differences():

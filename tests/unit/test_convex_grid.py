@@ -5,10 +5,13 @@ from functools import partial
 import numpy as np
 import pytest
 
+from lcbayes import gallery
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference import search
+from lcbayes.inference import fit, search
+from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem
+from lcbayes.inference.solutions import Solution
 from lcbayes.lightcurve import LightCurve
 from lcbayes.models import convex_grid
 from lcbayes.physics import attitude, brightness, facets
@@ -137,3 +140,16 @@ def test_search_finds_a_known_ellipsoid():
     assert np.degrees(np.arccos(pole @ unit(*POLE_DEG))) < 4.0
     assert found["period_h"] == pytest.approx(PERIOD_H, abs=3e-4)
     assert found["sigma"] == pytest.approx(0.005, rel=0.5)
+
+
+@pytest.mark.parametrize(("size", "holds"), [(0.1, True), (60.0, False)])
+def test_moments_are_left_where_they_do_not_give_a_body_back(size, holds):
+    """Nearly all area in a few places, as of a brick: the plain coordinates are sampled there."""
+    data = Epochs.of(observed())
+    plain, own = posed(gallery.find("convex-grid"), SMALL, data)
+    drawn = plain.constrain(plain.prior_draw(jax.random.key(0), data), data)
+    sites = {name: drawn[name] for name in plain.names}
+    rng = np.random.default_rng(0)
+    sites["coefficients"] = jnp.asarray(size * rng.standard_normal(drawn["coefficients"].shape))
+    solution = Solution(np.asarray(plain.ravel(sites)), 0.0, 0.0, 0.0, 1)
+    assert fit._hold(plain, own, [solution], data) is holds

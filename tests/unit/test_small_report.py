@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import browsing
 import pytest
 
 from lcbayes.analysis import small_report
@@ -24,7 +25,7 @@ def made(folder, reasons: list[str]) -> str:
 
 
 @pytest.mark.parametrize("reasons", [[], ["too few <points>", "no edge"]])
-def test_the_page(tmp_path, reasons):
+def test_the_page(tmp_path, reasons, look):
     page = made(tmp_path, reasons)
     assert {p.name for p in tmp_path.iterdir()} == {
         "single_facet.json", "single_facet.txt", "single_facet.html", "figures"
@@ -39,6 +40,8 @@ def test_the_page(tmp_path, reasons):
     assert "axis at 3 &amp; 4 deg" in page
     assert 'alt="A line."' in page
     assert "http" not in page.replace("http-equiv", "")
+    made(tmp_path, [*reasons, browsing.EVIL_TEXT])
+    look(tmp_path / "single_facet.html")
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):

@@ -1,0 +1,43 @@
+"""One browser for all tests of pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import browsing
+import pytest
+
+
+@pytest.fixture(scope="session")
+def _chromium() -> Iterator[object | None]:
+    if browsing.executable() is None or not browsing.has_driver():
+        yield None
+        return
+    with browsing.chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(_chromium) -> object:
+    """Chromium; the test is skipped where there is none."""
+    if _chromium is None:
+        pytest.skip(f"needs playwright and one of {', '.join(browsing.NAMES)} on the path")
+    return _chromium
+
+
+@pytest.fixture
+def look(_chromium) -> Callable[..., None]:
+    """Assert that a page is right in a browser; where there is none, only its text was tested."""
+
+    def check(page: Path, turning: int = 0) -> None:
+        if _chromium is None:
+            return
+        seen = browsing.look(_chromium, page)
+        assert seen.faults == []
+        assert len(seen.views) == turning
+        for start, dragged, turned, back in seen.views:
+            assert len({start, dragged, turned}) == 3
+            assert back == start
+
+    return check

@@ -1,0 +1,181 @@
+"""Every code block of README and docs runs, with fewer draws than a reader would take."""
+
+from __future__ import annotations
+
+import functools
+import re
+from pathlib import Path
+
+import documented
+import pytest
+from documented import PAGES, ROOT, Block
+
+import lcbayes
+from lcbayes import cli
+from lcbayes.scenario import load
+
+# Added to the commands of the pages, so that they end soon; the pages say what a user would give.
+FEW = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
+FEW_FLAGS = [f"--{k.replace('_', '-')}={v}" for k, v in FEW.items()]
+SOONER = {
+    "fit": FEW_FLAGS,
+    "batch": [*FEW_FLAGS, "--workers=1"],
+    "compare": ["--num-particles=12", "--num-runs=2", "--num-starts=4"],
+    "scan": ["--n-poles=4", "--n-sky=8", "--n-facets=60", "--degree=3", "--keep=2"],
+    "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
+    "attitude-test": ["--bodies=99"],
+}
+BLOCKS = [block for page in PAGES for block in documented.blocks(page)]
+SHELL = [block for block in BLOCKS if block.language == "sh"]
+NOT_RUN = {"docs/batch.md": "needs a Dask cluster at that address"}
+QUICKSTART, PASTED = "docs/quickstart.md", 5  # its commands that need no file of the reader
+
+
+def label(block: Block) -> str:
+    return f"{block.page}:{block.line}"
+
+
+def commands(page: str) -> list[list[str]]:
+    """The words after `lcbayes` of what a page runs, in order."""
+    run = [words for b in SHELL if b.page == page and not b.why_not for words in b.commands]
+    return [words[1:] for words in run if words[0] == "lcbayes"]
+
+
+def test_every_block_says_what_it_is_in():
+    unknown = [label(b) for b in BLOCKS if b.language not in documented.LANGUAGES]
+    assert unknown == [label(b) for b in BLOCKS if b.language.startswith("{")]  # for Sphinx
+    assert {b.page: b.why_not for b in BLOCKS if b.why_not} == NOT_RUN
+    for page in PAGES:  # none is missed
+        assert page.read_text("utf-8").count("```") == 2 * len(documented.blocks(page)), page
+        assert not re.search(r"(?m)^ {4}lcbayes ", page.read_text("utf-8")), page
+
+
+def test_every_command_of_the_pages_and_of_help_is_understood():
+    """Names, options and values are those of the parser; nothing is run."""
+    parser = cli._parser()
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    named = set()
+    for block in SHELL:
+        for words in block.commands:
+            if words[0] == "make":
+                assert re.search(rf"(?m)^{words[1]}:", makefile), label(block)
+            elif words[0] == "lcbayes":
+                args = parser.parse_args(words[1:])  # exits where it does not understand
+                named.add(args.command)
+            else:
+                assert words[0] in ("python", "pip", "source"), label(block)
+    assert {"fit", "predict", "simulate", "observability", "scan", "doctor"} <= named
+    inline = {
+        name
+        for page in PAGES
+        for name in re.findall(r"`lcbayes ([a-z]+(?:-[a-z]+)*)\b", page.read_text("utf-8"))
+    }
+    assert inline <= set(cli.COMMANDS), inline - set(cli.COMMANDS)
+    assert set(cli.COMMANDS) <= named | inline, "a command that no page shows"
+
+
+def run_page(page: str, folder: Path, first: int | None = None) -> None:
+    for words in commands(page)[:first]:
+        documented.provide(folder, words)
+        sooner = SOONER.get(words[0], []) if "--config" not in words else []
+        status = cli.main([*words, *sooner])
+        assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
+
+
+def test_the_quickstart_can_be_pasted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(QUICKSTART, tmp_path, PASTED)
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert len((tmp_path / "brightness.csv").read_text().splitlines()) > 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", dict.fromkeys(b.page for b in SHELL))
+def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(page, tmp_path)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    monkeypatch.setattr(lcbayes, "fit", functools.partial(lcbayes.fit, **FEW), raising=False)
+    less = functools.partial(lcbayes.compare, num_particles=12, num_runs=2, num_starts=4)
+    monkeypatch.setattr(lcbayes, "compare", less, raising=False)
+
+
+def run_python(page: str, folder: Path) -> dict:
+    (block,) = [b for b in BLOCKS if b.page == page and b.language == "python"]
+    documented.provide(folder, re.findall(r'"([^"]+)"', block.text))
+    names: dict = {}
+    exec(compile(block.text, page, "exec"), names)
+    return names
+
+
+@pytest.mark.usefixtures("few")
+def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run_python("README.md", tmp_path)
+    assert "Fit(faceted, 155 points" in capsys.readouterr().out
+    assert names["fit"].posterior.sizes["facet"] == 6
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+@pytest.mark.usefixtures("few")
+def test_the_model_file_of_the_docs_fits(tmp_path):
+    file = tmp_path / "mine.py"
+    documented.own_model(file)
+    scenarios = documented.SCENARIOS
+    curve = lcbayes.read(scenarios / "box-wing.csv", tle=scenarios / "box-wing.tle")
+    fit = lcbayes.fit(curve, model=str(file), log_mean=0.5)
+    row = fit.summary()["parameters"]["size"]
+    assert 1.0 < row["mean"] < 20.0  # the truth has albedo-areas of 9.4 m² in all
+    assert not fit.converged  # a sphere cannot explain a tumbling satellite, and the fit says so
+
+
+TRIED_ABOVE = {"README.md", "docs/models.md"}
+CHEAP = {"docs/attitude-laws.md"}
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[] if page in CHEAP else pytest.mark.slow)
+        for page in dict.fromkeys(b.page for b in BLOCKS if b.language == "python")
+        if page not in TRIED_ABOVE
+    ],
+)
+def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_python(page, tmp_path)
+
+
+# A scenario to which each TOML block is a change.
+SCENARIO = {
+    "body": "[[body.facets]]\nnormal = [0, 0, 1]\narea_m2 = 1.0\n",
+    "materials": '[materials.panel]\nlaw = "lambertian"\nr_diff = 0.3\n',
+    "attitude": '[attitude]\nlaw = "fixed"\n',
+    "geometry": (
+        '[geometry]\nkind = "orbit"\ntle = "satellite.tle"\nstart = 2026-04-15T19:45:00Z\n'
+        'stop = 2026-04-15T20:10:00Z\nstep = 60.0\n'
+        'site = { name = "Calar Alto", lat_deg = 37.2236, lon_deg = -2.5463, height_m = 2168.0 }\n'
+    ),
+    "noise": "[noise]\nsnr = 30.0\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=label)
+def test_tables_of_the_pages_are_scenarios(block, tmp_path):
+    documented.copy("box-wing.tle", tmp_path / "satellite.tle")
+    given = {re.split(r"[.\]]", head)[0] for head in re.findall(r"(?m)^\[+([^\]]+)\]", block.text)}
+    text = "".join(part for name, part in SCENARIO.items() if name not in given) + block.text
+    file = tmp_path / "scenario.toml"
+    file.write_text(text, encoding="utf-8")
+    assert load(file)
+
+
+def test_links_of_the_pages_lead_somewhere():
+    made = re.compile(r"gallery/contents\.md|api/.*")  # by `make docs`
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
+            assert made.fullmatch(target) or (page.parent / target).exists(), (page.name, target)
