@@ -164,7 +164,8 @@ def digest(curve: LightCurve) -> str:
                  "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
         value = getattr(curve, name)
         found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    found.update("".join(map(str, curve.band)).encode())
+    for names in (curve.band, curve.site):
+        found.update("".join(map(str, names)).encode())
     return found.hexdigest()
 
 

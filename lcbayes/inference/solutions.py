@@ -70,7 +70,7 @@ def distinct(
                 continue
             metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
             evidence = _laplace(potential, metrics[-1])
-            rms = _residual_rms(problem, z, data, unit)
+            rms = _residual_rms(problem, z, data.apart(), unit)
             found.append(Solution(z, float(potential), evidence, rms, 1))
     return found
 
