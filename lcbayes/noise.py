@@ -69,9 +69,7 @@ class Contaminated(dist.Normal):
         apart = jnp.log(self.share) - jnp.log1p(-self.share)  # of the pass, from its points so far
         if self.passes is not None:
             apart += self.passes.before(far - near)
-        return jnp.logaddexp(
-            near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart)
-        )
+        return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
 
     def outlier(self, value: Any) -> jax.Array:
         """Probability that each value is one of the outliers."""

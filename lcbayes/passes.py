@@ -1,4 +1,4 @@
-"""What the points of one pass have in common beyond the body: the order in which they tell of it."""
+"""What the points of one pass share beyond the body."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ class Passes(NamedTuple):
         return self.single(len(self.order))._replace(elapsed=self.elapsed)
 
     def before(self, values: jax.Array) -> jax.Array:
-        """Sum of the values (T,) at earlier points of the same pass, (T,)."""
-        mine = values[self.order]
-        sums = jnp.cumsum(mine) - mine
-        return jnp.zeros_like(mine).at[self.order].set(sums - sums[self.first])
+        """Sum of the values (..., T) at earlier points of the same pass, (..., T)."""
+        mine = values[..., self.order]
+        sums = jnp.cumsum(mine, axis=-1) - mine
+        return jnp.zeros_like(mine).at[..., self.order].set(sums - sums[..., self.first])
 
     def total(self, values: jax.Array) -> jax.Array:
         """Sum of the values (T,) over the pass of each point, (T,)."""
@@ -126,8 +126,8 @@ def innovations(
     """
     x, weight = passes.elapsed, 1.0 / sd**2
     miss = weight * (value - mean)
-    one, two, three, level, slope = (
-        passes.before(v) for v in (weight, weight * x, weight * x**2, miss, miss * x)
+    one, two, three, level, slope = passes.before(
+        jnp.stack([weight, weight * x, weight * x**2, miss, miss * x])
     )
     one, three = one + 1.0 / spread**2, three + 1.0 / drift**2
     det = one * three - two**2

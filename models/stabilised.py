@@ -23,6 +23,7 @@ HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of
 FACET_SITES = ("free_normals_base", *(name + FREE for name in (
     "log_albedo_area", "r_sum", "specular_share", "log_nu", "log_n", "log_m")))  # fmt: skip
 
+POOLED = {"individuals": False}  # while solutions are sought
 NUM_STARTS = 96  # facets of known attitude have few solutions, and many individuals cost time
 
 

@@ -1,4 +1,4 @@
-"""What the points of one pass share: offsets that are integrated out, and passes that are outliers."""
+"""What the points of one pass share is integrated out, and whole passes are outliers."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def test_passes_are_of_one_group_and_site_without_a_gap():
 
 def test_sums_over_passes():
     x = np.arange(1.0, 9.0)
-    before = [sum(x[(NUMBER == NUMBER[k]) & (T < T[k])]) for k in range(8)]
+    before = [sum(x[(NUMBER[k] == NUMBER) & (T[k] > T)]) for k in range(8)]
     np.testing.assert_allclose(TOGETHER.before(jnp.asarray(x)), before)
-    total = [x[NUMBER == number].sum() for number in NUMBER]
+    total = [x[number == NUMBER].sum() for number in NUMBER]
     np.testing.assert_allclose(TOGETHER.total(jnp.asarray(x)), total)
     assert TOGETHER.of_first(jnp.asarray(x)).tolist() == [5, 3, 3, 4, 5, 5, 3, 8]
 
@@ -91,7 +91,7 @@ def test_whole_passes_are_outliers():
     law = noise.Contaminated(mean, sd, 0.1, 6.0, TOGETHER)
     log_prob, outlier = np.asarray(law.log_prob(y)), np.asarray(law.outlier(y))
     for number in range(4):
-        here = NUMBER == number
+        here = number == NUMBER
         near = np.log(0.9) + stats.norm.logpdf(y, mean, sd)[here].sum()
         far = np.log(0.1) + stats.norm.logpdf(y, mean, 6.0 * sd)[here].sum()
         assert log_prob[here].sum() == pytest.approx(logsumexp([near, far]), rel=1e-12)
