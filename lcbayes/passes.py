@@ -57,6 +57,7 @@ class Passes(NamedTuple):
         elapsed = np.empty(curve.n_obs)
         t = curve.t[order]
         elapsed[order] = (t - 0.5 * (t[first] + t[last])) / _longest(fitted)
+        elapsed = np.clip(elapsed, -1.0, 1.0)  # a pass that is predicted may be longer
         return cls(*map(jnp.asarray, (order, first, last, elapsed)))
 
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,11 @@ from lcbayes.inference.problem import Problem, compiled
 from lcbayes.inference.solutions import Solution
 from lcbayes.lightcurve import LightCurve
 
-OPTIONS = {"facets": "+z@3,+x@11", "reflectance": "lambertian", "noise_law": "gaussian"}
+OPTIONS: dict[str, Any] = {
+    "facets": "+z@3,+x@11",
+    "reflectance": "lambertian",
+    "noise_law": "gaussian",
+}
 MEMBER_SD, PASS_SD, SIGMA = 0.3, 0.15, 0.05
 DAY = 86400.0
 

@@ -27,7 +27,7 @@ def curve(n_each: int = 3) -> LightCurve:
     """Two satellites, two passes each, a day apart, one of them from two sites."""
     n = 4 * n_each
     unit = np.tile([0.0, 0.6, 0.8], (n, 1))
-    day = np.repeat([0.0, 86400.0, 0.0, 86400.0], n_each)
+    day = np.repeat([0.0, 86400.0, 0.0, 86400.0], n_each).astype(float)
     site = np.full(n, "north")
     site[-1] = "south"
     return LightCurve(
