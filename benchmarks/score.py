@@ -113,17 +113,19 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
     problem = posed(entry, entry.check(options), data)[1]
     count = kept.posterior.sizes["chain"] * kept.posterior.sizes["draw"]
     sites = {k: kept.posterior[k].values for k in problem.names}
-    flat = {k: v.reshape(count, *v.shape[2:]) for k, v in sites.items()}
+    flat = {k: jnp.asarray(v.reshape(count, *v.shape[2:])) for k, v in sites.items()}
     z = np.asarray(jax.vmap(problem.ravel)(flat))
     number = passes.numbers(curve)
     whole = np.stack([np.bincount(number, row) for row in kept.log_likelihood])
     power = kept.summary["fit"]["information_per_point"]
     weight, khat = array_stats.psislw(power * whole, axis=0)
     weight, khat = np.moveaxis(np.asarray(weight), -1, 0), np.asarray(khat)
-    weight = weight - special.logsumexp(weight, axis=0)
-    found = _predicted(curve, _moments(problem, z, data), weight[:, number], kept.posterior)
-    joint = special.logsumexp(weight + whole, axis=0)
-    result = Predicted(*found, joint, khat.copy(), 0)
+    weight = weight - np.asarray(special.logsumexp(weight, axis=0))
+    mean, density, rank = _predicted(
+        curve, _moments(problem, z, data), weight[:, number], kept.posterior
+    )
+    joint = np.asarray(special.logsumexp(weight + whole, axis=0))
+    result = Predicted(mean, density, rank, joint, khat.copy(), 0)
     bad = np.flatnonzero(khat > BAD_K)
     for p in bad[np.argsort(-khat[bad])][:refits]:
         _refit(problem, data, curve, z, power, p, number, result)
@@ -138,7 +140,9 @@ def _moments(problem, z: np.ndarray, data: Epochs) -> tuple[np.ndarray, np.ndarr
     return np.asarray(found.mean), np.asarray(found.sd)
 
 
-def _predicted(curve, moments, log_weight, posterior: Mapping) -> tuple[np.ndarray, ...]:
+def _predicted(
+    curve, moments, log_weight, posterior: Mapping
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, log density and rank of the points under weighted draws of a contaminated normal."""
     mean, sd = moments
     share, width = (
@@ -153,7 +157,7 @@ def _predicted(curve, moments, log_weight, posterior: Mapping) -> tuple[np.ndarr
     weight = np.exp(log_weight)
     return (
         np.sum(weight * mean, axis=0),
-        special.logsumexp(log_weight + each, axis=0),
+        np.asarray(special.logsumexp(log_weight + each, axis=0)),
         np.sum(weight * below, axis=0),
     )
 

@@ -196,7 +196,7 @@ class Epochs:
 def _has_passes(curve: LightCurve) -> bool:
     if curve.n_curves == 1:
         return False
-    return curve.n_curves < passes.numbers(curve).max() + 1 < curve.n_obs
+    return curve.n_curves < int(passes.numbers(curve).max()) + 1 < curve.n_obs
 
 
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ def curve(n_each: int = 3) -> LightCurve:
     site = np.full(n, "north")
     site[-1] = "south"
     return LightCurve(
-        t=day + np.tile(30.0 * np.arange(n_each), 4), brightness=np.linspace(5.0, 6.0, n),
+        t=np.asarray(day + np.tile(30.0 * np.arange(n_each), 4), float), brightness=np.linspace(5.0, 6.0, n),
         error=np.full(n, 0.1), kind="mag", sun=unit, obs=unit,
         curve=np.repeat([0, 1], 2 * n_each), curve_names=("a", "b"),
         free_scale=np.zeros(2, bool), site=site,
