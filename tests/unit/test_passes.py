@@ -28,10 +28,11 @@ def curve(n_each: int = 3) -> LightCurve:
     n = 4 * n_each
     unit = np.tile([0.0, 0.6, 0.8], (n, 1))
     day = np.repeat([0.0, 86400.0, 0.0, 86400.0], n_each).astype(float)
+    t = np.asarray(day + np.tile(30.0 * np.arange(n_each), 4), float)
     site = np.full(n, "north")
     site[-1] = "south"
     return LightCurve(
-        t=np.asarray(day + np.tile(30.0 * np.arange(n_each), 4), float), brightness=np.linspace(5.0, 6.0, n),
+        t=t, brightness=np.linspace(5.0, 6.0, n),
         error=np.full(n, 0.1), kind="mag", sun=unit, obs=unit,
         curve=np.repeat([0, 1], 2 * n_each), curve_names=("a", "b"),
         free_scale=np.zeros(2, bool), site=site,
