@@ -2,6 +2,7 @@
 # make test      the tests, without the long statistical runs
 # make test-all  every test
 # make docs      the site, with a gallery whose pages are made anew where they changed
+# make calibration  how far every model and sampler can be relied on, into docs/calibration.md; hours
 # make lint      formatting, lint and types, as CI checks them (make format repairs)
 # make clean     removes the environment and whatever else was made here
 #
@@ -33,10 +34,10 @@ ifneq ($(PYTHON),)
     [ "$$("$(PYTHON)" -c '$(BASE)')" = "$$($(BIN)/python -c '$(BASE)')" ] || rm -rf $(VENV))
 endif
 
-.PHONY: help demo env test test-all docs lint format clean
+.PHONY: help demo env test test-all docs calibration lint format clean
 
 help:
-	@sed -n '1,8s/^# \{0,1\}//p' Makefile
+	@sed -n '1,9s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@for candidate in $(if $(PYTHON),"$(PYTHON)",$(CANDIDATES)); do \
@@ -86,6 +87,9 @@ docs: $(VENV)/.installed-docs
 	@$(BIN)/python docs/make_gallery.py
 	@$(BIN)/python -m sphinx -b html -q -W --keep-going -d docs/_build/doctrees docs docs/_build/html
 	@echo "site: $(CURDIR)/docs/_build/html/index.html"
+
+calibration: env
+	@$(BIN)/python docs/make_calibration.py
 
 lint: env
 	@$(BIN)/ruff check .

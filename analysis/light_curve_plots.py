@@ -54,13 +54,14 @@ def bands(mode: Mode) -> Floats | None:
 
 
 def sigmas(results: Results, best: Mode) -> Floats:
-    """Standard deviation of each point: from the file, else the inferred one, else NaN.
+    """Standard deviation of each point: from the file, with what is inferred beyond it and what the
+    points of its pass share, else the inferred one, else NaN.
 
     An inferred level is relative to the mean of the curve for fluxes (see `lcbayes.noise`).
     """
     sigma = results.error.copy()
     unknown = ~np.isfinite(sigma)
-    if unknown.any() and "sigma" in best.draws and best.draws["sigma"].ndim == 2:
+    if "sigma" in best.draws and best.draws["sigma"].ndim == 2:
         unit = np.ones(sigma.size)
         if not results.is_magnitude:
             for c in np.unique(results.curve):
@@ -69,7 +70,10 @@ def sigmas(results: Results, best: Mode) -> Floats:
         level = np.full(sigma.size, float(best.draws["sigma"].mean()))
         if "noise" in best.draws:  # each curve has its own
             level = best.draws["noise"].mean(("chain", "draw")).to_numpy()[results.curve]
-        sigma[unknown] = (level * unit)[unknown]
+        level = level * unit
+        sigma = np.where(unknown, level, np.hypot(sigma, level))
+    if "pass_sd" in best.draws:
+        sigma = np.hypot(sigma, float(best.draws["pass_sd"].mean()))
     return sigma
 
 

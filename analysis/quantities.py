@@ -40,6 +40,8 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "member_offset": ("how much fainter a curve is than its kind", "mag", 0.0),
     "site_sd": ("how zero points of sites differ, sd", "mag", 0.0),
     "site_offset": ("zero point of a site", "mag", 0.0),
+    "pass_sd": ("what points of a pass share, sd", "mag", 0.0),
+    "pass_drift_sd": ("what drifts within a pass, sd", "mag", 0.0),
     "extinction": ("extinction", "mag per airmass", 0.0),
     "outlier_share": ("share of outliers", "", 0.0),
     "outlier_width": ("width of outliers, in scales", "", 0.0),

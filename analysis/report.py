@@ -120,6 +120,8 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
         "curves": curves if len(curves) > 1 else [],
+        "outliers": tables.outlier_table(results),
+        "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",
         "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
         "sky": sky_plots.draw_sky(results, gallery),
         "frame": sky_plots.frame_words(results),

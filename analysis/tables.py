@@ -10,6 +10,7 @@ from lcbayes.analysis import quantities
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.stretches import GAP_S
 
 LONG = 24  # rows from which a group is folded away
 
@@ -113,3 +114,25 @@ def curve_table(results: Results) -> list[list[str]]:
         where = f"{np.mean(angle[at]):.1f}"
         rows.append([str(part.curve + 1), begins, lasts, str(at.size), where, rms, inside])
     return rows
+
+
+def outlier_table(results: Results) -> list[list[str]]:
+    """A row for each stretch of points that are outliers more likely than not: curve, when it
+    begins, points, mean residual, least probability."""
+    rows: list[list[dict[str, Any]]] = []
+    for one in results.summary.get("outliers") or []:
+        last = rows[-1][-1] if rows else None
+        if last and one["curve"] == last["curve"] and 0 <= one["t"] - last["t"] <= GAP_S:
+            rows[-1].append(one)
+        else:
+            rows.append([one])
+    return [
+        [
+            str(part[0]["curve"]),
+            str(part[0].get("utc") or f"{part[0]['t']:.6g} s"),
+            str(len(part)),
+            three(float(np.mean([one["residual"] for one in part]))),
+            f"{min(one['probability'] for one in part):.3f}",
+        ]
+        for part in rows
+    ]

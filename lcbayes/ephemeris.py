@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes._jax import jnp
+from lcbayes.geometry import EARTH_GM
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics.laws import OBLIQUITY, Attitude, Ephemeris, Frames
 
 Floats = NDArray[np.float64]
 
-EARTH_GM = 398600.4418  # km³/s², EGM2008
 MAX_STEP_S = 60.0  # between neighbours of which a velocity is taken
 SERIES_S = 0.1  # of the radian of orbit that a step may be, for the f and g series
 TILT = {

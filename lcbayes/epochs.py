@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lcbayes import geometry, penumbra
+from lcbayes import geometry, passes, penumbra
 from lcbayes._jax import jax, jnp
 from lcbayes.ephemeris import ephemeris
 from lcbayes.lightcurve import LightCurve
+from lcbayes.passes import Passes
 from lcbayes.physics import photometry
 from lcbayes.physics.laws import Ephemeris
 
@@ -63,6 +64,8 @@ class Epochs:
     member : (T,) int
         Which of the fitted curve's groups the point belongs to; ``n_members`` for any other. Unlike
         ``curve`` it means the same object at epochs that are predicted.
+    passes : Passes
+        Which points share a pass; ``has_passes`` says whether any do.
     information : scalar or (T,)
         What a point is worth, 1 where errors are independent: the power of its likelihood.
     kind : "flux" or "mag"
@@ -73,6 +76,9 @@ class Epochs:
         Of the fitted curve.
     calibrated : bool
         Whether any group of the fitted curve carries none; carried over like ``t_middle``.
+    has_passes : bool
+        Whether the fitted curve has several groups, more passes than groups, and more points than
+        passes, so that what is common to a pass can be told from the noise and from its group.
     """
 
     t: jax.Array
@@ -94,6 +100,7 @@ class Epochs:
     airmass: jax.Array
     site: jax.Array
     member: jax.Array
+    passes: Passes
     information: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
@@ -102,6 +109,7 @@ class Epochs:
     n_sites: int = _static(1)
     n_members: int = _static(1)
     calibrated: bool = _static(True)
+    has_passes: bool = _static(False)
 
     @classmethod
     def of(cls, curve: LightCurve, fitted: LightCurve | None = None) -> Epochs:
@@ -139,6 +147,8 @@ class Epochs:
             if curve.kind == "flux":
                 noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
         sites = np.unique(fitted.site)
+        has_passes = _has_passes(fitted)
+        together = Passes.of(curve, fitted) if has_passes else Passes.single(n)
         sunlight, airmass = np.ones(n), np.ones(n)
         if curve.position_km is not None:
             sunlight = np.maximum(penumbra.sunlight(curve.position_km, curve.sun), UMBRA)
@@ -166,6 +176,7 @@ class Epochs:
             member=jnp.asarray(
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
             ),
+            passes=together,
             information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
@@ -174,7 +185,18 @@ class Epochs:
             n_sites=len(sites),
             n_members=fitted.n_curves,
             calibrated=not np.all(fitted.free_scale),
+            has_passes=has_passes,
         )
+
+    def apart(self) -> Epochs:
+        """Each point a pass of its own: what is said of it then rests on no other point."""
+        return replace(self, passes=self.passes.apart())
+
+
+def _has_passes(curve: LightCurve) -> bool:
+    if curve.n_curves == 1:
+        return False
+    return curve.n_curves < int(passes.numbers(curve).max()) + 1 < curve.n_obs
 
 
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -22,6 +22,10 @@ user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega`
 ``NUM_STARTS``
     How many starts from the prior suffice, where the model has no ``starts``; otherwise it is
     chosen by the number of parameters.
+``POOLED``
+    Values of options with which solutions are sought, such as {"individuals": False}: a simpler
+    model, whose sampled sites are some of this one's. What it finds is where the search for the
+    solutions of this one starts, the other sites at their prior means.
 ``coordinates(data, **options)``
     Transforms for sampled sites in which the posterior is easier to sample, {site: Transform}.
 ``constants(data, **options)``
@@ -79,6 +83,10 @@ class Entry:
     @property
     def facet_sites(self) -> tuple[str, ...]:
         return tuple(getattr(self.module, "FACET_SITES", ()))
+
+    @property
+    def pooled(self) -> dict[str, Any]:
+        return dict(getattr(self.module, "POOLED", {}))
 
     def hook(self, name: str) -> Callable[..., Any] | None:
         return getattr(self.module, name, None)

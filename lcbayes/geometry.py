@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 
 AU_KM = 149_597_870.7
 EARTH_KM, SUN_KM = 6378.137, 695_700.0  # radii: WGS84 equator, IAU 2015 nominal
+EARTH_GM = 398600.4418  # km³/s², EGM2008
 MAX_TLE_AGE_DAYS = 30.0  # beyond, a low orbit is off by degrees along its track
 _WGS84 = 1  # erfa's number for the ellipsoid
 

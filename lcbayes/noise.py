@@ -14,6 +14,7 @@ from numpyro.util import is_prng_key
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.passes import Passes, innovations
 
 OBSERVED = "brightness"
 FLUX = "flux"
@@ -21,6 +22,8 @@ OUTLIER = "outlier"
 Law = Literal["gaussian", "student-t", "mixture"]
 STUDENT_T_DF = 4.0
 OUTLIER_SHARE, OUTLIER_WIDTH = (0.03, 1.0), (4.0, 0.5)  # median, sd of the logarithm
+PASS_SPREADS = ("pass_sd", "pass_drift_sd")
+PASS_SD = 0.2  # mag, median of the prior of what the points of a pass share
 NOISE_SPREAD = 0.25  # sd of the logarithm of a curve's noise about the typical one
 
 
@@ -28,7 +31,9 @@ class Contaminated(dist.Normal):
     """Normal, but for a share ε of outliers that scatter κ times as wide about the same mean.
 
     p(y) = (1 − ε) N(y; m, σ) + ε N(y; m, κσ). It stands in for a `Normal` of the same ``loc`` and
-    ``scale`` wherever only the width of the bulk is asked for.
+    ``scale`` wherever only the width of the bulk is asked for. With ``passes`` whole passes are
+    outliers, or none of their points is: p(y₁ … yₙ) = (1 − ε) Π N(yₖ; mₖ, σₖ) + ε Π N(yₖ; mₖ, κσₖ),
+    and `log_prob` gives its factors p(yₖ | y₁ … yₖ₋₁).
     """
 
     arg_constraints = {  # noqa: RUF012
@@ -36,13 +41,14 @@ class Contaminated(dist.Normal):
         "share": constraints.unit_interval,
         "width": constraints.positive,
     }
-    pytree_data_fields = ("loc", "scale", "share", "width")
+    pytree_data_fields = ("loc", "scale", "share", "width", "passes")
     reparametrized_params: list[str] = []  # noqa: RUF012
 
     def __init__(
-        self, loc: Any, scale: Any, share: Any, width: Any, *, validate_args: bool | None = None
-    ) -> None:
-        self.share, self.width = jnp.asarray(share), jnp.asarray(width)
+        self, loc: Any, scale: Any, share: Any, width: Any, passes: Passes | None = None,
+        *, validate_args: bool | None = None,
+    ) -> None:  # fmt: skip
+        self.share, self.width, self.passes = jnp.asarray(share), jnp.asarray(width), passes
         super().__init__(loc, scale, validate_args=validate_args)
 
     def sample(self, key: jax.Array | None, sample_shape: tuple[int, ...] = ()) -> jax.Array:
@@ -51,24 +57,32 @@ class Contaminated(dist.Normal):
         key_which, key_value = jax.random.split(key)
         shape = sample_shape + self.batch_shape
         far = jax.random.bernoulli(key_which, self.share, shape)
+        if self.passes is not None:
+            together = jnp.vectorize(self.passes.of_first, signature="(t)->(t)")
+            far = together(far.astype(float)) > 0.5
         unit = jax.random.normal(key_value, shape) * jnp.where(far, self.width, 1.0)
         return jnp.asarray(self.loc) + jnp.asarray(self.scale) * unit
 
     @validate_sample
     def log_prob(self, value: Any) -> jax.Array:
-        return jnp.logaddexp(*self._parts(value))
+        near, far = self._parts(value)
+        apart = jnp.log(self.share) - jnp.log1p(-self.share)  # of the pass, from its points so far
+        if self.passes is not None:
+            apart += self.passes.before(far - near)
+        return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
 
     def outlier(self, value: Any) -> jax.Array:
         """Probability that each value is one of the outliers."""
         near, far = self._parts(value)
-        return jax.nn.sigmoid(far - near)
+        odds = far - near if self.passes is None else self.passes.total(far - near)
+        return jax.nn.sigmoid(odds + jnp.log(self.share) - jnp.log1p(-self.share))
 
     def _parts(self, value: Any) -> tuple[jax.Array, jax.Array]:
+        """Log density of each value as none of the outliers, and as one of them."""
         loc, scale = jnp.asarray(self.loc), jnp.asarray(self.scale)
         r2 = ((value - loc) / scale) ** 2
         norm = -jnp.log(scale) - 0.5 * jnp.log(2.0 * jnp.pi)
-        near = jnp.log1p(-self.share) - 0.5 * r2 + norm
-        return near, jnp.log(self.share / self.width) - 0.5 * r2 / self.width**2 + norm
+        return norm - 0.5 * r2, norm - jnp.log(self.width) - 0.5 * r2 / self.width**2
 
 
 def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Array:
@@ -140,7 +154,11 @@ def scatter(data: Epochs, median: float, log_sd: float = 1.0) -> jax.Array:
 
 
 def observe(
-    data: Epochs, flux: jax.Array, noise: Law = "gaussian", scatter_median: float = 0.0
+    data: Epochs,
+    flux: jax.Array,
+    noise: Law = "gaussian",
+    scatter_median: float = 0.0,
+    passes: bool = False,
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
@@ -159,6 +177,12 @@ def observe(
         (1 + LogNormal(ln 4, 0.5)) before the data.
     scatter_median : float
         If not zero the scatter beyond the errors is inferred, see `scatter`.
+    passes : bool
+        Whether the points of a pass share an offset and a drift, of standard deviations
+        ``pass_sd`` and ``pass_drift_sd`` (to the end of the longest pass), each
+        ~ LogNormal(ln `PASS_SD`, 1) mag. They are integrated out: the law of noise is that of each
+        point given the earlier ones of its pass, see `lcbayes.passes.innovations`; ``expected`` is
+        without them. In a mixture whole passes are outliers.
 
     References
     ----------
@@ -173,12 +197,19 @@ def observe(
         sd = scatter(data, scatter_median)
     else:
         sd = data.error if data.has_error else (noise_levels(data) * data.noise_unit)[data.curve]
+    together = data.passes if passes else None
+    if together is not None:
+        spreads = []
+        for name in PASS_SPREADS:
+            log_sd = numpyro.sample(f"log_{name}", dist.Normal(np.log(PASS_SD), 1.0))
+            spreads.append(jnp.asarray(numpyro.deterministic(name, jnp.exp(log_sd))))
+        mean, sd = innovations(together, data.brightness, mean, sd, *spreads)
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":
         likelihood = dist.StudentT(STUDENT_T_DF, mean, sd)
     elif noise == "mixture":
-        likelihood = _contaminated(mean, sd)
+        likelihood = _contaminated(mean, sd, together)
         numpyro.deterministic(OUTLIER, likelihood.outlier(data.brightness))
     else:
         raise ValueError(f"unknown noise {noise!r}; available: gaussian, student-t, mixture")
@@ -186,7 +217,7 @@ def observe(
         numpyro.sample(OBSERVED, likelihood, obs=data.brightness)
 
 
-def _contaminated(mean: jax.Array, sd: jax.Array) -> Contaminated:
+def _contaminated(mean: jax.Array, sd: jax.Array, passes: Passes | None) -> Contaminated:
     median, log_sd = OUTLIER_SHARE
     odds = dist.Normal(np.log(median / (1.0 - median)), log_sd)
     share = jax.nn.sigmoid(jnp.asarray(numpyro.sample("logit_outlier_share", odds)))
@@ -197,4 +228,4 @@ def _contaminated(mean: jax.Array, sd: jax.Array) -> Contaminated:
     )
     numpyro.deterministic("outlier_share", share)
     numpyro.deterministic("outlier_width", width)
-    return Contaminated(mean, sd, share, width)
+    return Contaminated(mean, sd, share, width, passes)

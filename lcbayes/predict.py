@@ -18,7 +18,7 @@ from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
-from lcbayes.noise import STUDENT_T_DF, expected
+from lcbayes.noise import PASS_SPREADS, STUDENT_T_DF, expected
 
 Floats = NDArray[np.float64]
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
@@ -60,11 +60,16 @@ def predict(
     -----
     Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
     error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
-    fit. A curve of unknown scale is predicted with the
+    fit. Where points of a pass share an offset it is that of a pass not seen yet. A curve of
+    unknown scale is predicted with the
     scale of the fitted curve of the same name; without one, relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
+    if PASS_SPREADS[0] in posterior:  # the passes that are predicted are others
+        level, drift = (posterior[k].values.reshape(-1)[pick][:, None] for k in PASS_SPREADS)
+        elapsed = np.asarray(Epochs.of(wanted, fitted).passes.elapsed)
+        sd = np.sqrt(sd**2 + level**2 + (drift * elapsed) ** 2)
     entry = gallery.find(model)
     noise_law = {o.name: o.default for o in entry.options.values()} | dict(options)
     law = noise_law.get("noise_law", "gaussian")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes._jax import jnp
+from lcbayes.geometry import Times
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
 from lcbayes.inference.settings import PUBLISHED
@@ -28,6 +29,7 @@ MIN_ESS = 400.0
 MAX_APART = 1.05  # R-hat between runs that started apart
 MAX_DIVERGING = 0.005  # share of the draws
 MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
+LIKELY = 0.5  # probability from which a point is called an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
@@ -179,16 +181,20 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
         return {}
     probability = predicted[OUTLIER].to_numpy()
     middle = predicted[OBSERVED].mean(("chain", "draw")).to_numpy()
+    rows = np.flatnonzero(probability > LIKELY)
+    moments = None if curve.epoch_jd is None else Times.of(curve.epoch_jd, curve.t[rows])
     return {
         "outliers": [
             {
                 "row": int(k),
                 "t": float(curve.t[k]),
+                **({} if moments is None else {"utc": moments.text(i)}),
                 "curve": curve.curve_names[curve.curve[k]],
+                **({"site": str(curve.site[k])} if curve.site[k] else {}),
                 "probability": float(probability[k]),
                 "residual": float(curve.brightness[k] - middle[k]),
             }
-            for k in np.flatnonzero(probability > 0.5)
+            for i, k in enumerate(rows)
         ]
     }
 

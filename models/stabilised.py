@@ -23,6 +23,7 @@ HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of
 FACET_SITES = ("free_normals_base", *(name + FREE for name in (
     "log_albedo_area", "r_sum", "specular_share", "log_nu", "log_n", "log_m")))  # fmt: skip
 
+POOLED = {"individuals": False}  # while solutions are sought
 NUM_STARTS = 96  # facets of known attitude have few solutions, and many individuals cost time
 
 
@@ -44,6 +45,7 @@ def model(
     surface: Literal["separate", "shared"] = "separate",
     individuals: bool = True,
     site_offsets: bool = True,
+    passes: bool = True,
     extinction: bool = False,
     earth_albedo: float = 0.0,
     log_area_mean: float = 0.0,
@@ -71,6 +73,9 @@ def model(
         Whether each of several curves (satellites) may be brighter or fainter than the others.
     site_offsets
         Whether magnitudes of each of several sites may have a zero point of their own.
+    passes
+        Whether what the model leaves out is in part common to the points of a pass, where there are
+        several curves of several passes.
     extinction
         Whether the air's extinction is still in the magnitudes; k ~ Normal(0.2, 0.1) mag/airmass.
     earth_albedo
@@ -127,7 +132,8 @@ def model(
         fainter += priors.deviations("site", data.n_sites, 0.2)[data.site]
     if extinction:
         fainter += numpyro.sample("extinction", dist.Normal(0.2, 0.1)) * data.airmass
-    noise.observe(data, flux * 10.0 ** (-0.4 * fainter), noise_law, scatter)
+    dimmed = flux * 10.0 ** (-0.4 * fainter)
+    noise.observe(data, dimmed, noise_law, scatter, passes and data.has_passes and data.calibrated)
 
 
 def _law(law: str, where: str):

@@ -102,26 +102,36 @@ def run(
 
     begun = time.monotonic()
     with entry.blamed():
-        starts = _starts(entry, options, plain, data, key_start, settings.num_starts)
+        pooled = posed(entry, dict(options) | entry.pooled, data)[0]
+        if pooled.dim == plain.dim:
+            pooled = plain
+        starts = _starts(entry, options, pooled, data, key_start, settings.num_starts)
         if spins:
             default = {o.name: o.default for o in entry.options.values()}
-            starts = placed(spins, starts, plain, data, default | dict(options))
+            starts = placed(spins, starts, pooled, data, default | dict(options))
     stored = checkpoint.load("search")
     if stored is None:
-        ends = search.race(plain, data, starts, workers, progress)
+        ends = search.race(pooled, data, starts, workers, progress)
         checkpoint.save("search", ends._asdict())
     else:
         ends = search.SearchState(**stored)
-    order = FacetOrder(plain, entry.facet_sites)
-    found = solutions.distinct(plain, data, ends, order, 4 * settings.max_modes)
+    order = FacetOrder(pooled, entry.facet_sites)
+    found = solutions.distinct(pooled, data, ends, order, 4 * settings.max_modes)
     if not found:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
+    if pooled is not plain:
+        found = solutions.worth_sampling(pooled, data, found, settings.max_modes)
+        found = solutions.refined(pooled, plain, data, found)
+        ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
+        order = FacetOrder(plain, entry.facet_sites)
     data = information.weighed(plain, found[0].z, data)
-    if data.information < 1.0:
+    if data.information < 1.0 and pooled is plain:
         found = solutions.polished(plain, data, found, workers)
+    elif data.information < 1.0:
+        found = solutions.climb(pooled, plain, data, found)
     found = solutions.worth_sampling(plain, data, found, settings.max_modes)
     timing.search_s = time.monotonic() - begun
 
@@ -179,7 +189,8 @@ def digest(curve: LightCurve) -> str:
                  "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
         value = getattr(curve, name)
         found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    found.update("".join(map(str, curve.band)).encode())
+    for names in (curve.band, curve.site):
+        found.update("".join(map(str, names)).encode())
     return found.hexdigest()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpyro.distributions as dist
 from jax.flatten_util import ravel_pytree
 from jax.interpreters.partial_eval import dce_jaxpr
+from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.distributions import biject_to
 from numpyro.distributions.transforms import Transform
@@ -101,6 +102,10 @@ class Problem:
         """The flat unconstrained vector of constrained values."""
         return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
 
+    def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
+        """Coordinates of some sites in the flat vector."""
+        return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])
+
     def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
         sites, log_det = {}, jnp.zeros(())
         for name, transform in self._transforms.items():
@@ -121,6 +126,10 @@ class Problem:
             for v in trace.values()
             if v["type"] == "sample"
         )
+
+    def slope(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Gradient of the potential, (D,)."""
+        return jax.grad(self.potential)(z, data)
 
     def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
         """ln of all that multiplies the prior of `prior_draw`, the brightness aside.
@@ -176,8 +185,8 @@ class Problem:
         return handlers.trace(model).get_trace(data)[FLUX]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
-        """One draw of the data given z: posterior predictive, (T,)."""
-        return self._trace(z, data)[0][OBSERVED]["fn"].sample(key)
+        """One draw of the data given z: posterior predictive, each point for itself, (T,)."""
+        return self._trace(z, data.apart())[0][OBSERVED]["fn"].sample(key)
 
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Expected information of all that is conditioned on, plus the prior's, (D, D).

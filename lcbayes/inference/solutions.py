@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from numpyro import handlers
 
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference import search
 from lcbayes.inference.facet_order import FacetOrder
@@ -18,6 +19,7 @@ Floats = NDArray[np.float64]
 
 SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
 WORSE_FIT = 1.05  # residuals, in units of the noise, over the best one's: dropped above this ...
+MOST_STEPS, STALLED = 40, 1e-2  # of a climb, and the gain in nats at which it ends
 LESS_LIKELY = 10.0  # ... unless its Laplace evidence is within this many nats of the best
 
 
@@ -70,7 +72,7 @@ def distinct(
                 continue
             metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
             evidence = _laplace(potential, metrics[-1])
-            rms = _residual_rms(problem, z, data, unit)
+            rms = _residual_rms(problem, z, data.apart(), unit)
             found.append(Solution(z, float(potential), evidence, rms, 1))
     return found
 
@@ -86,6 +88,78 @@ def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int
         evidence = _laplace(potential, metric)
         moved.append(replace(solution, z=z, potential=float(potential), log_evidence=evidence))
     return moved
+
+
+def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Floats:
+    """Rows (B, D) of a simpler problem as those of the whole one, what it lacks at the prior means
+    that hold there."""
+
+    def one(row: jax.Array) -> jax.Array:
+        sites = pooled.constrain(row, data)
+        model = handlers.substitute(handlers.seed(problem.model, jax.random.key(0)), sites)
+        trace = handlers.trace(model).get_trace(data)
+        for name in problem.names:
+            if name not in pooled.names:
+                sites[name] = trace[name]["fn"].mean
+        return problem.ravel(sites)
+
+    return np.asarray(jax.jit(lambda rows: jax.lax.map(one, rows))(jnp.asarray(z)))
+
+
+def refined(
+    pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]
+) -> list[Solution]:
+    """The solutions of a simpler problem as points of the whole one to sample from: what it lacks
+    at its most likely, but for spreads of groups (``log_…_sd``), which stay at their prior means.
+
+    With its members a spread has no optimum that would tell of it: the largest density of both lies
+    at a spread of zero, or, non-centred, at one that is far too large.
+    """
+    rows = completed(pooled, problem, data, np.stack([s.z for s in found]))
+    unit = np.asarray(data.noise_unit)[data.curve]
+    climbed = [replace(s, z=z) for s, z in zip(found, rows, strict=True)]
+    climbed = climb(pooled, problem, data, climbed)
+    return [replace(s, rms=_residual_rms(problem, s.z, data.apart(), unit)) for s in climbed]
+
+
+def climb(pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
+    """The optima near some points, spreads that the simpler problem lacks held where they are."""
+    held = [k for k in problem.names if k not in pooled.names and _is_spread(k)]
+    free = np.setdiff1d(np.arange(problem.dim), problem.rows(held))
+    moved = []
+    for solution in found:
+        z, potential = _climbed(problem, data, solution.z, free)
+        metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
+        evidence = _laplace(potential, metric)
+        moved.append(replace(solution, z=z, potential=potential, log_evidence=evidence))
+    return moved
+
+
+def _is_spread(name: str) -> bool:
+    return name.startswith("log_") and name.endswith("_sd")
+
+
+def _climbed(
+    problem: Problem, data: Epochs, z: Floats, free: NDArray[np.intp]
+) -> tuple[Floats, float]:
+    """Levenberg-Marquardt along some coordinates: where it ends, and the potential there."""
+    damping, old = 1e-2, float(compiled(problem.potential)(jnp.asarray(z), data))
+    for _ in range(MOST_STEPS):
+        slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))[free]
+        metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))[np.ix_(free, free)]
+        while damping < 1e6:
+            trial = z.copy()
+            trial[free] -= np.linalg.solve(metric + np.diag(damping * np.diag(metric)), slope)
+            new = float(compiled(problem.potential)(jnp.asarray(trial), data))
+            if np.isfinite(new) and new < old:
+                break
+            damping *= 5.0
+        else:
+            break
+        gain, z, old, damping = old - new, trial, new, damping / 5.0
+        if gain < STALLED:
+            break
+    return z, old
 
 
 def worth_sampling(

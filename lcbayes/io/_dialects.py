@@ -8,8 +8,9 @@ import numpy as np
 
 from lcbayes.errors import InputError
 from lcbayes.io._build import build
-from lcbayes.io._columns import NUMERIC, Options
+from lcbayes.io._columns import NUMERIC, RADEC, SITE, Options
 from lcbayes.io._files import TextFile
+from lcbayes.io._satchecker import RATES, observed_velocity
 from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve
 
@@ -103,21 +104,54 @@ def read_mmt9(file: TextFile, options: Options) -> LightCurve:
 def read_score(file: TextFile, options: Options) -> LightCurve:
     """Read an export of IAU CPS SCORE: calibrated magnitudes, one curve per satellite.
 
-    Places in the sky are those that SatChecker added. Rows are sorted by time within each
-    satellite; the site of each row is its own. Left out, and counted in a note, are rows that
-    SatChecker finds in the Earth's shadow, which no model here describes, or below the horizon,
-    which are wrong matches.
+    Places in the sky and velocities are those that SatChecker added. Rows are sorted by time within
+    each satellite. The site of each row is its own; its name, of which SCORE has none, is the MPC
+    code or the coordinates, and the instrument. Left out, and counted in notes, are rows without a
+    magnitude, an uncertainty or a place in the sky, and rows below the horizon, which are wrong
+    matches. Whether a row is in the Earth's shadow is not taken from the file: points that were
+    seen although the satellite should be dark are kept, as what they are, wrong matches or wrong
+    elements, for a noise law that knows of outliers.
     """
-    table = parse(file, NUMERIC | {"alt_deg_satchecker"}, SCORE_COLUMNS)
-    table.texts["curve"] = table.texts["satellite_name"]
+    may_lack = {"mag", "mag_err", "alt_deg_satchecker", *RADEC, *RATES}
+    table = parse(file, NUMERIC | may_lack, SCORE_COLUMNS, may_be_empty=may_lack)
+    wanted = {"a place in the sky": RADEC}
+    if not options.geometry_only:
+        wanted = {"a magnitude": ("mag",)} | wanted
+        if options.error is None:
+            wanted["an uncertainty"] = ("mag_err",)
     notes: tuple[str, ...] = ()
-    if "illuminated" in table:
-        dark = ~_true(table, "illuminated") & (table.texts["illuminated"] != "")
-        table, notes = _without(table, dark, "in the Earth's shadow")
+    for what, names in wanted.items():
+        empty = [np.isnan(table.numbers[name]) for name in names if name in table]
+        if empty:
+            table, more = _without(table, np.any(empty, axis=0), f"without {what}")
+            notes += more
     if "alt_deg_satchecker" in table:
-        table, more = _without(table, table.number("alt_deg_satchecker") < 0, "below the horizon")
+        table, more = _without(table, table.numbers["alt_deg_satchecker"] < 0, "below the horizon")
         notes += more
-    return build(_sorted(table), options, "score", notes)
+    table.texts["curve"] = table.texts["satellite_name"]
+    table.texts["site"] = _score_sites(table)
+    table = _sorted(table)
+    rates = {name: table.numbers.pop(name) for name in RATES if name in table}
+    curve = build(table, options, "score", notes)
+    velocity, more = observed_velocity(curve, rates)
+    extra = dict(curve.extra) | {table.label(name): v for name, v in rates.items()}
+    source = dict(curve.source)
+    if more:
+        source["notes"] = "; ".join([*filter(None, [source.get("notes", "")]), more])
+    return replace(curve, velocity_km_s=velocity, extra=extra, source=source)
+
+
+def _score_sites(table: Table) -> np.ndarray:
+    """Name of each row's site: its MPC code or coordinates, and its instrument."""
+    none = np.full(len(table), "")
+    code = table.texts.get("mpc_code", none)
+    device = table.texts.get("instrument", none)
+    lat, lon = (table.number(name) for name in SITE[:2])
+    rows = zip(code, lat, lon, device, strict=True)
+    return np.array([" ".join(filter(None, (
+        str(mpc) or f"{abs(y):.3f}{'NS'[int(y < 0)]} {abs(x):.3f}{'EW'[int(x < 0)]}",
+        "" if name.lower() == "none" else str(name),
+    ))) for mpc, y, x, name in rows])  # fmt: skip
 
 
 def read_pomenis(file: TextFile, options: Options) -> LightCurve:

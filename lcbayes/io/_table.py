@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -146,6 +146,7 @@ def parse(
     rename: dict[str, str] | None = None,
     delimiter: str | None = None,
     header: list[str] | None = None,
+    may_be_empty: Collection[str] = (),
 ) -> Table:
     """Parse delimited text.
 
@@ -156,6 +157,7 @@ def parse(
     rename : name in the file → name used here
     delimiter : found from the header when None
     header : names of the columns when the file's first row is data
+    may_be_empty : names (after renaming) of numeric columns whose empty cells are NaN
 
     Raises
     ------
@@ -187,6 +189,8 @@ def parse(
         numbers_of_lines.append(at)
         for i, column in enumerate(zip(*rows, strict=True)):
             if is_number[i]:
+                if names[i] in may_be_empty:
+                    column = [cell if cell.strip() else "nan" for cell in column]
                 columns[i].append(_floats(file, labels[i], column, at))
             else:
                 columns[i].append(np.array([cell.strip() for cell in column], dtype=np.str_))
@@ -276,7 +280,7 @@ def _chunks(
 
 
 def _floats(
-    file: TextFile, label: str, column: tuple[str, ...], at: NDArray[np.int64]
+    file: TextFile, label: str, column: Sequence[str], at: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     try:
         values = np.fromiter(map(float, column), float, len(column))

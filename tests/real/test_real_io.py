@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lcbayes.geometry import EARTH_GM
 from lcbayes.io import read, write
 
 pytestmark = pytest.mark.real
@@ -43,24 +44,42 @@ def test_damit_first_row_of_ariadne(data_dir):
 
 
 def test_score_geometry_gives_the_phase_angles_of_satchecker(data_dir):
-    """Site, RA/Dec, range and Sun: 2773 phase angles that other software computed."""
+    """Site, RA/Dec, range and Sun: 2781 phase angles that other software computed."""
     curve = read(data_dir / "starlink-v2mini-score" / "v2mini.csv")
-    assert curve.n_obs == 2773
+    assert curve.n_obs == 2781
     assert curve.source["format"] == "score"
-    assert "8 points in the Earth's shadow" in curve.source["notes"]
     assert "1 point below the horizon" in curve.source["notes"]
     assert curve.range_km is not None
-    # the wrong match of 2023-06-30 lay in the shadow
-    assert curve.range_km[curve.extra["satellite_name"] == "STARLINK-30112"].max() < 1500
+    # the wrong match of 2023-06-30 is kept
+    wrong = (curve.extra["satellite_name"] == "STARLINK-30112") & (curve.range_km > 1500)
+    assert wrong.sum() == 6
     published = curve.extra["phase_angle_deg_satchecker"].astype(float)
     assert np.max(np.abs(np.degrees(curve.phase_angle) - published)) < 1e-5
     # what SatChecker calls illuminated, from the Sun's centre, we do but for a few in penumbra
-    assert (curve.extra["sunlit"] == 0).sum() <= 8
+    lit = curve.extra["illuminated"] == "True"
+    assert (curve.extra["sunlit"][lit] == 0).sum() <= 8
+    assert not lit[wrong].any()
     assert not curve.free_scale.any()
     assert set(curve.band) == {"CLEAR"}
+    assert (curve.site == "43.650N 41.431E MMT9").sum() == 2352
+    assert len(set(curve.site)) == 8
     one = curve.select(curve.extra["satellite_name"] == "STARLINK-30123")
     assert one.n_obs == 45
     assert one.curve_names == ("STARLINK-30123",)
+
+
+def test_score_rates_are_those_of_orbits(data_dir):
+    """Starlink flies on circles, at 43 and 53° to the equator: speeds, climbs and planes."""
+    curve = read(data_dir / "starlink-v2mini-score" / "v2mini.csv")
+    assert curve.position_km is not None
+    assert curve.velocity_km_s is not None
+    radius, speed = (np.linalg.norm(v, axis=1) for v in (curve.position_km, curve.velocity_km_s))
+    ratio = speed / np.sqrt(EARTH_GM / radius)
+    assert np.mean(np.abs(ratio - 1) < 2e-3) > 0.99
+    assert np.abs(ratio - 1).max() < 0.01
+    pole = np.cross(curve.position_km, curve.velocity_km_s)
+    tilt = np.degrees(np.arccos(pole[:, 2] / np.linalg.norm(pole, axis=1)))
+    assert np.mean((np.abs(tilt - 43) < 0.3) | (np.abs(tilt - 53.2) < 0.3)) > 0.99
 
 
 def test_pomenis_ranges_follow_from_heights(data_dir):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import lcbayes
+from lcbayes import gallery, passes
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference.problem import Problem
 from lcbayes.io import read
 from lcbayes.predict import predict
 
@@ -33,3 +36,32 @@ def test_one_half_of_pomenis_predicts_the_other(data_dir):
     assert np.std(other.brightness - columns["mag_mean"]) < 0.64
     inside = (other.brightness > columns["mag_q05"]) & (other.brightness < columns["mag_q95"])
     assert np.mean(inside) == pytest.approx(0.9, abs=0.05)
+
+
+SCORE = "starlink-v2mini-score/v2mini.csv"
+HELD = {"law": "nadir-gimbal-array", "facets": "+z,array:+x", "noise_law": "mixture",
+        "individuals": False}  # fmt: skip
+MEANS = {  # of the posterior of all passes, `benchmarks/score.py`
+    "log_albedo_area_held": [-0.29, -1.69], "r_sum_held": [0.04, 0.68],
+    "specular_share_held": [0.77, 0.66], "log_nu_held": [-0.87, 2.51], "log_sigma": -2.98,
+    "log_pass_sd": -1.25, "log_pass_drift_sd": -1.73, "logit_outlier_share": -2.92,
+    "log_outlier_excess": 1.54,
+}  # fmt: skip
+
+
+def test_the_wrong_match_is_an_outlier_of_the_model(data_dir):
+    """All rows in: the pass that lay in the shadow is called one, and few others are."""
+    whole = read(data_dir / SCORE, error=0.02)
+    curve = whole.select(np.char.endswith(whole.site, "MMT9"))
+    data = Epochs.of(curve)
+    entry = gallery.find("stabilised")
+    problem = Problem(entry.bind(entry.check(HELD)), data)
+    z = problem.ravel({k: jnp.asarray(v) for k, v in MEANS.items()})
+    outlier = np.asarray(jax.jit(problem.constrain)(z, data)["outlier"])
+    number = passes.numbers(curve)
+    assert number.max() + 1 == 320
+    assert curve.range_km is not None
+    wrong = curve.range_km > 2300
+    assert wrong.sum() == 6
+    assert outlier[wrong].min() > 0.999
+    assert 5 < len(np.unique(number[outlier > 0.5])) < 40

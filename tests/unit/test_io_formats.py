@@ -179,24 +179,93 @@ def test_mmt9_needs_the_right_elements(tmp_path, seen, tle):
         read(path)
 
 
-def test_score(tmp_path):
-    names = (
-        "satellite_name,norad_cat_id,observation_time_utc,apparent_magnitude,"
-        "apparent_magnitude_uncertainty,observer_latitude_deg,observer_longitude_deg,"
-        "observer_altitude_m,observing_filter,sat_ra_deg_satchecker,sat_dec_deg_satchecker,"
-        "range_to_sat_km_satchecker,alt_deg_satchecker,illuminated"
+SCORE_HEAD = (
+    "satellite_name,norad_cat_id,observation_time_utc,apparent_magnitude,"
+    "apparent_magnitude_uncertainty,observer_latitude_deg,observer_longitude_deg,"
+    "observer_altitude_m,instrument,mpc_code,observing_filter,sat_ra_deg_satchecker,"
+    "sat_dec_deg_satchecker,range_to_sat_km_satchecker,alt_deg_satchecker,illuminated"
+)
+
+
+def score_row(name="A", minute=28, mag="2.4", err="0.2", ra="296.5", alt="52", lit=True, code=""):
+    return (
+        f"{name},1,2024-04-29T10:{minute}:45.000Z,{mag},{err},36.128,-95.988,201.0,B,{code},CLEAR,"
+        f"{ra},2.6,409.0,{alt},{lit}"
     )
-    row = "{},1,2024-04-29T10:{}:45.000Z,2.4,0.2,36.128,-95.988,201.0,CLEAR,296.5,2.6,409.0,52,{}"
+
+
+def test_score(tmp_path):
     path = tmp_path / "score.csv"
-    lines = [names, row.format("B", 30, True), row.format("A", 29, True), row.format("B", 28, True)]
-    path.write_text("\n".join([*lines, row.format("A", 28, False)]))
+    rows = [score_row("B", 30), score_row("A", 29), score_row("B", 28, code="H06"),
+            score_row("A", 28, lit=False)]  # fmt: skip
+    path.write_text("\n".join([SCORE_HEAD, *rows]))
     curve = read(path)
     assert curve.source["format"] == "score"
     assert curve.curve_names == ("A", "B")
-    assert curve.curve.tolist() == [0, 1, 1]
-    assert np.diff(curve.t)[1] == 120
-    assert "1 point in the Earth's shadow left out" in curve.source["notes"]
-    assert curve.extra["satellite_name"].tolist() == ["A", "B", "B"]
+    # what SatChecker calls dark is kept: the geometry says what is
+    assert curve.curve.tolist() == [0, 0, 1, 1]
+    assert curve.t.tolist()[2:] == [curve.t[0], curve.t[0] + 120]
+    assert "notes" not in curve.source
+    assert curve.extra["satellite_name"].tolist() == ["A", "A", "B", "B"]
+    assert curve.site.tolist() == ["36.128N 95.988W B"] * 2 + ["H06 B", "36.128N 95.988W B"]
+    assert curve.velocity_km_s is None  # no rates
+
+
+def test_score_rows_that_cannot_be_used_are_counted(tmp_path):
+    path = tmp_path / "score.csv"
+    rows = [score_row("A", m) for m in (10, 11)]
+    rows += [score_row(mag=""), score_row(mag="", minute=31), score_row(err=""), score_row(ra=""),
+             score_row(alt="-3")]  # fmt: skip
+    path.write_text("\n".join([SCORE_HEAD, *rows]))
+    curve = read(path)
+    assert curve.n_obs == 2
+    notes = curve.source["notes"]
+    for said in ("2 points without a magnitude", "1 point without an uncertainty",
+                 "1 point without a place in the sky", "1 point below the horizon"):  # fmt: skip
+        assert said + " left out" in notes
+    assert read(path, error=0.1).n_obs == 3
+    assert read_geometry(path).n_obs == 5  # magnitudes are not asked for
+    path.write_text("\n".join([SCORE_HEAD, score_row(mag=""), score_row(mag="")]))
+    with pytest.raises(InputError, match="all 2 points are without a magnitude"):
+        read(path)
+
+
+def test_score_velocities_are_those_of_the_elements(tmp_path, seen):
+    """Rates by differences of SGP4's places, over 0.2 s; one of right ascension is spoilt."""
+    t, place = seen[0], Site.parse(SITE)
+    turned = lambda g: (  # noqa: E731
+        np.degrees(np.arctan2(-g.obs[:, 1], -g.obs[:, 0])), np.degrees(np.arcsin(-g.obs[:, 2]))
+    )  # fmt: skip
+    geometry, *ends = (
+        from_tle(Times.of(MIDNIGHT, t + h), place, parse_tle(ISS, "iss")) for h in (0, -0.1, 0.1)
+    )
+    (ra, dec), (ra0, dec0), (ra1, dec1) = turned(geometry), turned(ends[0]), turned(ends[1])
+    east = ((ra1 - ra0 + 180.0) % 360.0 - 180.0) / 0.2 * np.cos(np.radians(dec))
+    east[3] -= 1800.0 * np.cos(np.radians(dec[3]))
+    away = (ends[1].range_km - ends[0].range_km) / 0.2
+    head = (
+        SCORE_HEAD
+        + ",range_rate_sat_km_s_satchecker,dra_cosdec_deg_s_satchecker,"
+        + ("ddec_deg_s_satchecker")
+    )
+    rows = [
+        f"ISS,25544,{utc(s)},2.4,0.2,43.65,41.431,2030,none,,CLEAR,{a},{d},{r},{h},True,{v},{e},{n}"
+        for s, a, d, r, h, v, e, n in zip(
+            t, ra % 360.0, dec, geometry.range_km, geometry.altitude_deg, away, east,
+            (dec1 - dec0) / 0.2, strict=True,
+        )
+    ]  # fmt: skip
+    path = tmp_path / "score.csv"
+    path.write_text("\n".join([head, *rows]))
+    curve = read(path)
+    assert "velocity of 1 point is that of a circular orbit" in curve.source["notes"]
+    assert curve.velocity_km_s is not None
+    assert geometry.velocity_km_s is not None
+    off = np.linalg.norm(curve.velocity_km_s - geometry.velocity_km_s, axis=1)
+    assert np.delete(off, 3).max() < 2e-3  # the Earth's axis is 0.12° from the axes' z: 1 m/s
+    assert off[3] < 0.02  # the orbit's eccentricity is 0.0007
+    path.write_text("\n".join([head, *rows]).replace(f",{away[5]},", ",,"))
+    assert read(path).velocity_km_s is None  # one rate is missing
 
 
 def test_pomenis(tmp_path):
