@@ -26,7 +26,8 @@ ALLOWED = {
     "ground": set(),
 }
 GROUND = {"lcbayes._jax", "lcbayes.errors"}
-FRONT_DOOR = {"lcbayes", "lcbayes.cli", "lcbayes.__main__", "lcbayes.fitting", "lcbayes.comparing"}
+FRONT_DOOR = {"lcbayes", "lcbayes.cli", "lcbayes.__main__", "lcbayes.fitting", "lcbayes.comparing",
+              "lcbayes.calibration"}  # fmt: skip
 FRONT_DOOR |= {"lcbayes.scanning", "lcbayes.batching", "lcbayes.batch_run.work"}
 HEAVY = ("jax", "numpyro", "arviz", "astropy", "matplotlib", "scipy", "pandas", "xarray")
 
