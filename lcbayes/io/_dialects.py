@@ -129,7 +129,8 @@ def read_score(file: TextFile, options: Options) -> LightCurve:
         table, more = _without(table, table.numbers["alt_deg_satchecker"] < 0, "below the horizon")
         notes += more
     table.texts["curve"] = table.texts["satellite_name"]
-    table.texts["site"] = _score_sites(table)
+    if all(name in table for name in SITE[:2]):
+        table.texts["site"] = _score_sites(table)
     table = _sorted(table)
     rates = {name: table.numbers.pop(name) for name in RATES if name in table}
     curve = build(table, options, "score", notes)

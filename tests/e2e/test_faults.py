@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import results_folders
 import small
+from jax.experimental.compilation_cache import compilation_cache
 
 from lcbayes import cli
 from lcbayes._jax import jax
@@ -33,10 +34,12 @@ def room_for(n_bytes: int) -> Iterator[None]:
     old = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, old[1]))
     jax.config.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()  # JAX asks once whether there is one
     try:
         yield
     finally:
         jax.config.update("jax_enable_compilation_cache", True)
+        compilation_cache.reset_cache()
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
