@@ -89,6 +89,7 @@ def kill_and_resume(place: Path, n_kills: int, seed: int) -> None:
     assert stored(place, out) == 0
 
 
+@pytest.mark.slow
 def test_killed_twice(place):
     kill_and_resume(place, 2, seed=1)
 

@@ -23,9 +23,9 @@ LEVEL = 1e-4
 
 
 def test_fits_hold_the_truth_as_often_as_they_say():
-    found = calibrate(small.curve(20, noise=0.1), "faceted", n=24, seed=2, **OPTIONS, **SHORT)
+    found = calibrate(small.curve(20, noise=0.1), "faceted", n=12, seed=2, **OPTIONS, **SHORT)
     assert found.names == ("albedo_area[0]", "g[0]", "phi[0]", "log_likelihood")
-    assert found.places.shape == (24, 4)
+    assert found.places.shape == (12, 4)
     assert found.p_values().min() > LEVEL / 4
 
 

@@ -86,6 +86,7 @@ class _Track:
         pass
 
 
+@pytest.mark.slow
 def test_chains_place_the_truth_where_the_posterior_does(exact, sampled):
     """Sixty comparisons at 4.5 Monte-Carlo standard errors: a false alarm in 2500 seeds."""
     below, effective = sampled

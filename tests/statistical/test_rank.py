@@ -147,7 +147,7 @@ def p_values(posed: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -
         ("mh", REPEATS),
         ("hmc", REPEATS),
         ("ahmc", REPEATS),
-        ("rmhmc", FEW),
+        pytest.param("rmhmc", FEW, marks=pytest.mark.slow),
         pytest.param("rmhmc", REPEATS, marks=pytest.mark.slow),
     ],
 )
@@ -155,11 +155,13 @@ def test_ranks_are_uniform(posed, name, repeats):
     assert p_values(posed, name, repeats).min() > LEVEL / len(STATISTICS)
 
 
+@pytest.mark.slow
 def test_few_repeats_suffice_to_find_out_the_published_rule(posed):
     """So that those granted to RMHMC mean something."""
     assert p_values(posed, "ahmc-paper", FEW).min() < 1e-8
 
 
+@pytest.mark.slow
 def test_ranks_under_the_published_rule_are_not(posed):
     assert p_values(posed, "ahmc-paper").min() < 1e-20
 

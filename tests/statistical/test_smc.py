@@ -25,6 +25,7 @@ def one():
     return problem, data, one_facet.Quadrature.of(data), found
 
 
+@pytest.mark.slow
 def test_evidence_of_one_facet(one):
     """The mean within 4.5 standard errors of eight runs (Student-t with 7 degrees of freedom, a
     false alarm in 350 keys), these below 0.06; each run within 0.5 nat.

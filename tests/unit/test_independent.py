@@ -22,6 +22,7 @@ def level(data):
     noise.observe(data, x * jnp.ones_like(data.t))
 
 
+@pytest.mark.slow
 def test_a_stopped_run_goes_on_to_the_same_numbers(tmp_path):
     data = Epochs.of(small.curve(10, noise=0.5))
     problem, key = Problem(level, data), jax.random.key(3)

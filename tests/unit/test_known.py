@@ -85,6 +85,7 @@ def fitted():
     return curve, xr.Dataset(draws)
 
 
+@pytest.mark.slow
 def test_factors_are_those_of_finite_differences(fitted):
     curve, draws = fitted
     options = {"n_facets": 1, "spin": "none"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+import pytest
 import small
 from jax.flatten_util import ravel_pytree
 
@@ -94,6 +95,7 @@ def test_mirror_of_what_is_not_symmetric_still_leaves_the_posterior():
     np.testing.assert_allclose(out.grad, out.z - 1.0)
 
 
+@pytest.mark.slow
 def test_mirror_images_weigh_the_same_with_the_move():
     """A run of 200 particles: the weight of one side is binomial, within 4.5 sd of a half."""
     sun, obs = in_plane(25)
