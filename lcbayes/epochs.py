@@ -14,8 +14,6 @@ from lcbayes.passes import Passes
 from lcbayes.physics import photometry
 from lcbayes.physics.laws import Ephemeris
 
-UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
-
 
 def _static(default):
     return field(default=default, metadata={"static": True})
@@ -55,8 +53,7 @@ class Epochs:
     orbit : Ephemeris
         What attitude laws read, at the same times; its own t is ``t``.
     sunlight : (T,)
-        Share of sunlight that reaches the body past the Earth, `lcbayes.penumbra`, at least
-        `UMBRA`; 1 where its place is not known.
+        Share of sunlight that reaches the body past the Earth, `penumbra.share`.
     airmass : (T,)
         1 where places or ranges are not known.
     site : (T,) int
@@ -149,11 +146,9 @@ class Epochs:
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
         together = Passes.of(curve, fitted) if has_passes else Passes.single(n)
-        sunlight, airmass = np.ones(n), np.ones(n)
-        if curve.position_km is not None:
-            sunlight = np.maximum(penumbra.sunlight(curve.position_km, curve.sun), UMBRA)
-            if curve.range_km is not None:
-                airmass = geometry.airmass(curve.position_km, curve.obs, curve.range_km)
+        airmass = np.ones(n)
+        if curve.position_km is not None and curve.range_km is not None:
+            airmass = geometry.airmass(curve.position_km, curve.obs, curve.range_km)
         return cls(
             t=jnp.asarray(t),
             t_middle=jnp.asarray(0.5 * span),
@@ -170,7 +165,7 @@ class Epochs:
             curve=jnp.asarray(curve.curve),
             exposure_s=jnp.asarray(curve.exposure_s),
             orbit=ephemeris(curve)._replace(t=jnp.asarray(t)),
-            sunlight=jnp.asarray(sunlight),
+            sunlight=jnp.asarray(penumbra.share(curve)),
             airmass=jnp.asarray(airmass),
             site=jnp.asarray(_index(curve.site, sites)),
             member=jnp.asarray(

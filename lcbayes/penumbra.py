@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM
+from lcbayes.lightcurve import LightCurve
 
 Floats = NDArray[np.float64]
 
@@ -16,6 +17,15 @@ RAYLEIGH = 0.098  # optical depth of the air toward the zenith, 550 nm
 OZONE, OZONE_KM, OZONE_WIDTH_KM = 0.030, 22.0, 5.0  # the same of its ozone, a layer of this height
 TOP_KM = 100.0
 NODES = 200  # of the integral over heights
+UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
+
+
+def share(curve: LightCurve) -> Floats:
+    """`sunlight` at the points of a light curve, (T,), at least `UMBRA`; 1 where the body's place
+    is not known."""
+    if curve.position_km is None:
+        return np.ones(curve.n_obs)
+    return np.maximum(sunlight(curve.position_km, curve.sun), UMBRA)
 
 
 def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:

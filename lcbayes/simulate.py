@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes import penumbra
 from lcbayes._jax import jax, jnp
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
@@ -41,8 +42,9 @@ def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, A
     Returns
     -------
     LightCurve
-        Flux (with ranges W/m², else at unit distance) or magnitudes. Epochs at which nothing of
-        the body is lit and seen have no magnitude and are left out where one is needed.
+        Flux (with ranges W/m², else at unit distance) or magnitudes, dimmed in the Earth's
+        penumbra where the scenario has an orbit. Epochs at which nothing of the body is lit and
+        seen have no magnitude and are left out where one is needed.
     dict
         The truth, ready for JSON: see `truth`.
 
@@ -53,6 +55,7 @@ def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, A
     """
     curve = epochs(scenario.geometry)
     flux = flux_at(scenario, curve.t, curve.sun, curve.obs, ephemeris(curve))
+    flux = flux * penumbra.share(curve)
     if scenario.kind == "mag" or scenario.noise.kind == "mag_err":
         kept = flux > 0.0
         if not kept.any():

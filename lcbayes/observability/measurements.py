@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes import penumbra
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
@@ -39,7 +40,8 @@ class Measurements:
     flux : (T,) m²
         At unit distance under unit irradiance.
     unit : (T,)
-        What ``flux`` is multiplied by for the curve's fluxes: Φ/r² (W/m² per m²) or 1.
+        What ``flux`` is multiplied by for the curve's fluxes: Φ/r² (W/m² per m²) or 1, times the
+        sunlight that reaches the body.
     mag, mag_err : (T,)
         Apparent magnitude where the range is known, else −2.5 log₁₀(flux); NaN where dark.
     mag_gradient : (T, 3) mag/rad
@@ -97,9 +99,9 @@ def measure(scenario: Scenario) -> Measurements:
         return f(jnp.zeros(3)), jax.jacfwd(f)(jnp.zeros(3))
 
     flux, gradient = (np.asarray(x) for x in flux_and_slope(along, obs))
-    unit = np.ones(curve.n_obs)
+    unit = sunlight = penumbra.share(curve)
     if curve.range_km is not None:
-        unit = np.asarray(
+        unit = sunlight * np.asarray(
             photometry.irradiance(jnp.ones(curve.n_obs), jnp.asarray(1e3 * curve.range_km))
         )
     bright = flux > 0.0
@@ -109,7 +111,9 @@ def measure(scenario: Scenario) -> Measurements:
     else:
         distance = 1.0 if curve.range_km is None else jnp.asarray(1e3 * curve.range_km)
         m_sun = 0.0 if curve.range_km is None else photometry.sun_magnitude(scenario.band)
-        mag = np.where(bright, photometry.magnitude(jnp.asarray(safe), distance, m_sun), np.nan)
+        mag = np.where(
+            bright, photometry.magnitude(jnp.asarray(safe * sunlight), distance, m_sun), np.nan
+        )
         mag_err = np.where(bright, MAGNITUDE_PER_NEPER * sd / (safe * unit), np.nan)
     slope = np.asarray(magnitude_gradient(jnp.asarray(flux), jnp.asarray(gradient)))
     information = np.where(bright, np.sum(slope**2, axis=1) / mag_err**2, 0.0)

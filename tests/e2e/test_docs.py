@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import documented
+import numpy as np
 import pytest
 from documented import PAGES, ROOT, Block
 
@@ -116,12 +117,16 @@ def run_python(page: str, folder: Path) -> dict:
     return names
 
 
-@pytest.mark.usefixtures("few")
-def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, capsys):
+    """It is `make demo` too, whose exit status is 0 where the fit is trusted."""
     monkeypatch.chdir(tmp_path)
     names = run_python("README.md", tmp_path)
     assert "Fit(faceted, 155 points" in capsys.readouterr().out
-    assert names["fit"].posterior.sizes["facet"] == 6
+    fit = names["fit"]
+    assert fit.converged, fit
+    omega = fit.posterior["omega"]
+    error = omega.mean(("chain", "draw")) - np.array([0.012, -0.020, 0.018])  # of its scenario
+    assert np.all(np.abs(error) < 5.0 * omega.std(("chain", "draw")))
     assert (tmp_path / "out" / "report.html").is_file()
 
 

@@ -5,16 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
+from lcbayes import penumbra
 from lcbayes import simulate as module
+from lcbayes._jax import jnp
 from lcbayes.commands import doctor
 from lcbayes.commands import simulate as command
+from lcbayes.epochs import Epochs
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.io import read
+from lcbayes.models import faceted
 from lcbayes.physics import shapes
 from lcbayes.scenario import ConstantRate, Fixed, Noise, PrincipalAxis, Scenario, load
 from lcbayes.scenarios.body import Material
@@ -246,3 +252,21 @@ def test_doctor(capsys, monkeypatch, tmp_path):
     assert "observations for tests" in wrong
     names = {check["name"] for check in answer["checks"]}
     assert {"python", "jax devices", "compilation cache", "cores", "memory"} <= names
+
+
+@pytest.mark.parametrize("name", ["box-wing", "one-facet", "two-facet-spin"])
+def test_a_model_given_the_truth_explains_the_curve(name):
+    """Simulation and model are two paths to one brightness: ranges, spin, penumbra and all."""
+    curve, made = simulate(load(name), 1)
+    omega = np.array(made["attitude"].get("omega_rad_s", [0.0, 0.0, 0.0]))
+    given = {
+        "normals_base": jnp.array([facet["normal"] for facet in made["facets"]]),
+        "log_albedo_area": jnp.log(jnp.array([f["albedo_area_m2"] for f in made["facets"]])),
+        "omega_unit": jnp.asarray(omega),
+    }
+    model = partial(faceted.model, n_facets=len(made["facets"]), omega_sd=1.0)
+    seeded = handlers.seed(handlers.substitute(model, given), 0)
+    found = handlers.trace(seeded).get_trace(Epochs.of(curve))["expected"]["value"]
+    np.testing.assert_allclose(found, made["flux"], rtol=1e-9, atol=1e-12 * max(made["flux"]))
+    if name == "box-wing":
+        assert penumbra.share(curve).min() < 0.6  # it comes out of the Earth's shadow
