@@ -35,7 +35,7 @@ def _configure() -> None:
     except OSError:  # a read-only home: slower, not broken
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # small ones are many
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 

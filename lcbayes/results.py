@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -168,8 +170,16 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
                     "zlib": True, "complevel": 1, "shuffle": True, "dtype": kind,
                 }  # fmt: skip
     # made in memory: HDF5 crashes the process where the disk fills while it writes
-    content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
+    with _without_cluster():
+        content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
     write_atomic(path, lambda p: p.write_bytes(content))
+
+
+def _without_cluster() -> AbstractContextManager[Any]:
+    """On a Dask worker xarray would lock what it writes for the whole cluster, by its name; a file
+    in memory has none."""
+    dask = sys.modules.get("dask")
+    return nullcontext() if dask is None else dask.config.set(scheduler="threads")
 
 
 def save_json(content: Mapping[str, Any], path: Path) -> None:

@@ -42,3 +42,19 @@ def test_a_task_is_done_again_when_its_worker_dies_but_not_for_ever(tmp_path):
         done = dict(run(die, str(tmp_path), [(i,) for i in range(4)]))
     assert type(done.pop(2)).__name__ == "KilledWorker"
     assert done == {i: i for i in (0, 1, 3)}
+
+
+def saved(folder: str, name: str) -> str:
+    import xarray as xr
+
+    from lcbayes.results import save_tree
+
+    save_tree(xr.DataTree(xr.Dataset({"x": ("draw", [1.0, 2.0])})), Path(folder) / name)
+    return name
+
+
+def test_a_worker_of_a_cluster_writes_its_results(tmp_path):
+    pytest.importorskip("distributed")
+    with crew(n_workers=1) as run:
+        assert dict(run(saved, str(tmp_path), [("posterior.nc",)])) == {0: "posterior.nc"}
+    assert (tmp_path / "posterior.nc").stat().st_size > 1000
