@@ -151,8 +151,7 @@ def ariadne() -> Posterior:
 
 def _climb(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
     """The mode that Fisher scoring reaches from z."""
-    state = jax.jit(partial(search.init, problem))(z[None], data)
-    return jnp.asarray(search.advance(problem, data, state, 300).z[0])
+    return jnp.asarray(search.advance(problem, data, search.init(z[None]), 300).z[0])
 
 
 def _at(problem: Problem, z: jax.Array, data: Epochs) -> Posterior:

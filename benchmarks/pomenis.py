@@ -103,7 +103,11 @@ def main() -> None:
     extra = f" --facets {args.facets} --halves {args.halves}" + (
         " --compare FOLDER" if args.compare else ""
     )
-    write_section(f"Pomenis: {args.facets} facets of a stabilised satellite", "python benchmarks/pomenis.py" + extra, text)
+    write_section(
+        f"Pomenis: {args.facets} facets of a stabilised satellite",
+        "python benchmarks/pomenis.py" + extra,
+        text,
+    )
 
 
 if __name__ == "__main__":

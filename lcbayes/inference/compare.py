@@ -23,6 +23,7 @@ from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
+from lcbayes.inference.path import in_time
 from lcbayes.inference.population import evenly
 from lcbayes.inference.posed import posed
 from lcbayes.inference.prior_mass import log_prior_mass
@@ -233,7 +234,8 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
-        ends = search.race(problem, data, prior_draws(problem, keys, data), workers, progress)
+        starts, way = prior_draws(problem, keys, data), in_time(problem, data)
+        ends = search.race(problem, data, starts, workers, progress, way)
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None

@@ -21,6 +21,7 @@ from lcbayes.gallery import Entry
 from lcbayes.inference import evidence, information, population, search, solutions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
+from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.inference.sample import Sampler, Timing
@@ -111,7 +112,9 @@ def run(
             starts = placed(spins, starts, pooled, data, default | dict(options))
     stored = checkpoint.load("search")
     if stored is None:
-        ends = search.race(pooled, data, starts, workers, progress)
+        informed = entry.hook("starts") is not None or spins
+        way = None if informed else in_time(pooled, data)
+        ends = search.race(pooled, data, starts, workers, progress, way)
         checkpoint.save("search", ends._asdict())
     else:
         ends = search.SearchState(**stored)

@@ -82,6 +82,11 @@ class Path:
         return replace(data, information=jnp.asarray(self.powers(s)[self.bins]) * data.information)
 
 
+def in_time(problem: Problem, data: Epochs) -> Path | None:
+    """The path on which points come in one after the other, where the body turns."""
+    return Path.of(data, problem.dim) if turns(problem, data, jax.random.key(0)) else None
+
+
 def turns(problem: Problem, data: Epochs, key: jax.Array) -> bool:
     """Whether the brightness of the prior's bodies changes with time where the directions to Sun
     and observer do not."""

@@ -123,7 +123,8 @@ def test_help_from_another_folder(installed, tmp_path):
 def test_a_tiny_fit_from_another_folder(installed, tmp_path):
     lcbayes = installed / "lcbayes"
     _run([lcbayes, "simulate", "one-facet", "-o", "c.csv", "--seed", "1"], cwd=tmp_path)
-    short = ["--n-facets", "1", "--spin", "none", "--num-warmup", "50", "--num-samples", "50", "--seed", "1"]
-    _run([lcbayes, "fit", "c.csv", "-o", "out", *short], cwd=tmp_path, ok=(0, 3))
+    asked = ["--n-facets", "1", "--spin", "none", "--seed", "1"]
+    short = ["--num-warmup", "50", "--num-samples", "50"]
+    _run([lcbayes, "fit", "c.csv", "-o", "out", *asked, *short], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0
