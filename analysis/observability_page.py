@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes._files import write_atomic
 from lcbayes.analysis import observability_plots as plots
 from lcbayes.analysis import style
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.pages import environment
-from lcbayes.checkpoint import write_atomic
 from lcbayes.folders import alone_in, installed_version
 from lcbayes.observability import summary
 from lcbayes.observability.summary import Findings

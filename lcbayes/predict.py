@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from lcbayes import gallery
 from lcbayes._jax import jax, jnp
+from lcbayes._toml import read_toml
 from lcbayes.ephemeris import with_velocity
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
+from lcbayes.io import read
 from lcbayes.lightcurve import LightCurve
 from lcbayes.noise import PASS_SPREADS, STUDENT_T_DF, expected
 
@@ -61,8 +63,8 @@ def predict(
     Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
     error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
     fit. Where points of a pass share an offset it is that of a pass not seen yet. A curve of
-    unknown scale is predicted with the
-    scale of the fitted curve of the same name; without one, relative to its own mean.
+    unknown scale is predicted with the scale of the fitted curve of the same name; without one,
+    relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
@@ -308,8 +310,6 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
 
 def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     """Posterior and run.toml of a results folder."""
-    from lcbayes._toml import read_toml
-
     path = folder / "posterior.nc"
     if not path.is_file():
         raise InputError(
@@ -328,8 +328,6 @@ def fitted_curve(folder: Path, config: Mapping[str, Any]) -> LightCurve:
     InputError
         It is gone, or is no longer what was fitted.
     """
-    from lcbayes.io import read
-
     try:
         curve = read(config["curve"], **config.get("reading", {}))
     except InputError as fault:

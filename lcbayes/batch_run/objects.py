@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import read_text
 from lcbayes._toml import read_toml
 from lcbayes.errors import InputError
-from lcbayes.io._files import read_text
 
 READING = {"format": str, "tle": str, "site": str, "error": float, "error_floor": float}
 KEYWORDS = {

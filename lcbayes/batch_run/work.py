@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import write_atomic
 from lcbayes.batch_run.objects import PATHS, Object
 from lcbayes.batch_run.table import DOUBTED, FAILED, NUMBERS, TRUSTED
-from lcbayes.checkpoint import write_atomic
 from lcbayes.errors import InputError
 from lcbayes.folders import installed_version
 

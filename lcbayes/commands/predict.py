@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lcbayes.checkpoint import write_atomic
+    from lcbayes._files import write_atomic
     from lcbayes.io import read_geometry
     from lcbayes.predict import fitted_curve, load, predict
 

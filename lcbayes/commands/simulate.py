@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")
 
+    from lcbayes._files import write_text
     from lcbayes.io import write
-    from lcbayes.io._files import write_text
     from lcbayes.scenario import load
     from lcbayes.simulate import sidecar, simulate
 

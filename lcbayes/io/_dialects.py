@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from lcbayes._files import TextFile
 from lcbayes.errors import InputError
 from lcbayes.io._build import build
 from lcbayes.io._columns import NUMERIC, RADEC, SITE, Options
-from lcbayes.io._files import TextFile
 from lcbayes.io._satchecker import RATES, observed_velocity
 from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.errors import InputError
 from lcbayes.physics.closure import close
+from lcbayes.physics.facets import grid
 
 Floats = NDArray[np.float64]
 
@@ -110,8 +111,6 @@ def cylinder(radius: float = 0.5, length: float = 2.0, n: int = 24) -> Body:
 
 def sphere(radius: float = 0.5, n: int = 200) -> Body:
     """n facets of a sphere, with areas adjusted so that they close."""
-    from lcbayes.physics.facets import grid
-
     normals = grid(n)
     areas = close(normals, np.full(n, 1.0 / n))
     return body(normals, 4.0 * np.pi * radius**2 * areas / areas.sum())

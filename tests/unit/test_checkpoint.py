@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes._files import write_atomic
+from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.folders import alone_in, to_toml
 
