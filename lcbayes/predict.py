@@ -45,7 +45,8 @@ def predict(
     fitted : LightCurve
         The curve it was fitted to; it fixes the origin of time and the unit of brightness.
     wanted : LightCurve
-        Epochs and geometry; its brightness is not looked at.
+        Epochs and geometry; its brightness is not looked at. Where it names no band, that of the
+        fitted curve holds.
     model, options
         As fitted.
     seed : int
@@ -104,6 +105,7 @@ def noise_free(
     notes : list of str
     """
     wanted = with_velocity(wanted)  # of neighbours, which may be in another chunk
+    wanted = _in_band(wanted, fitted)
     ready = Foretold.of(posterior, fitted, wanted, model, options)
     scale, own_level = ready.scales(posterior), ready.own_level
     parts = []
@@ -231,6 +233,19 @@ def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
         noise_unit=each,
         free_scale=(False,) * wanted.n_obs,
     )
+
+
+def _in_band(wanted: LightCurve, fitted: LightCurve) -> LightCurve:
+    """Epochs that name no band are predicted in that of the fitted curve."""
+    bands, unnamed = sorted(set(map(str, fitted.band))), wanted.band == ""
+    if fitted.kind == "flux" or "" in bands or not unnamed.any():
+        return wanted
+    if len(bands) > 1:
+        raise InputError(
+            f"the fit is in the bands {', '.join(bands)}, and {int(unnamed.sum())} of the epochs "
+            "to predict name none; give a column band"
+        )
+    return replace(wanted, band=np.where(unnamed, bands[0], wanted.band))
 
 
 def _sources(
