@@ -133,7 +133,7 @@ def test_epochs_that_name_none_of_several_bands_are_refused():
     light = small.magnitudes(80)
     light = replace(light, band=np.resize(["R", "V"], light.n_obs))
     wanted = replace(light, band=np.full(light.n_obs, ""))
-    with pytest.raises(InputError, match="bands R, V.*give a column band"):
+    with pytest.raises(InputError, match=r"bands R, V.*give a column band"):
         predict(dataset({}), light, wanted, "faceted", ONE)
 
 
