@@ -164,7 +164,7 @@ def _convert(model: str, option: Option, value: Any) -> Any:
         if option.type is int and float(value) != int(float(value)):
             raise ValueError
         return option.type(float(value)) if option.type is int else option.type(value)
-    except (TypeError, ValueError, KeyError):
+    except (TypeError, ValueError, KeyError, OverflowError):
         raise InputError(
             f"option {option.name!r} of model {model!r} is {value!r}; "
             f"expected {option.type.__name__}"

@@ -37,6 +37,8 @@ def identity(one: Object) -> str:
         files.append(one.keywords["model"])
     said = [one.reading, one.keywords, {k: str(v) for k, v in one.options.items()}]
     found = hashlib.sha256(json.dumps([*said, installed_version()], sort_keys=True).encode())
+    if "start_from" in one.keywords:
+        files.append(str(Path(one.keywords["start_from"]) / "summary.json"))
     for name in files:
         found.update(Path(name).read_bytes())
     return found.hexdigest()
@@ -63,7 +65,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     except Exception as fault:  # whatever ails one object, the others are to be done
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "error.txt").write_text(traceback.format_exc())
-        told = f"{type(fault).__name__}: {str(fault).strip().splitlines()[:1]}"
+        told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
     row = _row(one, found.summary(), time.monotonic() - begun)
     mark = {"identity": identity(one), "row": row}
