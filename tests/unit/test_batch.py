@@ -63,7 +63,10 @@ def test_faults_of_a_catalogue_name_the_line(tmp_path, text, said):
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [("seed = [1]", "seed is not a whole number"), ("num_chains = 4.7", r"num_chains is not .*4\.7")],
+    [
+        ("seed = [1]", "seed is not a whole number"),
+        ("num_chains = 4.7", r"num_chains is not .*4\.7"),
+    ],
 )
 def test_values_of_another_kind_are_no_settings(tmp_path, line, said):
     path = tmp_path / "c.toml"
