@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 import tempfile
@@ -138,7 +139,8 @@ def _command(run: Mapping[str, Any]) -> str:
     for name, flag in FLAGS.items():
         if name in options:
             words += [flag, options[name]]
-    for law in filter(None, str(options.get("laws", "")).split(",")):
+    # commas are between laws, and between the settings NAME=NUMBER of one
+    for law in filter(None, re.split(r",(?!\w+=)", str(options.get("laws", "")))):
         words += ["--law", law]
     if options.get("common_noise"):
         words.append("--common-noise")

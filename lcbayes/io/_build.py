@@ -116,8 +116,11 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
         epoch_jd = float(text)
     except ValueError:
         epoch_jd = np.nan
-    if not np.isfinite(epoch_jd):
-        raise InputError(f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date")
+    if not 2.3e6 < epoch_jd < 2.6e6:  # a date in days of another origin makes another Sun
+        raise InputError(
+            f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date of the years "
+            "1585 .. 2406 (MJD + 2400000.5)"
+        )
     return values, epoch_jd, name
 
 
