@@ -37,6 +37,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -162,6 +163,8 @@ def _convert(model: str, option: Option, value: Any) -> Any:
         if option.type is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]
         if option.type is int and float(value) != int(float(value)):
+            raise ValueError
+        if option.type is float and not math.isfinite(float(value)):
             raise ValueError
         return option.type(float(value)) if option.type is int else option.type(value)
     except (TypeError, ValueError, KeyError, OverflowError):
