@@ -6,7 +6,6 @@ import re
 import shlex
 import shutil
 import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -40,16 +39,13 @@ def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[s
     Path
         The page.
     """
-    import matplotlib
-
     scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
     try:
         scratch.chmod(0o755)
         figures = scratch / "figures"
         figures.mkdir()
         body = _body(found)
-        with matplotlib.rc_context(style.RC), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        with style.drawing():
             gallery = style.Gallery(figures)
             drawn = [
                 scan_plots.draw_sky(found, gallery),

@@ -41,7 +41,6 @@ STATS = {
     "potential_energy": "lp", "accept_prob": "acceptance_rate", "num_steps": "n_steps",
     "diverging": "diverging", "energy": "energy",
 }  # fmt: skip
-CHUNK = 64
 
 
 def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:

@@ -19,7 +19,7 @@ from lcbayes.inference.loo import loo
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
-from lcbayes.names import label, reported
+from lcbayes.names import SPIN, label, reported
 from lcbayes.noise import OBSERVED, OUTLIER
 from lcbayes.results import dataset
 
@@ -98,7 +98,7 @@ def summarise(
                 "max_rhat": _extreme(table, "rhat", np.max),
                 "min_ess_bulk": _extreme(table, "ess_bulk", np.min),
                 "min_ess_tail": _extreme(table, "ess_tail", np.min),
-                **{k: table[k]["mean"] for k in _HEADLINES if k in table},
+                **{k: table[k]["mean"] for k in SPIN if k in table},
                 "parameters": table,
             }
         )
@@ -134,11 +134,6 @@ def summarise(
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
     }
-
-
-_HEADLINES = (
-    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
-)  # fmt: skip
 
 
 def _extreme(table, key: str, pick) -> float:

@@ -12,9 +12,10 @@ from typing import Any
 
 from lcbayes._files import write_atomic
 from lcbayes.batch_run.objects import PATHS, Object
-from lcbayes.batch_run.table import DOUBTED, FAILED, NUMBERS, TRUSTED
+from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
 from lcbayes.errors import InputError
 from lcbayes.folders import installed_version
+from lcbayes.names import SPIN
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
 MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
@@ -102,7 +103,7 @@ def _row(one: Object, summary: Mapping[str, Any], seconds: float) -> dict[str, A
         "max_rhat": summary["max_rhat"],
         "min_ess_bulk": summary["min_ess_bulk"],
     }
-    for key in NUMBERS:
+    for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
     areas = [v["mean"] for k, v in parameters.items() if k.startswith("albedo_area[")]

@@ -223,13 +223,6 @@ def read_obj(path: str | Path) -> Body:
     return Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
 
 
-def write_obj(path: str | Path, vertices: ArrayLike, faces: list[list[int]]) -> None:
-    """Write vertices (V, 3) and polygons (0-based vertex indices, counter-clockwise) as OBJ."""
-    points = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in np.asarray(vertices, float)]
-    polygons = ["f " + " ".join(str(int(i) + 1) for i in face) for face in faces]
-    Path(path).write_text("\n".join([*points, *polygons, ""]), encoding="utf-8")
-
-
 def _vertex(words: list[str], where: Path, number: int) -> list[float]:
     try:
         xyz = [float(w) for w in words[:3]]

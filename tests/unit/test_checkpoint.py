@@ -105,7 +105,7 @@ def test_digests_tell_light_curves_apart():
     n = 4
     axis = np.eye(3)[np.zeros(n, int)]
     curve = LightCurve(
-        t=np.arange(n), brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
+        t=np.arange(n, dtype=float), brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
         band=np.array(["V", "R", "V", "R"]), site=np.array(["a", "bc", "a", "bc"]),
     )  # fmt: skip
     others = [
