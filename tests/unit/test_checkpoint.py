@@ -102,10 +102,10 @@ def test_toml_comes_back(tmp_path):
 
 def test_digests_tell_light_curves_apart():
     """By everything that decides numbers: a run must not go on from that of another curve."""
-    n = 4
+    n, t = 4, np.arange(4.0)
     axis = np.eye(3)[np.zeros(n, int)]
     curve = LightCurve(
-        t=np.arange(n, dtype=float), brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
+        t=t, brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
         band=np.array(["V", "R", "V", "R"]), site=np.array(["a", "bc", "a", "bc"]),
     )  # fmt: skip
     others = [
