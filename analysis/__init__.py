@@ -1,1 +1,1 @@
-"""TODO"""
+"""What is done with results: figures, tables and pages. Nothing here changes a number."""

@@ -10,24 +10,21 @@ from numpy.typing import NDArray
 from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.shape_plots import STONE, draw_views
-from lcbayes.analysis.sky_plots import mollweide, nearest_pixels, place
-from lcbayes.analysis.style import DATA, FAINT, RC, Gallery, colour
+from lcbayes.analysis.sky_plots import draw_line, mollweide, nearest_pixels, place
+from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 
 Floats = NDArray[np.float64]
 
 
 def draw(result: Inversion, gallery: Gallery) -> None:
     """All figures, as SVG in the gallery's folder."""
-    from matplotlib import rc_context
-
-    with rc_context(RC):
-        draw_map(result, gallery)
-        draw_fit(result, gallery)
-        if result.shape is not None:
-            body = result.shape
-            reach = float(np.max(np.linalg.norm(body.vertices, axis=1)))
-            faces = [body.vertices[f] / reach for f in body.faces]
-            draw_views(faces, [STONE] * len(faces), gallery, "shape", "Shape from three sides.")
+    draw_map(result, gallery)
+    draw_fit(result, gallery)
+    if result.shape is not None:
+        body = result.shape
+        reach = float(np.max(np.linalg.norm(body.vertices, axis=1)))
+        faces = [body.vertices[f] / reach for f in body.faces]
+        draw_views(faces, [STONE] * len(faces), gallery, "shape", "Shape from three sides.")
 
 
 def draw_map(result: Inversion, gallery: Gallery) -> None:
@@ -50,9 +47,8 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
     figure.colorbar(picture, ax=axes, label="share of a grid cell (%)", shrink=0.8, pad=0.03)
     for cue in result.cues:
         if cue.name == "arc" and cue.significant:
-            x, y = place(*lon_lat(_circle(np.asarray(cue.details["pole"]))))
-            x = np.where(np.abs(np.diff(x, append=x[0])) > np.pi, np.nan, x)  # across the edge
-            axes.plot(x, y, color=DATA, lw=1.0, label="great circle of the arc")
+            circle = _circle(np.asarray(cue.details["pole"]))
+            draw_line(axes, circle, color=DATA, lw=1.0, label="great circle of the arc")
     if result.facets is not None:
         few = result.facets
         largest = few.areas.max()

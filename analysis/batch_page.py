@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes._files import write_atomic
 from lcbayes.analysis import style
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.tables import three
 from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
-from lcbayes.checkpoint import write_atomic
 
 COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}
 ALT = "Goodness of fit of every object, and albedo-area against rotation rate."

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.quantities import Quantity, readable
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+from lcbayes.inference.loo import BAD_K, log_weights
 
 Floats = NDArray[np.float64]
 DOTS = 500
@@ -181,9 +182,7 @@ class Pit:
 def loo_pit(results: Results) -> Pit | None:
     """Probability of each point being at or below its observed value, predicted without it.
 
-    Pareto-smoothed importance sampling by ArviZ, except at epochs where it refuses because the
-    largest importance ratios are all alike, as where the object is dark in many draws: there the
-    plain ratios are bounded and need no smoothing.
+    By the weights of `lcbayes.inference.loo`, for the power to which the draws have the likelihood.
     """
     import arviz
 
@@ -195,7 +194,9 @@ def loo_pit(results: Results) -> Pit | None:
     log_lik, predicted = log_lik.isel(time=finite), predicted.isel(time=finite)
     if log_lik.sizes["chain"] * log_lik.sizes["draw"] < 100 or not finite.any():
         return None
-    log_weights, khat = _log_weights(log_lik.to_numpy())
+    power = (results.summary.get("fit") or {}).get("information_per_point", 1.0)
+    flat = log_lik.to_numpy().reshape(len(log_lik), -1)
+    weights, khat = log_weights(flat.T, power)
     tree = xr.DataTree.from_dict(
         {
             "posterior": xr.Dataset({"unused": log_lik.isel(time=0, drop=True)}),
@@ -206,27 +207,12 @@ def loo_pit(results: Results) -> Pit | None:
     )
     pit = arviz.loo_pit(
         tree,
-        log_weights=xr.Dataset({"brightness": log_lik.copy(data=log_weights)}),
+        log_weights=xr.Dataset({"brightness": log_lik.copy(data=weights.T.reshape(log_lik.shape))}),
         pareto_k=xr.Dataset({"brightness": ("time", khat)}),
     )
     dark = np.ptp(log_lik.to_numpy(), axis=(1, 2)) < 1e-9
     values = np.clip(pit["brightness"].to_numpy(), 0.0, 1.0)
-    return Pit(values, int(dark.sum()), int(np.sum(khat > 0.7)))
-
-
-def _log_weights(log_lik: Floats) -> tuple[Floats, Floats]:
-    """Smoothed log importance weights of leaving out each epoch (T, chain, draw), and k (T,)."""
-    from arviz_stats.base import array_stats
-    from scipy.special import logsumexp
-
-    flat = log_lik.reshape(len(log_lik), -1)
-    weights, khat = np.empty_like(flat), np.full(len(flat), -np.inf)
-    for i, row in enumerate(flat):
-        try:
-            weights[i], khat[i] = array_stats.psislw(row)
-        except ValueError:  # all tail values are the same
-            weights[i] = -row - logsumexp(-row)
-    return weights.reshape(log_lik.shape), khat
+    return Pit(values, int(dark.sum()), int(np.sum(khat > BAD_K)))
 
 
 def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
@@ -263,7 +249,7 @@ def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
     if pit.unreliable:
         points = "point" if pit.unreliable == 1 else "points"
         caption += f"For {pit.unreliable} {points} the estimate is unreliable "
-        caption += "(Pareto k above 0.7)."
+        caption += f"(Pareto k above {BAD_K})."
     return gallery.add(
         figure, "loo-pit", "LOO-PIT: calibration of the predictions.", caption.strip()
     )

@@ -11,11 +11,12 @@ import numpy as np
 from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
-from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.glints.attitude import Glints
-from lcbayes.glints.directions import CHI2_90, Direction, axes_across
+from lcbayes.glints.directions import CHI2_90, Direction
 from lcbayes.lightcurve import LightCurve
+from lcbayes.physics.facets import across
 
 NAME = "glints"
 MOST = 4  # stretches that are drawn: those with the strongest glints
@@ -183,24 +184,19 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
         for sign in (1.0, -1.0):
             known.append(("cylinder's axis, 90 %", result.cylinder, colour(2), sign))
         turn = np.linspace(0, 2 * np.pi, 361)[:, None]
-        first, second = axes_across(result.cylinder.vector)
-        _line(axes, np.cos(turn) * first + np.sin(turn) * second, FAINT, "across the cylinder", 0.8)
+        first, second = across(result.cylinder.vector)
+        circle = np.cos(turn) * first + np.sin(turn) * second
+        draw_line(axes, circle, color=FAINT, lw=0.8, label="across the cylinder")
     said: set[str] = set()
     for name, d, hue, sign in known:
-        _line(axes, sign * _outline(d), hue, None if name in said else name, 1.3)
+        label = None if name in said else name
+        draw_line(axes, sign * _outline(d), color=hue, lw=1.3, label=label)
         x, y = place(*lon_lat(sign * d.vector))
         axes.plot(x, y, "+", ms=7, color=hue)
         said.add(name)
     figure.legend(loc="outside lower center", ncols=3)
     gallery.add(figure, "directions", "Map of bisectors at glints and of what they point to.",
                 "Body axes: inertial unless an attitude was given.")  # fmt: skip
-
-
-def _line(axes: Any, vectors: np.ndarray, hue: str, label: str | None, width: float) -> None:
-    """A line on the map, broken at its edge."""
-    x, y = place(*lon_lat(vectors))
-    x = np.where(np.abs(np.diff(x, append=x[0])) > np.pi, np.nan, x)
-    axes.plot(x, y, color=hue, lw=width, label=label)
 
 
 def draw_panel(result: Glints, gallery: Gallery) -> None:

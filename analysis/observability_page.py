@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import shlex
 import tempfile
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lcbayes._files import write_atomic
 from lcbayes.analysis import observability_plots as plots
 from lcbayes.analysis import style
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.pages import environment
-from lcbayes.checkpoint import write_atomic
 from lcbayes.folders import alone_in, installed_version
 from lcbayes.observability import summary
 from lcbayes.observability.summary import Findings
@@ -33,8 +32,6 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
     Path
         Of the numbers, which are written last.
     """
-    import matplotlib
-
     content = summary.numbers(found)
     with alone_in(out, (NUMBERS, PAGE, SCHEDULE)) as folder:
         assert folder is not None
@@ -42,10 +39,8 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
         figures.mkdir(exist_ok=True)
         with (
             tempfile.TemporaryDirectory(prefix=".figures-", dir=folder) as scratch,
-            matplotlib.rc_context(style.RC),
-            warnings.catch_warnings(),
+            style.drawing(),
         ):
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
             images = plots.draw(found, style.Gallery(Path(scratch)))
             for old in figures.glob("*.svg"):
                 old.unlink()

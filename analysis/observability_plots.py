@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.quantities import lon_lat
-from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
 from lcbayes.observability.summary import Findings, sentences
 
@@ -37,8 +37,6 @@ def draw(found: Findings, gallery: Gallery) -> dict[str, Image]:
 def _sites(found: Findings) -> list[tuple[str, NDArray[np.bool_], str]]:
     """Name, rows and colour of each site."""
     site = found.measured.curve.site
-    if site is None:
-        return [("", np.ones(found.measured.curve.n_obs, bool), colour(0))]
     names = list(dict.fromkeys(map(str, site)))
     return [(name, site == name, colour(i)) for i, name in enumerate(names)]
 
@@ -184,9 +182,7 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
         axes.plot(lon, lat, "D", ms=6, mfc="none", mec=hue, mew=1.4,
                   label=f"{name}, not seen by the best measurement")  # fmt: skip
     circle = _great_circle(m.nullspace[i])
-    lon, lat = place(*lon_lat(circle))
-    lon = np.where(np.abs(np.diff(lon, append=lon[0])) > np.pi, np.nan, lon)
-    axes.plot(lon, lat, color=FAINT, lw=0.9, label="all axes it does not see")
+    draw_line(axes, circle, color=FAINT, lw=0.9, label="all axes it does not see")
     figure.legend(loc="outside lower center", ncols=3, fontsize=7.5)
     return gallery.add(
         figure,

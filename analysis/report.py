@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import tempfile
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +49,6 @@ def write(folder: Path | str) -> Path:
     lcbayes.errors.InputError
         If the folder is none of lcbayes, or is damaged.
     """
-    import matplotlib
-
     folder = Path(folder)
     results = contents.read(folder)
     try:
@@ -62,8 +59,7 @@ def write(folder: Path | str) -> Path:
         scratch.chmod(0o755)
         figures = scratch / "figures"
         figures.mkdir()
-        with matplotlib.rc_context(style.RC), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        with style.drawing():
             page, shapes = _compose(results, style.Gallery(figures))
         (scratch / "report.html").write_text(page, encoding="utf-8")
         _write_shapes(scratch, shapes)

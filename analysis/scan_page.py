@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,16 +39,13 @@ def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[s
     Path
         The page.
     """
-    import matplotlib
-
     scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
     try:
         scratch.chmod(0o755)
         figures = scratch / "figures"
         figures.mkdir()
         body = _body(found)
-        with matplotlib.rc_context(style.RC), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        with style.drawing():
             gallery = style.Gallery(figures)
             drawn = [
                 scan_plots.draw_sky(found, gallery),
@@ -138,7 +135,8 @@ def _command(run: Mapping[str, Any]) -> str:
     for name, flag in FLAGS.items():
         if name in options:
             words += [flag, options[name]]
-    for law in filter(None, str(options.get("laws", "")).split(",")):
+    # commas are between laws, and between the settings NAME=NUMBER of one
+    for law in filter(None, re.split(r",(?!\w+=)", str(options.get("laws", "")))):
         words += ["--law", law]
     if options.get("common_noise"):
         words.append("--common-noise")

@@ -43,6 +43,13 @@ def place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
     return np.radians((np.asarray(lon) + 180.0) % 360.0 - 180.0), np.radians(lat)
 
 
+def draw_line(axes: Any, vectors: Floats, **how: Any) -> None:
+    """A closed line through directions (N, 3), broken at the map's edge."""
+    lon, lat = place(*lon_lat(vectors))
+    across = np.abs(np.diff(lon, append=lon[0])) > np.pi
+    axes.plot(np.where(across, np.nan, lon), lat, **how)
+
+
 def _some(array: Floats) -> Floats:
     """At most `CLOUD` draws, evenly taken, chains joined: (S, ...)."""
     flat = array.reshape(-1, *array.shape[2:])

@@ -6,13 +6,12 @@ import json
 import shutil
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from lcbayes.analysis.pages import environment
-from lcbayes.analysis.style import RC, Gallery
+from lcbayes.analysis.style import Gallery, drawing
 from lcbayes.errors import InputError
 from lcbayes.folders import installed_version, put_in_place
 from lcbayes.results import save_json
@@ -50,10 +49,7 @@ def write(
         figures.mkdir(mode=0o755)
         save_json(content, scratch / f"{name}.json")
         (scratch / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        from matplotlib import rc_context
-
-        with warnings.catch_warnings(), rc_context(RC):
-            warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        with drawing():
             gallery = Gallery(figures)
             draw(gallery)
         page = (

@@ -7,12 +7,13 @@ import io
 import re
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lcbayes.checkpoint import write_atomic
+from lcbayes._files import write_atomic
 
 # Okabe & Ito 2008, without the yellow that is lost on white; told apart by all eyes.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
@@ -46,6 +47,16 @@ RC: dict[str, Any] = {
 
 def colour(index: int) -> str:
     return PALETTE[index % len(PALETTE)]
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Figures that are made meanwhile look as ours do."""
+    import matplotlib
+
+    with matplotlib.rc_context(RC), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        yield
 
 
 @dataclass(frozen=True)
@@ -102,16 +113,9 @@ def picture(
     folder: Path, name: str, draw: Callable[[Gallery], Any], alt: str, caption: str
 ) -> Image:
     """The one figure of a page: written to ``figures/name.png`` of the folder, and returned."""
-    import matplotlib
-
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
-    with (
-        matplotlib.rc_context(RC),
-        warnings.catch_warnings(),
-        tempfile.TemporaryDirectory() as scratch,
-    ):
-        warnings.filterwarnings("ignore", message="constrained_layout not applied")
+    with drawing(), tempfile.TemporaryDirectory() as scratch:
         gallery = Gallery(Path(scratch))
         figure = draw(gallery)
         image = gallery.add(figure, name, alt, caption)

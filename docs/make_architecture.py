@@ -18,12 +18,12 @@ OUT = Path(__file__).parent / "figures" / "architecture.svg"
 
 # From the ground up. A layer may import from those that are named with it.
 LAYERS = {
-    "ground": ("lcbayes._jax, lcbayes.errors", ()),
+    "ground": ("lcbayes._jax, _files, _toml, errors", ()),
     "physics": ("lcbayes.physics", ("ground",)),
-    "io": ("lcbayes.io", ("ground", "core")),
+    "light curves": ("lcbayes.io, lightcurve, geometry, tle", ("ground",)),
     "core": (
-        "light curves, priors, noise, inference, scenarios,\nresults, methods without inversion",
-        ("physics", "io"),
+        "priors, noise, inference, scenarios, results,\nmethods without inversion",
+        ("physics", "light curves"),
     ),
     "models": ("lcbayes.models", ("core",)),
     "analysis": ("lcbayes.analysis: figures, pages", ("models",)),
@@ -31,12 +31,12 @@ LAYERS = {
 }  # fmt: skip
 PLACES = {  # centre and width of a box, in boxes
     "ground": (0.0, 0.0, 4.6),
-    "physics": (-1.25, 1.0, 2.1),
-    "io": (1.5, 2.0, 1.6),
-    "core": (-0.95, 2.0, 2.7),
-    "models": (-0.95, 3.0, 2.7),
-    "analysis": (-0.95, 4.0, 2.7),
-    "front door": (-0.95, 5.0, 2.7),
+    "physics": (-1.2, 1.0, 2.2),
+    "light curves": (1.2, 1.0, 2.2),
+    "core": (0.0, 2.0, 2.7),
+    "models": (0.0, 3.0, 2.7),
+    "analysis": (0.0, 4.0, 2.7),
+    "front door": (0.0, 5.0, 2.7),
 }
 HEIGHT = 0.62
 
@@ -59,13 +59,8 @@ def main() -> None:
         x, y, width = PLACES[name]
         for other in below:
             to_x, to_y, to_width = PLACES[other]
-            if to_y == y:  # core and io, side by side
-                edge = 1 if to_x > x else -1
-                ends = ((to_x - edge * to_width / 2, y), (x + edge * width / 2, y))
-            else:
-                at = x if abs(x - to_x) < to_width / 2 else to_x
-                at = at if abs(at - x) < width / 2 else x
-                ends = ((at, to_y + HEIGHT / 2), (at, y - HEIGHT / 2))
+            at = x if abs(x - to_x) < to_width / 2 else to_x  # straight down, onto both boxes
+            ends = ((at, to_y + HEIGHT / 2), (at, y - HEIGHT / 2))
             axes.annotate("", *ends, arrowprops={"arrowstyle": "-|>", "color": style.INK})
     OUT.parent.mkdir(exist_ok=True)
     figure.savefig(OUT, metadata={"Date": None, "Creator": None})

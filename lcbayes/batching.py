@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import write_atomic
 from lcbayes.batch_run import table, work
 from lcbayes.batch_run.objects import Object, objects
-from lcbayes.checkpoint import write_atomic
 from lcbayes.folders import alone_in, installed_version, make_folder
 from lcbayes.progress import Silent
 from lcbayes.verdict import Judged

@@ -58,9 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # argparse has said what is wrong
         return int(stop.code or 0)
     if args.version:
-        from importlib.metadata import version
+        from lcbayes.folders import installed_version
 
-        print(f"lcbayes {version('lcbayes')}")
+        print(f"lcbayes {installed_version()}")
         return 0
     if args.command is None:
         parser.print_help()

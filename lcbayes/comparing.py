@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes._files import write_atomic
+from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve
 from lcbayes.folders import alone_in, installed_version, make_folder, record

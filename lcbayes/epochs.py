@@ -117,7 +117,8 @@ class Epochs:
         curve : LightCurve
         fitted : LightCurve, optional
             The curve whose posterior is to be evaluated at the epochs of ``curve``: it sets the
-            origin of time. Default: ``curve`` itself.
+            origin of time, the kind of brightness, and what its sites, members and passes are.
+            Default: ``curve`` itself.
         """
         fitted = curve if fitted is None else fitted
         t = curve.t - fitted.t.min()

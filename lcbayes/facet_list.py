@@ -75,11 +75,3 @@ def facet_list(text: str) -> list[Facet]:
         x, y, z = (normal / length).tolist()
         found.append(Facet((match["where"] or "").lower(), (x, y, z), sd, area))
     return found
-
-
-def tangents(normal: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors square to a unit vector and to each other, (3,) each."""
-    n = np.asarray(normal)
-    one = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
-    one /= np.linalg.norm(one)
-    return one, np.cross(n, one)

@@ -20,11 +20,17 @@ from lcbayes.verdict import Judged
 if TYPE_CHECKING:
     import xarray as xr
 
+    from lcbayes.gallery import Entry
+
 
 FRAMES = {
     "icrs": "the axes of ICRS",
     "ecliptic-j2000": "the axes of the ecliptic of J2000",
     "inertial": "the inertial axes of the file",
+}
+NOISE = {
+    "student-t": "Noise follows Student's t of 4 degrees of freedom: outliers weigh less.",
+    "mixture": "Some points are outliers, which scatter more widely; how many is inferred.",
 }
 WRITTEN = ("posterior.nc", "summary.json", "run.toml")
 
@@ -161,7 +167,7 @@ def fit(
         posterior = engine.run(curve, entry, checked, settings, checkpoint, progress, spins)
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
-        tree.attrs = _attributes(curve, summary, entry.name, seed, checked)
+        tree.attrs = _attributes(curve, summary, entry, seed, checked)
         begun = {} if start_from is None else {"start_from": str(Path(start_from).resolve())}
         run = record(curve, model, settings.as_dict() | begun, checked, reading)
         found = Fit(tree, summary, run)
@@ -179,12 +185,14 @@ def check_curve(curve: LightCurve) -> None:
         raise InputError(f"the curve has {curve.n_obs} points; at least 3 are needed to fit")
 
 
-def _attributes(curve: LightCurve, summary, model: str, seed: int, options) -> dict[str, Any]:
+def _attributes(
+    curve: LightCurve, summary, entry: Entry, seed: int, options: Mapping[str, Any]
+) -> dict[str, Any]:
     epoch = {}
     if curve.epoch_jd is not None:
         epoch["epoch_jd"] = curve.epoch_jd + curve.t.min() / 86400.0
     return epoch | {
-        "model": model,
+        "model": entry.name,
         "kind": curve.kind,
         "frame": curve.frame,
         "n_facets": summary["n_facets"],
@@ -192,16 +200,16 @@ def _attributes(curve: LightCurve, summary, model: str, seed: int, options) -> d
         "version": installed_version(),
         "command": "lcbayes fit --config run.toml",
         "source_file": str(curve.source.get("file", "")),
-        "assumptions": json.dumps(_assumptions(curve, model, options)),
+        "assumptions": json.dumps(_assumptions(curve, entry, options)),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }
 
 
-def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> list[str]:
+def _assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> list[str]:
     """What the numbers rest on, in sentences."""
     from lcbayes.physics.photometry import SUN_MAGNITUDE
 
-    said = []
+    said, model = [], entry.name
     frame = FRAMES.get(curve.frame, curve.frame)
     if model in ("faceted", "faceted-brdf"):
         how = "that reflect diffusely and do" if model == "faceted" else "that do"
@@ -230,14 +238,18 @@ def _assumptions(curve: LightCurve, model: str, options: Mapping[str, Any]) -> l
         n = int(np.sum(curve.free_scale))
         said.append(f"The scale of {n} of {curve.n_curves} curves is unknown and inferred.")
     added = model == "stabilised" and options.get("scatter", 1.0)
+    law = {o.name: o.default for o in entry.options.values()} | dict(options)
+    law = str(law.get("noise_law", ""))
     said.append(
         "A scatter beyond the errors of the file is inferred."
         if curve.error is not None and added
-        else "The errors of the file are taken as they are, independent and Gaussian."
+        else "The errors of the file are taken as they are, independent"
+        + (" and Gaussian." if law == "gaussian" else ".")
         if curve.error is not None
         else "The file has no errors; a noise level is inferred"
         + (" for each curve." if curve.n_curves > 1 and not added else ".")
     )
+    said += [NOISE[law]] if law in NOISE else []
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:
         said.append(f"The Sun's V magnitude was used for the band {', '.join(unknown)}.")

@@ -37,6 +37,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -163,8 +164,10 @@ def _convert(model: str, option: Option, value: Any) -> Any:
             return {"true": True, "false": False}[value.lower()]
         if option.type is int and float(value) != int(float(value)):
             raise ValueError
+        if option.type is float and not math.isfinite(float(value)):
+            raise ValueError
         return option.type(float(value)) if option.type is int else option.type(value)
-    except (TypeError, ValueError, KeyError):
+    except (TypeError, ValueError, KeyError, OverflowError):
         raise InputError(
             f"option {option.name!r} of model {model!r} is {value!r}; "
             f"expected {option.type.__name__}"

@@ -10,6 +10,10 @@ CARRIERS = frozenset(
      "r_sum", "specular_share"}
 )  # fmt: skip
 
+SPIN = (
+    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
+)  # fmt: skip
+
 
 def reported(names: Collection[str]) -> list[str]:
     """The variables a reader is shown: not those that only carry others."""

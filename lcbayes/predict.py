@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from lcbayes import gallery
 from lcbayes._jax import jax, jnp
+from lcbayes._toml import read_toml
 from lcbayes.ephemeris import with_velocity
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
+from lcbayes.io import read
 from lcbayes.lightcurve import LightCurve
 from lcbayes.noise import PASS_SPREADS, STUDENT_T_DF, expected
 
@@ -43,7 +45,8 @@ def predict(
     fitted : LightCurve
         The curve it was fitted to; it fixes the origin of time and the unit of brightness.
     wanted : LightCurve
-        Epochs and geometry; its brightness is not looked at.
+        Epochs and geometry; its brightness is not looked at. Where it names no band, that of the
+        fitted curve holds.
     model, options
         As fitted.
     seed : int
@@ -61,8 +64,8 @@ def predict(
     Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
     error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
     fit. Where points of a pass share an offset it is that of a pass not seen yet. A curve of
-    unknown scale is predicted with the
-    scale of the fitted curve of the same name; without one, relative to its own mean.
+    unknown scale is predicted with the scale of the fitted curve of the same name; without one,
+    relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
@@ -102,6 +105,7 @@ def noise_free(
     notes : list of str
     """
     wanted = with_velocity(wanted)  # of neighbours, which may be in another chunk
+    wanted = _in_band(wanted, fitted)
     ready = Foretold.of(posterior, fitted, wanted, model, options)
     scale, own_level = ready.scales(posterior), ready.own_level
     parts = []
@@ -231,6 +235,19 @@ def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
     )
 
 
+def _in_band(wanted: LightCurve, fitted: LightCurve) -> LightCurve:
+    """Epochs that name no band are predicted in that of the fitted curve."""
+    bands, unnamed = sorted(set(map(str, fitted.band))), wanted.band == ""
+    if fitted.kind == "flux" or "" in bands or not unnamed.any():
+        return wanted
+    if len(bands) > 1:
+        raise InputError(
+            f"the fit is in the bands {', '.join(bands)}, and {int(unnamed.sum())} of the epochs "
+            "to predict name none; give a column band"
+        )
+    return replace(wanted, band=np.where(unnamed, bands[0], wanted.band))
+
+
 def _sources(
     fitted: LightCurve, wanted: LightCurve
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_], list[str]]:
@@ -308,8 +325,6 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
 
 def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     """Posterior and run.toml of a results folder."""
-    from lcbayes._toml import read_toml
-
     path = folder / "posterior.nc"
     if not path.is_file():
         raise InputError(
@@ -328,8 +343,6 @@ def fitted_curve(folder: Path, config: Mapping[str, Any]) -> LightCurve:
     InputError
         It is gone, or is no longer what was fitted.
     """
-    from lcbayes.io import read
-
     try:
         curve = read(config["curve"], **config.get("reading", {}))
     except InputError as fault:

@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes._files import write_atomic
 from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import write_atomic
 from lcbayes.epochs import Epochs
 from lcbayes.gallery import Entry
 from lcbayes.inference.fit import Mode, Posterior, constrain_draws
@@ -41,7 +41,6 @@ STATS = {
     "potential_energy": "lp", "accept_prob": "acceptance_rate", "num_steps": "n_steps",
     "diverging": "diverging", "energy": "energy",
 }  # fmt: skip
-CHUNK = 64
 
 
 def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:

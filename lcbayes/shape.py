@@ -46,6 +46,7 @@ def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
         Outward unit normals, body frame.
     areas : (N,)
         Not negative. They must close to 10⁻⁶ of their sum (see `physics.closure.close`).
+
     Returns
     -------
     Polyhedron

@@ -11,13 +11,15 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
 from lcbayes.geometry import Times
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
+from lcbayes.inference.problem import Problem
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
-from lcbayes.names import label, reported
+from lcbayes.names import SPIN, label, reported
 from lcbayes.noise import OBSERVED, OUTLIER
 from lcbayes.results import dataset
 
@@ -96,7 +98,7 @@ def summarise(
                 "max_rhat": _extreme(table, "rhat", np.max),
                 "min_ess_bulk": _extreme(table, "ess_bulk", np.min),
                 "min_ess_tail": _extreme(table, "ess_tail", np.min),
-                **{k: table[k]["mean"] for k in _HEADLINES if k in table},
+                **{k: table[k]["mean"] for k in SPIN if k in table},
                 "parameters": table,
             }
         )
@@ -134,11 +136,6 @@ def summarise(
     }
 
 
-_HEADLINES = (
-    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
-)  # fmt: skip
-
-
 def _extreme(table, key: str, pick) -> float:
     values = [row[key] for row in table.values() if np.isfinite(row[key])]
     return float(pick(values)) if values else float("nan")
@@ -150,21 +147,14 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
     total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
     se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
     elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
-    chi2 = None
     # scatter that is inferred beside the errors makes any model fit them
-    if curve.error is not None and "sigma" not in found["posterior"]:
-        mean = posterior.problem.moments(
-            jnp.asarray(
-                best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]
-            ),
-            posterior.data,
-        ).mean
-        chi2 = float(np.sum(((curve.brightness - np.asarray(mean)) / curve.error) ** 2))
+    judged = curve.error is not None and "sigma" not in found["posterior"]
+    top = best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
-        "chi2": chi2,
+        "chi2": chi2(posterior.problem, jnp.asarray(top), posterior.data) if judged else None,
         "dof": curve.n_obs - posterior.problem.dim,
         "elpd_loo": elpd,
         "elpd_se": elpd_se,
@@ -172,6 +162,12 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         "log_evidence": float(total),
         "log_evidence_se": float(se),
     }
+
+
+def chi2(problem: Problem, z: jax.Array, data: Epochs) -> float:
+    """Of the data; points of a pass, where they share an offset, each given the earlier ones."""
+    mean, sd = problem.moments(z, data)
+    return float(np.sum(((data.brightness - np.asarray(mean)) / np.asarray(sd)) ** 2))
 
 
 def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes._files import read_text
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import RowError
 
@@ -92,8 +93,6 @@ def read_tle(path: str | os.PathLike[str]) -> Tle:
     InputError
         Naming file and line: no elements, a broken line, a wrong checksum, several objects.
     """
-    from lcbayes.io._files import read_text
-
     file = read_text(path)
     return parse_tle(file.text, file.name)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lcbayes.checkpoint import write_atomic
+from lcbayes._files import write_atomic
 from lcbayes.folders import to_toml
 
 

@@ -35,7 +35,7 @@ def model(
     period: float,
     n_facets: int = 300,
     degree: int = 6,
-    noise_law: str = "gaussian",
+    noise_law: noise.Law = "gaussian",
 ):
     """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
 
@@ -60,7 +60,7 @@ def model(
     degree
         Highest degree of the harmonics.
     noise_law
-        gaussian or student-t.
+        gaussian, student-t or mixture.
 
     References
     ----------
@@ -89,9 +89,7 @@ def model(
     def instantaneous(t):
         rotation = attitude.principal_axis(t - data.t_middle, lon, lat, period_s, 0.0)
         sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
-        return brightness.flux(
-            sun, obs, jnp.asarray(normals), area, "lommel-seeliger-lambert", lambert
-        )
+        return brightness.flux(sun, obs, jnp.asarray(normals), area, LAW, lambert)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
     noise.observe(data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law)

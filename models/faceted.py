@@ -17,7 +17,7 @@ def model(
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
     inertia_sd: float = 1.0,
-    law: Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"] = "non-lambertian",
+    law: brightness.DiffuseLaw = "non-lambertian",
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
@@ -43,7 +43,7 @@ def model(
     sparsity
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0 leaves it out.
     noise_law
-        gaussian or student-t.
+        gaussian, student-t or mixture.
     """
     turned = priors.spin(spin, omega_sd, inertia_sd)
     normals = priors.normals(n_facets)

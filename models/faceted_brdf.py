@@ -7,6 +7,7 @@ import numpyro
 from lcbayes import noise, priors
 from lcbayes.epochs import Epochs
 from lcbayes.physics import brightness, photometry
+from lcbayes.physics.reflectance import SatelliteLaw
 
 SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
 
@@ -18,14 +19,7 @@ def model(
     data: Epochs,
     *,
     n_facets: int = 2,
-    law: Literal[
-        "ashikhmin-shirley",
-        "ashikhmin-shirley-distribution",
-        "cook-torrance",
-        "blinn-phong",
-        "lambertian",
-        "non-lambertian",
-    ] = "ashikhmin-shirley",
+    law: SatelliteLaw = "ashikhmin-shirley",
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
     inertia_sd: float = 1.0,
@@ -58,7 +52,7 @@ def model(
     sparsity
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0 leaves it out.
     noise_law
-        gaussian or student-t.
+        gaussian, student-t or mixture.
     """
     turned = priors.spin(spin, omega_sd, inertia_sd)
     normals = priors.normals(n_facets)

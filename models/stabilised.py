@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Literal
 
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 
@@ -10,11 +11,11 @@ from lcbayes import noise, priors
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.facet_list import ARRAY, facet_list, tangents
+from lcbayes.facet_list import ARRAY, facet_list
 from lcbayes.geometry import EARTH_KM
 from lcbayes.physics import attitude, brightness, catalogue, earthshine, photometry
 from lcbayes.physics import facets as directions
-from lcbayes.physics.reflectance import LAWS
+from lcbayes.physics.reflectance import LAWS, SatelliteLaw
 
 SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
 UNIT = {"r_diff": 1.0, "w": 4.0 * jnp.pi}  # what makes area and albedo-area of a diffuse law one
@@ -33,15 +34,7 @@ def model(
     law: str = "yaw-steering",
     n_facets: int = 0,
     facets: str = "",
-    reflectance: Literal[
-        "ashikhmin-shirley",
-        "ashikhmin-shirley-distribution",
-        "cook-torrance",
-        "blinn-phong",
-        "lambertian",
-        "non-lambertian",
-        "lommel-seeliger-lambert",
-    ] = "ashikhmin-shirley",
+    reflectance: Literal[SatelliteLaw, "lommel-seeliger-lambert"] = "ashikhmin-shirley",
     surface: Literal["separate", "shared"] = "separate",
     individuals: bool = True,
     site_offsets: bool = True,
@@ -154,7 +147,8 @@ def _normals(listed, free: int):
         width = jnp.deg2rad(jnp.array([listed[i].sd_deg for i in partly]))
         unit = dist.Normal(0.0, 1.0).expand([len(partly), 2]).to_event(2)
         tilt = width[:, None] * numpyro.sample("tilt_unit", unit)
-        across = jnp.array([tangents(listed[i].normal) for i in partly])  # (P, 2, 3)
+        axes = directions.across([listed[i].normal for i in partly])
+        across = jnp.asarray(np.stack(axes, axis=1))  # (P, 2, 3)
         tilted = known[jnp.array(partly)] + jnp.einsum("pk,pkx->px", jnp.tan(tilt), across)
         tilted = tilted / jnp.linalg.norm(tilted, axis=1, keepdims=True)
         known = known.at[jnp.array(partly)].set(tilted)

@@ -41,8 +41,7 @@ def mass_levels(mass: Floats, density: Floats, held: tuple[float, ...] = (0.9, 0
 def log_marginal(grid: Quadrature, over: int) -> Floats:
     """log ∫ π along one axis, kept as a logarithm far into the tails."""
     peak = grid.log_density.max(axis=over)
-    found = peak + np.log(np.exp(grid.log_density - np.expand_dims(peak, over)).sum(axis=over))
-    return found
+    return peak + np.log(np.exp(grid.log_density - np.expand_dims(peak, over)).sum(axis=over))
 
 
 def outline(axes, x: Floats, y: Floats, mass: Floats) -> None:

@@ -7,8 +7,6 @@ predicts, noise included; below, the same with the mean prediction taken off, in
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import _script
 import numpy as np
 import one_facet
@@ -75,7 +73,7 @@ def main() -> None:
         t, sigma = curve.t, float(np.median(curve.error))  # type: ignore[arg-type]
         for used, colour, label in fits:
             fitted = both if used is None else both.select(used)
-            drawn = predict(fitted, replace(curve), args.draws, args.seed)
+            drawn = predict(fitted, curve, args.draws, args.seed)
             off = drawn.mean(axis=0)
             band(upper, t, drawn, np.zeros_like(off), 1.0, colour, label)
             if used is None or shown is first:

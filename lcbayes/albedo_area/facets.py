@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lcbayes.albedo_area.distribution import GAUGE, Distribution, solve
 from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
 from lcbayes.albedo_area.observed import Observed
+from lcbayes.physics.facets import across
 
 Floats = NDArray[np.float64]
 
@@ -133,10 +134,7 @@ def refine(
 
 def _around(normals: Floats, angle: float) -> Floats:
     """Six directions about each, (6n, 3): those of one normal follow each other."""
-    helper = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    u = np.cross(normals, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(normals, u)
+    u, v = across(normals)
     turn = 2.0 * np.pi * np.arange(NEIGHBOURS)[:, None] / NEIGHBOURS
     ring = np.cos(turn) * u[:, None] + np.sin(turn) * v[:, None]
     return (np.cos(angle) * normals[:, None] + np.sin(angle) * ring).reshape(-1, 3)

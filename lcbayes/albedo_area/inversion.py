@@ -149,6 +149,8 @@ def invert(
         raise InputError(
             "give at least 50 normals, a smoothness that is not negative and a positive albedo"
         )
+    if cost is not None and not cost >= 0.0:
+        raise InputError(f"--facet-cost is {cost:g}; give a chi2 of 0 or more")
     if curve.n_obs < FEWEST:
         raise InputError(
             f"the light curve has {curve.n_obs} point(s); an albedo-area distribution needs at "

@@ -57,6 +57,9 @@ class Attitude:
             raise InputError("a spin needs its pole (longitude and latitude) and its period")
         if self.omega is not None and None not in pole:
             raise InputError("both an angular velocity and a pole are given; give one attitude")
+        given = [x for x in (*pole, *(self.omega or ())) if x is not None]
+        if not np.isfinite(given).all():
+            raise InputError("an attitude is told in finite numbers")
         if self.period_h == 0 or (self.pole_lat_deg is not None and abs(self.pole_lat_deg) > 90):
             raise InputError("a period is not zero, and a pole's latitude lies in -90..90 degrees")
 

@@ -2,8 +2,9 @@
 
 `points` is what a scan sees of a light curve; `smooth` a body whose log-areas are harmonics, with
 its brightness and Jacobian; `spin` Levenberg-Marquardt over pole, period and that body; `grid` the
-hypotheses, which `lcbayes.workers` runs on cores or on a Dask cluster; `faceted` polishes and
-judges attitudes with free facets; `solutions` names what is found; `scan` does it all.
+hypotheses, which `search` spreads over `lcbayes.workers`; `faceted` polishes spins with free facets
+and finds the best body under an attitude, `stabilised` the laws of the catalogue; `solutions` tells
+ends apart and relates them; `engine` does it all, `found` holds it, `verdict` puts it in words.
 
 References
 ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,8 @@ UNLIT = 1e-4  # share of all albedo-area below which an array is as good as abse
 
 def chosen(
     names: Sequence[str], curve: LightCurve, period_h: float | None
-) -> tuple[list[Attitude], dict[str, str]]:
-    """The laws of these names, and, of "all", those that cannot be judged with the reason.
+) -> tuple[dict[str, Attitude], dict[str, str]]:
+    """The laws of these names, told apart, and, of "all", those that cannot be judged with why not.
 
     Laws that spin take ``period_h``.
 
@@ -40,7 +40,7 @@ def chosen(
     InputError
         A law is unknown, or lacks what it needs and was asked for by its name.
     """
-    laws: dict[str, Attitude] = {}
+    laws: list[Attitude] = []
     left_out: dict[str, str] = {}
     known = ephemeris(curve) if names else None
     for name in names:
@@ -58,12 +58,12 @@ def chosen(
                     raise
                 left_out[law.name] = str(fault)
                 continue
-            laws[law.name] = law
+            laws.append(law)
     if names and not laws:
         raise InputError(
             "none of the laws can be judged: " + next(iter(left_out.values()), "none is given")
         )
-    return list(laws.values()), left_out
+    return catalogue.told_apart(laws), left_out
 
 
 def _named(name: str, period_h: float | None) -> Attitude:
@@ -75,37 +75,39 @@ def _named(name: str, period_h: float | None) -> Attitude:
 
 
 def judge(
-    curve: LightCurve, laws: Sequence[Attitude], reflectance: str, run: Run, track: Track
+    curve: LightCurve, laws: Mapping[str, Attitude], reflectance: str, run: Run, track: Track
 ) -> tuple[list[Solution], dict[str, str]]:
     """Each law with the facets on a grid, and on its array, that fit best; and those that came to
     nothing of their own, because their array sends no light, with the reason."""
-    made = [law.frames(ephemeris(curve)) for law in laws]
+    names = list(laws)
+    made = [law.frames(ephemeris(curve)) for law in laws.values()]
     rows = [(np.asarray(m.body), None if m.array is None else np.asarray(m.array)) for m in made]
     flux, _ = linear_flux(curve, Epochs.of(curve))
     mean = (np.bincount(curve.curve, np.abs(flux)) / np.bincount(curve.curve))[curve.curve]
     out: dict[int, Solution] = {}
     dark: dict[str, str] = {}
     for i, body in run(_judged, (curve, reflectance), rows):
-        track.advance(1, laws[i].name)
+        name = names[i]
+        track.advance(1, name)
         unlit = rows[i][1] is not None and body.areas[-2:].sum() < UNLIT * body.areas.sum()
-        if unlit and (rigid := _without_array(laws[i], laws)):
-            dark[laws[i].name] = f"its array sends no light, and without it is {rigid}"
+        if unlit and (rigid := _without_array(laws[name], laws)):
+            dark[name] = f"its array sends no light, and without it is {rigid}"
             continue
         residual = (flux - body.flux) / mean
         out[i] = Solution(
-            laws[i].name, body.chi2, float(np.sqrt(np.mean(residual**2))), residual,
+            name, body.chi2, float(np.sqrt(np.mean(residual**2))), residual,
             body.normals, body.areas / max(body.areas.sum(), 1e-300),
         )  # fmt: skip
     return [out[i] for i in sorted(out)], dark
 
 
-def _without_array(law: Attitude, others: Sequence[Attitude]) -> str:
+def _without_array(law: Attitude, others: Mapping[str, Attitude]) -> str:
     """The name of the law among others that turns its body alike and has no array, or nothing."""
-    for other in others:
+    for name, other in others.items():
         if isinstance(law, Law) and isinstance(other, Law) and not other.array:
             bare = (other.point, other.clock, other.spins)
             if bare == (law.point, law.clock, law.spins) and _offset(law) == _offset(other):
-                return other.name
+                return name
     return ""
 
 

@@ -11,15 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import read_text
 from lcbayes._toml import read_toml
 from lcbayes.errors import InputError
-from lcbayes.io._files import read_text
 
 READING = {"format": str, "tle": str, "site": str, "error": float, "error_floor": float}
 KEYWORDS = {
     "model": str, "sampler": str, "seed": int, "num_warmup": int, "num_samples": int,
     "num_chains": int, "num_starts": int, "max_modes": int, "start_from": str,
 }  # fmt: skip
+KINDS = {str: "a text", int: "a whole number", float: "a number"}
 PATHS = ("tle", "start_from")  # from the folder of the catalogue, as the light curves
 CURVES = {".csv", ".ecsv", ".lcs", ".txt", ".dat"}
 
@@ -128,7 +129,9 @@ def _taken(where: str, row: dict[str, Any], kinds: Mapping[str, type]) -> dict[s
     found = {}
     for key in kinds.keys() & row.keys():
         try:
-            found[key] = kinds[key](row.pop(key))
-        except ValueError as fault:
-            raise InputError(f"{where}: {key} is not a {kinds[key].__name__} ({fault})") from None
+            found[key] = kinds[key](value := row.pop(key))
+            if kinds[key] is int and isinstance(value, float) and value != found[key]:
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(f"{where}: {key} is not {KINDS[kinds[key]]}: {value!r}") from None
     return found

@@ -9,10 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lcbayes.names import SPIN
+
 TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
-NUMBERS = (
-    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
-)  # fmt: skip
 ROW = (
     "name", "status", "model", "n_facets", "n_obs", "n_solutions", "weight", "chi2", "dof", "rms",
     "max_rhat", "min_ess_bulk", "albedo_area_m2",
@@ -22,7 +21,7 @@ LAST = ("seconds", "curve", "reasons")
 
 def heads(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """The columns: those that every fit has, then those that any of these has."""
-    spins = [k for name in NUMBERS for k in (name, f"{name}_sd") if any(k in r for r in rows)]
+    spins = [k for name in SPIN for k in (name, f"{name}_sd") if any(k in r for r in rows)]
     return [*ROW, *spins, *LAST]
 
 

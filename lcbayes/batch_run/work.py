@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import write_atomic
 from lcbayes.batch_run.objects import PATHS, Object
-from lcbayes.batch_run.table import DOUBTED, FAILED, NUMBERS, TRUSTED
-from lcbayes.checkpoint import write_atomic
+from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
 from lcbayes.errors import InputError
 from lcbayes.folders import installed_version
+from lcbayes.names import SPIN
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
 MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
@@ -37,6 +38,8 @@ def identity(one: Object) -> str:
         files.append(one.keywords["model"])
     said = [one.reading, one.keywords, {k: str(v) for k, v in one.options.items()}]
     found = hashlib.sha256(json.dumps([*said, installed_version()], sort_keys=True).encode())
+    if "start_from" in one.keywords:
+        files.append(str(Path(one.keywords["start_from"]) / "summary.json"))
     for name in files:
         found.update(Path(name).read_bytes())
     return found.hexdigest()
@@ -63,7 +66,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     except Exception as fault:  # whatever ails one object, the others are to be done
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "error.txt").write_text(traceback.format_exc())
-        told = f"{type(fault).__name__}: {str(fault).strip().splitlines()[:1]}"
+        told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
     row = _row(one, found.summary(), time.monotonic() - begun)
     mark = {"identity": identity(one), "row": row}
@@ -100,7 +103,7 @@ def _row(one: Object, summary: Mapping[str, Any], seconds: float) -> dict[str, A
         "max_rhat": summary["max_rhat"],
         "min_ess_bulk": summary["min_ess_bulk"],
     }
-    for key in NUMBERS:
+    for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
     areas = [v["mean"] for k, v in parameters.items() if k.startswith("albedo_area[")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING
 
 from lcbayes.errors import InputError
@@ -51,6 +52,6 @@ def numbers_from(option: str, text: str, count: int, unit: str) -> list[float]:
         values = [float(x) for x in text.split(",")]
     except ValueError:
         values = []
-    if len(values) != count:
+    if len(values) != count or not all(map(math.isfinite, values)):
         raise InputError(f"{option} is {text!r}; expected {count} numbers in {unit}")
     return values

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lcbayes.commands.fit import SETTINGS
 from lcbayes.commands.model_options import FLAGS, add_model_arguments, add_settings, model_options
+from lcbayes.commands.reading import READING, add_reading_options
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "fit of every object of a catalogue, resumable, on this machine or on a Dask cluster"
@@ -26,7 +27,6 @@ that do not say otherwise.
 Exit status 3: objects failed, or results must not be trusted; objects.csv says which and
 why. The same command again does what is not done, and tries again what failed.
 """
-READING = ("format", "tle", "site", "error", "error_floor")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,11 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sampler", metavar="NAME", help="nuts (default), ahmc, smc …")
     add_model_arguments(parser, FLAGS)
     add_settings(parser, SETTINGS)
-    parser.add_argument("--format", help="format of the files (default: told from their content)")
-    parser.add_argument("--tle", metavar="FILE", help="two-line elements of the objects")
-    parser.add_argument("--site", metavar="LAT,LON,H", help="observer: degrees, degrees, metres")
-    parser.add_argument("--error", type=float, metavar="SD", help="one error for all points")
-    parser.add_argument("--error-floor", type=float, metavar="SD", help="raise smaller errors")
+    add_reading_options(parser)
     parser.add_argument("--scheduler", metavar="ADDRESS", help="an existing Dask cluster: tcp://…")
     parser.add_argument("--workers", type=int, metavar="N", help="processes (default: the cores)")
     parser.add_argument("--reports", action="store_true", help="write the page of every object too")

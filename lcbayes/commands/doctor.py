@@ -16,6 +16,10 @@ from typing import NamedTuple
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
 
 HELP = "check this installation and machine, and say what to do where something is wrong"
+EPILOG = """\
+example:
+  lcbayes doctor
+"""
 MIN_PYTHON = (3, 12)
 MIN_MEMORY_GIB = 2.0
 

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from lcbayes.commands.reading import check_seed
 from lcbayes.errors import EXIT_DONE, InputError
 
 HELP = "brightness that a fit predicts for the epochs and geometry in a file"
@@ -27,14 +28,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")
     parser.add_argument("--site", metavar="LAT,LON,H", help="observer: degrees, degrees, metres")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise in the intervals")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the noise in the intervals (default 0)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    from lcbayes.checkpoint import write_atomic
+    from lcbayes._files import write_atomic
     from lcbayes.io import read_geometry
     from lcbayes.predict import fitted_curve, load, predict
 
+    check_seed(args)
     posterior, config = load(args.folder)
     fitted = fitted_curve(args.folder, config)
     wanted = read_geometry(args.geometry, tle=args.tle, site=args.site)

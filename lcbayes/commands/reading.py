@@ -22,6 +22,11 @@ def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> 
         nargs="?" if optional else None,
         help="light curve: CSV, ECSV, DAMIT, MMT-9, SCORE",
     )
+    add_reading_options(parser)
+
+
+def add_reading_options(parser: ArgumentParser) -> None:
+    """Add what may have to be said about light curves."""
     parser.add_argument("--format", help="format of the file (default: told from its content)")
     parser.add_argument("--tle", metavar="FILE", help="two-line elements of the object")
     parser.add_argument(

@@ -8,6 +8,10 @@ from pathlib import Path
 from lcbayes.errors import EXIT_DONE
 
 HELP = "write report.html, figures/ and shape.obj of a results folder again"
+EPILOG = """\
+example:
+  lcbayes report out
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

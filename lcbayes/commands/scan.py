@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
     )
-    parser.add_argument("--period", metavar="P", help="sidereal period of a constant spin")
-    parser.add_argument("--period-range", metavar="FROM,TO", help="periods to try")
+    parser.add_argument("--period", metavar="P", help="sidereal period of a spin, h (or 30s)")
+    parser.add_argument("--period-range", metavar="FROM,TO", help="periods to try, h (or 20s,90s)")
     parser.add_argument(
         "--period-step", type=float, default=0.8, metavar="X",
         help="between trial periods, in half turns over the data (default 0.8)",

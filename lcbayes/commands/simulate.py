@@ -7,9 +7,15 @@ import json
 import sys
 from pathlib import Path
 
+from lcbayes.commands.reading import check_seed
 from lcbayes.errors import EXIT_DONE, InputError
 
 HELP = "make a light curve from a scenario file, or from a bundled scenario"
+EPILOG = """\
+examples:
+  lcbayes simulate --list
+  lcbayes simulate box-wing -o box-wing.csv --seed 1
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,11 +36,10 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("no scenario given; give a TOML file or a name that --list shows")
     if args.output is None:
         raise InputError("no output given; say where the light curve goes with -o FILE")
-    if args.seed < 0:
-        raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")
+    check_seed(args)
 
+    from lcbayes._files import write_text
     from lcbayes.io import write
-    from lcbayes.io._files import write_text
     from lcbayes.scenario import load
     from lcbayes.simulate import sidecar, simulate
 

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from lcbayes.physics.facets import across
+
 Floats = NDArray[np.float64]
 
 SUN_RADIUS = np.radians(0.267)
@@ -43,7 +45,7 @@ class Sighting:
         speed = float(np.linalg.norm(self.rate))
         if speed > 0:
             return self.rate / speed
-        return axes_across(self.bisector)[0]
+        return across(self.bisector)[0]
 
     def errors(self) -> tuple[float, float]:
         """Of a facet's normal along the track and across it, rad.
@@ -108,15 +110,8 @@ def bisector(sun: Floats, obs: Floats) -> Floats:
     return both / np.linalg.norm(both, axis=-1, keepdims=True)
 
 
-def axes_across(vector: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors that make a right-handed triad with a unit vector, which comes third."""
-    first = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
-    first = np.asarray(first / np.linalg.norm(first), float)
-    return first, np.asarray(np.cross(vector, first), float)
-
-
 def _plane(vector: Floats) -> Floats:
-    return np.stack(axes_across(vector), axis=1)
+    return np.stack(across(vector), axis=1)
 
 
 def facet(seen: Sequence[Sighting], members: Sequence[int]) -> Direction:

@@ -27,7 +27,7 @@ class Whitening(NamedTuple):
     """z = centre + factor · y: coordinates in which the solution is about a unit Gaussian."""
 
     centre: jax.Array  # (D,)
-    factor: jax.Array  # (D, D), lower triangular times nothing: inverse transpose of chol(F)
+    factor: jax.Array  # (D, D), the eigenvectors of F over the roots of its eigenvalues
 
     @classmethod
     def at(cls, problem: Problem, z: jax.Array, data: Epochs) -> Whitening:

@@ -37,7 +37,8 @@ def bridge(
     potential : callable
         (n, D) -> (n,) unnormalised −ln p in those coordinates.
     ess : float
-        Effective number of draws of the slowest parameter; enters the error.
+        Independent draws that all of them together count as; enters the weights of the two halves
+        of the optimal h, and the error.
     rng : numpy Generator
 
     References

@@ -33,7 +33,7 @@ from lcbayes.progress import Silent
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER)
-SMALLEST_ESS = 50.0  # assumed for a chain whose own estimate is not to be had
+BRIDGE_ESS = 200.0  # independent draws that those of a solution count as in the error of its weight
 
 
 @dataclass
@@ -61,8 +61,7 @@ class Posterior:
         counts = np.diff(edges, prepend=0)
         z, label = [], []
         for i, (mode, n) in enumerate(zip(self.modes, counts, strict=True)):
-            flat = mode.z.reshape(-1, mode.z.shape[-1])
-            z.append(flat[np.linspace(0, len(flat) - 1, n).round().astype(int)])
+            z.append(population.evenly(mode.z.reshape(-1, mode.z.shape[-1]), n))
             label.append(np.full(n, i))
         if len(self.modes) == 1:
             return self.modes[0].z, np.zeros(shape, int)
@@ -161,7 +160,7 @@ def run(
             rng = np.random.default_rng([settings.seed, i])
             y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(-1, z.shape[-1]).T)
             log_z = evidence.bridge(
-                y.T.reshape(z.shape), _potential(problem, whitening, data), SMALLEST_ESS * 4, rng
+                y.T.reshape(z.shape), _potential(problem, whitening, data), BRIDGE_ESS, rng
             )
             shift = np.linalg.slogdet(whitening.factor)[1]
             log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
@@ -192,8 +191,7 @@ def digest(curve: LightCurve) -> str:
                  "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
         value = getattr(curve, name)
         found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    for names in (curve.band, curve.site):
-        found.update("".join(map(str, names)).encode())
+    found.update(repr((curve.kind, curve.frame, curve.band.tolist(), curve.site.tolist())).encode())
     return found.hexdigest()
 
 

@@ -36,13 +36,8 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     """PSIS-LOO of draws from a posterior whose likelihood is raised to ``power``.
 
     Without epoch i that posterior has lost the factor p(yᵢ|z)^power, so draws are weighed by
-    p(yᵢ|z)^(−power), smoothed by a Pareto tail, and what they predict is p(yᵢ|z) itself.
-
-    An epoch at which the body is dark has the same likelihood for all draws, or for all draws of
-    the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
-    are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
-    many draws that their weight reaches into the tail, only what lies above it is the tail; if that
-    is less than five draws k is unknown, unless they hold less than 1 % of the weight.
+    p(yᵢ|z)^(−power), smoothed by a Pareto tail (`log_weights`), and what they predict is p(yᵢ|z)
+    itself.
 
     Parameters
     ----------
@@ -54,6 +49,20 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     References
     ----------
     Vehtari, Gelman & Gabry 2017, Stat. Comput. 27, 1413; Vehtari et al. 2024, JMLR 25, 72.
+    """
+    log_weight, khat = log_weights(log_likelihood, power)
+    return Loo(np.logaddexp.reduce(log_weight + log_likelihood, axis=0), khat)
+
+
+def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Floats]:
+    """ln of the weights (S, T) with which draws stand for the posterior without each epoch, which
+    sum to one over the draws; and Pareto k (T,), as in `Loo`. Arguments of `loo`.
+
+    An epoch at which the body is dark has the same likelihood for all draws, or for all draws of
+    the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
+    are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
+    many draws that their weight reaches into the tail, only what lies above it is the tail; if that
+    is less than five draws k is unknown, unless they hold less than 1 % of the weight.
     """
     ratio = -power * log_likelihood
     n_tail = _tail(len(ratio))
@@ -68,7 +77,7 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
     few = (above < SHORTEST) & (len(ratio) >= 5 * SHORTEST)
     held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + ALIKE)
     khat[few & (held < LITTLE)] = -np.inf
-    return Loo(np.logaddexp.reduce(log_weight + log_likelihood, axis=0), khat)
+    return log_weight, khat
 
 
 def _tail(n_draws: int) -> int:

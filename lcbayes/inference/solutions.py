@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 
 SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
 WORSE_FIT = 1.05  # residuals, in units of the noise, over the best one's: dropped above this ...
-MOST_STEPS, STALLED = 40, 1e-2  # of a climb, and the gain in nats at which it ends
 LESS_LIKELY = 10.0  # ... unless its Laplace evidence is within this many nats of the best
+MOST_STEPS, STALLED = 40, 1e-2  # of a climb, and the gain in nats at which it ends
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes._jax import jax, jnp
+from lcbayes._toml import read_toml
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
@@ -28,8 +29,6 @@ def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
     InputError
         The folder holds no scan, one of another light curve, or one without constant spins.
     """
-    from lcbayes._toml import read_toml
-
     folder = Path(folder)
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))

@@ -19,6 +19,7 @@ from lcbayes.io._columns import (
     Options,
     need,
 )
+from lcbayes.io._sky import computed_geometry
 from lcbayes.io._table import Table
 from lcbayes.io._time import seconds_from_jd, seconds_from_utc, utc_days_to_seconds
 from lcbayes.lightcurve import FRAMES, LightCurve, RowError
@@ -115,8 +116,11 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
         epoch_jd = float(text)
     except ValueError:
         epoch_jd = np.nan
-    if not np.isfinite(epoch_jd):
-        raise InputError(f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date")
+    if not 2.3e6 < epoch_jd < 2.6e6:  # a date in days of another origin makes another Sun
+        raise InputError(
+            f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date of the years "
+            "1585 .. 2406 (MJD + 2400000.5)"
+        )
     return values, epoch_jd, name
 
 
@@ -254,8 +258,6 @@ def _geometry(
             f"{name} has columns {PLACE[0]} …, and the satellite's place is computed from "
             f"{given[0]} as well; remove those columns"
         )
-    from lcbayes.io._sky import computed_geometry
-
     seen, notes, extra = computed_geometry(table, options, t, epoch_jd, used)
     fields = ("sun", "obs", "range_km", "position_km", "velocity_km_s")
     return {name: getattr(seen, name) for name in fields} | {"frame": "icrs"}, notes, extra

@@ -6,10 +6,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from lcbayes._files import TextFile
 from lcbayes.errors import InputError
 from lcbayes.io._build import unit
 from lcbayes.io._columns import Options
-from lcbayes.io._files import TextFile
 from lcbayes.io._time import seconds_from_jd
 from lcbayes.lightcurve import LightCurve
 

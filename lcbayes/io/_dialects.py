@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from lcbayes._files import TextFile
 from lcbayes.errors import InputError
 from lcbayes.io._build import build
 from lcbayes.io._columns import NUMERIC, RADEC, SITE, Options
-from lcbayes.io._files import TextFile
 from lcbayes.io._satchecker import RATES, observed_velocity
 from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve
@@ -66,9 +66,9 @@ def read_mmt9(file: TextFile, options: Options) -> LightCurve:
     """Read an MMT-9 track file: UTC, calibrated magnitudes, one curve per track.
 
     `Mag` is the brightness (a phase law is taken out of `StdMag`). The file has no directions, so
-    two-line elements are needed; the site is that of MMT-9 unless another is given. Points in
-    penumbra, which no model here describes, are left out, and a note counts them. The phase
-    angle and the distance in the file must agree with the elements, to 1° and 5 %.
+    two-line elements are needed; the site is that of MMT-9 unless another is given. Points that the
+    file has in penumbra are left out, and a note counts them. The phase angle and the distance in
+    the file must agree with the elements, to 1° and 5 %.
     """
     header = _mmt9_header(file.text)
     missing = [name for name in MMT9_COLUMNS if name not in header]

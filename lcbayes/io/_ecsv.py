@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 
+from lcbayes._files import TextFile
 from lcbayes.errors import InputError
 from lcbayes.io._build import build
 from lcbayes.io._columns import NUMERIC, Options
-from lcbayes.io._files import TextFile
 from lcbayes.io._table import Table, header_of, parse
 from lcbayes.lightcurve import LightCurve
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
+from lcbayes._files import TextFile, read_text
 from lcbayes.errors import InputError
 from lcbayes.io import _dialects
 from lcbayes.io._build import build
 from lcbayes.io._columns import NUMERIC, Options
 from lcbayes.io._damit import is_damit, read_damit
 from lcbayes.io._ecsv import is_ecsv, read_ecsv
-from lcbayes.io._files import TextFile, read_text
 from lcbayes.io._table import comment_values, parse
 from lcbayes.lightcurve import LightCurve
 

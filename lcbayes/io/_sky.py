@@ -24,7 +24,8 @@ def computed_geometry(
 ) -> tuple[Geometry, tuple[str, ...], dict[str, Any]]:
     """Directions and ranges in icrs axes, notes, and columns to add to `extra`.
 
-    Points in the Earth's shadow, which no model here describes, are kept, noted and marked.
+    Points in the Earth's shadow or penumbra are kept, noted and marked: models dim them
+    (`lcbayes.penumbra`), methods without one take them for fully lit.
     """
     if epoch_jd is None:
         raise InputError(

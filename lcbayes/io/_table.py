@@ -16,8 +16,8 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes._files import TextFile
 from lcbayes.errors import InputError
-from lcbayes.io._files import TextFile
 
 Floats = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes._files import write_text
 from lcbayes.errors import InputError
 from lcbayes.io._columns import NUMERIC, PLACE, SITE, VECTORS, VELOCITY
 from lcbayes.io._ecsv import UNITS
-from lcbayes.io._files import write_text
 from lcbayes.lightcurve import LightCurve
 
 # columns of a site beside the vectors have no meaning left, and are kept

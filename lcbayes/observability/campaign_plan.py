@@ -69,11 +69,7 @@ def visits(curve: LightCurve, length_s: float) -> list[NDArray[np.intp]]:
     """Candidate visits: the points of one site within ``length_s``; where it is 0, one each."""
     if length_s <= 0.0:
         return [np.array([i]) for i in range(curve.n_obs)]
-    site = (
-        np.zeros(curve.n_obs)
-        if curve.site is None
-        else np.unique(curve.site, return_inverse=True)[1]
-    )
+    site = np.unique(curve.site, return_inverse=True)[1]
     block = np.floor((curve.t - curve.t[0]) / length_s)
     _, group = np.unique(np.stack([block, site]), axis=1, return_inverse=True)
     return [np.flatnonzero(group == g) for g in range(group.max() + 1)]
@@ -114,10 +110,10 @@ def plan(
         )
     stacked = _stacked(factor, groups)
     regular = planning.given(stacked, target.factor, planning.even(len(groups), n))
-    names = [] if curve.site is None else sorted(set(map(str, curve.site)))
+    names = sorted(set(map(str, curve.site)))
     alone, starts = {}, []
     for name in names if len(names) > 1 else []:
-        here = [g for g, rows in enumerate(groups) if str(curve.site[rows[0]]) == name]  # pyright: ignore
+        here = [g for g, rows in enumerate(groups) if str(curve.site[rows[0]]) == name]
         alone[name] = planning.best(stacked[:, here], target.factor, n, criterion)
         if len(here) >= n:
             starts.append(np.array(here)[alone[name].visits])

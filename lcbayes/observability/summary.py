@@ -76,7 +76,7 @@ def numbers(found: Findings) -> dict[str, Any]:
         "measurements": [
             {
                 "t": curve.t[k],
-                "site": "" if curve.site is None else str(curve.site[k]),
+                "site": str(curve.site[k]),
                 "mag": m.mag[k],
                 "mag_err": m.mag_err[k],
                 "mag_gradient": m.mag_gradient[k],
@@ -149,7 +149,7 @@ def schedule(plan: Plan, measured: Measurements) -> list[dict[str, Any]]:
             rank,
             utc(curve.epoch_jd, float(curve.t[first])),
             float(curve.t[first]),
-            "" if curve.site is None else str(curve.site[first]),
+            str(curve.site[first]),
             float(curve.t[rows[-1]] - curve.t[first]),
             len(rows),
             None if curve.range_km is None else float(curve.range_km[first]),
@@ -183,7 +183,7 @@ def words(found: Findings) -> list[str]:
         lines.append(f"  and {len(said) - 12} more, in observability.json")
     lines.append(
         f"most informative for the attitude: t = {curve.t[i]:.1f} s"
-        + (f" ({curve.site[i]})" if curve.site is not None and curve.site[i] else "")
+        + (f" ({curve.site[i]})" if curve.site[i] else "")
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
     for group, name, unit, value in bounds_by_group(c):

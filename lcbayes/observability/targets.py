@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
-from lcbayes.observability.parameters import GROUPS, Unknowns
+from lcbayes.observability.parameters import Unknowns
 from lcbayes.scenario import ConstantRate, PrincipalAxis
 
 Floats = NDArray[np.float64]
-NAMES = ("pole", *GROUPS, "normal:I", "all")
 
 
 @dataclass(frozen=True)

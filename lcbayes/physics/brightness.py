@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from typing import Literal, get_args
 
 from jax.custom_derivatives import SymbolicZero
 
 from lcbayes._jax import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
 
-DIFFUSE_LAWS = ("non-lambertian", "lambertian", "lommel-seeliger-lambert")
+DiffuseLaw = Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"]
+DIFFUSE_LAWS: tuple[str, ...] = get_args(DiffuseLaw)
 
 _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
 # Epochs x facets at once: the few matrices of 128 kB alive together stay in a core's cache, which

@@ -7,6 +7,10 @@ front of the built-in "box-wing" does. Names like "+XVV" say which body axis is 
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from collections.abc import Sequence
+
 from lcbayes.errors import InputError
 from lcbayes.physics.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis
 
@@ -114,6 +118,8 @@ def parse(text: str) -> Attitude:
         key, _, value = pair.partition("=")
         try:
             given[key.strip()] = float(value)
+            if not math.isfinite(given[key.strip()]):
+                raise ValueError
         except ValueError:
             raise InputError(f"law {text!r}: {pair!r} is not NAME=NUMBER") from None
     free = {"fixed": (), "constant-rate": ("x", "y", "z"),
@@ -127,7 +133,8 @@ def parse(text: str) -> Attitude:
     needed = free[name]
     more = {"phase0_deg"} if name == "principal-axis" else set()
     if not set(needed) <= set(given) or set(given) - set(needed) - more:
-        raise InputError(f"law {text!r}: {name} takes {', '.join(needed) or 'no settings'}")
+        also = "".join(f", and may take {key}" for key in more)
+        raise InputError(f"law {text!r}: {name} takes {', '.join(needed) or 'no settings'}{also}")
     if name == "constant-rate":
         return ConstantRate((given["x"], given["y"], given["z"]))
     if name == "principal-axis":
@@ -135,3 +142,20 @@ def parse(text: str) -> Attitude:
             raise InputError(f"law {text!r}: a period is not 0")
         return PrincipalAxis(**given)
     return Fixed()
+
+
+def spelled(law: Attitude) -> str:
+    """A law as `parse` reads it, with those of its settings that are not at their defaults."""
+    usual = {k: getattr(type(law), k, None) for k in law.settings()}
+    given = {k: v for k, v in law.settings().items() if v != usual[k]}
+    if isinstance(law, ConstantRate):
+        given = dict(zip("xyz", law.omega_rad_s, strict=True))
+    settings = ",".join(f"{k}={str(v).removesuffix('.0')}" for k, v in given.items())
+    return f"{law.name}:{settings}" if settings else law.name
+
+
+def told_apart(laws: Sequence[Attitude]) -> dict[str, Attitude]:
+    """Laws by their names, each once; by name and settings where several have one name."""
+    each = {spelled(law): law for law in laws}
+    count = Counter(law.name for law in each.values())
+    return {law.name if count[law.name] == 1 else text: law for text, law in each.items()}

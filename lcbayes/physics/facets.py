@@ -36,6 +36,15 @@ def normal(phi: jax.Array, g: jax.Array) -> jax.Array:
     return jnp.stack([jnp.cos(phi) * s, jnp.sin(phi) * s, g * jnp.ones_like(s)], axis=-1)
 
 
+def across(normals: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors that make a right-handed triad with each unit vector (..., 3), which comes
+    third."""
+    third = np.asarray(normals, float)
+    first = np.cross(third, np.eye(3)[np.argmin(np.abs(third), axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return first, np.cross(third, first)
+
+
 def angles(normals: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Azimuth φ in [0, 2π) and cosine of the polar angle g of unit vectors (..., 3)."""
     phi = jnp.mod(jnp.arctan2(normals[..., 1], normals[..., 0]), 2 * jnp.pi)

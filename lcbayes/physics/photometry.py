@@ -38,9 +38,6 @@ SUN_MAGNITUDE: dict[str, float] = {
 }
 """Apparent magnitude of the Sun at 1 au."""
 
-MAGNITUDE_SYSTEM: dict[str, str] = {band: system for band, (_, system) in _SUN_ABSOLUTE.items()}
-"""Zero point of each band's magnitudes: "Vega" or "AB"."""
-
 
 def sun_magnitude(band: str = "V") -> float:
     """Apparent magnitude of the Sun at 1 au in a band; an empty name means V.
@@ -84,13 +81,6 @@ def magnitude(flux: jax.Array, range_m: jax.Array | float, m_sun: jax.Array | fl
     return jnp.where(bright, m, jnp.inf)
 
 
-def flux_of_magnitude(
-    mag: jax.Array, range_m: jax.Array | float, m_sun: jax.Array | float
-) -> jax.Array:
-    """Inverse of `magnitude`: f = r² 10^(−0.4 (m − m_sun)), m²."""
-    return range_m**2 * 10.0 ** (-0.4 * (mag - m_sun))
-
-
 def irradiance(
     flux: jax.Array, range_m: jax.Array | float, solar: float = SOLAR_FLUX_VISIBLE
 ) -> jax.Array:
@@ -113,11 +103,6 @@ def phase_law(
     Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37.
     """
     return a * jnp.exp(-phase / d) + k * phase + 1.0
-
-
-def scaled(flux: jax.Array, scale: jax.Array, curve: jax.Array) -> jax.Array:
-    """Flux (T,) times the unknown factor of the curve it belongs to: scale[curve]."""
-    return flux * scale[curve]
 
 
 def exposed(

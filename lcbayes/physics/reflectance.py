@@ -18,11 +18,19 @@ Every law in this file is reciprocal: Sun and observer may change places.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from lcbayes._jax import jax, jnp
 from lcbayes.physics.photometry import phase_law
 
+SatelliteLaw = Literal[
+    "ashikhmin-shirley",
+    "ashikhmin-shirley-distribution",
+    "cook-torrance",
+    "blinn-phong",
+    "lambertian",
+    "non-lambertian",
+]  # of artificial surfaces, whose r_diff and r_spec sum to what is reflected
 type Parameters = Mapping[str, jax.Array | float]
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.errors import InputError
 from lcbayes.physics.closure import close
+from lcbayes.physics.facets import grid
 
 Floats = NDArray[np.float64]
 
@@ -110,8 +111,6 @@ def cylinder(radius: float = 0.5, length: float = 2.0, n: int = 24) -> Body:
 
 def sphere(radius: float = 0.5, n: int = 200) -> Body:
     """n facets of a sphere, with areas adjusted so that they close."""
-    from lcbayes.physics.facets import grid
-
     normals = grid(n)
     areas = close(normals, np.full(n, 1.0 / n))
     return body(normals, 4.0 * np.pi * radius**2 * areas / areas.sum())
@@ -222,13 +221,6 @@ def read_obj(path: str | Path) -> Body:
     if not normals:
         raise InputError(f"{where}: no facets (lines that begin with 'f'); give an OBJ file")
     return Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
-
-
-def write_obj(path: str | Path, vertices: ArrayLike, faces: list[list[int]]) -> None:
-    """Write vertices (V, 3) and polygons (0-based vertex indices, counter-clockwise) as OBJ."""
-    points = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in np.asarray(vertices, float)]
-    polygons = ["f " + " ".join(str(int(i) + 1) for i in face) for face in faces]
-    Path(path).write_text("\n".join([*points, *polygons, ""]), encoding="utf-8")
 
 
 def _vertex(words: list[str], where: Path, number: int) -> list[float]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
 from lcbayes.geometry import Earth, Site, Times, from_tle, sun_position
+from lcbayes.io import read_geometry
 from lcbayes.lightcurve import LightCurve
 from lcbayes.scenarios.viewing import Orbit, OrbitPass, Planar, PlanarPass, Vectors
 from lcbayes.tle import Tle
@@ -31,8 +32,6 @@ def epochs(geometry: Planar | Orbit | Vectors) -> LightCurve:
         return _planar(geometry)
     if isinstance(geometry, Orbit):
         return _orbit(geometry)
-    from lcbayes.io import read_geometry
-
     return read_geometry(geometry.file)
 
 

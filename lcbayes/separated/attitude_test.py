@@ -31,6 +31,7 @@ from scipy.spatial import KDTree
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
+from lcbayes.physics.catalogue import told_apart
 from lcbayes.physics.laws import Attitude
 from lcbayes.progress import Silent
 from lcbayes.separated import ensemble
@@ -75,7 +76,7 @@ class Verdict:
 
     Attributes
     ----------
-    name : of the law
+    name : of the law, with its settings where it was tested with several
     settings : of the law
     tested : bool
         Whether there were pairs enough; else ``reason`` says why not, and the numbers are NaN.
@@ -162,19 +163,19 @@ def attitude_test(
     eph = ephemeris(curve)
     found: list[Verdict] = []
     axes: dict[str, Floats] = {}
-    with progress.stage("testing laws", len(laws), "laws") as track:
-        for law in laws:
+    named = told_apart(laws)
+    with progress.stage("testing laws", len(named), "laws") as track:
+        for name, law in named.items():
             try:
                 parts = turns(law, eph, seen)
             except InputError as fault:
-                found.append(Verdict(law.name, law.settings(), False, str(fault)))
-                track.advance(1, law.name)
+                found.append(Verdict(name, law.settings(), False, str(fault)))
+                track.advance(1, name)
                 continue
-            name = f"{law.name}" if law.name not in axes else f"{law.name} {law.settings()}"
             axes[name] = np.stack(parts, axis=1)
             verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, seed)
-            found.append(verdict)
-            track.advance(1, law.name)
+            found.append(replace(verdict, name=name))
+            track.advance(1, name)
     tested = [v for v in found if v.tested]
     found = [_with_same(v, axes) for v in found]
     found.sort(key=lambda v: (not v.tested, -v.p_value if v.tested else 0.0, v.statistic))

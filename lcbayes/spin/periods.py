@@ -246,7 +246,7 @@ def other_line(
     Harmonics are fitted apart in stretches of a third of a pass and taken out; what lies within
     four resolutions of a harmonic is their change with aspect and does not count.
     """
-    left, whole, fall = [], 0.0, np.zeros(len(grid))
+    left, whole = [], 0.0
     for one in passes:
         y = one.y.copy()
         for rows in blocks(one, 3):

@@ -106,6 +106,7 @@ def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):
         (["--attitude", "none", "--material", "chalk"], "unknown law 'chalk'; available:"),
         (["--attitude", "none", "--nulls", "-1"], "--nulls is -1; expected a whole number >= 0"),
         (["--attitude", "none", "--n-normals", "3"], "at least 50 normals"),
+        (["--attitude", "none", "--facet-cost", "nan"], "--facet-cost is nan"),
     ],
 )
 def test_faults_are_one_line(brick, tmp_path, capsys, options, message):

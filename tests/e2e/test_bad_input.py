@@ -177,6 +177,9 @@ CASES = {
         PLAIN.replace("t,", "jd,").replace("\n", "\n6042")[:-4], ("jd has", "2400000.5"), 2
     ),
     "epoch not a number": Case("# epoch_jd: today\n" + PLAIN, ("expected a Julian date",), 1),
+    "epoch of a modified Julian date": Case(
+        "# epoch_jd: 60429\n" + PLAIN, ("epoch_jd is '60429'", "MJD + 2400000.5"), 1
+    ),
     "seconds without a date": Case(
         UTC.replace("utc", "t").replace("2024-04-29T10:28:45Z", "0").replace(
             "2024-04-29T10:30:27Z", "102"

@@ -149,6 +149,8 @@ def test_exposures_are_averaged():
         ({"pole_lon_deg": 1.0, "period_h": 2.0}, "needs its pole"),
         ({"pole_lon_deg": 1.0, "pole_lat_deg": 91.0, "period_h": 2.0}, "-90..90"),
         ({"pole_lon_deg": 1.0, "pole_lat_deg": 1.0, "period_h": 0.0}, "not zero"),
+        ({"pole_lon_deg": 1.0, "pole_lat_deg": 1.0, "period_h": float("nan")}, "finite"),
+        ({"omega": (0.0, float("inf"), 0.0)}, "finite"),
         (
             {"pole_lon_deg": 1.0, "pole_lat_deg": 1.0, "period_h": 2.0, "omega": (0, 0, 1)},
             "give one attitude",

@@ -97,6 +97,16 @@ def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
     assert found.verdicts[0].p_value == pytest.approx(found.verdicts[1].p_value, abs=0.03)
 
 
+def test_one_law_with_several_settings_is_several_laws(geometry):
+    """Each told by its settings, and compared by its own axes."""
+    laws = [LVLH, *(catalogue.parse(f"sun-spin:period_s={p}") for p in (300.0, 700.0))]
+    found = attitude_test(curve_of(geometry), [*laws, laws[1]], n_bodies=49)
+    names = {"lvlh", "sun-spin:period_s=300", "sun-spin:period_s=700"}
+    assert len(found.verdicts) == 3
+    assert {v.name for v in found.verdicts} == names
+    assert all(v.same_as == () for v in found.verdicts)
+
+
 def test_curves_of_unknown_scale_are_compared_within(geometry):
     curve = curve_of(geometry)
     half = (np.arange(curve.n_obs) >= 250).astype(int)

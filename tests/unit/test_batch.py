@@ -10,7 +10,7 @@ import pytest
 from lcbayes.analysis import batch_page, style
 from lcbayes.batch_run import table
 from lcbayes.batch_run.objects import Object, objects
-from lcbayes.batch_run.work import failed
+from lcbayes.batch_run.work import failed, fit_object, identity
 from lcbayes.errors import InputError
 
 
@@ -49,7 +49,7 @@ def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
     [
         ("name,n_facets\na,2\n", r"line 1: there is no column 'curve' in name, n_facets"),
         ("curve\nx/a.csv\ny/a.csv\n", r"line 3: two objects have the name 'a'"),
-        ("curve,seed\na.csv,one\n", r"line 2: seed is not a int"),
+        ("curve,seed\na.csv,one\n", r"line 2: seed is not a whole number"),
         ("curve\n", "names no object"),
         ("curve\na.csv,b\n", r"line 2: 2 cells under 1 heads"),
     ],
@@ -59,6 +59,39 @@ def test_faults_of_a_catalogue_name_the_line(tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(InputError, match=said):
         objects(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("seed = [1]", "seed is not a whole number"),
+        ("num_chains = 4.7", r"num_chains is not .*4\.7"),
+    ],
+)
+def test_values_of_another_kind_are_no_settings(tmp_path, line, said):
+    path = tmp_path / "c.toml"
+    path.write_text(f'[[objects]]\ncurve = "a.csv"\n{line}\n')
+    with pytest.raises(InputError, match=rf"objects\[1\]: {said}"):
+        objects(path)
+
+
+def test_an_object_is_another_when_the_scan_it_starts_from_is(tmp_path):
+    (tmp_path / "a.csv").write_text("t,flux\n")
+    (tmp_path / "scan").mkdir()
+    (tmp_path / "scan" / "summary.json").write_text("{}")
+    one = Object("a", str(tmp_path / "a.csv"), keywords={"start_from": str(tmp_path / "scan")})
+    before = identity(one)
+    assert before == identity(one)
+    (tmp_path / "scan" / "summary.json").write_text('{"again": 1}')
+    assert before != identity(one)
+
+
+def test_an_unforeseen_fault_is_told_in_words(tmp_path, monkeypatch):
+    monkeypatch.setattr("lcbayes.io.read", lambda *_, **__: 1 / 0)
+    row = fit_object((str(tmp_path), False), Object("a", "a.csv"))
+    assert row["reasons"] == [
+        f"ZeroDivisionError: division by zero; see {tmp_path / 'a' / 'error.txt'}"
+    ]
 
 
 def rows() -> list[dict]:

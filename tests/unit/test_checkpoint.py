@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from lcbayes.checkpoint import Checkpoint, write_atomic
+from lcbayes._files import write_atomic
+from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.folders import alone_in, to_toml
+from lcbayes.inference.fit import digest
+from lcbayes.lightcurve import LightCurve
 
 IDENTITY = {"seed": 1, "model": "faceted"}
 
@@ -94,3 +98,20 @@ def test_toml_comes_back(tmp_path):
     found = read_toml(tmp_path / "run.toml").values
     assert found == content
     assert found["yes"] is True
+
+
+def test_digests_tell_light_curves_apart():
+    """By everything that decides numbers: a run must not go on from that of another curve."""
+    n, t = 4, np.arange(4.0)
+    axis = np.eye(3)[np.zeros(n, int)]
+    curve = LightCurve(
+        t=t, brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
+        band=np.array(["V", "R", "V", "R"]), site=np.array(["a", "bc", "a", "bc"]),
+    )  # fmt: skip
+    others = [
+        replace(curve, kind="mag"),
+        replace(curve, frame="icrs"),  # where laws find north
+        replace(curve, site=np.array(["ab", "c", "ab", "c"])),
+    ]
+    assert len({digest(c) for c in (curve, *others)}) == 1 + len(others)
+    assert digest(curve) == digest(replace(curve, source={"file": "other.csv"}))

@@ -44,7 +44,9 @@ def test_a_users_file(mine):
     [
         ({}, "needs 'depth'; give it with --depth"),
         ({"depth": "deep"}, "is 'deep'; expected float"),
+        ({"depth": "nan"}, "is 'nan'; expected float"),
         ({"depth": 1, "count": "2.5"}, "is '2.5'; expected int"),
+        ({"depth": 1, "count": "inf"}, "is 'inf'; expected int"),
         ({"depth": 1, "dark": "maybe"}, "is 'maybe'; expected bool"),
         ({"depth": 1, "colour": 1}, "no option 'colour'; available: depth, count, dark, law"),
     ],

@@ -21,13 +21,13 @@ from lcbayes.glints.directions import (
     CHI2_90,
     SUN_RADIUS,
     Sighting,
-    axes_across,
     bisector,
     cylinder,
     facet,
     facets,
     tracking,
 )
+from lcbayes.physics.facets import across as axes_across
 
 T = np.arange(0.0, 300.0, 0.5)
 ONE = np.zeros(T.size, int)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lcbayes import io
+from lcbayes import io, penumbra
 from lcbayes._jax import jax, jnp
 from lcbayes.ephemeris import ephemeris, frames, velocity_from_places
 from lcbayes.errors import InputError
@@ -200,6 +200,18 @@ def test_names_and_settings():
 
 
 @pytest.mark.parametrize(
+    "text",
+    ["fixed", "lvlh", "lvlh:yaw_deg=4.5,roll_deg=-0.1", "sun-spin:period_s=300,phase_deg=1e-07",
+     "constant-rate:x=0,y=0.1,z=-2",
+     "principal-axis:pole_lon_deg=1,pole_lat_deg=0,period_s=9,phase0_deg=2"],
+)  # fmt: skip
+def test_laws_are_spelled_as_they_are_read(text):
+    law = catalogue.parse(text)
+    assert catalogue.spelled(law) == text
+    assert catalogue.told_apart([law, catalogue.find("lvlh-backward"), law])[law.name] == law
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("hover", r"unknown attitude law 'hover'; available: inertial, lvlh, "),
@@ -209,6 +221,9 @@ def test_names_and_settings():
         ("sun-spin:period_s=0", r"period_s is 0"),
         ("constant-rate:x=1", r"constant-rate takes x, y, z"),
         ("fixed:x=1", r"fixed takes no settings"),
+        ("principal-axis:period_s=1", r"takes .*period_s, and may take phase0_deg"),
+        ("lvlh:yaw_deg=nan", r"'yaw_deg=nan' is not NAME=NUMBER"),
+        ("constant-rate:x=0,y=inf,z=0", r"'y=inf' is not NAME=NUMBER"),
     ],
 )
 def test_faults(text, said):
@@ -289,7 +304,8 @@ def test_a_scenario_with_an_articulated_array(tmp_path):
     panel = np.maximum(np.sum(curve.sun * curve.obs, 1), 0.0)
     mu0, mu = (np.maximum(np.sum(v * nadir, 1), 0.0) for v in (curve.sun, curve.obs))
     intensity = 455.0 * 0.3 / np.pi * (2.0 * panel + 3.0 * mu0 * mu)
-    flux = intensity / (1e3 * np.asarray(curve.range_km)) ** 2
+    lit = penumbra.share(curve)  # the first points are past the Earth's edge
+    flux = lit * intensity / (1e3 * np.asarray(curve.range_km)) ** 2
     np.testing.assert_allclose(curve.brightness, flux, rtol=1e-6)
     assert truth["attitude"]["law"] == "nadir-gimbal-array"
     assert [f["on_array"] for f in truth["facets"]] == [True, False]

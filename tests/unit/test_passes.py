@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 from numpyro import handlers
 from scipy import integrate, stats
 from scipy.special import logsumexp
 
-from lcbayes import noise, passes
+from lcbayes import noise, passes, summary
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
 
 NUMBER = np.array([2, 0, 0, 1, 2, 2, 0, 3])  # out of order, and one pass of one point
@@ -144,3 +147,21 @@ def test_a_pass_without_weight_does_not_matter():
     left = handlers.trace(model).get_trace(part, jnp.ones(9), "mixture", 0.3, True)["brightness"]
     total = lambda s: float(jnp.sum(s["fn"].log_prob(s["value"]) * s["scale"]))  # noqa: E731
     assert total(whole) == pytest.approx(total(left), rel=1e-12)
+
+
+def test_chi2_knows_of_what_passes_share():
+    """Passes of a few points, each 1 mag off as the model says it may be."""
+    light = curve()
+
+    def model(data):
+        m = numpyro.sample("m", dist.Normal(0.0, 1.0))
+        noise.observe(data, jnp.full(data.t.shape, 10.0 ** (-0.4 * m)), passes=True)
+
+    rng = np.random.default_rng(5)
+    shared = np.repeat([1.0, -1.0, -1.0, 1.0], 3)
+    zero = np.asarray(Epochs.of(light).zero_point)
+    data = Epochs.of(replace(light, brightness=zero + rng.normal(shared, 0.1)))
+    problem = Problem(model, data)
+    spreads = {"log_pass_sd": jnp.log(1.0), "log_pass_drift_sd": jnp.log(1e-3)}
+    z = problem.ravel({"m": jnp.asarray(0.0)} | spreads)
+    assert 2.0 < summary.chi2(problem, z, data) < 36.0  # of 12 points, 5 of them the first

@@ -25,8 +25,6 @@ def test_magnitude_is_the_flux_ratio_in_watts():
     np.testing.assert_allclose(
         ph.magnitude(f, d, ph.sun_magnitude("hinks")), -26.7 - 2.5 * np.log10(watts / 455.0)
     )
-    back = ph.flux_of_magnitude(ph.magnitude(f, d, -26.76), d, -26.76)
-    np.testing.assert_allclose(back, f, rtol=1e-13)
 
 
 def test_a_dark_epoch_is_infinitely_faint_with_zero_slope():
@@ -43,9 +41,6 @@ def test_the_sun_in_each_band():
     # colours of the Sun in the AB system: g − r 0.46, r − i 0.12
     assert ph.sun_magnitude("g") - ph.sun_magnitude("r") == pytest.approx(0.46)
     assert ph.sun_magnitude("r") - ph.sun_magnitude("i") == pytest.approx(0.12)
-    assert ph.MAGNITUDE_SYSTEM["V"] == "Vega"
-    assert ph.MAGNITUDE_SYSTEM["g"] == "AB"
-    assert set(ph.SUN_MAGNITUDE) == set(ph.MAGNITUDE_SYSTEM) | {"hinks"}
     with pytest.raises(InputError, match="unknown band 'W1'; available: hinks, U, B, V"):
         ph.sun_magnitude("W1")
 
@@ -69,8 +64,3 @@ def test_exposure_averages_the_flux():
     assert cubic[0] == t[0] ** 3 - t[0]
     slope = jax.grad(lambda w: jnp.sum(ph.exposed(lambda t: jnp.cos(w * t), tau)(t)))(2.0)
     assert np.isfinite(slope)
-
-
-def test_each_curve_has_its_own_scale():
-    found = ph.scaled(jnp.array([1.0, 2.0, 3.0]), jnp.array([10.0, 0.5]), jnp.array([0, 1, 0]))
-    np.testing.assert_array_equal(found, [10.0, 1.0, 30.0])

@@ -119,6 +119,24 @@ def test_magnitudes():
     assert inside.mean() > 0.8
 
 
+def test_epochs_that_name_no_band_are_in_that_of_the_fit():
+    """Without a band a point would be taken for V, 0.38 mag from R in the Sun's light."""
+    light = small.magnitudes(80)
+    light = replace(light, band=np.full(light.n_obs, "R"))
+    draws = posterior(light, 2)
+    wanted = replace(light, band=np.full(light.n_obs, ""))
+    named, plain = (predict(draws, light, w, "faceted", ONE)[0] for w in (light, wanted))
+    np.testing.assert_array_equal(plain["mag_mean"], named["mag_mean"])
+
+
+def test_epochs_that_name_none_of_several_bands_are_refused():
+    light = small.magnitudes(80)
+    light = replace(light, band=np.resize(["R", "V"], light.n_obs))
+    wanted = replace(light, band=np.full(light.n_obs, ""))
+    with pytest.raises(InputError, match=r"bands R, V.*give a column band"):
+        predict(dataset({}), light, wanted, "faceted", ONE)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

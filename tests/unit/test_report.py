@@ -255,11 +255,13 @@ def test_passes_are_told_apart_and_lone_points_are_not():
     assert [len(p) for p in split(nights, [0] * 10)] == [10]
 
 
-def test_loo_pit_of_a_normal_mean_is_the_exact_one():
+@pytest.mark.parametrize(("power", "n"), [(1.0, 40), (0.2, 12)])
+def test_loo_pit_of_a_normal_mean_is_the_exact_one(power, n):
+    """Also where the draws come from a likelihood raised to a power, as residuals warrant."""
     rng = np.random.default_rng(11)
-    n, sd, chains, draws = 40, 0.7, 4, 1000
+    sd, chains, draws = 0.7, 4, 1000
     y = 3.0 + sd * rng.normal(size=n)
-    mu = y.mean() + sd / np.sqrt(n) * rng.normal(size=(chains, draws))
+    mu = y.mean() + sd / np.sqrt(power * n) * rng.normal(size=(chains, draws))
     dims = ("chain", "draw", "time")
     predicted = mu[..., None] + sd * rng.normal(size=(chains, draws, n))
     log_lik = norm.logpdf(y, mu[..., None], sd)
@@ -269,12 +271,13 @@ def test_loo_pit_of_a_normal_mean_is_the_exact_one():
         brightness=y,
         log_likelihood=xr.DataArray(log_lik, dims=dims),
         predicted=xr.DataArray(predicted, dims=dims),
+        summary={"fit": {"information_per_point": power}},
     )
     pit = diagnostics_plots.loo_pit(results)  # pyright: ignore[reportArgumentType]
     assert pit is not None
     assert pit.dark == 1
     without = (y.sum() - y) / (n - 1)
-    exact = norm.cdf(y, without, sd * np.sqrt(1 + 1 / (n - 1)))
+    exact = norm.cdf(y, without, sd * np.sqrt(1 + 1 / (power * (n - 1))))
     assert pit.values[2:] == pytest.approx(exact[2:], abs=0.04)
     plain = np.mean(predicted[..., :2] < y[:2], axis=(0, 1))
     assert pit.values[:2] == pytest.approx(plain, abs=0.02)

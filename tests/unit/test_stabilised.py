@@ -14,12 +14,13 @@ from lcbayes._jax import jax, jnp
 from lcbayes.ephemeris import frames
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.facet_list import Facet, facet_list, tangents
+from lcbayes.facet_list import Facet, facet_list
 from lcbayes.geometry import EARTH_KM
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics import attitude, catalogue, photometry
 from lcbayes.physics.earthshine import glow
+from lcbayes.physics.facets import across
 
 N = 40
 
@@ -68,7 +69,7 @@ def test_a_list_of_facets():
     assert facet_list("") == []
     assert facet_list("sun-pointing:+x")[0].where == "sun-pointing"
     for normal in ((0.0, 0.0, 1.0), (0.6, 0.0, -0.8)):
-        basis = np.array([normal, *tangents(normal)])
+        basis = np.array([normal, *across(normal)])
         np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-12)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
+import secrets
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,8 +81,18 @@ def _decode(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
 _TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
 
 
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` make a file beside ``path``, then put it in its place in one step."""
+    scratch = path.with_name(f".{path.name}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        write(scratch)
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
 def write_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Write a text file atomically: it is there whole, or as it was before.
+    """Write a text file atomically, with \\n for line ends: it is there whole, or as it was before.
 
     Raises
     ------
@@ -91,23 +102,10 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the name of a file to write")
-    temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as out:
-            out.write(text)
-            out.flush()
-            os.fsync(out.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)  # mkstemp makes it private
-        os.replace(temporary, path)
-        temporary = None
+        write_atomic(path, lambda p: p.write_text(text, encoding="utf-8", newline="\n"))
     except OSError as fault:
         raise InputError(
             f"{path} cannot be written ({fault.strerror}); give a path in a folder that exists "
             "and may be written to"
         ) from None
-    finally:
-        if temporary is not None:
-            os.unlink(temporary)

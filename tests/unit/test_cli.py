@@ -1,0 +1,41 @@
+"""The command line's own words: its version, its refusals, and the commands that pages print."""
+
+from __future__ import annotations
+
+import shlex
+from importlib.metadata import PackageNotFoundError
+
+import pytest
+
+from lcbayes import cli, folders
+from lcbayes.analysis import scan_page
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
+
+
+def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
+    def absent(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.version", absent)
+    monkeypatch.setattr(folders, "version", absent)
+    assert cli.main(["--version"]) == EXIT_DONE
+    assert capsys.readouterr().out == "lcbayes 0+checkout\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["predict", "{0}", "geometry.csv", "-o", "{0}/b.csv", "--seed", "-1"],
+        ["simulate", "box-wing", "-o", "{0}/b.csv", "--seed", "-1"],
+    ],
+)
+def test_a_negative_seed_is_refused_first(words, tmp_path, capsys):
+    assert cli.main([word.format(tmp_path) for word in words]) == EXIT_BAD_INPUT
+    assert "--seed is -1; expected a whole number >= 0" in capsys.readouterr().err
+
+
+def test_a_page_prints_the_laws_that_were_scanned():
+    given = ["lvlh:yaw_deg=4,pitch_deg=3", "sun-north", "all"]
+    run = {"curve": "a.csv", "options": {"laws": ",".join(given)}, "reading": {}}
+    words = shlex.split(scan_page._command(run))
+    assert cli._parser().parse_args(words[1:]).law == given
