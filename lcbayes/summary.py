@@ -11,12 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
+from lcbayes._jax import jnp
 from lcbayes.geometry import Times
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
-from lcbayes.inference.problem import Problem
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
 from lcbayes.names import SPIN, label, reported
@@ -154,7 +152,7 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
-        "chi2": chi2(posterior.problem, jnp.asarray(top), posterior.data) if judged else None,
+        "chi2": float(posterior.problem.chi2(jnp.asarray(top), posterior.data)) if judged else None,
         "dof": curve.n_obs - posterior.problem.dim,
         "elpd_loo": elpd,
         "elpd_se": elpd_se,
@@ -162,12 +160,6 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         "log_evidence": float(total),
         "log_evidence_se": float(se),
     }
-
-
-def chi2(problem: Problem, z: jax.Array, data: Epochs) -> float:
-    """Of the data; points of a pass, where they share an offset, each given the earlier ones."""
-    mean, sd = problem.moments(z, data)
-    return float(np.sum(((data.brightness - np.asarray(mean)) / np.asarray(sd)) ** 2))
 
 
 def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:

@@ -165,6 +165,12 @@ class Problem:
             *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
         )
 
+    def chi2(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Of the brightness; points of a pass, where they share an offset, each given the earlier
+        ones."""
+        mean, sd = self.moments(z, data)
+        return jnp.sum(((data.brightness - mean) / sd) ** 2)
+
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Pointwise, each point taken whole, (T,)."""
         site = self._trace(z, data)[0][OBSERVED]

@@ -12,7 +12,7 @@ from numpyro import handlers
 from scipy import integrate, stats
 from scipy.special import logsumexp
 
-from lcbayes import noise, passes, summary
+from lcbayes import noise, passes
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference.problem import Problem
@@ -164,4 +164,4 @@ def test_chi2_knows_of_what_passes_share():
     problem = Problem(model, data)
     spreads = {"log_pass_sd": jnp.log(1.0), "log_pass_drift_sd": jnp.log(1e-3)}
     z = problem.ravel({"m": jnp.asarray(0.0)} | spreads)
-    assert 2.0 < summary.chi2(problem, z, data) < 36.0  # of 12 points, 5 of them the first
+    assert 2.0 < problem.chi2(z, data) < 36.0  # of 12 points, 5 of them the first
