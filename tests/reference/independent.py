@@ -45,7 +45,8 @@ class Density:
         )
 
         def potential(z: jax.Array) -> jax.Array:
-            return potential_energy(self._model, (one.data,), {}, self._unravel(z))
+            free = self._unravel(z)
+            return jnp.asarray(potential_energy(self._model, (one.data,), {}, free))
 
         def constrained(z: jax.Array) -> Any:
             return constrain_fn(
@@ -138,4 +139,5 @@ def _log_mixture(z: Floats, centres: Floats, factor: Floats) -> Floats:
     whiten = np.linalg.inv(factor).T
     a, b = z @ whiten, centres @ whiten
     square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * a @ b.T
-    return logsumexp(-0.5 * (TAIL + z.shape[1]) * np.log1p(square / TAIL), axis=1)
+    found = logsumexp(-0.5 * (TAIL + z.shape[1]) * np.log1p(square / TAIL), axis=1)
+    return np.asarray(found)

@@ -30,7 +30,10 @@ DRAWS = {
     "mh": (4, 20_000, 16),
     "smc": (12, 500, 1),
 }
-LONGER = {("banana", "nuts"): 8000, ("banana", "hmc"): 12_000, ("turning-facet", "mh"): 40_000}
+LONGER = {
+    ("banana", "nuts"): 8000, ("banana", "hmc"): 12_000,
+    ("turning-facet", "mh"): 40_000, ("two-turning-facets", "mh"): 120_000,
+}  # fmt: skip
 QUICK = {("banana", "ahmc"), ("banana", "hmc"), ("banana", "mh"), ("one-facet", "nuts")}
 PAIRS = [
     pytest.param(*pair, marks=() if pair in QUICK else pytest.mark.slow)
