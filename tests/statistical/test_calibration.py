@@ -38,7 +38,7 @@ def test_narrow_draws_are_found_out():
         }
 
     found = calibrate(
-        small.curve(20, noise=0.1), "faceted", n=40, seed=2, quantities=narrowed,
+        small.curve(20, noise=0.1), "faceted", n=80, seed=2, quantities=narrowed,
         **OPTIONS, **SHORT,
     )  # fmt: skip
     assert found.p_values()[:-1].min() < EACH / 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import small
 from false_alarms import EACH, limit
@@ -19,8 +18,9 @@ pytest.importorskip("blackjax.ns", reason="needs blackjax >= 1.7, of the extra b
 @pytest.mark.slow
 @pytest.mark.parametrize("n_facets", [1, 2])
 def test_evidence_agrees_with_nested_sampling(n_facets):
-    """In the combined error, by t with the degrees of freedom of either's runs: where one method
-    misses half of the posterior, or counts a facet's prior twice, it is off by 0.7 or more.
+    """Each in its own error, with half of the rate: that of particles is told by their runs (t),
+    that of nested sampling is at least what its shrinking volumes leave (normal). A difference of
+    1.2 nats or more is found out.
     """
     import nested
 
@@ -28,10 +28,9 @@ def test_evidence_agrees_with_nested_sampling(n_facets):
     found = smc.replicate(problem, data, jax.random.key(0), 500, RUNS)
     runs = [
         nested.log_evidence(problem, data, key, n_facets, False, 500)[0]
-        for key in jax.random.split(jax.random.key(1), RUNS)
+        for key in jax.random.split(jax.random.key(1), 4)
     ]
     value, error = nested.pooled(runs)
-    error = np.hypot(found.se, error)
-    most = limit(1, RUNS - 1) * error
-    assert most < 0.7
+    most = limit(2, RUNS - 1) * found.se + limit(2) * error
+    assert most < 1.2
     assert abs(found.log_evidence - value) < most

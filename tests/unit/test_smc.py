@@ -64,11 +64,11 @@ def runs(gaussian):
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_evidence_of_a_gaussian(gaussian, runs):
-    """The mean of the runs in its standard error, of 7 degrees of freedom: half a nat is found out.
+    """The mean of the runs in its standard error, of 7 degrees of freedom: one nat is found out.
     Less is seen by the 24 runs of tests/statistical/test_smc.py."""
     want = exact(gaussian[1])[0]
     assert abs(runs.log_evidence - want) < limit(1, RUNS - 1) * runs.se
-    assert runs.se < 0.04  # eight moves of 200 particles
+    assert runs.se < 0.08  # eight moves of 200 particles
 
 
 @pytest.mark.statistical(false_alarm=EACH)
