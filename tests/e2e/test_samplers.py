@@ -1,36 +1,21 @@
-"""`lcbayes fit --sampler NAME`: every sampler finds the posterior that quadrature gives."""
+"""`lcbayes fit --sampler NAME`: what is said of each, and how a stopped run goes on."""
 
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 
 import numpy as np
-import one_facet
 import pytest
 import small
 import xarray as xr
 
-from lcbayes import read
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.cli import main
-from lcbayes.epochs import Epochs
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
 from lcbayes.io import write
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
-# Draws enough for a few hundred effective ones, of four chains unless said otherwise.
-DRAWS = {
-    "nuts": (),
-    "ahmc": ("--num-warmup", "400", "--num-samples", "400"),
-    "hmc": ("--num-warmup", "400", "--num-samples", "400"),
-    "rmhmc": ("--num-warmup", "50", "--num-samples", "100", "--num-chains", "2"),
-    "mh": ("--num-warmup", "1000", "--num-samples", "2000"),
-    "smc": ("--num-samples", "100"),
-    "ahmc-paper": ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"),
-}
-LIMIT = 5.0  # Monte-Carlo standard errors
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +23,6 @@ def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
     write(small.curve(40), path)
     return path
-
-
-@cache
-def fitted(curve: Path, sampler: str) -> tuple[Path, int]:
-    """Folder and exit status."""
-    out = curve.parent / sampler
-    return out, main(fit(curve, out, sampler, *DRAWS[sampler]))
 
 
 def fit(curve: Path, out: Path, sampler: str, *more: str) -> list[str]:
@@ -55,43 +33,10 @@ def summary(folder: Path) -> dict:
     return json.loads((folder / "summary.json").read_text())
 
 
-def means(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior means of ln α, φ and g and their Monte-Carlo standard errors."""
-    import arviz as az
-
-    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
-        draws = tree["posterior"].to_dataset()[list(one_facet.NAMES)]
-        error = az.mcse(draws)
-        return tuple(  # pyright: ignore[reportReturnType]
-            np.array([float(x[name].values.ravel()[0]) for name in one_facet.NAMES])
-            for x in (draws.mean(("chain", "draw")), error)
-        )
-
-
-@pytest.mark.parametrize(
-    "sampler", ["nuts", "ahmc", "hmc", "mh", "smc", pytest.param("rmhmc", marks=pytest.mark.slow)]
-)
-def test_exact_samplers_agree_with_quadrature(curve, sampler):
-    """Means of three parameters within 5 standard errors: with their estimates a false alarm in
-    some 10⁵ seeds; the seed is fixed."""
-    out, status = fitted(curve, sampler)
-    exact, sd = one_facet.Quadrature.of(Epochs.of(read(curve))).moments()
-    mean, error = means(out)
-    assert np.all(error < 0.15 * sd)  # enough draws to tell
-    assert np.all(np.abs(mean - exact) < LIMIT * error)
-    told = summary(out)
-    assert (status == EXIT_DONE) == told["converged"]
-    assert 'sampler = "' + sampler + '"' in (out / "run.toml").read_text()
-
-
-def test_ahmc_agrees_with_nuts(curve):
-    """Two samplers that share nothing but the posterior: 3 means within 5 standard errors."""
-    (a, a_error), (b, b_error) = (means(fitted(curve, s)[0]) for s in ("ahmc", "nuts"))
-    assert np.all(np.abs(a - b) < LIMIT * np.hypot(a_error, b_error))
-
-
 def test_the_published_sampler_is_never_trusted(curve, capsys):
-    out, status = fitted(curve, "ahmc-paper")
+    out = curve.parent / "ahmc-paper"
+    few = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
+    status = main(fit(curve, out, "ahmc-paper", *few))
     assert status == EXIT_NOT_TRUSTED
     said = capsys.readouterr().out
     assert said.startswith("DO NOT TRUST THIS RESULT")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from false_alarms import EACH, squares
 from seen import curve_of
 
 from lcbayes.albedo_area import bootstrap
@@ -16,6 +18,7 @@ BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_areas_directions_and_volume_scatter_as_they_say():
     area, across, volume = [], [], []
     for seed in range(10):
@@ -30,9 +33,9 @@ def test_areas_directions_and_volume_scatter_as_they_say():
         across.append(sine / found.direction_sd[index])
         draws = bootstrap.facets(seen, found, ONE, bootstrap.weights(seen, 40, seed))
         volume.append((np.median(draws.volumes) - 2.24) / draws.volumes.std())
-    # 60 pulls: their root mean square has a standard deviation of 0.09
-    assert 0.75 < np.sqrt(np.mean(np.square(area))) < 1.3
-    # two components each
-    assert 0.75 < np.sqrt(np.mean(np.square(across)) / 2) < 1.3
-    # 10 pulls of the volume, which the choice of facets moves as well
-    assert np.sqrt(np.mean(np.square(volume))) < 2.0
+    low, high = squares(60, 3)
+    assert low < np.sum(np.square(area)) < high
+    low, high = squares(120, 3)  # two components each
+    assert low < np.sum(np.square(across)) < high
+    # of the volume, which the choice of facets moves as well
+    assert np.sum(np.square(volume)) < squares(10, 3)[1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from false_alarms import EACH
 from passes import measured, passes
 from scipy import stats
 
@@ -68,11 +69,17 @@ def test_pairs_of_an_articulated_body_are_alike_in_both_frames(geometry):
             assert np.degrees(angle.max()) <= 6.0 + 1e-6
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
+    """Kept at 1 in 20 by the first of five bodies, or by the second...: by none in 3 million."""
     found = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=199)
     by_name = {v.name: v for v in found.verdicts}
     assert found.verdicts[0].name == "lvlh"
-    assert by_name["lvlh"].p_value > 0.05
+    others = (
+        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=99).verdicts[0].p_value
+        for s in range(1, 5)
+    )
+    assert by_name["lvlh"].p_value > 0.05 or any(p > 0.05 for p in others)
     assert by_name["sun-north"].p_value <= 0.01
     assert found.rejected(by_name["sun-north"]) == (by_name["sun-north"].p_value < 0.01)
     assert not found.reasons
@@ -80,14 +87,15 @@ def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
     assert again.verdicts[0].p_value == by_name["lvlh"].p_value
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.slow
 def test_p_values_of_the_true_law_are_uniform(geometry):
-    """40 bodies, Kolmogorov-Smirnov; false alarm of this test: 1e-3."""
+    """40 bodies, Kolmogorov-Smirnov."""
     p = [
         attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=99, seed=s).verdicts[0].p_value
         for s in range(40)
     ]
-    assert stats.kstest(p, "uniform").pvalue > 1e-3
+    assert stats.kstest(p, "uniform").pvalue > EACH
 
 
 def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
@@ -107,17 +115,26 @@ def test_one_law_with_several_settings_is_several_laws(geometry):
     assert all(v.same_as == () for v in found.verdicts)
 
 
-def test_curves_of_unknown_scale_are_compared_within(geometry):
-    curve = curve_of(geometry)
+def halves(geometry, seed: int):
+    curve = curve_of(geometry, seed=seed)
     half = (np.arange(curve.n_obs) >= 250).astype(int)
     scaled = np.where(half == 1, 7.0, 1.0)
-    scaled = replace(
+    return replace(
         curve, brightness=curve.brightness * scaled, error=curve.error * scaled,
         curve=half, curve_names=("a", "b"), free_scale=np.array([True, True]),
     )  # fmt: skip
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+def test_curves_of_unknown_scale_are_compared_within(geometry):
+    """The true law is kept at 1 in 100 by one of three bodies, but once in a million times."""
+    scaled = halves(geometry, 0)
     verdict = attitude_test(scaled, [LVLH], n_bodies=99).verdicts[0]
     assert verdict.pairs is not None
-    assert verdict.p_value > 0.01
+    others = (
+        attitude_test(halves(geometry, s), [LVLH], n_bodies=99).verdicts[0].p_value for s in (1, 2)
+    )
+    assert verdict.p_value > 0.01 or any(p > 0.01 for p in others)
     seen = reduce(scaled)
     assert np.all(seen.group[verdict.pairs.i] == seen.group[verdict.pairs.j])
 

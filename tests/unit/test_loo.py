@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from false_alarms import EACH
 
 from lcbayes.inference.loo import Loo, loo, stacking
 
@@ -14,11 +15,13 @@ def normal(x, mean, sd):
     return -0.5 * ((x - mean) / sd) ** 2 - np.log(sd * np.sqrt(2 * np.pi))
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.parametrize("power", [1.0, 0.3])
 def test_mean_of_a_normal(power):
     """y ~ N(m, 0.5²)^power, m ~ N(0, 1): without yᵢ the posterior of m is normal, and so is yᵢ.
 
-    20,000 draws: the error of each epoch is below 0.01."""
+    200,000 draws: the errors scatter by 0.002 from seed to seed where they are largest (the epochs
+    beside the outlier at the low power), a tenth of the bound."""
     rng = np.random.default_rng(0)
     y = 0.4 + SD * rng.standard_normal(25)
     y[3] = 2.0  # an outlier
@@ -29,11 +32,11 @@ def test_mean_of_a_normal(power):
         return weight * data.sum() / precision, precision**-0.5
 
     mean, sd = posterior(y)
-    draws = mean + sd * rng.standard_normal(20_000)
+    draws = mean + sd * rng.standard_normal(200_000)
     found = loo(normal(y[None], draws[:, None], SD), power)
     for i in range(len(y)):
         centre, width = posterior(np.delete(y, i))
-        assert found.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.01)
+        assert found.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.02)
     assert np.all(found.khat < 0.5)
 
 

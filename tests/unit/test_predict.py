@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import small
+from false_alarms import EACH, counts
 
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
@@ -39,13 +40,14 @@ def draws(light):
     return posterior(light)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_intervals_hold_what_was_recorded(light, draws):
     columns, notes = predict(draws, light, light, "faceted", ONE)
     inside = (columns["flux_q05"] < light.brightness) & (light.brightness < columns["flux_q95"])
     half = (columns["flux_q25"] < light.brightness) & (light.brightness < columns["flux_q75"])
-    # binomial, n = 200: outside these but once in 500 sets of noise
-    assert 0.83 < inside.mean() < 0.96
-    assert 0.39 < half.mean() < 0.61
+    for hits, level in ((inside, 0.9), (half, 0.5)):
+        low, high = counts(200, level, 2)
+        assert low <= hits.sum() <= high
     assert notes == []
     assert set(columns) == {f"flux_{k}" for k in ("mean", "q05", "q25", "q75", "q95")}
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from false_alarms import EACH, limit
 from passes import measured, passes
 from scipy import stats
 from scipy.integrate import quad
@@ -82,15 +83,17 @@ def test_distances_are_those_of_their_definitions():
     assert padded[1][0] == pytest.approx(energy, abs=1e-12)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_orientations_are_uniform_and_of_that_phase():
     rng = np.random.default_rng(2)
     phase = np.full(20_000, 1.1)
     sun, obs = turned(phase, rng)
     np.testing.assert_allclose(np.arccos(np.sum(sun * obs, axis=1)), 1.1, atol=1e-9)
     for v in (sun, obs, np.cross(sun, obs) / np.sin(1.1)):
-        assert stats.kstest(v[:, 2], "uniform", args=(-1, 2)).pvalue > 1e-4
+        assert stats.kstest(v[:, 2], "uniform", args=(-1, 2)).pvalue > EACH / 3
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_the_mean_over_orientations_is_that_of_a_sphere():
     """Cauchy: a convex Lambertian body sends on average what a sphere of its surface sends."""
     surface = Surface(r_diff=0.3, r_spec=0.0)
@@ -101,14 +104,14 @@ def test_the_mean_over_orientations_is_that_of_a_sphere():
         sphere = 0.3 * 6.0 / 4 * 2 / (3 * np.pi) * (np.sin(phase) + (np.pi - phase) * np.cos(phase))
         sphere /= np.pi
         error = near.std() / np.sqrt(near.size)
-        assert abs(near.mean() - sphere) < 4 * error
+        assert abs(near.mean() - sphere) < limit(3) * error
     assert quad(lambda a: np.sin(a) + (np.pi - a) * np.cos(a), 0, np.pi)[0] == pytest.approx(4.0)
 
 
 def test_the_true_shape_is_kept_and_others_rejected():
     found = shape_match(seen("cube"), some(*FEW), n_nulls=99, n_draws=4000)
     by_name = {m.name: m for m in found.matches}
-    assert by_name["cube"].p_value > 0.05
+    assert by_name["cube"].p_value > by_name["plate"].p_value
     assert by_name["plate"].p_value < 0.05
     assert found.matches[0].name == "cube"
     assert not found.reasons
@@ -119,9 +122,10 @@ def test_the_true_shape_is_kept_and_others_rejected():
     assert again.matches[0].energy == pytest.approx(by_name["cube"].energy, abs=1e-9)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.slow
 def test_p_values_of_the_true_shape_are_uniform():
-    """60 objects of three shapes; Kolmogorov-Smirnov, false alarm of this test 2e-3."""
+    """60 objects of three shapes; Kolmogorov-Smirnov on each of two p-values."""
     p = []
     for seed in range(60):
         name = FEW[seed % 3]
@@ -130,7 +134,7 @@ def test_p_values_of_the_true_shape_are_uniform():
         )
         p.append((found.matches[0].p_kolmogorov, found.matches[0].p_energy))
     for column in np.array(p).T:
-        assert stats.kstest(column, "uniform").pvalue > 1e-3
+        assert stats.kstest(column, "uniform").pvalue > EACH / 2
 
 
 def test_points_that_follow_each_other_are_thinned():

@@ -9,6 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 import small
+from false_alarms import EACH, limit
 
 from lcbayes import noise
 from lcbayes._jax import jax, jnp
@@ -18,7 +19,7 @@ from lcbayes.inference import moves, path, smc, tempering
 from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 
-N = 200
+N, RUNS = 200, 8
 PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 
 
@@ -58,35 +59,37 @@ def exact(data, power=1.0):
 @pytest.fixture(scope="module")
 def runs(gaussian):
     problem, data = gaussian
-    return smc.replicate(problem, data, jax.random.key(1), N, 8, plan=PLAN)
+    return smc.replicate(problem, data, jax.random.key(1), N, RUNS, plan=PLAN)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_evidence_of_a_gaussian(gaussian, runs):
-    """The mean of eight runs within 4.5 of its standard errors (a Student-t with 7 degrees of
-    freedom: a false alarm in 350 keys), each run within 0.5."""
+    """The mean of the runs in its standard error, of 7 degrees of freedom: one nat is found out.
+    Less is seen by the 24 runs of tests/statistical/test_smc.py."""
     want = exact(gaussian[1])[0]
-    assert abs(runs.log_evidence - want) < 4.5 * runs.se
-    assert runs.se < 0.1  # eight moves of 200 particles
-    assert np.all(np.abs(runs.log_evidences - want) < 0.5)
+    assert abs(runs.log_evidence - want) < limit(1, RUNS - 1) * runs.se
+    assert runs.se < 0.08  # eight moves of 200 particles
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_moments_of_a_gaussian(gaussian, runs):
-    """Means within 4.5 standard errors over runs (t with 7 degrees of freedom), sd within 10 %."""
+    """Means and variances of three quantities in their standard errors over runs."""
     _, mean, cov = exact(gaussian[1])
-    means = np.array([r.z.mean(axis=0) for r in runs.runs])
-    se = means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    assert np.all(np.abs(means.mean(axis=0) - mean) < 4.5 * se)
-    assert np.all(se < 0.15 * np.sqrt(np.diag(cov)))
-    sd = np.mean([r.z.std(axis=0) for r in runs.runs], axis=0)
-    np.testing.assert_allclose(sd, np.sqrt(np.diag(cov)), rtol=0.1)
+    away = np.array([(r.z - mean) / np.sqrt(np.diag(cov)) for r in runs.runs])
+    for found in (away.mean(axis=1), np.mean(away**2, axis=1) - 1.0):
+        se = found.std(axis=0, ddof=1) / np.sqrt(RUNS)
+        assert np.all(np.abs(found.mean(axis=0)) < limit(6, RUNS - 1) * se)
+        assert np.all(se < 0.06)
 
 
-def test_points_of_less_weight(gaussian):
-    """The evidence is that of exp(−U) at the data's own information."""
+@pytest.mark.statistical(false_alarm=EACH)
+def test_points_of_less_weight(gaussian, runs):
+    """The evidence is that of exp(−U) at the data's own information; weaker data scatter less."""
     problem, data = gaussian
     less = replace(data, information=jnp.asarray(0.3))
     found = smc.replicate(problem, less, jax.random.key(2), N, 4, plan=PLAN)
-    assert abs(found.log_evidence - exact(less, 0.3)[0]) < 0.15
+    se = runs.se * np.sqrt(RUNS / 4)
+    assert abs(found.log_evidence - exact(less, 0.3)[0]) < limit(1, RUNS - 1) * se
 
 
 def test_a_run_says_how_it_went(runs):
@@ -262,12 +265,12 @@ def test_one_run_has_no_spread(gaussian):
         smc.replicate(problem, data, jax.random.key(0), 10, 1)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
-    """20 moves of 2000 exact draws at λ = 0.1: mean and covariance stay, at 4.5 standard errors
-    (twelve comparisons, a false alarm in 12,000 keys)."""
+    """20 moves of 8000 exact draws at λ = 0.1: mean and covariance stay."""
     problem, data = gaussian
     _, mean, cov = exact(data, 0.1)
-    n, lam = 2000, jnp.asarray(0.1)
+    n, lam = 8000, jnp.asarray(0.1)
     z = np.random.default_rng(0).multivariate_normal(mean, cov, n)
     at, bins = replace(data, information=lam), Path.of(data, 3).bins
     state = moves.start(problem, at, jnp.asarray(z))
@@ -279,9 +282,9 @@ def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
         state = out.state
     assert np.mean(out.accept) > 0.6
     white = np.linalg.solve(np.linalg.cholesky(cov), (np.asarray(state.z) - mean).T)
-    assert np.all(np.abs(white.mean(axis=1)) < 4.5 / np.sqrt(n))
+    assert np.all(np.abs(white.mean(axis=1)) < limit(9) / np.sqrt(n))
     scatter = white @ white.T / n - np.eye(3)
-    assert np.all(np.abs(scatter) < 4.5 * np.sqrt((1 + np.eye(3)) / n))
+    assert np.all(np.abs(scatter) < limit(9) * np.sqrt((1 + np.eye(3)) / n))
     # and the particles are no longer where they were
     before = np.linalg.solve(np.linalg.cholesky(cov), (z - mean).T)
     assert np.all(np.abs(np.sum(before * white, axis=1) / n) < 0.3)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from false_alarms import EACH, squares
 from leo import shine, spinner, spun, steady, triad
-from scipy import stats
 
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
@@ -46,6 +46,7 @@ def test_shuffles_at_once_are_shuffles_one_by_one():
         assert together[:, k] == pytest.approx(alone, abs=1e-13)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_the_error_of_a_frequency_is_that_of_larsson_and_of_many_trials():
     n, span, f, sigma = 400, 60.0, 0.2, 0.3
     t = np.linspace(0, span, n)
@@ -62,8 +63,8 @@ def test_the_error_of_a_frequency_is_that_of_larsson_and_of_many_trials():
     larsson = np.sqrt(6 / n) * sigma / (np.pi * span * np.sqrt(strength))
     assert np.median(errors) == pytest.approx(larsson, rel=0.05)
     z = (np.array(found) - f) / np.array(errors)
-    # chi2 of 300 trials; false-alarm rate 1e-4 on either side
-    assert stats.chi2.ppf(1e-4, 300) < np.sum(z**2) < stats.chi2.ppf(1 - 1e-4, 300) * 1.05
+    low, high = squares(300)
+    assert low < np.sum(z**2) < high * 1.05
     folded, error = periods.fold(one_pass(t, clean, sigma), f)
     assert folded == pytest.approx(f, abs=0.2 / span)
     assert error == pytest.approx(larsson, rel=0.2)

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import small
+from false_alarms import EACH, limit
 from jax.flatten_util import ravel_pytree
 
 from lcbayes._jax import jax, jnp
@@ -68,10 +69,11 @@ def test_no_mirror_out_of_plane():
     assert symmetry.plane_mirror(*small.posed(small.curve(25), n_facets=1)) is None
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 def test_mirror_of_what_is_not_symmetric_still_leaves_the_posterior():
     """z → −z on a Gaussian about 1: half are asked, and few go; the mean stays where it is.
 
-    4.5 standard errors of 4000 particles: a false alarm in 150,000 keys.
+    Two comparisons, 4000 particles.
     """
     from lcbayes.inference import moves
     from lcbayes.kernels.trajectory import State
@@ -90,14 +92,15 @@ def test_mirror_of_what_is_not_symmetric_still_leaves_the_posterior():
     went = np.asarray(out.z != state.z)
     assert 0.05 < went.mean() < 0.45
     # The change over has probability ½ E min(1, exp(−2 z)) = Φ(−1).
-    assert abs(went.mean() - 0.1587) < 4.5 * np.sqrt(0.1587 * 0.8413 / n)
-    assert abs(np.mean(out.z) - 1.0) < 4.5 / np.sqrt(n)
+    assert abs(went.mean() - 0.1587) < limit(2) * np.sqrt(0.1587 * 0.8413 / n)
+    assert abs(np.mean(out.z) - 1.0) < limit(2) / np.sqrt(n)
     np.testing.assert_allclose(out.grad, out.z - 1.0)
 
 
+@pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.slow
 def test_mirror_images_weigh_the_same_with_the_move():
-    """A run of 200 particles: the weight of one side is binomial, within 4.5 sd of a half."""
+    """A run of 200 particles: the weight of one side is binomial."""
     sun, obs = in_plane(25)
     light = small.curve(25, 1, noise=0.1, sun=sun, obs=obs)
     problem, data = small.posed(light, n_facets=1, spin="none")
@@ -105,4 +108,4 @@ def test_mirror_images_weigh_the_same_with_the_move():
     plan = smc.Plan(crowd=1)
     found = smc.run(problem, data, jax.random.key(0), 200, plan=plan, mirror=mirror)
     up = jax.vmap(lambda z: problem.unravel(z)["normals_base"][0, 2])(found.z) > 0
-    assert abs(np.mean(up) - 0.5) < 4.5 * 0.5 / np.sqrt(200)
+    assert abs(np.mean(up) - 0.5) < limit() * 0.5 / np.sqrt(200)
