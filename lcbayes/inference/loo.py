@@ -62,19 +62,22 @@ def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Flo
     the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
     are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
     many draws that their weight reaches into the tail, only what lies above it is the tail; if that
-    is less than five draws k is unknown, unless they hold less than 1 % of the weight.
+    is less than five draws, or one draw many times (of a chain that stays where it is), k is
+    unknown, unless they hold less than 1 % of the weight.
     """
     ratio = -power * log_likelihood
     n_tail = _tail(len(ratio))
     ends = np.sort(ratio, axis=0)[-n_tail - 1 :]
     above = np.sum(ends[1:] > ends[0] + ALIKE, axis=0)
     alike = ends[-1] - ends[1] < ALIKE
+    lowest = np.take_along_axis(ends, np.minimum(len(ends) - above, n_tail)[None], axis=0)[0]
+    one = ends[-1] - lowest < ALIKE
     log_weight, khat = ratio.copy(), np.where(alike, -np.inf, np.inf)
-    for n in np.unique(above[~alike & (above >= SHORTEST)]):
-        here = ~alike & (above == n)
+    for n in np.unique(above[~one & (above >= SHORTEST)]):
+        here = ~one & (above == n)
         log_weight[:, here], khat[here] = _smoothed(ratio[:, here], int(n))
     log_weight -= np.logaddexp.reduce(log_weight, axis=0)
-    few = (above < SHORTEST) & (len(ratio) >= 5 * SHORTEST)
+    few = ((above < SHORTEST) | (one & ~alike)) & (len(ratio) >= 5 * SHORTEST)
     held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + ALIKE)
     khat[few & (held < LITTLE)] = -np.inf
     return log_weight, khat
@@ -94,7 +97,9 @@ def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
     efficiency: Any = 1.0 if n_tail == _tail(n) else 9.0 * n / (n_tail + 0.5) ** 2
     with np.errstate(all="ignore"):  # weights too far apart for a fit: k is NaN
         smooth, khat = array_stats.psislw(-ratio, r_eff=efficiency, axis=0)
-    return np.moveaxis(smooth, -1, 0), np.nan_to_num(np.asarray(khat, float), nan=np.inf)
+    smooth, khat = np.moveaxis(smooth, -1, 0), np.nan_to_num(np.asarray(khat, float), nan=np.inf)
+    bad = ~np.all(np.isfinite(smooth), axis=0)  # a tail whose width is below rounding
+    return np.where(bad, ratio, smooth), np.where(bad, np.inf, khat)
 
 
 def stacking(pointwise: Mapping[int, Loo]) -> Stacked:

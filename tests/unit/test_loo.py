@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from false_alarms import EACH
 
-from lcbayes.inference.loo import Loo, loo, stacking
+from lcbayes.inference.loo import Loo, log_weights, loo, stacking
 
 SD = 0.5
 
@@ -151,3 +151,18 @@ def test_a_far_better_model_takes_all():
 def test_one_model_has_all_the_weight():
     found = stacking({4: made([-1.0, -2.0])})
     assert [float(x[0]) for x in found] == [1.0, 0.0, 0.0]
+
+
+def test_weights_are_finite_however_chains_stay_where_they_are():
+    """Draws of two plateaus, a few draws many times, dark epochs, tails below rounding."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        n = rng.choice([40, 100, 400, 2000])
+        x = rng.standard_normal((n, 6)) * 10.0 ** rng.integers(-6, 3, 6)
+        x[:, 0] = np.where(np.arange(n) < rng.integers(1, n), x[0, 0], x[1, 0])
+        x[:, 1] = x[rng.integers(0, 4, n), 1]
+        x[:, 2] = np.where(rng.random(n) < 0.97, -3.0, x[rng.integers(0, 3, n), 2])
+        x[:, 3] = np.where(rng.random(n) < rng.random(), -700.0, x[:, 3])
+        log_weight, khat = log_weights(x, rng.choice([1.0, 0.4]))
+        np.testing.assert_allclose(np.logaddexp.reduce(log_weight, axis=0), 0.0, atol=1e-9)
+        assert not np.isnan(khat).any()
