@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.errors import InputError
 from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM
 from lcbayes.lightcurve import LightCurve
 
@@ -16,6 +19,7 @@ BENDING = np.radians(1.18)  # of a ray that grazes the ground: twice the horizon
 RAYLEIGH = 0.098  # optical depth of the air toward the zenith, 550 nm
 OZONE, OZONE_KM, OZONE_WIDTH_KM = 0.030, 22.0, 5.0  # the same of its ozone, a layer of this height
 TOP_KM = 100.0
+FULL = 0.99
 NODES = 200  # of the integral over heights
 UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
 
@@ -26,6 +30,28 @@ def share(curve: LightCurve) -> Floats:
     if curve.position_km is None:
         return np.ones(curve.n_obs)
     return np.maximum(sunlight(curve.position_km, curve.sun), UMBRA)
+
+
+def fully_lit(curve: LightCurve) -> LightCurve:
+    """The points that `FULL` of the sunlight reaches, for methods that know of no penumbra.
+
+    ``source`` says under "in_penumbra" how many were left out, if any.
+
+    Raises
+    ------
+    InputError
+        No point is left.
+    """
+    lit = share(curve) > FULL
+    if lit.all():
+        return curve
+    if not lit.any():
+        raise InputError(
+            "by its orbit the object is in the Earth's shadow at all points; check the elements "
+            "and the times"
+        )
+    kept = curve.select(lit)
+    return replace(kept, source={**kept.source, "in_penumbra": str(np.sum(~lit))})
 
 
 def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:

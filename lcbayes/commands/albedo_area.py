@@ -10,7 +10,7 @@ from lcbayes.commands.reading import (
     add_result_arguments,
     asked,
     check_seed,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"--{name} is {getattr(args, name)}; expected a whole number >= 0")
     if (args.out / "posterior.nc").exists():
         raise InputError(f"{args.out} holds a fit; give another folder with -o")
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.albedo_area.inversion import invert
     from lcbayes.albedo_area.kernel import Material

@@ -9,7 +9,7 @@ from lcbayes.commands.reading import (
     add_result_arguments,
     asked,
     check_seed,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("give a light curve, and a folder for the results with -o DIR")
     check_seed(args)
     laws = [catalogue.parse(text) for text in args.law or ()]
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.analysis import attitude_test_report as report
     from lcbayes.analysis.small_report import tell

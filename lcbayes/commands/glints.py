@@ -9,7 +9,7 @@ from lcbayes.commands.reading import (
     add_reading_arguments,
     add_result_arguments,
     asked,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         if not any(axis):
             raise InputError("--sun-tracking is 0,0,0; expected an axis, as 0,0,1")
     attitude = attitude_from(args, optional=True)
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.analysis import glints_report as report
     from lcbayes.analysis.small_report import tell

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,6 +66,7 @@ def asked(args: Namespace, curve: LightCurve) -> dict[str, Any]:
         "curve": str(args.curve),
         "sha256": curve.source.get("sha256"),
         "frame": curve.frame,
+        "points_in_penumbra_left_out": int(curve.source.get("in_penumbra", 0)),
     }
     return about | ({"seed": args.seed} if "seed" in args else {})
 
@@ -86,6 +88,18 @@ def read_from(args: Namespace) -> LightCurve:
         error=args.error,
         error_floor=args.error_floor,
     )
+
+
+def read_lit(args: Namespace) -> LightCurve:
+    """The same without points in the Earth's penumbra, which is said, for methods that take the
+    body for fully lit."""
+    from lcbayes.penumbra import fully_lit
+
+    curve = fully_lit(read_from(args))
+    if "in_penumbra" in curve.source:
+        n = curve.source["in_penumbra"]
+        print(f"note: {n} points in the Earth's shadow or penumbra are left out", file=sys.stderr)
+    return curve
 
 
 def how_read(args: Namespace) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lcbayes.commands.model_options import add_settings
-from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
+from lcbayes.commands.reading import add_reading_arguments, how_read, read_lit
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
 HELP = "hypotheses of attitude (pole, period, stabilised laws), each with its best body, ranked"
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         if len(ends) != 2:
             raise InputError(f"--period-range is {args.period_range!r}; give FROM,TO, as 5.7,5.8")
         between = (hours("--period-range", ends[0]), hours("--period-range", ends[1]))
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.progress import Console, Silent
     from lcbayes.scanning import scan

@@ -10,7 +10,7 @@ from lcbayes.commands.reading import (
     add_result_arguments,
     asked,
     check_seed,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     check_seed(args)
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.analysis import shape_match_report as report
     from lcbayes.analysis.small_report import tell

@@ -9,7 +9,7 @@ from lcbayes.commands.reading import (
     add_result_arguments,
     asked,
     check_seed,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     check_seed(args)
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.analysis import single_facet_report as report
     from lcbayes.analysis.small_report import tell

@@ -9,7 +9,7 @@ from lcbayes.commands.reading import (
     add_result_arguments,
     asked,
     check_seed,
-    read_from,
+    read_lit,
 )
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     if args.shuffles < 99:
         raise InputError(f"--shuffles is {args.shuffles}; expected a whole number >= 99")
     check_seed(args)
-    curve = read_from(args)
+    curve = read_lit(args)
 
     from lcbayes.analysis import spin_report as report
     from lcbayes.analysis.small_report import tell

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import integrate, optimize
 
-from lcbayes import penumbra
+from lcbayes import penumbra, scenarios
 from lcbayes._jax import jnp
+from lcbayes.commands.reading import asked, read_from, read_lit
+from lcbayes.errors import InputError
 from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM, airmass
 from lcbayes.physics.earthshine import RINGS, SECTORS, glow
 
@@ -149,3 +154,25 @@ def test_earthshine_in_low_orbit_by_an_integral_over_the_ground(angle):
     want = 2.0 * integrate.dblquad(patch, 1.0 / radius, 1.0, 0.0, np.pi, epsabs=1e-5)[0]
     assert irradiance(radius, np.radians(angle), (30, 60)) == pytest.approx(want, rel=1e-3)
     assert irradiance(radius, np.radians(angle), (RINGS, SECTORS)) == pytest.approx(want, rel=0.03)
+
+
+@pytest.fixture
+def asked_for() -> Namespace:
+    folder = Path(scenarios.__file__).parent
+    return Namespace(
+        curve=folder / "box-wing.csv", tle=folder / "box-wing.tle", format=None, site=None,
+        error=None, error_floor=None,
+    )  # fmt: skip
+
+
+def test_methods_that_know_of_no_penumbra_leave_its_points_out_and_say_so(asked_for, capsys):
+    """The demo's satellite comes out of the shadow in its first points."""
+    whole, lit = read_from(asked_for), read_lit(asked_for)
+    share = penumbra.share(whole)
+    assert 0 < whole.n_obs - lit.n_obs == np.sum(share <= 0.99) < 20
+    np.testing.assert_array_equal(lit.brightness, whole.brightness[share > 0.99])
+    assert f"note: {whole.n_obs - lit.n_obs} points" in capsys.readouterr().err
+    assert asked(asked_for, lit)["points_in_penumbra_left_out"] == whole.n_obs - lit.n_obs
+    assert penumbra.fully_lit(lit) is lit
+    with pytest.raises(InputError, match="shadow at all points"):
+        penumbra.fully_lit(whole.select(share < 0.9))
