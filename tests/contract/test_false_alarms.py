@@ -37,7 +37,7 @@ def functions_of(path: Path) -> list[tuple[ast.FunctionDef, str]]:
 
 def test_all_tests_together_fail_by_chance_once_in_a_thousand_runs(pytestconfig):
     """Of those collected here; pytest ends with an error before it comes so far."""
-    assert 0.0 < pytestconfig.stash[false_alarms.COLLECTED] < false_alarms.MOST
+    assert pytestconfig.stash[false_alarms.COLLECTED] < false_alarms.MOST
 
 
 def test_tests_that_speak_of_chance_declare_its_rate():
