@@ -63,7 +63,8 @@ quantities, since a posterior that ignored the data would pass all the others
 ([Modrák et al. 2023](https://arxiv.org/abs/2211.02383)). `lcbayes.calibration.calibrate` does the
 same for a model and a geometry of your own.
 
-`make calibration` makes this page; this one is of {date}. The least of all {tests} p-values
+`make calibration` makes this page; this one is of {date} and has {done} of its {pairs} pairs of
+model and sampler: those that are not here have not been run. The least of all {tests} p-values
 (Kolmogorov-Smirnov) would be below {level} once in {pages} pages if all were right. *Trusted* is
 the share of fits that passed their own diagnostics; the others, of which `lcbayes` says that they
 are not to be trusted, count here all the same. `convex-grid` is left out: its surfaces must close
@@ -117,7 +118,7 @@ def write() -> None:
     tests = sum(len(c.names) for by in done.values() for c in by.values())
     told = HEAD.format(
         date=f"{datetime.now(UTC):%Y-%m-%d}", tests=tests, level=f"{ALARM / max(tests, 1):.1g}",
-        pages=round(1 / ALARM),
+        pages=round(1 / ALARM), done=sum(map(len, done.values())), pairs=len(CASES) * len(SAMPLERS),
     )  # fmt: skip
     lines = [told]
     for case, by in done.items():
