@@ -110,7 +110,8 @@ def fit(
         The same input, version, seed and device give the same numbers.
     num_warmup, num_samples, num_chains : int
         Per solution. None and 0 take what serves the sampler: a warm-up of 200 for NUTS, and 750
-        draws. For "smc" the number of particles that move (250), and of independent runs.
+        draws, up to 3000 where these are worth too few independent ones and more will do. For "smc"
+        the number of particles that move (250), and of independent runs.
     num_starts : int
         Starts of the search where the model has no own; 0 chooses by the number of parameters.
     max_modes : int

@@ -14,6 +14,10 @@ class Track(Protocol):
 
     def advance(self, n: int, note: str = "") -> None: ...
 
+    def more(self, n: int) -> None:
+        """So much more than was foretold."""
+        ...
+
 
 class Silent:
     """No progress at all: the default of the Python interface."""
@@ -28,6 +32,9 @@ class Silent:
 
 class _Nothing:
     def advance(self, n: int, note: str = "") -> None:
+        pass
+
+    def more(self, n: int) -> None:
         pass
 
 
@@ -66,6 +73,9 @@ class Console(Silent):
                     rate = done / max(time.monotonic() - started, 1e-9)
                     bars.update(task, advance=n, note=note, rate=f"{rate:.3g}")
 
+                def more(self, n: int) -> None:
+                    bars.update(task, total=(bars.tasks[task].total or 0) + n)
+
             yield Bar()
 
 
@@ -85,6 +95,9 @@ class _Lines:
             rate = self.done / max(elapsed, 1e-9)
             said += f", {rate:.3g}/s, {(self.total - self.done) / rate:.0f} s left"
         print(f"{said}; {note}" if note else said, file=sys.stderr, flush=True)
+
+    def more(self, n: int) -> None:
+        self.total += n
 
 
 class Parts:
@@ -127,3 +140,6 @@ class _Share:
         part = self.part
         said = f"{part.name}, {note}" if note else part.name
         part.parts.reach(part.parts.done + part.cost * n / self.total, said)
+
+    def more(self, n: int) -> None:
+        self.total += n

@@ -13,6 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes._jax import jnp
 from lcbayes.geometry import Times
+from lcbayes.inference.enough import MAX_RHAT, MIN_ESS
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
 from lcbayes.inference.settings import PUBLISHED
@@ -23,9 +24,7 @@ from lcbayes.results import dataset
 
 Floats = NDArray[np.float64]
 
-# Bounds of what is trusted, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
-MAX_RHAT = 1.01
-MIN_ESS = 400.0
+# Bounds of what is trusted, beside those of `enough`
 MAX_APART = 1.05  # R-hat between runs that started apart
 MAX_DIVERGING = 0.005  # share of the draws
 MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data

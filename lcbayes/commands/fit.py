@@ -30,7 +30,8 @@ A run that was stopped goes on when the same command is given again.
 SETTINGS = {
     "seed": "of every random number (default 0)",
     "num_warmup": "warm-up draws per chain (default 200 for nuts, more for others)",
-    "num_samples": "draws kept per chain (default 750); for smc, particles that move (default 250)",
+    "num_samples": "draws kept per chain (default 750, and on to 3000 where they are not enough); "
+    "for smc, particles that move (default 250)",
     "num_chains": "chains per solution (default 4); for smc, independent runs",
     "num_starts": "starts of the search (default: by the number of parameters)",
     "max_modes": "solutions to sample at most (default 4)",

@@ -53,7 +53,7 @@ class Posterior:
         Each mode gives a number of draws in proportion to its weight, taken evenly from its own
         chains; their order is random, so that every stretch holds every mode.
         """
-        shape = self.modes[0].z.shape[:2]
+        shape = len(self.modes[0].z), min(m.z.shape[1] for m in self.modes)
         total = shape[0] * shape[1]
         rng = np.random.default_rng(seed)
         edges = np.round(np.cumsum([m.weight for m in self.modes]) * total).astype(int)

@@ -84,8 +84,8 @@ def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]
 
 def _rhat(a: Floats, b: Floats) -> float:
     """The largest R-hat over the parameters of the chains of two runs (C, S, D) together."""
-    chains = np.concatenate([a, b])
-    n = chains.shape[1]
+    n = min(a.shape[1], b.shape[1])
+    chains = np.concatenate([a[:, -n:], b[:, -n:]])
     within = chains.var(axis=1, ddof=1).mean(axis=0)
     between = chains.mean(axis=1).var(axis=0, ddof=1)
     return float(np.sqrt((n - 1) / n + between / np.maximum(within, 1e-300)).max())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
-from lcbayes.inference import chains
+from lcbayes.inference import chains, enough
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Track
@@ -58,7 +58,10 @@ class Sampler:
         timing: Timing,
         track: Track,
     ) -> tuple[Floats, dict[str, NDArray], chains.Whitening]:
-        """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S)."""
+        """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S).
+
+        More of them than `num_samples` where these are not enough and `most_samples` allows it.
+        """
         whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
         warmup_blocks, sample_blocks = self.n_blocks
         num_warmup = warmup_blocks * BLOCK
@@ -66,8 +69,8 @@ class Sampler:
         keys = jax.random.split(key, self.settings.num_chains)
         with ThreadPoolExecutor(self.workers) as pool:
             states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
-            blocks = []
-            for i in range(warmup_blocks + sample_blocks):
+            blocks, end = [], warmup_blocks + sample_blocks
+            while (i := len(blocks)) < end:
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
                     begun = time.monotonic()
@@ -91,11 +94,15 @@ class Sampler:
                     self.settings.num_chains * BLOCK,
                     f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
                 )
-        kept = blocks[warmup_blocks:]
-        n = self.settings.num_samples
-        draws = np.concatenate([b["z"] for b in kept], axis=1)[:, :n]
+                if len(blocks) == end:
+                    draws = np.concatenate([b["z"] for b in blocks[warmup_blocks:]], axis=1)
+                    length = enough.wanted(draws, self.settings.most_samples)
+                    more = warmup_blocks + -(-length // BLOCK) - end
+                    track.more(self.settings.num_chains * BLOCK * more)
+                    end += more
+        kept, n = blocks[warmup_blocks:], self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
-        return draws, stats, whitening
+        return draws[:, :n], stats, whitening
 
     def _compile(self, key, num_warmup, whitening, data, timing: Timing):
         begun = time.monotonic()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from lcbayes.errors import InputError
@@ -14,6 +14,7 @@ WARMUP = {
 }  # fmt: skip
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # by default: draws of a chain, particles that move
+MOST_DRAWS = 3000  # of a chain, where by default it goes on until there are enough
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -26,10 +27,12 @@ class Settings:
     sampler : name of the kernel
     seed : of every random number drawn
     num_warmup : per chain; None takes what serves the sampler, `WARMUP`
-    num_samples : per chain; for smc the particles that move; 0 takes 750, or 250 particles
+    num_samples : per chain; 0 takes 750, and goes on to 3000 at most while these are not enough;
+        for smc the particles that move, 0 takes 250
     num_chains : per solution; for smc the independent runs
     num_starts : of the search, where the model does not choose its own; 0 chooses by dimension
     max_modes : solutions that are sampled, at most
+    most_samples : per chain, at most
     """
 
     sampler: str = "nuts"
@@ -39,15 +42,18 @@ class Settings:
     num_chains: int = 4
     num_starts: int = 0
     max_modes: int = 4
+    most_samples: int = field(init=False)
 
     def __post_init__(self) -> None:
         if self.sampler not in WARMUP:
             raise InputError(f"unknown sampler {self.sampler!r}; available: {', '.join(WARMUP)}")
         if self.num_warmup is None:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
+        most = self.num_samples
         if self.num_samples == 0:
-            number = MOVING if self.sampler == PARTICLES else DRAWS
+            number, most = (MOVING, MOVING) if self.sampler == PARTICLES else (DRAWS, MOST_DRAWS)
             object.__setattr__(self, "num_samples", number)
+        object.__setattr__(self, "most_samples", most)
         least = {
             "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
             "max_modes": 1, "seed": 0,

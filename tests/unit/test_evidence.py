@@ -139,13 +139,15 @@ def test_hits_are_counted_along_a_ridge(one_facet):
     assert 0.9 * len(inside) <= mode.solution.hits <= len(inside)
 
 
-def test_mixture_takes_modes_by_weight():
+@pytest.mark.parametrize("lengths", [(100, 100), (250, 100), (100, 250)])
+def test_mixture_takes_modes_by_weight(lengths):
+    """One of which may have gone on for longer: the shorter one says how many draws there are."""
     problem, data = small.posed(small.curve(8), n_facets=1, spin="none")
     rng = np.random.default_rng(1)
     modes = [
         fit.Mode(
             Solution(np.zeros(4), 0.0, 0.0, 1.0, 1),
-            rng.standard_normal((2, 100, 4)) + 100 * i,
+            rng.standard_normal((2, lengths[i], 4)) + 100 * i,
             {},
             evidence.LogEvidence(np.log(w), 0.1),
         )
@@ -160,3 +162,23 @@ def test_mixture_takes_modes_by_weight():
     assert np.bincount(label.ravel()).tolist() == [150, 50]
     np.testing.assert_array_equal(label, z[..., 0] > 50)
     assert 0 < label[0, :50].sum() < 50  # every stretch holds every mode
+
+
+def test_two_runs_into_one_region_are_one_mode_whatever_their_lengths():
+    problem, _ = small.posed(small.curve(8), n_facets=1, spin="none")
+    order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
+    rng = np.random.default_rng(2)
+    solution = Solution(np.zeros(4), 0.0, 0.0, 1.0, 1)
+    long, short, away = (
+        fit.Mode(solution, z, {}, evidence.LogEvidence(log_z, 0.1))
+        for z, log_z in (
+            (rng.standard_normal((2, 1000, 4)), 0.0),
+            (rng.standard_normal((2, 400, 4)), 1.0),
+            (rng.standard_normal((2, 400, 4)) + 30.0, 2.0),
+        )
+    )
+    modes = []
+    for new in (long, short, away):
+        fit.join(modes, new, order)
+    assert [len(m.z[0]) for m in modes] == [400, 400]
+    assert 1.0 <= modes[0].apart < 1.05 and modes[1].apart == 1.0

@@ -21,7 +21,7 @@ def test_mean_of_a_normal(power):
     """y ~ N(m, 0.5²)^power, m ~ N(0, 1): without yᵢ the posterior of m is normal, and so is yᵢ.
 
     200,000 draws: the errors scatter by 0.002 from seed to seed where they are largest (the epochs
-    beside the outlier at the low power), a tenth of the bound."""
+    beside the outlier at the low power), a fifth of the bound."""
     rng = np.random.default_rng(0)
     y = 0.4 + SD * rng.standard_normal(25)
     y[3] = 2.0  # an outlier
@@ -36,7 +36,7 @@ def test_mean_of_a_normal(power):
     found = loo(normal(y[None], draws[:, None], SD), power)
     for i in range(len(y)):
         centre, width = posterior(np.delete(y, i))
-        assert found.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.02)
+        assert found.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.01)
     assert np.all(found.khat < 0.5)
 
 
