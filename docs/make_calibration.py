@@ -2,7 +2,7 @@
 
     python docs/make_calibration.py                               all, 100 curves each; hours
     python docs/make_calibration.py --n 40 --models faceted       fewer
-    python docs/make_calibration.py --samplers nuts,ahmc
+    python docs/make_calibration.py --models "faceted, turning" --samplers nuts ahmc
 
 Each pair of model and sampler is kept in a file once it is done, so that a run that was stopped
 goes on, and pairs can be done one at a time; the page shows all that are kept.
@@ -67,7 +67,8 @@ same for a model and a geometry of your own.
 model and sampler: those that are not here have not been run. The least of all {tests} p-values
 (Kolmogorov-Smirnov) would be below {level} once in {pages} pages if all were right. *Trusted* is
 the share of fits that passed their own diagnostics; the others, of which `lcbayes` says that they
-are not to be trusted, count here all the same. `convex-grid` is left out: its surfaces must close
+are not to be trusted, count here all the same. All samplers met the same curves, so that by chance
+they deviate together. `convex-grid` is left out: its surfaces must close
 to 1 %, which hardly a draw from its prior does, so truths cannot be drawn.
 """
 
@@ -75,12 +76,12 @@ to 1 %, which hardly a draw from its prior does, so truths cannot be drawn.
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=100, help="simulated curves of each pair")
-    parser.add_argument("--models", default=",".join(CASES).replace(", ", ";"), help="some of them")
-    parser.add_argument("--samplers", default=",".join(SAMPLERS), help="some of them")
+    parser.add_argument("--models", nargs="+", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--samplers", nargs="+", default=SAMPLERS, choices=SAMPLERS)
     args = parser.parse_args()
     console = Console()
-    for case in (name.replace(";", ", ") for name in args.models.split(",")):
-        for sampler in args.samplers.split(","):
+    for case in args.models:
+        for sampler in args.samplers:
             if kept(case, sampler).exists():
                 continue
             console.say(f"{case}, {sampler}")

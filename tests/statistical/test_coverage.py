@@ -70,9 +70,10 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
         (best,) = solutions.worth_sampling(
             problem, data, solutions.distinct(problem, data, ends, order, 4), 4
         )
-        z, stats, _ = sampler.run(
-            "mode", best.z, data, key, Checkpoint(None, {}), Timing(), _Track()
-        )
+        with Silent().stage("sampling", 1, "draws") as track:
+            z, stats, _ = sampler.run(
+                "mode", best.z, data, key, Checkpoint(None, {}), Timing(), track
+            )
         assert stats["diverging"].mean() < 0.005
         sites = constrain(z.reshape(-1, problem.dim), data)
         for name, value in TRUTH.items():
@@ -80,11 +81,6 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
             below.append(np.mean(x < value))
             effective.append(min(float(az.ess(x)), x.size))
     return np.reshape(below, (-1, 3)), np.reshape(effective, (-1, 3))
-
-
-class _Track:
-    def advance(self, n: int, note: str = "") -> None:
-        pass
 
 
 @pytest.mark.statistical(false_alarm=EACH)

@@ -49,7 +49,7 @@ def test_too_few_draws_ask_for_what_is_missing(memory):
 def test_hopeless_chains_cost_no_more():
     assert wanted(autoregressive(0.99), 3000) == 750  # worth 15
     z = autoregressive(0.9)
-    assert wanted(z + np.arange(4)[:, None, None], 3000) == 750  # each in a place of its own
+    assert wanted(z + np.arange(4.0)[:, None, None], 3000) == 750  # each in a place of its own
     assert wanted(np.zeros((4, 750, 2)), 3000) == 750  # stuck
     assert wanted(z[:1], 3000) == 750  # one chain, which nothing can be compared with
 

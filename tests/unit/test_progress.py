@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lcbayes.progress import Parts
+from lcbayes.progress import Console, Parts
 
 
 class Noted:
@@ -15,6 +15,9 @@ class Noted:
         assert n >= 0
         self.done += n
         self.notes.append(note)
+
+    def more(self, n: int) -> None:
+        raise AssertionError(f"{n} more: the whole is the parts' own")
 
 
 def test_parts_count_by_their_cost():
@@ -55,3 +58,18 @@ def test_it_never_goes_back():
         with parts.part(3.5, "more", 1):
             pass
         assert track.done == done
+
+
+def test_what_goes_on_says_how_much_is_left(capsys, monkeypatch):
+    """Where nobody looks on: a line when all that was foretold is done, and when the rest is."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False)
+    with Console().stage("sampling", 100, "draws") as track:
+        track.advance(100)
+        track.more(100)
+        track.advance(50)  # within ten seconds: no line
+        track.advance(50, "done")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == [
+        "sampling: 100/100 draws", "sampling: 200/200 draws",
+    ]  # fmt: skip
+    assert lines[-1].endswith("; done")
