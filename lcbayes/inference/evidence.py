@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
+BRIDGED = 5  # independent points of the Gaussian that must lie where the draws are
 
 
 class LogEvidence(NamedTuple):
@@ -62,14 +63,24 @@ def bridge(
     n_use, n_new = min(len(use), ess * len(use) / draws[..., 0].size), len(proposal)
     s1, s2 = np.log(n_use / (n_use + n_new)), np.log(n_new / (n_use + n_new))
     z = np.median(ratio_use)
+    # Where the halves do not overlap a bridge would end anywhere, also at no weight at all. What
+    # is left then is Z = p̃/q at the draws, with the scatter of that.
+    apart = LogEvidence(float(z), max(1.0, float(np.std(ratio_use))))
+    if not np.any(np.isfinite(ratio_new)):
+        return apart
     for _ in range(500):
         top = logsumexp(ratio_new - np.logaddexp(s1 + ratio_new, s2 + z)) - np.log(n_new)
         bottom = logsumexp(-np.logaddexp(s1 + ratio_use, s2 + z)) - np.log(len(use))
         z, last = top - bottom, z
         if abs(z - last) < 1e-10:
             break
-    f_new = np.exp(ratio_new - np.logaddexp(s1 + ratio_new, s2 + z))
-    f_use = np.exp(-np.logaddexp(s1 + ratio_use, s2 + z) + z)
-    variance = np.var(f_new) / np.mean(f_new) ** 2 / n_new
-    variance += np.var(f_use) / np.mean(f_use) ** 2 / max(n_use, 1.0)
-    return LogEvidence(float(z), float(np.sqrt(variance)))
+    variance_new = _relative_variance(ratio_new - np.logaddexp(s1 + ratio_new, s2 + z))
+    variance_use = _relative_variance(-np.logaddexp(s1 + ratio_use, s2 + z))
+    if BRIDGED * (variance_new + 1.0) > n_new:
+        return apart
+    return LogEvidence(float(z), float(np.sqrt(variance_new / n_new + variance_use / n_use)))
+
+
+def _relative_variance(log_f: Floats) -> float:
+    """Variance over squared mean."""
+    return len(log_f) * float(np.exp(logsumexp(2 * log_f) - 2 * logsumexp(log_f))) - 1.0

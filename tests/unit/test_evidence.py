@@ -59,6 +59,28 @@ def test_a_proposal_without_density_counts_as_none():
     assert abs(found.value - np.log(np.sqrt(np.pi / 2))) < limit() * found.se
 
 
+@pytest.mark.parametrize("away", [40.0, 1e4])
+def test_halves_that_do_not_overlap_leave_the_weight_open(away):
+    """A chain that wanders off: the solution keeps a weight, which is known not to be known."""
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((4, 400, 2))
+    draws[:, 200:] += away
+
+    def potential(x):  # two Gaussians of weight one half
+        near, far = (np.sum((x - at) ** 2, axis=1) for at in (0.0, away))
+        return 0.5 * np.minimum(near, far) + np.log(2.0) + np.log(2 * np.pi)
+
+    found = evidence.bridge(draws, potential, 200.0, rng)
+    assert np.isfinite(found).all()
+    assert found.value > -np.log(2.0) - 0.1  # a lower bound: one of the two at least
+    assert found.se > 0.5
+    nowhere = evidence.bridge(
+        draws, lambda x: np.where(x[:, 0] > 0.5 * away, 1.0, np.inf), 200.0, rng
+    )
+    assert np.isfinite(nowhere).all()
+    assert nowhere.se > 0.5
+
+
 @pytest.fixture(scope="module")
 def one_facet():
     light = small.curve(16, noise=0.1)
