@@ -180,9 +180,10 @@ def draw(by: dict[str, Calibration], path: Path) -> None:
             edges = np.linspace(0, 1, BINS + 1)
             for i, (name, column) in enumerate(zip(found.names, found.places.T, strict=True)):
                 counts = np.histogram(column, edges)[0] / n
-                top.stairs(counts, edges, color=style.colour(i), label=name)
+                line = {"color": style.colour(i), "ls": "-" if i < len(style.PALETTE) else "--"}
+                top.stairs(counts, edges, label=name, **line)
                 x = np.sort(column)
-                below.step(x, np.arange(1, n + 1) / n - x, where="post", color=style.colour(i))
+                below.step(x, np.arange(1, n + 1) / n - x, where="post", **line)
             top.set_title(sampler, loc="left")
             below.set_xlabel("place of the truth")
         axes[0, 0].set_ylabel("share of the curves")

@@ -135,7 +135,7 @@ def read_config(path: Path) -> _Kept:
 
     root = read_toml(path)
     content = root.values
-    names = {f.name for f in dataclasses.fields(Settings)} - {"sampler"}
+    names = {f.name for f in dataclasses.fields(Settings) if f.init} - {"sampler"}
     keywords = {k: content[k] for k in names if k in content}
     keywords |= {
         k: root.text(k) for k in ("model", "sampler", "start_from") if content.get(k) is not None

@@ -67,4 +67,8 @@ class Settings:
                 raise InputError(f"--{flag} is {value!r}; give a whole number >= {low}")
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        """What was asked for: the same settings again, if given back."""
+        asked = asdict(self)
+        if asked.pop("most_samples") > self.num_samples:
+            asked["num_samples"] = 0
+        return asked

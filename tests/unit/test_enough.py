@@ -60,6 +60,14 @@ def test_who_asks_for_a_number_gets_it():
     assert Settings(sampler="smc").most_samples == Settings(sampler="smc").num_samples
 
 
+@pytest.mark.parametrize("asked", [{}, {"num_samples": 750}, {"sampler": "smc"}, {"sampler": "mh"}])
+def test_settings_are_recorded_as_they_were_asked_for(asked):
+    """So that a run from its run.toml goes on as the first one did."""
+    settings = Settings(**asked)
+    assert Settings(**settings.as_dict()) == settings
+    assert settings.as_dict() != Settings(num_samples=1000).as_dict()
+
+
 class Cut(Silent):
     """Stops a run that goes on, at its first block beyond what was foretold."""
 
