@@ -169,7 +169,7 @@ def draw(by: dict[str, Calibration], path: Path) -> None:
     """Above: histograms of the places; below: their distribution minus the uniform one. Bands hold
     all bars of a quantity, and a whole line, in 99 of 100 if all is right."""
     with matplotlib.rc_context(cast(Any, style.RC)):
-        figure = Figure(figsize=(2.2 * len(by) + 1.0, 4.4), layout="constrained")
+        figure = Figure(figsize=(2.2 * len(by) + 1.0, 4.8), layout="constrained")
         axes = figure.subplots(2, len(by), sharex=True, sharey="row", squeeze=False)
         for (top, below), (sampler, found) in zip(axes.T, by.items(), strict=True):
             n = len(found.places)
@@ -189,7 +189,9 @@ def draw(by: dict[str, Calibration], path: Path) -> None:
         axes[0, 0].set_ylabel("share of the curves")
         axes[1, 0].set_ylabel("distribution − uniform")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(5, 2 * len(by)), fontsize=8
+        )
         figure.savefig(path, dpi=120, metadata={"Software": None})
 
 
