@@ -83,4 +83,5 @@ def bridge(
 
 def _relative_variance(log_f: Floats) -> float:
     """Variance over squared mean."""
-    return len(log_f) * float(np.exp(logsumexp(2 * log_f) - 2 * logsumexp(log_f))) - 1.0
+    once, twice = (np.logaddexp.reduce(k * log_f) for k in (1, 2))
+    return len(log_f) * float(np.exp(twice - 2 * once)) - 1.0
