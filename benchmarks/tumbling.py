@@ -155,7 +155,8 @@ def main(folder: Path) -> None:
         f"{OPTIONS['omega_sd']} rad/s, inertia_sd 1), each seen from three sites in "
         f"{PASSES[-1][1]:.0f} s, {len(PASSES) * POINTS} points, noise {NOISE:.0%} of the mean; "
         f"{len(explained)} fits explain the data by their chi2, {len(trusted)} are trusted. "
-        f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, beside other work.\n\n"
+        f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, beside "
+        "other work.\n\n"
     )
     text += table(
         ["quantity", "truth inside 90 %, trusted", "expected", "those that explain the data",
