@@ -30,7 +30,9 @@ def room_for(n_bytes: int) -> Iterator[None]:
     """No file of this process may grow beyond so many bytes, as if the disk were full.
 
     JAX's cache of compiled programs is left alone: of a write that fails it warns, and goes on.
+    Python does not: what it kept of a module would be cut off, and fail whoever imports it next.
     """
+    bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     old = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, old[1]))
     jax.config.update("jax_enable_compilation_cache", False)
@@ -41,6 +43,7 @@ def room_for(n_bytes: int) -> Iterator[None]:
         jax.config.update("jax_enable_compilation_cache", True)
         compilation_cache.reset_cache()
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        sys.dont_write_bytecode = bytecode
 
 
 def contents(folder: Path) -> dict[str, str]:
