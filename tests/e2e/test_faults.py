@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import re
 import resource
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
