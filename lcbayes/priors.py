@@ -18,7 +18,7 @@ from numpyro.util import is_prng_key
 from lcbayes._jax import jax, jnp
 from lcbayes.errors import InputError
 from lcbayes.physics import attitude, facets, reflectance
-from lcbayes.physics.torque_free import torque_free
+from lcbayes.physics.torque_free import torque_free_to_body
 
 RADIUS_SD = 0.1
 SPECULAR = {"nu": (100.0, 1.0), "n": (100.0, 1.0), "m": (0.2, 0.5)}
@@ -222,11 +222,7 @@ def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
 
-    def to_body(t: jax.Array, *vectors: jax.Array) -> tuple[jax.Array, ...]:
-        rotation = torque_free(t, omega, tensor)
-        return tuple(attitude.to_body(rotation, v) for v in vectors)
-
-    return to_body
+    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors)
 
 
 def lit_and_seen(

@@ -68,10 +68,13 @@ def model(
     def directions(t):
         return turned(t, data.sun, data.obs)
 
-    def instantaneous(t):
-        return brightness.flux_brdf(*directions(t), normals, area, law, parameters)
+    def seen(sun, obs):
+        return brightness.flux_brdf(sun, obs, normals, area, law, parameters)
 
     sun, obs = directions(data.t)
     priors.lit_and_seen(sun, obs, normals)
-    mean = photometry.exposed(instantaneous, data.exposure_s)
-    noise.observe(data, (mean if data.has_exposure else instantaneous)(data.t), noise_law)
+    if data.has_exposure:
+        mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
+    else:
+        mean = seen(sun, obs)
+    noise.observe(data, mean, noise_law)

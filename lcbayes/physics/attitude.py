@@ -85,7 +85,7 @@ def _turned_jvp(primals, tangents):
     once = jnp.cross(omega, d_omega)
     basis = jnp.stack([d_omega, -once, jnp.cross(omega, once)])
     psi = basis.T @ jnp.stack([t, b, c])
-    return turned, tuple(_cross(u, psi) for u in turned)
+    return turned, tuple(cross(u, psi) for u in turned)
 
 
 def _turn(t, omega, columns):
@@ -94,8 +94,8 @@ def _turn(t, omega, columns):
     a, b, c = jax.lax.optimization_barrier(_rodrigues(t, omega))
 
     def turned(v):
-        once = _cross(omega, v)
-        return v - a * once + b * _cross(omega, once)
+        once = cross(omega, v)
+        return v - a * once + b * cross(omega, once)
 
     return jax.lax.optimization_barrier(tuple(turned(v) for v in columns)), (b, c)
 
@@ -143,8 +143,8 @@ def sin_cos(x):
     )
 
 
-def _cross(a, b):
-    """a × b of (3,) or (3, T)."""
+def cross(a, b):
+    """a × b, (3,) or (3, T): the long axis is the inner one."""
     return jnp.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )

@@ -16,7 +16,7 @@ from lcbayes.inference.problem import Problem, compiled
 from lcbayes.observability.parameters import Unknowns
 from lcbayes.physics import attitude
 from lcbayes.physics.laws import Ephemeris, TorqueFree
-from lcbayes.physics.torque_free import carlson, polhode, torque_free
+from lcbayes.physics.torque_free import carlson, polhode, torque_free, torque_free_to_body
 from lcbayes.scenario import load
 from lcbayes.simulate import simulate
 
@@ -122,6 +122,44 @@ def test_slopes_are_those_of_differences():
     for k, step in enumerate(1e-6 * np.eye(5)):
         want = (total(step, RUN) - total(-step, RUN)) / 2e-6
         assert found[k] == pytest.approx(float(want), abs=2e-5 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("name", ["about the largest", "about the smallest", "prolate"])
+def test_vectors_in_the_body_and_their_derivatives(name):
+    """Those of the attitude; first derivatives in both modes and second ones, by differences. A
+    prolate body has two equal moments, in which nothing can be differentiated: ω alone."""
+    omega, tensor = turned(*MOTIONS[name])
+    rng = np.random.default_rng(4)
+    vectors, weights = rng.standard_normal((2, TIMES.size, 3))
+    changes = rng.standard_normal((5, 3, 3))
+    changes = (changes + np.swapaxes(changes, 1, 2)) * (name != "prolate")
+    free = 3 if name == "prolate" else 8
+
+    def seen(p):
+        p = jnp.concatenate([p, jnp.zeros(8 - free)])
+        spin, moments = omega + 0.01 * p[:3], tensor + 0.1 * jnp.tensordot(p[3:], changes, 1)
+        return torque_free_to_body(TIMES, spin, moments, vectors)[0]
+
+    def total(p):
+        return jnp.sum(weights * jnp.square(seen(p)))
+
+    body, slopes = jax.jit(seen), jax.jit(jax.jacfwd(seen))
+    gradient, hessian = jax.jit(jax.grad(total)), jax.jit(jax.hessian(total))
+    p = np.zeros(free)
+    attitudes = np.asarray(RUN(TIMES, omega, tensor))
+    np.testing.assert_allclose(body(p), np.einsum("tji,tj->ti", attitudes, vectors), atol=1e-12)
+    along = np.asarray(slopes(p))
+    for k, step in enumerate(1e-6 * np.eye(free)):
+        np.testing.assert_allclose(
+            along[..., k], (body(step) - body(-step)) / 2e-6, atol=1e-7 * np.abs(along).max()
+        )
+    both = 2.0 * np.einsum("ti,ti,tik->k", weights, body(p), along)
+    np.testing.assert_allclose(gradient(p), both, rtol=1e-9, atol=1e-9 * np.abs(both).max())
+    second = np.asarray(hessian(p))
+    for k, step in enumerate(1e-5 * np.eye(free)):
+        np.testing.assert_allclose(
+            second[k], (gradient(step) - gradient(-step)) / 2e-5, atol=1e-6 * np.abs(second).max()
+        )
 
 
 def test_precession_is_the_mean_rate_about_the_momentum():
