@@ -34,10 +34,14 @@ def curve(
     noise: float = 0.03,
     seed: int = 0,
     spinning: bool = False,
+    sun: np.ndarray | None = None,
+    obs: np.ndarray | None = None,
     **changes: Any,
 ) -> LightCurve:
-    """A flux curve of ``n`` points over a minute, its noise relative to the mean."""
-    sun, obs = directions(n)
+    """A flux curve of ``n`` points over a minute, its noise relative to the mean, as seen from
+    directions of its own if none are given."""
+    if sun is None or obs is None:
+        sun, obs = directions(n)
     t = np.linspace(0.0, 60.0, n)
     rotation = attitude.constant_rate(jnp.asarray(t), jnp.asarray(OMEGA * spinning))
     flux = np.asarray(

@@ -369,7 +369,7 @@ def _sums(
     """
     if by_phase:
         n = 2.0 * np.arange(TERMS)
-        terms = [*terms, np.stack([n + 1.0, n + 1.0, n, n, n, n]) * terms[0]]
+        terms = [*terms, jnp.stack([n + 1.0, n + 1.0, n, n, n, n]) * terms[0]]
     rows = jnp.stack(list(terms))[..., None]
     # Barriers keep XLA from computing what comes before anew in every place that uses it.
     sin, cos = jax.lax.optimization_barrier(attitude.sin_cos(x))
