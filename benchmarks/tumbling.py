@@ -37,7 +37,7 @@ SEEDS = range(20)
 N_FACETS, NOISE = 3, 0.02
 OPTIONS = {
     "n_facets": N_FACETS, "spin": "torque-free", "omega_sd": 0.01, "seed": 1, "max_modes": 3,
-    "num_starts": 800, "num_samples": 500,
+    "num_starts": 12000,
 }  # fmt: skip
 PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a site of its own
 POINTS = 40  # of a pass
@@ -128,7 +128,7 @@ def main(folder: Path) -> None:
         curve, truth = drawn(seed)
         truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
-    found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=1, progress=Console())
+    found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=2, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
     every = {
         name: compared(folder / "out" / "objects" / name, truth) for name, truth in truths.items()
@@ -155,8 +155,8 @@ def main(folder: Path) -> None:
         f"{OPTIONS['omega_sd']} rad/s, inertia_sd 1), each seen from three sites in "
         f"{PASSES[-1][1]:.0f} s, {len(PASSES) * POINTS} points, noise {NOISE:.0%} of the mean; "
         f"{len(explained)} fits explain the data by their chi2, {len(trusted)} are trusted. "
-        f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, beside "
-        "other work.\n\n"
+        f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, two "
+        "side by side.\n\n"
     )
     text += table(
         ["quantity", "truth inside 90 %, trusted", "expected", "those that explain the data",

@@ -29,8 +29,8 @@ RACE = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))
 # spin as it is told better: two to three times as many end at the best solution for the same time,
 # and some where none did (three tumbling facets, three passes).
 IN_TIME = (
-    (0.15, 6, 0.6), (0.25, 6, 0.6), (0.35, 6, 0.6), (0.45, 6, 0.6), (0.6, 10, 0.5), (0.8, 15, 0.5),
-    (1.0, 150, 1.0),
+    *((time, 5, 0.7) for time in (0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47)),
+    (0.6, 10, 0.5), (0.8, 15, 0.5), (1.0, 150, 1.0),
 )  # fmt: skip
 FEWEST = 12
 
