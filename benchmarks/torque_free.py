@@ -37,9 +37,9 @@ def tensor(x: jax.Array) -> jax.Array:
     return (axes * (jnp.sum(moments) - moments)) @ axes.T
 
 
-def directions() -> tuple[np.ndarray, np.ndarray]:
+def directions() -> tuple[jax.Array, ...]:
     v = np.random.default_rng(1).standard_normal((2, EPOCHS, 3))
-    return tuple(v / np.linalg.norm(v, axis=-1, keepdims=True))  # type: ignore[return-value]
+    return tuple(jnp.asarray(x) for x in v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 SUN, OBS = directions()
@@ -82,7 +82,7 @@ def integrated(x: jax.Array, steps: int) -> jax.Array:
     ).reshape(-1, 3, 3)
     square = jnp.sum(v**2, axis=1)[:, None, None]
     rotation = (r**2 - square) * jnp.eye(3) + 2.0 * outer + 2.0 * r * cross
-    return jnp.stack([attitude.to_body(rotation, jnp.asarray(u)) for u in (SUN, OBS)])
+    return jnp.stack([attitude.to_body(rotation, u) for u in (SUN, OBS)])
 
 
 def enough() -> int:

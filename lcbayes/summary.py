@@ -13,7 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes._jax import jnp
 from lcbayes.geometry import Times
-from lcbayes.inference.enough import MAX_RHAT, MIN_ESS
+from lcbayes.inference.enough import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
 from lcbayes.inference.settings import PUBLISHED
@@ -26,7 +26,6 @@ Floats = NDArray[np.float64]
 
 # Bounds of what is trusted, beside those of `enough`
 MAX_APART = 1.05  # R-hat between runs that started apart
-MAX_DIVERGING = 0.005  # share of the draws
 MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
 LIKELY = 0.5  # probability from which a point is called an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}

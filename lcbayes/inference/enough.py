@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 # What draws must be to be trusted, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
+MAX_DIVERGING = 0.005  # share of the draws whose trajectories diverged
 # Chains this far apart will not meet by going on.
 APART = 1.1
 # Judged are unconstrained coordinates, reported are others, which may be worth a little less.

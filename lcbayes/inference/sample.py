@@ -20,6 +20,7 @@ from lcbayes.progress import Track
 
 Floats = NDArray[np.float64]
 BLOCK = 50
+HALVINGS = 2  # of NUTS' step, at most
 
 
 @dataclass
@@ -61,15 +62,19 @@ class Sampler:
         """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S).
 
         More of them than `num_samples` where these are not enough and `most_samples` allows it.
+        As soon as more trajectories of NUTS have diverged than may among all draws asked for, the
+        draws are dropped and the chains go on from where they are with half the step.
         """
         whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
         warmup_blocks, sample_blocks = self.n_blocks
         num_warmup = warmup_blocks * BLOCK
+        per_block = self.settings.num_chains * BLOCK
+        halvings = HALVINGS if self.settings.sampler == "nuts" else 0
         start, advance = self._compile(key, num_warmup, whitening, data, timing)
         keys = jax.random.split(key, self.settings.num_chains)
         with ThreadPoolExecutor(self.workers) as pool:
             states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
-            blocks, end = [], warmup_blocks + sample_blocks
+            blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
@@ -89,18 +94,23 @@ class Sampler:
                 states = _unpack(stored, states)
                 timing.gradients += int(stored["num_steps"].sum())
                 blocks.append(stored)
-                diverging = int(sum(b["diverging"].sum() for b in blocks[warmup_blocks:]))
+                diverging = int(sum(b["diverging"].sum() for b in blocks[first:]))
                 track.advance(
-                    self.settings.num_chains * BLOCK,
+                    per_block,
                     f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
                 )
-                if len(blocks) == end:
-                    draws = np.concatenate([b["z"] for b in blocks[warmup_blocks:]], axis=1)
+                tolerable = enough.MAX_DIVERGING * per_block * (end - first)
+                if diverging > tolerable and halvings:
+                    states, halvings = [_finer(s) for s in states], halvings - 1
+                    track.more(per_block * (len(blocks) - first))
+                    first, end = len(blocks), len(blocks) + sample_blocks
+                elif len(blocks) == end:
+                    draws = np.concatenate([b["z"] for b in blocks[first:]], axis=1)
                     length = enough.wanted(draws, self.settings.most_samples)
-                    more = warmup_blocks + -(-length // BLOCK) - end
-                    track.more(self.settings.num_chains * BLOCK * more)
+                    more = first + -(-length // BLOCK) - end
+                    track.more(per_block * more)
                     end += more
-        kept, n = blocks[warmup_blocks:], self.settings.most_samples
+        kept, n = blocks[first:], self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
         return draws[:, :n], stats, whitening
 
@@ -114,6 +124,12 @@ class Sampler:
         found = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
         return found
+
+
+def _finer(state):
+    """A state of NUTS with half its step; after the warm-up nothing else changes it."""
+    adapted = state.adapt_state
+    return state._replace(adapt_state=adapted._replace(step_size=0.5 * adapted.step_size))
 
 
 _whiten = jax.jit(chains.Whitening.at, static_argnums=0)

@@ -138,7 +138,7 @@ def test_vectors_in_the_body_and_their_derivatives(name):
     def seen(p):
         p = jnp.concatenate([p, jnp.zeros(8 - free)])
         spin, moments = omega + 0.01 * p[:3], tensor + 0.1 * jnp.tensordot(p[3:], changes, 1)
-        return torque_free_to_body(TIMES, spin, moments, vectors)[0]
+        return torque_free_to_body(*map(jnp.asarray, (TIMES, spin, moments, vectors)))[0]
 
     def total(p):
         return jnp.sum(weights * jnp.square(seen(p)))
