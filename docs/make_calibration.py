@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
@@ -27,6 +28,7 @@ from lcbayes.calibration import Calibration, calibrate
 from lcbayes.checkpoint import write_atomic
 from lcbayes.inference import posed
 from lcbayes.inference.settings import PUBLISHED, WARMUP
+from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Console
 from lcbayes.simulate import simulate
 
@@ -87,11 +89,21 @@ def main() -> None:
             console.say(f"{case}, {sampler}")
             model, options, of = CASES[case]
             curve, _ = simulate(scenario.load(of), 0)
+            if case == "stabilised":  # its scatter would be in units of each curve's mean flux
+                curve = in_magnitudes(curve)
             found = calibrate(curve, model, n=args.n, sampler=sampler, progress=console, **options)
             keep(case, sampler, found)
             posed.forget()
             write()
     write()
+
+
+def in_magnitudes(curve: LightCurve) -> LightCurve:
+    """The same times and geometry in V, errors 0.03 mag; brightness does not matter here."""
+    n = curve.t.size
+    return replace(
+        curve, kind="mag", band=np.full(n, "V"), brightness=np.zeros(n), error=np.full(n, 0.03)
+    )
 
 
 def kept(case: str, sampler: str) -> Path:
@@ -128,10 +140,12 @@ def write() -> None:
         model, options, of = CASES[case]
         asked = ", ".join(f"{k}={v}" for k, v in options.items())
         names = next(iter(by.values())).names
+        errors = case != "stabilised"
+        geometry = ", geometry and errors" if errors else " and geometry, in magnitudes,"
         lines += [
             f"## {case}",
             "",
-            f"Model `{model}` ({asked}), times, geometry and errors of the scenario `{of}`.",
+            f"Model `{model}` ({asked}), times{geometry} of the scenario `{of}`.",
             f"Quantities: {', '.join(f'`{n}`' for n in names)}.",
             "",
             "| sampler | curves | trusted | in 50 % interval | in 90 % interval | least p |",

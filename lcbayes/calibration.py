@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,11 @@ from lcbayes.fitting import fit
 from lcbayes.lightcurve import LightCurve
 from lcbayes.noise import OBSERVED
 from lcbayes.progress import Silent
+
+if TYPE_CHECKING:
+    from lcbayes._jax import jax
+    from lcbayes.epochs import Epochs
+    from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
 type Quantities = Callable[[Mapping[str, Floats]], dict[str, Floats]]
@@ -93,7 +98,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If the curve has an unknown scale or error, or the prior's factors leave hardly any draw.
+        If the curve has an unknown scale or error, the model infers scatter in units that are told
+        from the brightness, or the prior's factors leave hardly any draw.
 
     References
     ----------
@@ -125,6 +131,7 @@ def calibrate(
             truth = accepted(plain, data, key_truth, 1)[0]
             drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
             seen = replace(curve, brightness=drawn)
+            _check_noise(plain, truth, data, Epochs.of(seen))
             found = fit(seen, model, seed=seed + i, **asked)
             sites = {
                 str(k): np.asarray(v).reshape(-1, *v.shape[2:])
@@ -143,6 +150,18 @@ def calibrate(
             trusted.append(found.converged)
             track.advance(1)
     return Calibration(kept, np.array(places), np.array(trusted))
+
+
+def _check_noise(problem: Problem, truth: jax.Array, asked: Epochs, seen: Epochs) -> None:
+    """Whether the noise at a truth is what it was when the curve was drawn."""
+    from lcbayes.inference.problem import compiled
+
+    before, after = (compiled(problem.moments)(truth, data).sd for data in (asked, seen))
+    if not np.allclose(before, after, rtol=1e-9):
+        raise InputError(
+            "this model infers scatter in units of a curve's mean flux, which simulated curves do "
+            "not share, so that it has no prior to draw from; give a curve in magnitudes"
+        )
 
 
 def scalars(sites: Mapping[str, Floats]) -> dict[str, Floats]:

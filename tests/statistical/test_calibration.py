@@ -56,3 +56,23 @@ def test_scales_that_are_told_from_the_data_have_no_prior_to_draw_from():
     curve = small.curve(20)
     with pytest.raises(InputError, match="known scale"):
         calibrate(replace(curve, free_scale=np.array([True])), "faceted", n=1, **OPTIONS)
+
+
+def test_scatter_in_units_of_the_mean_flux_has_no_prior_to_draw_from(tmp_path):
+    """A model that adds scatter to the errors, in units of what the curve itself is bright."""
+    (tmp_path / "loose.py").write_text(
+        """
+from lcbayes import noise, priors
+from lcbayes.physics import brightness
+
+SUMMARY = "one facet, scatter beyond the errors"
+
+
+def model(data):
+    normals, area = priors.normals(1), priors.albedo_area(1)
+    flux = brightness.flux(data.sun, data.obs, normals, area, "lambertian")
+    noise.observe(data, flux, scatter_median=0.05)
+"""
+    )
+    with pytest.raises(InputError, match="give a curve in magnitudes"):
+        calibrate(small.curve(20), str(tmp_path / "loose.py"), n=1)
