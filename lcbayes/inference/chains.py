@@ -20,6 +20,7 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference.problem import Problem, Sites
 
 SPREAD = 0.3
+DEPTH = 8  # of the tree of NUTS: 2⁸ steps at most
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
 
 
@@ -58,7 +59,7 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     """The kernel of that name (`settings.WARMUP`), over {"y": (D,)} given (whitening, data)."""
     if sampler == "nuts":
-        return NUTS(whitened_model(problem), max_tree_depth=8, target_accept_prob=0.85)
+        return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
 
     def potential(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
         return problem.potential(whitening(z["y"]), data)

@@ -63,7 +63,8 @@ class Sampler:
 
         More of them than `num_samples` where these are not enough and `most_samples` allows it.
         As soon as more trajectories of NUTS have diverged than may among all draws asked for, the
-        draws are dropped and the chains go on from where they are with half the step.
+        draws are dropped and the chains go on from where they are with half the step; not where
+        trajectories are so long that with twice the steps they would be cut off.
         """
         whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
         warmup_blocks, sample_blocks = self.n_blocks
@@ -94,23 +95,24 @@ class Sampler:
                 states = _unpack(stored, states)
                 timing.gradients += int(stored["num_steps"].sum())
                 blocks.append(stored)
-                diverging = int(sum(b["diverging"].sum() for b in blocks[first:]))
+                kept = blocks[first:]
+                diverging = int(sum(b["diverging"].sum() for b in kept))
                 track.advance(
                     per_block,
                     f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
                 )
                 tolerable = enough.MAX_DIVERGING * per_block * (end - first)
-                if diverging > tolerable and halvings:
+                if diverging > tolerable and halvings and _steps(kept) < 2**chains.DEPTH / 2:
                     states, halvings = [_finer(s) for s in states], halvings - 1
                     track.more(per_block * (len(blocks) - first))
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
-                    draws = np.concatenate([b["z"] for b in blocks[first:]], axis=1)
+                    draws = np.concatenate([b["z"] for b in kept], axis=1)
                     length = enough.wanted(draws, self.settings.most_samples)
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
-        kept, n = blocks[first:], self.settings.most_samples
+        n = self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
         return draws[:, :n], stats, whitening
 
@@ -124,6 +126,10 @@ class Sampler:
         found = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
         return found
+
+
+def _steps(blocks: list[dict[str, NDArray]]) -> float:
+    return float(np.mean([b["num_steps"].mean() for b in blocks]))
 
 
 def _finer(state):
