@@ -154,7 +154,7 @@ def main(folder: Path) -> None:
         f"{len(SEEDS)} bodies of {N_FACETS} facets drawn from the prior (omega_sd "
         f"{OPTIONS['omega_sd']} rad/s, inertia_sd 1), each seen from three sites in "
         f"{PASSES[-1][1]:.0f} s, {len(PASSES) * POINTS} points, noise {NOISE:.0%} of the mean; "
-        f"{len(explained)} fits explain the data by their chi2, {len(trusted)} are trusted. "
+        f"{len(explained)} fits explain the data by their chi2; trusted: {len(trusted)}. "
         f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, two "
         "side by side.\n\n"
     )
