@@ -75,10 +75,6 @@ class Polhode(NamedTuple):
         """|M|."""
         return jnp.linalg.norm(self.momentum)
 
-    @property
-    def nome(self) -> jax.Array:
-        return self.outer * self.inner
-
 
 class Motion(NamedTuple):
     """What decides the attitude; see the module and `Polhode`.
