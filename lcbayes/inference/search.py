@@ -26,8 +26,7 @@ from lcbayes.progress import Silent
 RACE = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))
 # Where a body turns, the longer it has been seen the more spins fit it nearly as well as the right
 # one, and the narrower each is. With points that come in one after the other starts follow their
-# spin as it is told better: two to three times as many end at the best solution for the same time,
-# and some where none did (three tumbling facets, three passes).
+# spin as it is told better.
 IN_TIME = (
     *((time, 5, 0.7) for time in (0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47)),
     (0.6, 10, 0.5), (0.8, 15, 0.5), (1.0, 150, 1.0),
