@@ -18,13 +18,14 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import hopeless, information, search, smc, sparse
+from lcbayes.inference import hopeless, information, regions, search, smc, sparse
+from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
 from lcbayes.inference.path import in_time
-from lcbayes.inference.population import evenly
+from lcbayes.inference.population import CLIMBERS, evenly
 from lcbayes.inference.posed import posed
 from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem import Problem, compiled, prior_draws
@@ -36,6 +37,7 @@ Floats = NDArray[np.float64]
 
 STARTS = 64  # of the search, for each number of facets
 LOO_DRAWS = 2000
+MOST_OPTIMA = 24
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,9 @@ def run(
             settings.num_chains, name=f"facets-{n}-run", checkpoint=checkpoint, workers=workers,
             progress=within,
         )  # fmt: skip
-        return _candidate(n, problem, weighed, runs, jax.random.fold_in(keys[2], n))
+        order = FacetOrder(problem, entry.facet_sites)
+        found = _weighed(problem, weighed, runs, order, settings, workers)
+        return _candidate(n, problem, weighed, runs, found, jax.random.fold_in(keys[2], n))
 
     def chance(n: int, problem: Problem) -> RuledOut | None:
         """The number ruled out by the best of the evidences so far; None where it has a chance."""
@@ -241,23 +245,40 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     return stored["z"] if np.isfinite(stored["potential"]) else None
 
 
+def _weighed(
+    problem: Problem, data: Epochs, runs: Sequence[smc.Result], order: FacetOrder,
+    settings: Settings, workers: int,
+) -> regions.Weighed:  # fmt: skip
+    """Evidence of the runs' particles, region by region."""
+    n = min(len(r.z) for r in runs)
+    z = np.stack([evenly(r.z, n) for r in runs])
+    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
+    centres = regions.optima(problem, data, climbers, order, MOST_OPTIMA, workers)
+    by_optima = regions.Regions(problem, data, [s.z for s in centres], order)
+    by_optima.join(z.reshape(-1, problem.dim))
+    path = np.array([r.log_evidence for r in runs])
+    rng = np.random.default_rng(settings.seed)
+    return regions.weigh(by_optima, z, path, settings.num_samples, rng)
+
+
 def _candidate(
-    n: int, problem: Problem, data: Epochs, runs: Sequence[smc.Result], key: jax.Array
-) -> Candidate:
+    n: int, problem: Problem, data: Epochs, runs: Sequence[smc.Result], weighed: regions.Weighed,
+    key: jax.Array,
+) -> Candidate:  # fmt: skip
     mass = log_prior_mass(problem, data, key)
-    both = smc.Runs(list(runs))
-    log_z = both.log_evidences - mass.value
+    total, log_z = weighed.log_evidence, weighed.log_evidences - mass.value
     best = _best_particle(runs)
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
     own = information.weighed(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
+    reasons += weighed.reasons
     return Candidate(
         n_facets=n,
         dim=problem.dim,
         log_evidences=log_z,
-        log_evidence=both.log_evidence - mass.value,
-        se=float(np.hypot(both.se, mass.se)),
+        log_evidence=total.value - mass.value,
+        se=float(np.hypot(total.se, mass.se)),
         log_prior_mass=mass.value,
         loo=loo(log_likelihood[:-1], float(data.information)),
         chi2=_chi2(problem, best, data),

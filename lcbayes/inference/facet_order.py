@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from lcbayes._jax import jnp
 from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
+MOST_TRIED = 5  # facets up to which all orders are tried at once
 
 
 class FacetOrder:
@@ -31,6 +34,11 @@ class FacetOrder:
         ]
         self.n_facets = len(self._rows[0]) if self._rows else 0
 
+    @property
+    def log_orders(self) -> float:
+        """ln N!, of the orders in which a posterior holds each body."""
+        return lgamma(self.n_facets + 1.0)
+
     def _features(self, z: Floats) -> Floats:
         return np.concatenate([z[rows] for rows in self._rows], axis=1)
 
@@ -43,6 +51,21 @@ class FacetOrder:
     def like(self, z: Floats, reference: Floats) -> Floats:
         """z (D,) with its facets matched to those of the reference (D,) by least distance."""
         return self.matching(z, reference, z)
+
+    def like_all(self, z: Floats, reference: Floats) -> Floats:
+        """`like` of every row of z (n, D)."""
+        if self.n_facets < 2:
+            return z
+        if self.n_facets > MOST_TRIED:
+            return np.array([self.like(row, reference) for row in z]).reshape(z.shape)
+        a, b = self._features(reference), np.concatenate([z[:, r] for r in self._rows], axis=-1)
+        cost = np.sum((a[None, :, None] - b[:, None]) ** 2, axis=-1)  # (n, N, N)
+        orders = np.array(list(permutations(range(self.n_facets))))
+        best = orders[np.argmin(cost[:, np.arange(self.n_facets), orders].sum(axis=-1), axis=1)]
+        z = z.copy()
+        for rows in self._rows:
+            z[:, rows] = np.take_along_axis(z[:, rows], best[..., None], axis=1)
+        return z
 
     def matching(self, z: Floats, reference: Floats, values: Floats) -> Floats:
         """``values`` (D,) put in the order in which the facets of z match the reference's."""

@@ -159,10 +159,12 @@ def run(
             z = _in_order(problem, entry.facet_sites, z, z0, data)
             rng = np.random.default_rng([settings.seed, i])
             y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(-1, z.shape[-1]).T)
+            reference = own_order.like(z0, z.reshape(-1, z.shape[-1]).mean(axis=0))
             log_z = evidence.bridge(
-                y.T.reshape(z.shape), _potential(problem, whitening, data), BRIDGE_ESS, rng
-            )
-            shift = np.linalg.slogdet(whitening.factor)[1]
+                y.T.reshape(z.shape),
+                _potential(problem, whitening, data, own_order, reference), BRIDGE_ESS, rng,
+            )  # fmt: skip
+            shift = np.linalg.slogdet(whitening.factor)[1] + own_order.log_orders
             log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
             join(modes, Mode(solution, z, stats, log_z), own_order)
     recount(modes, plain, problem, ends, own_order, data)
@@ -247,8 +249,15 @@ def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
     return jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"])(jnp.asarray(rows))
 
 
-def _potential(problem: Problem, whitening, data: Epochs):
-    return lambda y: np.asarray(_potentials(problem, y, whitening, data))
+def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, reference: Floats):
+    """−ln p of whitened points, where their facets are in the order of the reference (D,)."""
+
+    def potential(y: Floats) -> Floats:
+        z = whitening.centre + y @ whitening.factor.T
+        inside = np.all(order.like_all(z, reference) == z, axis=1)
+        return np.where(inside, np.asarray(_potentials(problem, y, whitening, data)), np.inf)
+
+    return potential
 
 
 @partial(jax.jit, static_argnums=0)

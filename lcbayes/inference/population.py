@@ -8,21 +8,20 @@ runs agree on is the result, what they differ by is its error.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
-from lcbayes._jax import jax, jnp
+from lcbayes._jax import jax
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.inference import evidence, search, smc, solutions
+from lcbayes.inference import regions, smc, solutions
+from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.independent import independent_runs
-from lcbayes.inference.modes import OVERLAP, Mode, overlap
-from lcbayes.inference.problem import Problem, compiled
+from lcbayes.inference.modes import Mode
+from lcbayes.inference.problem import Problem
 from lcbayes.inference.sample import Timing
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Silent
@@ -60,37 +59,36 @@ def sample(
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
     z = np.stack([evenly(r.z, LOOKED_AT * settings.num_samples) for r in runs])
-    centres = _centres(problem, data, z, found, order, 4 * settings.max_modes, workers)
-    label, matched = _told_apart(problem, data, z, centres, order)
-    label = _joined(label, matched, order)
-
-    log_z = np.array([r.log_evidence for r in runs])
-    of_run = np.exp(log_z - logsumexp(log_z))
-    counts = np.array([[np.sum(row == k) for k in range(len(centres))] for row in label])
-    shares = counts / counts.sum(axis=1, keepdims=True)
-    weight = of_run @ shares
-    spread = shares.std(axis=0, ddof=1)
+    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
+    rows = np.concatenate([np.stack([s.z for s in found]), climbers]) if found else climbers
+    centres = regions.optima(problem, data, rows, order, 4 * settings.max_modes, workers)
+    flat = z.reshape(-1, z.shape[-1])
+    by_optima = regions.Regions(problem, data, [s.z for s in centres], order)
+    by_optima.join(flat)
+    path = np.array([r.log_evidence for r in runs])
+    rng = np.random.default_rng(settings.seed)
+    weighed = regions.weigh(by_optima, z, path, settings.num_samples, rng)
+    weight = weighed.weight
     kept = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST][: settings.max_modes]
 
-    total = logsumexp(log_z) - np.log(len(runs))
-    total_se = log_z.std(ddof=1) / np.sqrt(len(runs))
-    modes, reasons = [], [reason for r in runs for reason in r.reasons]
+    label, placed = by_optima.place(flat)
+    label, placed = label.reshape(z.shape[:2]), placed.reshape(z.shape)
+    modes = []
+    reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
     for place, k in enumerate(kept):
-        draws = _chains(matched[k], label == k, KEPT * settings.num_samples)
-        share = weight[k] / weight[kept].sum()
-        sd = float(spread[k] / np.sqrt(len(runs)))
-        own = evidence.LogEvidence(
-            float(total + np.log(weight[k])), float(np.hypot(total_se, sd / weight[k]))
+        draws = _chains(placed, label == k, KEPT * settings.num_samples)
+        shares, sd = weighed.by_run[:, k], float(weighed.weight_sd[k])
+        own = LogEvidence(
+            float(weighed.log_evidence.value + np.log(weight[k])),
+            float(np.hypot(weighed.log_evidence.se, sd / weight[k])),
         )
         stats = _statistics(problem, data, draws)
-        modes.append(
-            Mode(centres[k], draws, stats, own, float(share), sd, run_weights=shares[:, k])
-        )
-        if spread[k] > DISAGREE:
-            low, high = shares[:, k].min(), shares[:, k].max()
+        share = float(weight[k] / weight[kept].sum())
+        modes.append(Mode(centres[k], draws, stats, own, share, sd, run_weights=shares))
+        if shares.std(ddof=1) > DISAGREE:
             reasons.append(
-                f"independent runs give solution {place + 1} weights from {low:.2f} to {high:.2f}: "
-                "take more particles with --num-samples"
+                f"independent runs give solution {place + 1} weights from {shares.min():.2f} to "
+                f"{shares.max():.2f}: take more particles with --num-samples"
             )
     return modes, reasons
 
@@ -123,77 +121,21 @@ def evenly(rows: NDArray, n: int) -> NDArray:
     return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
-def _centres(problem, data, z, found, order: FacetOrder, most: int, workers: int):
-    """The optima of the search and those that particles of each run are near, best first."""
-    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
-    rows = np.concatenate([np.stack([s.z for s in found]), climbers])
-    ends = search.polish(problem, data, rows, workers)
-    best_first = np.argsort(ends.potential, kind="stable")
-    ends = jax.tree.map(lambda x: x[best_first], ends)
-    return solutions.distinct(problem, data, ends, order, most)
-
-
-def _told_apart(problem, data, z: Floats, centres, order: FacetOrder):
-    """The nearest centre of each particle (C, N), and the particles (K, C, N, D) with their facets
-    in the order of each centre. Near is what is so in the metric of the information there."""
-    flat = z.reshape(-1, z.shape[-1])
-    fisher = compiled(problem.fisher)
-    matched = np.empty((len(centres), *flat.shape))
-    distance = np.empty((len(centres), len(flat)))
-    for k, centre in enumerate(centres):
-        matched[k] = [order.like(row, centre.z) for row in flat]
-        apart = matched[k] - centre.z
-        metric = np.asarray(fisher(jnp.asarray(centre.z), data))
-        distance[k] = np.einsum("ni,ij,nj->n", apart, metric, apart)
-    label = np.argmin(distance, axis=0).reshape(z.shape[:2])
-    return label, matched.reshape(len(centres), *z.shape)
-
-
-def _joined(label: NDArray, matched: Floats, order: FacetOrder) -> NDArray:
-    """Labels with those solutions as one whose particles lie among each other.
-
-    A ridge has many optima along it, and the nearest of them says little of a particle.
-    """
-    label = label.copy()
-    present = [int(k) for k in np.unique(label)]
-    again = True
-    while again:
-        again = False
-        for i, a in enumerate(present):
-            for b in present[i + 1 :]:
-                one, other = matched[a][label == a], matched[b][label == b]
-                few = 2 * one.shape[-1]  # too few to have a region
-                if min(len(one), len(other)) < few or overlap(one, other, order)[0] <= OVERLAP:
-                    continue
-                label[label == b] = a
-                present.remove(b)
-                again = True
-                break
-            if again:
-                break
-    return label
-
-
-def _chains(matched: Floats, here: NDArray[np.bool_], n: int) -> Floats:
+def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> Floats:
     """Draws (C, n, D) of one solution: those of each run; where a run has none, of all."""
-    every = matched[here]
+    every = placed[here]
     return np.stack(
         [
             evenly(rows[own] if own.any() else every, n)
-            for rows, own in zip(matched, here, strict=True)
+            for rows, own in zip(placed, here, strict=True)
         ]
     )
 
 
 def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]:
     """What a chain would have recorded, as far as particles have it; (C, S) each."""
-    flat = jnp.asarray(z.reshape(-1, z.shape[-1]))
+    flat = z.reshape(-1, z.shape[-1])
     return {
-        "potential_energy": np.asarray(_potentials(problem, flat, data)).reshape(z.shape[:2]),
+        "potential_energy": regions.potentials(problem, flat, data).reshape(z.shape[:2]),
         "diverging": np.zeros(z.shape[:2], bool),
     }
-
-
-@partial(jax.jit, static_argnums=0)
-def _potentials(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    return jax.lax.map(lambda row: problem.potential(row, data), rows)

@@ -207,9 +207,11 @@ class _Run:
         """Draws from the prior, weighed by the model's factors, enough for n particles."""
         drawn, n_pool, wanted = [], 0, self.n * self.plan.crowd
         for i in range(self.plan.max_pool):
-            keys = jax.random.split(jax.random.fold_in(key, i), wanted)
             parts = self._blocks(
-                lambda k: moves.draw(self.problem, self.data, self.path.bins, k), keys
+                lambda k: moves.draw(
+                    self.problem, self.data, self.path.bins, jax.random.wrap_key_data(k)
+                ),
+                _keys(jax.random.fold_in(key, i), wanted),
             )
             good = np.isfinite(parts.log_factors) & np.isfinite(parts.log_likelihood).all(axis=1)
             drawn.append(jax.tree.map(lambda x, good=good: x[good], parts))
@@ -261,12 +263,12 @@ class _Run:
             tuning = Tuning(
                 self.step_size, plan.spread, plan.length, plan.max_steps, plan.delta, width
             )
-            keys = jax.random.split(jax.random.fold_in(key, len(passed)), len(z))
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
-                    self.problem, at, self.data, self.path.bins, tuning, self.mirror, k, s
+                    self.problem, at, self.data, self.path.bins, tuning, self.mirror,
+                    jax.random.wrap_key_data(k), s,
                 ),
-                keys, state,
+                _keys(jax.random.fold_in(key, len(passed)), len(z)), state,
             )  # fmt: skip
             state = out.state
             passed.append((state.z, out.log_likelihood))
@@ -310,6 +312,12 @@ class _Run:
         done = int(100 * now.s)
         self.track.advance(done - self.told, f"{now.accept:.0%} accepted")
         self.told = done
+
+
+def _keys(key: jax.Array, n: int) -> NDArray[np.uint32]:
+    """The data of n keys from one: rows of an array of keys take a hundred times as long to get,
+    and one thread at a time."""
+    return np.asarray(jax.random.key_data(jax.random.split(key, n)))
 
 
 def _width(variance: Floats, z: Floats) -> Floats:

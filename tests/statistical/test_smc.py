@@ -8,10 +8,12 @@ import pytest
 import small
 from false_alarms import EACH, limit
 
-from lcbayes import scenario
+import lcbayes
+from lcbayes import gallery, scenario
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference import smc, symmetry
+from lcbayes.inference import regions, smc, symmetry
+from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.simulate import simulate
 
 N_MIRRORED = 8
@@ -96,3 +98,28 @@ def test_mirror_images_weigh_the_same():
     assert np.all(np.abs(weight - 0.5) < 0.05)
     se = weight.std(axis=0, ddof=1) / np.sqrt(N_MIRRORED)
     assert np.all(np.abs(weight.mean(axis=0) - 0.5) < limit(2, N_MIRRORED - 1) * se)
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
+def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
+    """Two facets, whose posterior holds every body twice, once in each order: the way from the
+    prior counts both, chains see one. The limit, 0.6 nat at most, is below the ln 2 between."""
+    light = small.curve(30, 2)
+    problem, data = small.posed(light, n_facets=2, spin="none")
+    runs = smc.replicate(problem, data, jax.random.key(0), 250, N_RUNS, plan=PLAN)
+    fitted = lcbayes.fit(
+        light, "faceted", n_facets=2, spin="none", seed=1, num_chains=2, num_samples=400,
+        num_warmup=200, num_starts=48,
+    )  # fmt: skip
+    (mode,) = fitted.summary()["modes"]
+    order = FacetOrder(problem, gallery.find("faceted").facet_sites)
+    z = np.stack([r.z for r in runs.runs])
+    best = max(runs.runs, key=lambda r: r.log_likelihood.max())
+    cut = regions.Regions(problem, data, [best.z[np.argmax(best.log_likelihood)]], order)
+    rng = np.random.default_rng(0)
+    bridged = regions.weigh(cut, z, runs.log_evidences, 250, rng).log_evidence
+    for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):
+        bound = limit(2, N_RUNS - 1) * np.hypot(runs.se, se)
+        assert bound < 0.6
+        assert abs(value - runs.log_evidence) < bound

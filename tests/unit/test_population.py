@@ -8,7 +8,7 @@ import small
 
 from lcbayes._jax import jax, jnp
 from lcbayes.checkpoint import Checkpoint
-from lcbayes.inference import population, smc
+from lcbayes.inference import population, regions, smc
 from lcbayes.inference.chains import Whitening
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.sample import Timing
@@ -62,7 +62,8 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150):
         for z, one in zip(clouds, log_z, strict=True)
     ]
     monkeypatch.setattr(population, "_runs", lambda *_: runs)
-    monkeypatch.setattr(population, "_centres", lambda *_: [solution(z) for z in at])
+    monkeypatch.setattr(regions, "optima", lambda *_: [solution(z) for z in at])
+    monkeypatch.setattr(regions.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs))
     return population.sample(
         problem, data, [], order, settings, jax.random.key(0), 1, Checkpoint(None, {}),
