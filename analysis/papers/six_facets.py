@@ -23,8 +23,8 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.inference import smc, sparse
 from lcbayes.inference.independent import independent_runs
-from lcbayes.inference.population import evenly
 from lcbayes.inference.problem import Problem
+from lcbayes.inference.regions import evenly
 from lcbayes.lightcurve import LightCurve
 from lcbayes.scenarios.epochs import epochs
 from lcbayes.simulate import flux_at

@@ -25,10 +25,10 @@ from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
 from lcbayes.inference.path import in_time
-from lcbayes.inference.population import CLIMBERS, evenly
 from lcbayes.inference.posed import posed
 from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem import Problem, compiled, prior_draws
+from lcbayes.inference.regions import Regions, evenly
 from lcbayes.inference.settings import Settings
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Parts, Silent
@@ -37,7 +37,6 @@ Floats = NDArray[np.float64]
 
 STARTS = 64  # of the search, for each number of facets
 LOO_DRAWS = 2000
-MOST_OPTIMA = 24
 
 
 @dataclass(frozen=True)
@@ -252,10 +251,7 @@ def _weighed(
     """Evidence of the runs' particles, region by region."""
     n = min(len(r.z) for r in runs)
     z = np.stack([evenly(r.z, n) for r in runs])
-    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
-    centres = regions.optima(problem, data, climbers, order, MOST_OPTIMA, workers)
-    by_optima = regions.Regions(problem, data, [s.z for s in centres], order)
-    by_optima.join(z.reshape(-1, problem.dim))
+    by_optima = Regions.of(problem, data, z, order, workers=workers)
     path = np.array([r.log_evidence for r in runs])
     rng = np.random.default_rng(settings.seed)
     return regions.weigh(by_optima, z, path, settings.num_samples, rng)

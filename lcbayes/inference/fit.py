@@ -24,6 +24,7 @@ from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
+from lcbayes.inference.regions import evenly
 from lcbayes.inference.sample import Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.inference.start_from import placed
@@ -61,7 +62,7 @@ class Posterior:
         counts = np.diff(edges, prepend=0)
         z, label = [], []
         for i, (mode, n) in enumerate(zip(self.modes, counts, strict=True)):
-            z.append(population.evenly(mode.z.reshape(-1, mode.z.shape[-1]), n))
+            z.append(evenly(mode.z.reshape(-1, mode.z.shape[-1]), n))
             label.append(np.full(n, i))
         if len(self.modes) == 1:
             return self.modes[0].z, np.zeros(shape, int)

@@ -22,6 +22,7 @@ from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.problem import Problem
+from lcbayes.inference.regions import Regions, evenly
 from lcbayes.inference.sample import Timing
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Silent
@@ -30,7 +31,6 @@ Floats = NDArray[np.float64]
 
 LOOKED_AT = 8  # points of a run that are told apart, for each particle that moves
 KEPT = 3  # of them draws of a solution
-CLIMBERS = 32  # particles of each run that climb to the optimum they are near
 LIGHTEST = 1e-3  # a solution of less weight is not shown
 DISAGREE = 0.1  # standard deviation of a weight between runs from which they disagree
 
@@ -59,19 +59,17 @@ def sample(
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
     z = np.stack([evenly(r.z, LOOKED_AT * settings.num_samples) for r in runs])
-    climbers = np.concatenate([evenly(row, CLIMBERS) for row in z])
-    rows = np.concatenate([np.stack([s.z for s in found]), climbers]) if found else climbers
-    centres = regions.optima(problem, data, rows, order, 4 * settings.max_modes, workers)
-    flat = z.reshape(-1, z.shape[-1])
-    by_optima = regions.Regions(problem, data, [s.z for s in centres], order)
-    by_optima.join(flat)
+    by_optima = Regions.of(
+        problem, data, z, order, most=4 * settings.max_modes, known=[s.z for s in found],
+        workers=workers,
+    )  # fmt: skip
     path = np.array([r.log_evidence for r in runs])
     rng = np.random.default_rng(settings.seed)
     weighed = regions.weigh(by_optima, z, path, settings.num_samples, rng)
     weight = weighed.weight
     kept = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST][: settings.max_modes]
 
-    label, placed = by_optima.place(flat)
+    label, placed = by_optima.place(z.reshape(-1, problem.dim))
     label, placed = label.reshape(z.shape[:2]), placed.reshape(z.shape)
     modes = []
     reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
@@ -84,7 +82,7 @@ def sample(
         )
         stats = _statistics(problem, data, draws)
         share = float(weight[k] / weight[kept].sum())
-        modes.append(Mode(centres[k], draws, stats, own, share, sd, run_weights=shares))
+        modes.append(Mode(by_optima.optima[k], draws, stats, own, share, sd, run_weights=shares))
         if shares.std(ddof=1) > DISAGREE:
             reasons.append(
                 f"independent runs give solution {place + 1} weights from {shares.min():.2f} to "
@@ -114,11 +112,6 @@ def _runs(
     timing.gradients += sum(r.gradients for r in runs)
     timing.sampling_s += sum(r.seconds for r in runs)
     return runs
-
-
-def evenly(rows: NDArray, n: int) -> NDArray:
-    """n of the rows, or each several times where there are fewer."""
-    return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
 def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> Floats:

@@ -17,10 +17,13 @@ from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import OVERLAP, overlap
 from lcbayes.inference.problem import Problem, compiled
+from lcbayes.inference.solutions import Solution
 from lcbayes.inference.tempering import log_sum
 
 Floats = NDArray[np.float64]
 
+CLIMBERS = 32  # particles of each run that climb to the optimum they are near
+MOST = 24  # optima
 LEAST = 4  # points of a region for each parameter, below which it is not measured ...
 MEASURED = 0.5  # ... and the share of all points that must lie in those that are
 GOOD = 0.3  # error of a bridged evidence, in nats, above which it is not taken
@@ -37,18 +40,40 @@ class Regions:
 
     Parameters
     ----------
-    centres : sequence of (D,)
-        Optima, the best first.
+    optima : sequence of Solution
+        The best first.
     """
 
     def __init__(
-        self, problem: Problem, data: Epochs, centres: Sequence[Floats], order: FacetOrder
+        self, problem: Problem, data: Epochs, optima: Sequence[Solution], order: FacetOrder
     ) -> None:
-        self.problem, self.data, self.order = problem, data, order
-        self.centres = np.stack(list(centres))
+        self.problem, self.data, self.order, self.optima = problem, data, order, list(optima)
+        self.centres = np.stack([s.z for s in optima])
         fisher = compiled(problem.fisher)
         self.metrics = [np.asarray(fisher(jnp.asarray(z), data)) for z in self.centres]
         self.stands_for = np.arange(len(self.centres))  # the centre whose region each is part of
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        data: Epochs,
+        z: Floats,
+        order: FacetOrder,
+        *,
+        most: int = MOST,
+        known: Sequence[Floats] = (),
+        workers: int = 1,
+    ) -> Regions:
+        """Those of the optima that particles of each run, z (C, N, D), climb to, or known points
+        (D,) do; ``most`` at most. Those whose particles lie among each other are one."""
+        climbers = np.concatenate(
+            [*(row[None] for row in known), *(evenly(r, CLIMBERS) for r in z)]
+        )
+        found = optima(problem, data, climbers, order, most, workers)
+        regions = cls(problem, data, found, order)
+        regions.join(z.reshape(-1, problem.dim))
+        return regions
 
     def place(self, z: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Region of each point (n, D), by the index of its centre, and the points with their facets
@@ -231,12 +256,17 @@ def _bridged(
 
 def optima(
     problem: Problem, data: Epochs, rows: Floats, order: FacetOrder, most: int, workers: int
-) -> list[solutions.Solution]:
+) -> list[Solution]:
     """The different optima near points (n, D), best first."""
     ends = search.polish(problem, data, rows, workers)
     best_first = np.argsort(ends.potential, kind="stable")
     ends = jax.tree.map(lambda x: x[best_first], ends)
     return solutions.distinct(problem, data, ends, order, most)
+
+
+def evenly(rows: NDArray, n: int) -> NDArray:
+    """n of the rows, or each several times where there are fewer."""
+    return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:

@@ -115,8 +115,7 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     (mode,) = fitted.summary()["modes"]
     order = FacetOrder(problem, gallery.find("faceted").facet_sites)
     z = np.stack([r.z for r in runs.runs])
-    best = max(runs.runs, key=lambda r: r.log_likelihood.max())
-    cut = regions.Regions(problem, data, [best.z[np.argmax(best.log_likelihood)]], order)
+    cut = regions.Regions.of(problem, data, z, order)
     rng = np.random.default_rng(0)
     bridged = regions.weigh(cut, z, runs.log_evidences, 250, rng).log_evidence
     for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):

@@ -12,6 +12,7 @@ from lcbayes._jax import jax, jnp
 from lcbayes.inference import regions
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.regions import Regions
+from lcbayes.inference.solutions import Solution
 
 FACETS, COORDINATES = 3, 2
 LOG_Z = -7.5
@@ -56,7 +57,7 @@ def drawn(rng: np.random.Generator, counts: tuple[int, int]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def cut() -> Regions:
     order = FacetOrder(PROBLEM, ("facet",))  # type: ignore[arg-type]
-    return Regions(PROBLEM, None, [b.ravel() for b in BODIES], order)  # type: ignore[arg-type]
+    return Regions(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
 
 
 @pytest.mark.statistical(false_alarm=EACH)
