@@ -3,11 +3,12 @@
 python benchmarks/calibration.py         into RESULTS.md and docs/figures/calibration.png
 
 Bodies of one to four facets, 25 each, with their spin, are drawn from the prior of `faceted`, light
-curves from them, and the posterior of each by `lcbayes.inference.smc`. The rank of the truth among
-the posterior's draws is uniform if all is right: model, sampler, weights of the solutions (Talts et
-al. 2018, arXiv:1804.06788). Facets have no names, so the quantities are those of the body: its
-smallest and largest albedo-area, their sum, the direction of the largest facet, the spin. Two
-passes of 30 epochs; the noise is one for all, a thirtieth of the median flux of the prior's bodies.
+curves from them, and the posterior of each by two runs of particles whose solutions are weighed as
+in fits. The rank of the truth among the posterior's draws is uniform if all is right: model,
+sampler, weights of the solutions (Talts et al. 2018, arXiv:1804.06788). Facets have no names, so
+the quantities are those of the body: its smallest and largest albedo-area, their sum, the direction
+of the largest facet, the spin. Two passes of 30 epochs; the noise is one for all, a thirtieth of
+the median flux of the prior's bodies.
 """
 
 from __future__ import annotations
@@ -27,9 +28,11 @@ from lcbayes import gallery
 from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
 from lcbayes.epochs import Epochs
-from lcbayes.inference import smc
+from lcbayes.inference import regions, smc
+from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.prior_mass import accepted
 from lcbayes.inference.problem import Problem
+from lcbayes.inference.regions import Regions
 from lcbayes.lightcurve import LightCurve
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "calibration.png"
@@ -89,7 +92,7 @@ def main() -> None:
             seen = replace(data, brightness=problem.replicate(truth, data, key_data))
             found = smc.replicate(problem, seen, key_runs, PARTICLES, RUNS)
             spreads.append(found.spread)
-            draws = np.asarray(told(jnp.asarray(pooled(found, DRAWS)), seen))
+            draws = np.asarray(told(jnp.asarray(pooled(problem, seen, found, DRAWS)), seen))
             true = np.asarray(told(truth[None], seen))[0]
             ranks.append(np.mean(draws < true, axis=0))
         took = (time.monotonic() - begun) / EACH
@@ -99,13 +102,17 @@ def main() -> None:
     report(np.array(ranks), rows, np.array(spreads))
 
 
-def pooled(found: smc.Runs, n: int) -> np.ndarray:
-    """n particles of all runs, each run by its evidence."""
-    log_z = found.log_evidences
-    share = np.exp(log_z - np.logaddexp.reduce(log_z))
+def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> np.ndarray:
+    """n draws as fits have them: a solution by its weight, then a particle of any run there."""
+    z = np.stack([r.z for r in found.runs])
+    order = FacetOrder(problem, gallery.find("faceted").facet_sites)
+    cut = Regions.of(problem, data, z, order)
     rng = np.random.default_rng(0)
-    of = rng.choice(len(share), n, p=share)
-    return np.array([rng.choice(found.runs[i].z) for i in of])
+    weight = regions.weigh(cut, z, found.log_evidences, PARTICLES, rng).weight
+    flat = z.reshape(-1, problem.dim)
+    label = cut.place(flat)[0]
+    of = rng.choice(len(weight), n, p=weight / weight.sum())
+    return np.array([rng.choice(flat[label == k]) for k in of])
 
 
 def report(ranks: np.ndarray, timing: list[list[str]], spreads: np.ndarray) -> None:
@@ -130,7 +137,8 @@ def report(ranks: np.ndarray, timing: list[list[str]], spreads: np.ndarray) -> N
         for level, (low, high) in zip(LEVELS, ends, strict=True)
     )
     text += " hold the truth, but for one in a hundred quantities.\n\n" + table(heads, rows)
-    text += f"\n\nSpread of ln Z between the runs of a problem: median {np.median(spreads):.2f}, "
+    text += "\n\nSpread of ln Z of the way between the runs of a problem: median "
+    text += f"{np.median(spreads):.2f}, "
     text += f"largest {spreads.max():.2f}.\n\n"
     text += table(["facets", "problems", "wall a problem (s)"], timing)
     write_section("Calibration of the particles", "python benchmarks/calibration.py", text)
