@@ -172,15 +172,15 @@ def run(
         return _candidate(n, problem, weighed, runs, found, jax.random.fold_in(keys[2], n))
 
     def chance(n: int, problem: Problem) -> RuledOut | None:
-        """The number ruled out by the best of the evidences so far; None where it has a chance."""
-        if not found:
+        """The number ruled out by the best of the evidences so far; None where it has a chance, as
+        every number has that is larger than one which fits: a facet cut in two fits as well."""
+        if not found or min(found) < n:
             return None
         starts = [ends[n][None]] if n in ends else []
-        if larger := [k for k in found if k > n]:
-            k = min(larger)
-            starts.append(
-                hopeless.with_fewer(problems[k], found[k].z_best, problem, entry.facet_sites, data)
-            )
+        k = min(found)
+        starts.append(
+            hopeless.with_fewer(problems[k], found[k].z_best, problem, entry.facet_sites, data)
+        )
         rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
         if not len(rows):
             return None
@@ -224,6 +224,10 @@ def run(
                     found[n] = candidate(n, problem, within)
                 except (smc.Collapse, InputError) as fault:
                     failed.append(f"{facets(n)}: {fault}")
+    best = {n: c.best for n, c in found.items()}
+    for n, reason in hopeless.lost(best, float(weighed.information)).items():
+        del found[n]
+        failed.append(reason)
     if not found:
         raise InputError(failed[0])
     return Compared(

@@ -93,5 +93,30 @@ def with_fewer(
     return np.array(rows).reshape(-1, smaller.dim)
 
 
+def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
+    """Numbers of facets whose particles are not where the posterior is, and why.
+
+    A body of N facets is one of N + 1, with one cut in two: more facets fit at least as well. Where
+    the best particle of a larger number fits worse by more than `MARGIN`, the evidence there is
+    that of some other place, and says nothing of the number.
+
+    Parameters
+    ----------
+    best : number of facets -> ln likelihood of its best particle, each point taken whole
+    information : float
+        Power to which the likelihood of a point is raised.
+    """
+    told = {}
+    for n in sorted(best):
+        fewer = max((k for k in best if k < n), key=lambda k: best[k], default=n)
+        behind = information * (best[fewer] - best[n])
+        if behind > MARGIN:
+            told[n] = (
+                f"{n} facets: the particles lost their way, they fit by {behind:.0f} nats worse "
+                f"than with {fewer}, which {n} include; take more with --num-particles"
+            )
+    return told
+
+
 def _facets(sites: Mapping[str, Any], facet_sites: Sequence[str]) -> int:
     return next((sites[k].shape[0] for k in facet_sites if k in sites), 0)

@@ -16,6 +16,7 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.cli import main
 from lcbayes.commands.compare import numbers
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED, InputError
+from lcbayes.inference import compare, hopeless
 from lcbayes.io import write
 
 FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
@@ -131,3 +132,23 @@ def test_numbers_of_facets():
     for text in ("", "1-", "-2", "1.5", "1 2", "1e9"):
         with pytest.raises(InputError, match="expected 1-8 or 1,2,4"):
             numbers(text)
+
+
+def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch):
+    """Two facets include one: whatever the search found for two, it has a chance."""
+    search = compare._best_fit
+
+    def poor_for_two(problem, data, key, n, *rest):
+        z = search(problem, data, key, n, *rest)
+        if n == 2:
+            sites = problem.unravel(z)
+            z = problem.ravel({**sites, "log_albedo_area": sites["log_albedo_area"] - 5.0})
+        return np.asarray(z)
+
+    monkeypatch.setattr(compare, "_best_fit", poor_for_two)
+    monkeypatch.setattr(hopeless, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
+    found = lcbayes.compare(
+        small.curve(16), (1, 2), spin="none", num_particles=12, num_runs=2, num_starts=8
+    )
+    assert sorted(found.probability) == [1, 2]
+    assert found.probability[2] > 0.0

@@ -78,3 +78,14 @@ def test_problems_of_other_sites_give_no_bodies(one):
     assert hopeless.with_fewer(smaller, small_one, turning, SITES, data).shape == (
         0, turning.dim,
     )  # fmt: skip
+
+
+def test_more_facets_that_fit_worse_have_lost_their_way():
+    """Their particles are elsewhere; likelihoods count as much as the points do."""
+    found = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
+    told = hopeless.lost(found, 1.0)
+    assert list(told) == [4, 6]
+    assert "fit by 50 nats worse than with 3, which 4 include" in told[4]
+    assert "42 nats worse than with 5" in told[6]
+    assert list(hopeless.lost(found, 0.7)) == [4]
+    assert hopeless.lost({2: -400.0, 3: -30.0}, 1.0) == {}
