@@ -104,7 +104,8 @@ def main() -> None:
 
 def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> np.ndarray:
     """n draws as fits have them: a solution by its weight, then a particle of any run there."""
-    z = np.stack([r.z for r in found.runs])
+    n_least = min(len(r.z) for r in found.runs)
+    z = np.stack([regions.evenly(r.z, n_least) for r in found.runs])
     order = FacetOrder(problem, gallery.find("faceted").facet_sites)
     cut = Regions.of(problem, data, z, order)
     rng = np.random.default_rng(0)
