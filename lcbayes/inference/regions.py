@@ -112,7 +112,8 @@ class Regions:
             np.einsum("ni,ij,nj->n", rows - centre, metric, rows - centre)
             for rows, centre, metric in zip(matched, self.centres, self.metrics, strict=True)
         ]
-        return np.argmin(distance, axis=0), matched
+        # argmin takes a NaN for the least
+        return np.argmin(np.nan_to_num(distance, nan=np.inf), axis=0), matched
 
     def evidence(
         self, z: Floats, n_chains: int, rng: np.random.Generator
