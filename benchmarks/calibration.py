@@ -14,9 +14,11 @@ the median flux of the prior's bodies.
 from __future__ import annotations
 
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import matplotlib
 import numpy as np
@@ -30,6 +32,7 @@ from lcbayes.analysis import style
 from lcbayes.epochs import Epochs
 from lcbayes.inference import regions, smc
 from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.inference.population import DISAGREE
 from lcbayes.inference.prior_mass import accepted
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.regions import Regions
@@ -73,50 +76,85 @@ def quantities(sites: dict[str, jax.Array]) -> jax.Array:
     )  # fmt: skip
 
 
+class Placed(NamedTuple):
+    """Where the truths of bodies of one number of facets stand, problem by problem."""
+
+    ranks: np.ndarray  # (P, Q)
+    agreed: np.ndarray  # (P,) whether the runs agree, as fits ask for it
+    spread: np.ndarray  # (P,) of ln Z of the way between the runs
+    took: float  # seconds a problem
+
+
 def main() -> None:
-    ranks, rows, spreads = [], [], []
-    for n in COUNTS:
-        data = Epochs.of(geometry())
-        problem = Problem(gallery.find("faceted").bind({"n_facets": n, "omega_sd": OMEGA_SD}), data)
-        told = jax.jit(
-            lambda z, d, p=problem: jax.lax.map(lambda r: quantities(p.constrain(r, d)), z)
-        )
-        truths = accepted(problem, data, jax.random.key(n), EACH)
-        flux = jax.jit(lambda z, d, p=problem: jax.lax.map(lambda r: p.moments(r, d).mean, z))
-        many = accepted(problem, data, jax.random.key(100 + n), 400)
-        sd = float(np.median(np.mean(np.asarray(flux(many, data)), axis=1))) / SNR
-        data = replace(data, error=jnp.full(data.t.size, sd))
-        begun = time.monotonic()
-        for k, truth in enumerate(truths):
-            key_data, key_runs = jax.random.split(jax.random.fold_in(jax.random.key(n), k))
-            seen = replace(data, brightness=problem.replicate(truth, data, key_data))
-            found = smc.replicate(problem, seen, key_runs, PARTICLES, RUNS)
-            spreads.append(found.spread)
-            draws = np.asarray(told(jnp.asarray(pooled(problem, seen, found, DRAWS)), seen))
-            true = np.asarray(told(truth[None], seen))[0]
-            ranks.append(np.mean(draws < true, axis=0))
-        took = (time.monotonic() - begun) / EACH
-        jax.clear_caches()
-        print(f"{n} facets: {took:.1f} s a problem", flush=True)
-        rows.append([str(n), str(EACH), f"{took:.1f}"])
-    report(np.array(ranks), rows, np.array(spreads))
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        found = list(pool.map(placed, COUNTS[::-1]))[::-1]
+    report(found)
 
 
-def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> np.ndarray:
-    """n draws as fits have them: a solution by its weight, then a particle of any run there."""
+def placed(n: int) -> Placed:
+    data = Epochs.of(geometry())
+    problem = Problem(gallery.find("faceted").bind({"n_facets": n, "omega_sd": OMEGA_SD}), data)
+    told = jax.jit(lambda z, d: jax.lax.map(lambda r: quantities(problem.constrain(r, d)), z))
+    truths = accepted(problem, data, jax.random.key(n), EACH)
+    flux = jax.jit(lambda z, d: jax.lax.map(lambda r: problem.moments(r, d).mean, z))
+    many = accepted(problem, data, jax.random.key(100 + n), 400)
+    sd = float(np.median(np.mean(np.asarray(flux(many, data)), axis=1))) / SNR
+    data = replace(data, error=jnp.full(data.t.size, sd))
+    ranks, agreed, spread = [], [], []
+    begun = time.monotonic()
+    for k, truth in enumerate(truths):
+        key_data, key_runs = jax.random.split(jax.random.fold_in(jax.random.key(n), k))
+        seen = replace(data, brightness=problem.replicate(truth, data, key_data))
+        found = smc.replicate(problem, seen, key_runs, PARTICLES, RUNS, workers=1)
+        z, agree = pooled(problem, seen, found, DRAWS)
+        draws = np.asarray(told(jnp.asarray(z), seen))
+        true = np.asarray(told(truth[None], seen))[0]
+        ranks.append(np.mean(draws < true, axis=0))
+        agreed.append(agree)
+        spread.append(found.spread)
+        print(f"{n} facets, {k + 1} of {EACH}", flush=True)
+    took = (time.monotonic() - begun) / EACH
+    return Placed(np.array(ranks), np.array(agreed), np.array(spread), took)
+
+
+def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
+    """n draws as fits have them, a solution by its weight, then a particle of any run there; and
+    whether the runs agree on the weights."""
     n_least = min(len(r.z) for r in found.runs)
     z = np.stack([regions.evenly(r.z, n_least) for r in found.runs])
     order = FacetOrder(problem, gallery.find("faceted").facet_sites)
     cut = Regions.of(problem, data, z, order)
     rng = np.random.default_rng(0)
-    weight = regions.weigh(cut, z, found.log_evidences, PARTICLES, rng).weight
+    weighed = regions.weigh(cut, z, found.log_evidences, PARTICLES, rng)
+    told = weighed.reasons or any(r.reasons for r in found.runs)
+    agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= DISAGREE))
     flat = z.reshape(-1, problem.dim)
     label = cut.place(flat)[0]
-    of = rng.choice(len(weight), n, p=weight / weight.sum())
-    return np.array([rng.choice(flat[label == k]) for k in of])
+    of = rng.choice(len(weighed.weight), n, p=weighed.weight / weighed.weight.sum())
+    return np.array([rng.choice(flat[label == k]) for k in of]), agree
 
 
-def report(ranks: np.ndarray, timing: list[list[str]], spreads: np.ndarray) -> None:
+def report(found: list[Placed]) -> None:
+    ranks = np.concatenate([f.ranks for f in found])
+    agreed = np.concatenate([f.agreed for f in found])
+    spreads = np.concatenate([f.spread for f in found])
+    n = len(ranks)
+    text = f"{n} problems, {PARTICLES} particles, {RUNS} runs each. "
+    for name, which in (("All", np.full(n, True)), ("Those whose runs agree", agreed)):
+        text += f"{name}, {which.sum()}:\n\n{covered(ranks[which])}\n\n"
+    text += "Spread of ln Z of the way between the runs of a problem: median "
+    text += f"{np.median(spreads):.2f}, largest {spreads.max():.2f}.\n\n"
+    timing = [
+        [str(k), str(len(f.ranks)), str(int(f.agreed.sum())), f"{f.took:.1f}"]
+        for k, f in zip(COUNTS, found, strict=True)
+    ]
+    text += table(["facets", "problems", "runs agree", "wall a problem, one core (s)"], timing)
+    write_section("Calibration of the particles", "python benchmarks/calibration.py", text)
+    print(text)
+    draw(ranks)
+
+
+def covered(ranks: np.ndarray) -> str:
     n = len(ranks)
     rows = []
     for name, column in zip(NAMES.values(), ranks.T, strict=True):
@@ -125,26 +163,13 @@ def report(ranks: np.ndarray, timing: list[list[str]], spreads: np.ndarray) -> N
         inside = [int(np.sum(np.abs(column - 0.5) < level / 2)) for level in LEVELS]
         rows.append([name, *(str(k) for k in inside), f"{p:.2f}"])
     ends = [binom.interval(0.99, n, level) for level in LEVELS]
-    heads = [
-        "quantity",
-        *(f"in the {level:.0%} interval" for level in LEVELS),
-        "p of uniform ranks",
-    ]
-    text = (
-        f"{n} problems, {PARTICLES} particles, {RUNS} runs each. Of {n} intervals that are right "
-    )
-    text += ", ".join(
+    heads = ["quantity", *(f"in the {level:.0%} interval" for level in LEVELS), "p, uniform ranks"]
+    right = ", ".join(
         f"{low:.0f} to {high:.0f} of {level:.0%}"
         for level, (low, high) in zip(LEVELS, ends, strict=True)
     )
-    text += " hold the truth, but for one in a hundred quantities.\n\n" + table(heads, rows)
-    text += "\n\nSpread of ln Z of the way between the runs of a problem: median "
-    text += f"{np.median(spreads):.2f}, "
-    text += f"largest {spreads.max():.2f}.\n\n"
-    text += table(["facets", "problems", "wall a problem (s)"], timing)
-    write_section("Calibration of the particles", "python benchmarks/calibration.py", text)
-    print(text)
-    draw(ranks)
+    text = f"\n\nOf {n} intervals that are right {right} hold the truth, but for one in a hundred"
+    return table(heads, rows) + text + " quantities."
 
 
 def draw(ranks: np.ndarray) -> None:
