@@ -35,7 +35,6 @@ from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.population import DISAGREE
 from lcbayes.inference.prior_mass import accepted
 from lcbayes.inference.problem import Problem
-from lcbayes.inference.regions import Regions
 from lcbayes.lightcurve import LightCurve
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "calibration.png"
@@ -120,18 +119,13 @@ def placed(n: int) -> Placed:
 def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
     """n draws as fits have them, a solution by its weight, then a particle of any run there; and
     whether the runs agree on the weights."""
-    n_least = min(len(r.z) for r in found.runs)
-    z = np.stack([regions.evenly(r.z, n_least) for r in found.runs])
     order = FacetOrder(problem, gallery.find("faceted").facet_sites)
-    cut = Regions.of(problem, data, z, order)
-    rng = np.random.default_rng(0)
-    weighed = regions.weigh(cut, z, found.log_evidences, PARTICLES, rng)
+    _, label, z, weighed = regions.measure(problem, data, found.runs, order)
     told = weighed.reasons or any(r.reasons for r in found.runs)
     agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= DISAGREE))
-    flat = z.reshape(-1, problem.dim)
-    label = cut.place(flat)[0]
+    rng = np.random.default_rng(0)
     of = rng.choice(len(weighed.weight), n, p=weighed.weight / weighed.weight.sum())
-    return np.array([rng.choice(flat[label == k]) for k in of]), agree
+    return np.array([rng.choice(z[label == k]) for k in of]), agree
 
 
 def report(found: list[Placed]) -> None:

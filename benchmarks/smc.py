@@ -21,7 +21,6 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference import regions, smc, symmetry
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.problem import Problem
-from lcbayes.inference.regions import Regions
 from lcbayes.progress import Console
 from lcbayes.simulate import simulate
 
@@ -56,10 +55,8 @@ def measured(
         print(f"seed {seed}: ln Z {result.log_evidence:.3f}, {found[-1][1]:.1f} s", flush=True)
         for reason in result.reasons:
             print(f"  {reason}", flush=True)
-    z = np.stack([regions.evenly(r.z, min(len(x.z) for x, _ in found)) for r, _ in found])
-    cut = Regions.of(problem, data, z, FacetOrder(problem, ORDER_OF), workers=2)
-    path = np.array([r.log_evidence for r, _ in found])
-    weighed = regions.weigh(cut, z, path, n_particles, np.random.default_rng(0))
+    order = FacetOrder(problem, ORDER_OF)
+    weighed = regions.measure(problem, data, [r for r, _ in found], order, workers=2).weighed
     return [
         Run(r, took, float(one))
         for (r, took), one in zip(found, weighed.log_evidences, strict=True)

@@ -28,7 +28,7 @@ from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
 from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem import Problem, compiled, prior_draws
-from lcbayes.inference.regions import Regions, evenly
+from lcbayes.inference.regions import evenly
 from lcbayes.inference.settings import Settings
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Parts, Silent
@@ -168,8 +168,11 @@ def run(
             progress=within,
         )  # fmt: skip
         order = FacetOrder(problem, entry.facet_sites)
-        found = _weighed(problem, weighed, runs, order, settings, workers)
-        return _candidate(n, problem, weighed, runs, found, jax.random.fold_in(keys[2], n))
+        measured = regions.measure(
+            problem, weighed, runs, order, seed=settings.seed, workers=workers
+        )
+        key = jax.random.fold_in(keys[2], n)
+        return _candidate(n, problem, weighed, runs, measured.weighed, key)
 
     def chance(n: int, problem: Problem) -> RuledOut | None:
         """The number ruled out by the best of the evidences so far; None where it has a chance, as
@@ -246,19 +249,6 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None
-
-
-def _weighed(
-    problem: Problem, data: Epochs, runs: Sequence[smc.Result], order: FacetOrder,
-    settings: Settings, workers: int,
-) -> regions.Weighed:  # fmt: skip
-    """Evidence of the runs' particles, region by region."""
-    n = min(len(r.z) for r in runs)
-    z = np.stack([evenly(r.z, n) for r in runs])
-    by_optima = Regions.of(problem, data, z, order, workers=workers)
-    path = np.array([r.log_evidence for r in runs])
-    rng = np.random.default_rng(settings.seed)
-    return regions.weigh(by_optima, z, path, settings.num_samples, rng)
 
 
 def _candidate(

@@ -22,15 +22,14 @@ from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.problem import Problem
-from lcbayes.inference.regions import Regions, evenly
+from lcbayes.inference.regions import evenly
 from lcbayes.inference.sample import Timing
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Silent
 
 Floats = NDArray[np.float64]
 
-LOOKED_AT = 8  # points of a run that are told apart, for each particle that moves
-KEPT = 3  # of them draws of a solution
+KEPT = 3  # draws of a solution for each particle that moves
 LIGHTEST = 1e-3  # a solution of less weight is not shown
 DISAGREE = 0.1  # standard deviation of a weight between runs from which they disagree
 
@@ -58,19 +57,13 @@ def sample(
         Of the search, as centres to begin with.
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
-    z = np.stack([evenly(r.z, LOOKED_AT * settings.num_samples) for r in runs])
-    by_optima = Regions.of(
-        problem, data, z, order, most=4 * settings.max_modes, known=[s.z for s in found],
-        workers=workers,
+    by_optima, label, placed, weighed = regions.measure(
+        problem, data, runs, order, seed=settings.seed, most=4 * settings.max_modes,
+        known=[s.z for s in found], workers=workers,
     )  # fmt: skip
-    path = np.array([r.log_evidence for r in runs])
-    rng = np.random.default_rng(settings.seed)
-    weighed = regions.weigh(by_optima, z, path, settings.num_samples, rng)
     weight = weighed.weight
     kept = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST][: settings.max_modes]
 
-    label, placed = by_optima.place(z.reshape(-1, problem.dim))
-    label, placed = label.reshape(z.shape[:2]), placed.reshape(z.shape)
     modes = []
     reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
     for place, k in enumerate(kept):

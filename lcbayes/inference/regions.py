@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference import evidence, search, solutions
+from lcbayes.inference import evidence, search, smc, solutions
 from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import OVERLAP, overlap
@@ -21,7 +21,9 @@ from lcbayes.inference.solutions import Solution
 from lcbayes.inference.tempering import log_sum
 
 Floats = NDArray[np.float64]
+Labels = NDArray[np.int64]
 
+POINTS = 8  # of each particle's chain that are looked at
 CLIMBERS = 32  # particles of each run that climb to the optimum they are near
 MOST = 24  # optima
 LEAST = 4  # points of a region for each parameter, below which it is not measured ...
@@ -75,12 +77,13 @@ class Regions:
         regions.join(z.reshape(-1, problem.dim))
         return regions
 
-    def place(self, z: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Region of each point (n, D), by the index of its centre, and the points with their facets
-        in that centre's order."""
-        nearest, matched = self._nearest(z)
+    def place(self, z: Floats) -> tuple[Labels, Floats]:
+        """Region of each point (..., D), by the index of its centre, and the points with their
+        facets in that centre's order."""
+        nearest, matched = self._nearest(z.reshape(-1, z.shape[-1]))
         label = self.stands_for[nearest]
-        return label, matched[label, np.arange(len(z))]
+        rows = matched[label, np.arange(len(label))]
+        return label.reshape(z.shape[:-1]), rows.reshape(z.shape)
 
     def join(self, z: Floats) -> None:
         """Make one of those regions whose particles, among z (n, D), lie among each other.
@@ -105,7 +108,7 @@ class Regions:
                     again = True
                     break
 
-    def _nearest(self, z: Floats) -> tuple[NDArray[np.int64], Floats]:
+    def _nearest(self, z: Floats) -> tuple[Labels, Floats]:
         """Nearest centre of each point (n,), the points in the order of each centre (K, n, D)."""
         matched = np.stack([self.order.like_all(z, centre) for centre in self.centres])
         distance = [
@@ -116,7 +119,7 @@ class Regions:
         return np.argmin(np.nan_to_num(distance, nan=np.inf), axis=0), matched
 
     def evidence(
-        self, z: Floats, n_chains: int, rng: np.random.Generator
+        self, label: Labels, rows: Floats, n_chains: int, rng: np.random.Generator
     ) -> dict[int, LogEvidence]:
         """ln ∫ exp(−U) over each region that has points enough, all orders of facets counted.
 
@@ -126,13 +129,12 @@ class Regions:
 
         Parameters
         ----------
-        z : (N, D)
-            Particles, chain by chain, in any order of their facets.
+        label, rows : (N,), (N, D)
+            Particles, chain by chain, as `place` has them.
         n_chains : int
             Of which they are points, equally many each.
         """
-        label, rows = self.place(z)
-        chain = np.arange(len(z)) * n_chains // len(z)
+        chain = np.arange(len(rows)) * n_chains // len(rows)
         shuffled = np.argsort(rng.permutation(n_chains)[chain], kind="stable")
         found = {}
         for k in np.unique(label):
@@ -181,8 +183,52 @@ class Weighed(NamedTuple):
     reasons: list[str]
 
 
+class Measured(NamedTuple):
+    """Runs of particles cut into regions.
+
+    Attributes
+    ----------
+    regions : Regions
+    label, z : (C, N), (C, N, D)
+        The points of each run that were looked at, as `Regions.place` has them.
+    weighed : Weighed
+    """
+
+    regions: Regions
+    label: Labels
+    z: Floats
+    weighed: Weighed
+
+
+def measure(
+    problem: Problem,
+    data: Epochs,
+    runs: Sequence[smc.Result],
+    order: FacetOrder,
+    *,
+    seed: int = 0,
+    most: int = MOST,
+    known: Sequence[Floats] = (),
+    workers: int = 1,
+) -> Measured:
+    """Regions of independent runs with as many particles each, and what they say of each region;
+    ``most`` and ``known`` as in `Regions.of`, ``seed`` of the bridges."""
+    n_chains = len(runs[0].z) // runs[0].points
+    z = np.stack([evenly(r.z, POINTS * n_chains) for r in runs])
+    regions = Regions.of(problem, data, z, order, most=most, known=known, workers=workers)
+    label, rows = regions.place(z)
+    path = np.array([r.log_evidence for r in runs])
+    rng = np.random.default_rng(seed)
+    return Measured(regions, label, rows, weigh(regions, label, rows, path, n_chains, rng))
+
+
 def weigh(
-    regions: Regions, z: Floats, path: Floats, n_chains: int, rng: np.random.Generator
+    regions: Regions,
+    label: Labels,
+    z: Floats,
+    path: Floats,
+    n_chains: int,
+    rng: np.random.Generator,
 ) -> Weighed:
     """Weights of regions and the evidence from runs of particles.
 
@@ -191,27 +237,29 @@ def weigh(
 
     Parameters
     ----------
-    z : (C, N, D)
-        Particles of each run, chain by chain.
+    label, z : (C, N), (C, N, D)
+        Particles of each run, chain by chain, as `Regions.place` has them.
     path : (C,)
         ln Z of each run as it came from the prior.
     n_chains : int
         Of each run.
     """
     n_runs = len(z)
-    label = np.stack([regions.place(row)[0] for row in z])
     shares = np.array([[np.mean(row == k) for k in range(len(regions.centres))] for row in label])
     of_run = np.exp(path - log_sum(path))
     weight = of_run @ shares
     spread = shares.std(axis=0, ddof=1) / np.sqrt(n_runs)
-    value = float(log_sum(path) - np.log(n_runs))
-    se = float(path.std(ddof=1) / np.sqrt(n_runs))
-    counted = Weighed(weight, spread, LogEvidence(value, se), shares, path, [])
+    by_path = smc.mean_evidence(path)
+    counted = Weighed(weight, spread, by_path, shares, path, [])
 
-    pooled = _bridged(regions, z.reshape(-1, z.shape[-1]), n_runs * n_chains, weight, rng)
+    flat = z.reshape(-1, z.shape[-1])
+    pooled = _bridged(regions, label.ravel(), flat, n_runs * n_chains, weight, rng)
     if pooled is None:
         return counted
-    each = [_bridged(regions, row, n_chains, own, rng) for row, own in zip(z, shares, strict=True)]
+    each = [
+        _bridged(regions, here, rows, n_chains, own, rng)
+        for here, rows, own in zip(label, z, shares, strict=True)
+    ]
     found = [one for one in each if one is not None]
     if len(found) < n_runs:
         return counted
@@ -219,7 +267,7 @@ def weigh(
     log_evidences = np.array([one[2].value for one in found])
     between, apart = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
     reasons = []
-    off = total.value - value
+    off = total.value - by_path.value
     if abs(off) > ASTRAY * max(path.std(ddof=1), LIKELY) / np.sqrt(n_runs):
         reasons.append(
             f"the evidence of the particles' way from the prior is off by {abs(off):.1f} nats from "
@@ -234,10 +282,15 @@ def weigh(
 
 
 def _bridged(
-    regions: Regions, z: Floats, n_chains: int, shares: Floats, rng: np.random.Generator
+    regions: Regions,
+    label: Labels,
+    z: Floats,
+    n_chains: int,
+    shares: Floats,
+    rng: np.random.Generator,
 ) -> tuple[Floats, Floats, LogEvidence] | None:
     """Weights, their errors, and the evidence of all; None where bridges do not bear it."""
-    found = regions.evidence(z, n_chains, rng)
+    found = regions.evidence(label, z, n_chains, rng)
     measured = np.array(sorted(found), int)
     share = float(shares[measured].sum())
     if share < MEASURED:

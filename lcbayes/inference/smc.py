@@ -33,6 +33,7 @@ from lcbayes._jax import jax
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference import moves, path, tempering
+from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.moves import Moved, Tuning
 from lcbayes.inference.path import HALF, Path
 from lcbayes.inference.problem import Problem
@@ -352,8 +353,7 @@ class Runs:
 
     @property
     def log_evidence(self) -> float:
-        """ln of the mean evidence: each run's evidence, not its logarithm, is unbiased."""
-        return float(tempering.log_sum(self.log_evidences) - np.log(len(self.runs)))
+        return mean_evidence(self.log_evidences).value
 
     @property
     def spread(self) -> float:
@@ -363,7 +363,14 @@ class Runs:
     @property
     def se(self) -> float:
         """Of the mean over the runs."""
-        return self.spread / np.sqrt(len(self.runs))
+        return mean_evidence(self.log_evidences).se
+
+
+def mean_evidence(log_evidences: Floats) -> LogEvidence:
+    """ln of the mean evidence of runs (C,): each run's evidence, not its logarithm, is unbiased."""
+    n = len(log_evidences)
+    value = tempering.log_sum(log_evidences) - float(np.log(n))
+    return LogEvidence(value, float(np.std(log_evidences, ddof=1) / np.sqrt(n)))
 
 
 def replicate(

@@ -114,10 +114,7 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     )  # fmt: skip
     (mode,) = fitted.summary()["modes"]
     order = FacetOrder(problem, gallery.find("faceted").facet_sites)
-    z = np.stack([r.z for r in runs.runs])
-    cut = regions.Regions.of(problem, data, z, order)
-    rng = np.random.default_rng(0)
-    bridged = regions.weigh(cut, z, runs.log_evidences, 250, rng).log_evidence
+    bridged = regions.measure(problem, data, runs.runs, order).weighed.log_evidence
     for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):
         bound = limit(2, N_RUNS - 1) * np.hypot(runs.se, se)
         assert bound < 0.6

@@ -58,7 +58,7 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150):
     """`population.sample` of runs that hold these clouds."""
     problem, data, order = posed
     runs = [
-        smc.Result(z, np.zeros(len(z)), one, [], 1, 0, 0.0)
+        smc.Result(z, np.zeros(len(z)), one, [], len(z) // n, 0, 0.0)
         for z, one in zip(clouds, log_z, strict=True)
     ]
     monkeypatch.setattr(population, "_runs", lambda *_: runs)

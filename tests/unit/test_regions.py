@@ -60,6 +60,11 @@ def cut() -> Regions:
     return Regions(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
 
 
+def weighed(cut: Regions, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> regions.Weighed:
+    label, rows = cut.place(z)
+    return regions.weigh(cut, label, rows, path, n_chains, rng)
+
+
 @pytest.mark.statistical(false_alarm=EACH)
 def test_weights_and_evidence_do_not_hang_on_the_shares_of_the_particles(cut):
     """Particles half and half of bodies that weigh 0.7 and 0.3, on ways that gave any evidence:
@@ -67,8 +72,8 @@ def test_weights_and_evidence_do_not_hang_on_the_shares_of_the_particles(cut):
     pulls = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        z = drawn(rng, (600, 600))
-        found = cut.evidence(z, len(z), rng)
+        label, rows = cut.place(drawn(rng, (600, 600)))
+        found = cut.evidence(label, rows, len(rows), rng)
         want = LOG_Z + np.log(WEIGHTS)
         pulls += [(found[k].value - want[k]) / found[k].se for k in (0, 1)]
     low, high = squares(len(pulls), comparisons=2)
@@ -80,7 +85,7 @@ def test_runs_are_weighed_by_their_bridges_not_by_their_counts(cut):
     rng = np.random.default_rng(0)
     z = np.stack([drawn(rng, counts) for counts in ((1000, 200), (600, 600), (400, 800))])
     path = np.array([LOG_Z - 0.8, LOG_Z + 0.3, LOG_Z + 0.6])
-    found = regions.weigh(cut, z, path, 1200, rng)
+    found = weighed(cut, z, path, 1200, rng)
     assert found.reasons == []
     assert found.log_evidence.se < 0.05
     np.testing.assert_allclose(found.log_evidence.value, LOG_Z, atol=0.15)
@@ -92,7 +97,7 @@ def test_runs_are_weighed_by_their_bridges_not_by_their_counts(cut):
 def test_a_run_that_missed_a_body_is_seen(cut):
     rng = np.random.default_rng(1)
     z = np.stack([drawn(rng, counts) for counts in ((1200, 0), (840, 360))])
-    found = regions.weigh(cut, z, np.full(2, LOG_Z), 1200, rng)
+    found = weighed(cut, z, np.full(2, LOG_Z), 1200, rng)
     np.testing.assert_allclose(found.by_run[0], [1.0, 0.0])
     assert found.weight_sd[0] > 0.1
     np.testing.assert_allclose(found.log_evidences[0], LOG_Z + np.log(WEIGHTS[0]), atol=0.15)
@@ -102,7 +107,7 @@ def test_a_way_that_led_elsewhere_is_told(cut):
     """The particles come with an evidence that is not that of where they are."""
     rng = np.random.default_rng(2)
     z = np.stack([drawn(rng, (840, 360)) for _ in range(3)])
-    found = regions.weigh(cut, z, LOG_Z + 4.0 + np.array([-0.2, 0.0, 0.2]), 1200, rng)
+    found = weighed(cut, z, LOG_Z + 4.0 + np.array([-0.2, 0.0, 0.2]), 1200, rng)
     assert any("off by 4.0 nats" in reason for reason in found.reasons)
 
 
@@ -111,7 +116,7 @@ def test_too_few_particles_are_counted(cut):
     rng = np.random.default_rng(3)
     z = np.stack([drawn(rng, (12, 8)), drawn(rng, (10, 10))])
     path = np.array([1.0, 1.0])
-    found = regions.weigh(cut, z, path, 20, rng)
+    found = weighed(cut, z, path, 20, rng)
     np.testing.assert_allclose(found.weight, [0.55, 0.45])
     np.testing.assert_array_equal(found.log_evidences, path)
     assert found.log_evidence.value == pytest.approx(1.0)
