@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, as_completed
 from contextlib import contextmanager
 from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 
 from lcbayes.errors import InputError
+from lcbayes.threads import threads
 
 TRIES = 5  # of a task whose workers die
 LITTLE = 10_000  # bytes that go with each task
@@ -66,7 +68,7 @@ def crew(
 def _threads(
     function: Callable[..., Any], shared: Any, tasks: Sequence[tuple], keep_going: bool
 ) -> Iterator[tuple[int, Any]]:
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with threads(os.cpu_count() or 1) as pool:
         waiting = {pool.submit(function, shared, *task): i for i, task in enumerate(tasks)}
         try:
             for done in as_completed(waiting):
@@ -116,7 +118,19 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
                     f"the Dask scheduler at {scheduler} has no workers; start one with "
                     f"dask worker {scheduler}"
                 ) from None
+            _knows_lcbayes(client)
             yield client
+
+
+def _knows_lcbayes(client: Any) -> None:
+    """A task that a worker cannot even read is never done, and nobody is told."""
+    found = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
+    without = [address for address, what in found.items() if what is not InputError]
+    if without:
+        raise InputError(
+            f"{len(without)} of the {len(found)} Dask workers cannot import lcbayes "
+            f"({without[0]}); install it in their environment"
+        )
 
 
 def _dask(

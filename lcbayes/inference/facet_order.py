@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import permutations
 from math import lgamma
 
 import numpy as np
@@ -14,7 +13,6 @@ from lcbayes._jax import jnp
 from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
-MOST_TRIED = 5  # facets up to which all orders are tried at once
 
 
 class FacetOrder:
@@ -56,12 +54,9 @@ class FacetOrder:
         """`like` of every row of z (n, D)."""
         if self.n_facets < 2:
             return z
-        if self.n_facets > MOST_TRIED:
-            return np.array([self.like(row, reference) for row in z]).reshape(z.shape)
         a, b = self._features(reference), np.concatenate([z[:, r] for r in self._rows], axis=-1)
         cost = np.sum((a[None, :, None] - b[:, None]) ** 2, axis=-1)  # (n, N, N)
-        orders = np.array(list(permutations(range(self.n_facets))))
-        best = orders[np.argmin(cost[:, np.arange(self.n_facets), orders].sum(axis=-1), axis=1)]
+        best = np.array([linear_sum_assignment(c)[1] for c in cost]).reshape(cost.shape[:2])
         z = z.copy()
         for rows in self._rows:
             z[:, rows] = np.take_along_axis(z[:, rows], best[..., None], axis=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,6 +16,7 @@ from lcbayes.inference import chains, enough
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.settings import Settings
 from lcbayes.progress import Track
+from lcbayes.threads import threads
 
 Floats = NDArray[np.float64]
 BLOCK = 50
@@ -73,7 +73,7 @@ class Sampler:
         halvings = HALVINGS if self.settings.sampler == "nuts" else 0
         start, advance = self._compile(key, num_warmup, whitening, data, timing)
         keys = jax.random.split(key, self.settings.num_chains)
-        with ThreadPoolExecutor(self.workers) as pool:
+        with threads(self.workers) as pool:
             states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:

@@ -7,7 +7,7 @@ data plus the prior's precision, so the same routine serves every model and nois
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from lcbayes.epochs import Epochs
 from lcbayes.inference.path import Path
 from lcbayes.inference.problem import Problem
 from lcbayes.progress import Silent
+from lcbayes.threads import threads
 
 # A race, round by round: where on the path (`lcbayes.inference.path`) the data are, damped steps
 # for every start, then the share that goes on. Most starts show early that they lead nowhere; the
@@ -117,7 +118,7 @@ def race(
     state = init(starts)
     with (
         progress.stage("searching", total, "steps") as bar,
-        ThreadPoolExecutor(workers) as pool,
+        threads(workers) as pool,
     ):
         for (s, n_steps, _), share in zip(rounds, shares, strict=True):
             state = jax.tree.map(lambda x, share=share: x[:share], _sorted(state))
@@ -130,7 +131,7 @@ def race(
 
 def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
     """The optima near the points z (B, D), row by row."""
-    with ThreadPoolExecutor(workers) as pool:
+    with threads(workers) as pool:
         return _advance_all(problem, data, init(z, 1e-3), RACE[-1][1], pool, lambda _: None)
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +38,7 @@ from lcbayes.inference.moves import Moved, Tuning
 from lcbayes.inference.path import HALF, Path
 from lcbayes.inference.problem import Problem
 from lcbayes.progress import Silent, Track
+from lcbayes.threads import threads
 
 Floats = NDArray[np.float64]
 
@@ -149,7 +150,7 @@ def run(
         No move is accepted any more, or no step can be taken.
     """
     progress = progress or Silent()
-    with ThreadPoolExecutor(workers) as pool, progress.stage("tempering", 100, "%") as track:
+    with threads(workers) as pool, progress.stage("tempering", 100, "%") as track:
         return _Run(problem, data, n_particles, plan or Plan(), mirror, pool, track).go(key)
 
 

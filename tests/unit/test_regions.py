@@ -136,8 +136,6 @@ def test_every_order_of_the_facets_has_one_place(cut):
 
 @pytest.mark.parametrize("n", [1, 2, 5, 6])
 def test_many_rows_are_matched_as_one_is(n):
-    """All orders at once, and beyond five facets the assignment of each row."""
-
     class Problem:
         def unravel(self, z):
             return {"facet": jnp.reshape(z[:-1], (n, 2)), "omega": z[-1:]}

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from lcbayes.errors import InputError
 from lcbayes.workers import crew
 
 
@@ -42,6 +45,31 @@ def test_a_task_is_done_again_when_its_worker_dies_but_not_for_ever(tmp_path):
         done = dict(run(die, str(tmp_path), [(i,) for i in range(4)]))
     assert type(done.pop(2)).__name__ == "KilledWorker"
     assert done == {i: i for i in (0, 1, 3)}
+
+
+WITHOUT = """
+import sys
+sys.modules["lcbayes"] = None
+from distributed.cli.dask_worker import main
+main([sys.argv[1], "--no-nanny", "--no-dashboard"])
+"""
+
+
+def test_workers_without_lcbayes_are_told_of():
+    """They would wait for tasks that they cannot read, and the user for them."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as cluster:
+        address = cluster.scheduler_address
+        worker = subprocess.Popen(
+            [sys.executable, "-c", WITHOUT, address], stderr=subprocess.DEVNULL
+        )
+        try:
+            told = pytest.raises(InputError, match="1 of the 1 Dask workers cannot import lcbayes")
+            with told, crew(scheduler=address):
+                pass
+        finally:
+            worker.kill()
+            worker.wait()
 
 
 def saved(folder: str, name: str) -> str:
