@@ -39,7 +39,7 @@ from lcbayes.lightcurve import LightCurve
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "calibration.png"
 COUNTS, EACH = (1, 2, 3, 4), 25
-PARTICLES, RUNS, DRAWS = 60, 2, 400
+PARTICLES, RUNS, DRAWS = 250, 2, 400
 SNR, OMEGA_SD = 30.0, 0.02
 LEVELS = (0.5, 0.9)
 BINS = 10

@@ -105,11 +105,16 @@ def study() -> None:
     write_section("Number of facets", "python benchmarks/facet_count.py", text)
 
 
-def timed() -> None:
+def turning() -> lcbayes.LightCurve:
+    """Four facets and a spin, 296 epochs."""
     what = scenario.load(HERE / "four-facets.toml")
     assert isinstance(what.geometry, Planar)
     passes = tuple(replace(one, step=0.4 * one.step) for one in what.geometry.passes)
-    curve = simulate(replace(what, geometry=replace(what.geometry, passes=passes)), 1)[0]
+    return simulate(replace(what, geometry=replace(what.geometry, passes=passes)), 1)[0]
+
+
+def timed() -> None:
+    curve = turning()
     begun = time.monotonic()
     found = lcbayes.compare(curve, range(1, 9), seed=1, progress=Console())
     took = time.monotonic() - begun

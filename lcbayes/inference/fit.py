@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,15 @@ from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
 from lcbayes.inference import evidence, information, population, search, solutions
+from lcbayes.inference.chains import Whitening
+from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, weigh
 from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.inference.regions import evenly
-from lcbayes.inference.sample import Sampler, Timing
+from lcbayes.inference.sample import BLOCK, Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
 from lcbayes.inference.start_from import placed
 from lcbayes.lightcurve import LightCurve
@@ -98,15 +100,54 @@ def run(
     with entry.blamed():
         plain, problem = posed(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
-    timing = Timing()
-    key_start, key_chains = jax.random.split(jax.random.key(settings.seed))
+    key_start, key = jax.random.split(jax.random.key(settings.seed))
 
     begun = time.monotonic()
+    searched = _search(
+        plain, entry, options, settings, data, key_start, workers, checkpoint, progress, spins
+    )
+    timing = Timing(search_s=time.monotonic() - begun)
+
+    if settings.sampler == PARTICLES:
+        return _by_particles(
+            plain, entry, settings, searched, key, workers, checkpoint, timing, progress
+        )
+    found, data = searched.found, searched.data
+    if plain is not problem and not _hold(plain, problem, found, data):
+        problem = plain
+    return _by_chains(
+        plain, problem, entry, settings, searched, key, workers, checkpoint, timing, progress
+    )
+
+
+class _Searched(NamedTuple):
+    """Where to sample: solutions in the plain coordinates, under the data as they weigh."""
+
+    found: list[solutions.Solution]
+    ends: search.SearchState
+    data: Epochs
+    n_starts: int
+
+
+def _search(
+    plain: Problem,
+    entry: Entry,
+    options: Mapping[str, Any],
+    settings: Settings,
+    data: Epochs,
+    key: jax.Array,
+    workers: int,
+    checkpoint: Checkpoint,
+    progress: Silent,
+    spins: Sequence[Mapping[str, Any]],
+) -> _Searched:
+    """Search under the model's pooled form where it has one, and follow what is found to the whole
+    model and to the data as heavy as the misfit lets them be."""
     with entry.blamed():
         pooled = posed(entry, dict(options) | entry.pooled, data)[0]
         if pooled.dim == plain.dim:
             pooled = plain
-        starts = _starts(entry, options, pooled, data, key_start, settings.num_starts)
+        starts = _starts(entry, options, pooled, data, key, settings.num_starts)
         if spins:
             default = {o.name: o.default for o in entry.options.values()}
             starts = placed(spins, starts, pooled, data, default | dict(options))
@@ -129,49 +170,86 @@ def run(
         found = solutions.worth_sampling(pooled, data, found, settings.max_modes)
         found = solutions.refined(pooled, plain, data, found)
         ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
-        order = FacetOrder(plain, entry.facet_sites)
     data = information.weighed(plain, found[0].z, data)
     if data.information < 1.0 and pooled is plain:
         found = solutions.polished(plain, data, found, workers)
     elif data.information < 1.0:
         found = solutions.climb(pooled, plain, data, found)
     found = solutions.worth_sampling(plain, data, found, settings.max_modes)
-    timing.search_s = time.monotonic() - begun
+    return _Searched(found, ends, data, len(starts))
 
-    if settings.sampler == PARTICLES:
-        modes, reasons = population.sample(
-            plain, data, found, order, settings, key_chains, workers, checkpoint, timing, progress
-        )
-        for mode in modes:
-            mode.z = _in_order(plain, entry.facet_sites, mode.z, mode.solution.z, data)
-        return Posterior(plain, data, modes, len(starts), timing, reasons)
 
-    if plain is not problem and not _hold(plain, problem, found, data):
-        problem = plain
-    own_order = FacetOrder(problem, entry.facet_sites)
+def _by_particles(
+    plain: Problem,
+    entry: Entry,
+    settings: Settings,
+    searched: _Searched,
+    key: jax.Array,
+    workers: int,
+    checkpoint: Checkpoint,
+    timing: Timing,
+    progress: Silent,
+) -> Posterior:
+    found, _, data, n_starts = searched
+    order = FacetOrder(plain, entry.facet_sites)
+    modes, reasons = population.sample(
+        plain, data, found, order, settings, key, workers, checkpoint, timing, progress
+    )
+    for mode in modes:
+        mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
+    return Posterior(plain, data, modes, n_starts, timing, reasons)
+
+
+def _by_chains(
+    plain: Problem,
+    problem: Problem,
+    entry: Entry,
+    settings: Settings,
+    searched: _Searched,
+    key: jax.Array,
+    workers: int,
+    checkpoint: Checkpoint,
+    timing: Timing,
+    progress: Silent,
+) -> Posterior:
+    """Chains about each solution, in the model's own coordinates, weighed by bridge sampling."""
+    found, ends, data, n_starts = searched
+    order = FacetOrder(problem, entry.facet_sites)
     sampler = Sampler(problem, settings, workers)
     modes: list[Mode] = []
-    draws_in_all = len(found) * settings.num_chains * sum(sampler.n_blocks) * 50
+    draws_in_all = len(found) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
     with progress.stage("sampling", draws_in_all, "draws") as track:
         for i, solution in enumerate(found):
             z0 = np.asarray(_translate(plain, problem, solution.z, data))
-            key = jax.random.fold_in(key_chains, i)
-            z, stats, whitening = sampler.run(f"mode-{i}", z0, data, key, checkpoint, timing, track)
-            z = _in_order(problem, entry.facet_sites, z, z0, data)
+            own = jax.random.fold_in(key, i)
+            z, stats, whitening = sampler.run(f"mode-{i}", z0, data, own, checkpoint, timing, track)
+            z = _in_order(problem, order, z, z0, data)
             rng = np.random.default_rng([settings.seed, i])
-            y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(-1, z.shape[-1]).T)
-            reference = own_order.like(z0, z.reshape(-1, z.shape[-1]).mean(axis=0))
-            log_z = evidence.bridge(
-                y.T.reshape(z.shape),
-                _potential(problem, whitening, data, own_order, reference), BRIDGE_ESS, rng,
-            )  # fmt: skip
-            shift = np.linalg.slogdet(whitening.factor)[1] + own_order.log_orders
-            log_z = evidence.LogEvidence(float(log_z.value + shift), log_z.se)
-            join(modes, Mode(solution, z, stats, log_z), own_order)
-    recount(modes, plain, problem, ends, own_order, data)
+            log_z = _evidence(problem, data, order, whitening, z, z0, rng)
+            join(modes, Mode(solution, z, stats, log_z), order)
+    recount(modes, plain, problem, ends, order, data)
     weigh(modes)
     modes.sort(key=lambda m: -m.weight)
-    return Posterior(problem, data, modes, len(starts), timing)
+    return Posterior(problem, data, modes, n_starts, timing)
+
+
+def _evidence(
+    problem: Problem,
+    data: Epochs,
+    order: FacetOrder,
+    whitening: Whitening,
+    z: Floats,
+    z0: Floats,
+    rng: np.random.Generator,
+) -> LogEvidence:
+    """Of a solution z0 (D,) by its draws z (C, S, D), every order of the facets counted."""
+    flat = z.reshape(-1, z.shape[-1])
+    y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(flat.shape).T)
+    reference = order.like(z0, flat.mean(axis=0))
+    potential = _potential(problem, whitening, data, order, reference)
+    found = evidence.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng)
+    shift = np.linalg.slogdet(whitening.factor)[1] + order.log_orders
+    return LogEvidence(float(found.value + shift), found.se)
 
 
 def _hold(
@@ -232,17 +310,19 @@ def _translate(source: Problem, target: Problem, z: Floats, data: Epochs) -> jax
     return target.ravel(source.constrain(jnp.asarray(z), data))
 
 
-def _in_order(problem, facet_sites, z: Floats, centre: Floats, data: Epochs) -> Floats:
+def _in_order(
+    problem: Problem, order: FacetOrder, z: Floats, centre: Floats, data: Epochs
+) -> Floats:
     """Facets of every draw matched to the centre's, then all by falling size."""
-    order = FacetOrder(problem, facet_sites)
     if order.n_facets < 2:
         return z
-    flat = np.array([order.like(row, centre) for row in z.reshape(-1, z.shape[-1])])
+    flat = order.like_all(z.reshape(-1, z.shape[-1]), centre)
     if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
         return flat.reshape(z.shape)  # a user's model whose facets have no size
     sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
     mean = sizes[-order.n_facets :]  # those of known normal come first
-    return np.array([order.by_size(row, mean) for row in flat]).reshape(z.shape)
+    columns = order.by_size(np.arange(float(flat.shape[1])), mean).astype(int)
+    return flat[:, columns].reshape(z.shape)
 
 
 @partial(jax.jit, static_argnums=0)
