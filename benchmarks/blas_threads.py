@@ -1,0 +1,70 @@
+"""Moves of particles while BLAS has threads of its own, and while it has not.
+
+python benchmarks/blas_threads.py        into RESULTS.md
+
+256 particles of the prior make one move each (`lcbayes.inference.moves`) on two threads, first as
+`concurrent.futures` gives them, then as `lcbayes.threads` does.
+"""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+
+import numpy as np
+from _results import table, write_section
+from facet_count import turning
+
+from lcbayes import gallery
+from lcbayes._jax import jax, jnp
+from lcbayes.epochs import Epochs
+from lcbayes.inference import moves, path
+from lcbayes.inference.problem import Problem
+from lcbayes.threads import threads
+
+PARTICLES, REPEATS = 256, 5
+
+
+def measured(n_facets: int) -> list[str]:
+    data = Epochs.of(turning())
+    problem = Problem(gallery.find("faceted").bind({"n_facets": n_facets}), data)
+    way = path.Path.of(data, problem.dim, path.turns(problem, data, jax.random.key(0)))
+    keys = jax.random.split(jax.random.key(0), PARTICLES)
+    z = jax.vmap(lambda key: problem.prior_draw(key, data))(keys)
+    at = way.at(data, 0.9)
+    tuning = moves.Tuning(0.5, 0.5, 1.5, 12, 0.5, jnp.ones(problem.dim))
+    halves = [slice(i, None, 2) for i in range(2)]
+    states = [moves.start(problem, at, z[half]) for half in halves]
+
+    def move(i: int) -> None:
+        out = moves.move(problem, at, data, way.bins, tuning, None, keys[halves[i]], states[i])
+        jax.block_until_ready(out)
+
+    def each_us(pool_of: AbstractContextManager[Executor]) -> float:
+        took = []
+        with pool_of as pool:
+            for _ in range(REPEATS + 1):  # the first compiles
+                begun = time.perf_counter()
+                list(pool.map(move, range(2)))
+                took.append(time.perf_counter() - begun)
+        return float(np.median(took[1:])) / PARTICLES * 1e6
+
+    with_own, without = each_us(ThreadPoolExecutor(2)), each_us(threads(2))
+    return [str(n_facets), str(problem.dim), f"{with_own:.0f}", f"{without:.0f}",
+            f"{with_own / without:.1f}"]  # fmt: skip
+
+
+def main() -> None:
+    rows = [measured(n) for n in (4, 6, 7, 8, 10)]
+    heads = [
+        "facets", "parameters", "BLAS with threads (µs a move)", "with one (µs a move)", "ratio",
+    ]  # fmt: skip
+    text = f"{PARTICLES} particles on two threads, {turning().n_obs} epochs; median of {REPEATS}."
+    text += "\n\n" + table(heads, rows)
+    print(text)
+    write_section("Threads of BLAS", "python benchmarks/blas_threads.py", text)
+
+
+if __name__ == "__main__":
+    main()
