@@ -29,6 +29,7 @@ from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.inference.regions import evenly
 from lcbayes.inference.sample import BLOCK, Sampler, Timing
 from lcbayes.inference.settings import PARTICLES, Settings
+from lcbayes.inference.solutions import Solution
 from lcbayes.inference.start_from import placed
 from lcbayes.lightcurve import LightCurve
 from lcbayes.noise import FLUX, OUTLIER
@@ -101,136 +102,117 @@ def run(
         plain, problem = posed(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
-
+    fit = _Fit(plain, entry, settings, workers, checkpoint, progress, Timing())
     begun = time.monotonic()
-    searched = _search(
-        plain, entry, options, settings, data, key_start, workers, checkpoint, progress, spins
-    )
-    timing = Timing(search_s=time.monotonic() - begun)
-
+    found = fit.search(options, data, key_start, spins)
+    fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
-        return _by_particles(
-            plain, entry, settings, searched, key, workers, checkpoint, timing, progress
-        )
-    found, data = searched.found, searched.data
-    if plain is not problem and not _hold(plain, problem, found, data):
+        return fit.by_particles(found, key)
+    if plain is not problem and not _hold(plain, problem, found.solutions, found.data):
         problem = plain
-    return _by_chains(
-        plain, problem, entry, settings, searched, key, workers, checkpoint, timing, progress
-    )
+    return fit.by_chains(problem, found, key)
 
 
-class _Searched(NamedTuple):
-    """Where to sample: solutions in the plain coordinates, under the data as they weigh."""
+class _Found(NamedTuple):
+    """Where to sample, in the plain coordinates, under the data as they weigh."""
 
-    found: list[solutions.Solution]
+    solutions: list[Solution]
     ends: search.SearchState
     data: Epochs
     n_starts: int
 
 
-def _search(
-    plain: Problem,
-    entry: Entry,
-    options: Mapping[str, Any],
-    settings: Settings,
-    data: Epochs,
-    key: jax.Array,
-    workers: int,
-    checkpoint: Checkpoint,
-    progress: Silent,
-    spins: Sequence[Mapping[str, Any]],
-) -> _Searched:
-    """Search under the model's pooled form where it has one, and follow what is found to the whole
-    model and to the data as heavy as the misfit lets them be."""
-    with entry.blamed():
-        pooled = posed(entry, dict(options) | entry.pooled, data)[0]
-        if pooled.dim == plain.dim:
-            pooled = plain
-        starts = _starts(entry, options, pooled, data, key, settings.num_starts)
-        if spins:
-            default = {o.name: o.default for o in entry.options.values()}
-            starts = placed(spins, starts, pooled, data, default | dict(options))
-    stored = checkpoint.load("search")
-    if stored is None:
-        informed = entry.hook("starts") is not None or spins
-        way = None if informed else in_time(pooled, data)
-        ends = search.race(pooled, data, starts, workers, progress, way)
-        checkpoint.save("search", ends._asdict())
-    else:
-        ends = search.SearchState(**stored)
-    order = FacetOrder(pooled, entry.facet_sites)
-    found = solutions.distinct(pooled, data, ends, order, 4 * settings.max_modes)
-    if not found:
-        raise InputError(
-            "no start of the search has a finite posterior density; check the errors and the "
-            "geometry, or widen the priors"
-        )
-    if pooled is not plain:
-        found = solutions.worth_sampling(pooled, data, found, settings.max_modes)
-        found = solutions.refined(pooled, plain, data, found)
-        ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
-    data = information.weighed(plain, found[0].z, data)
-    if data.information < 1.0 and pooled is plain:
-        found = solutions.polished(plain, data, found, workers)
-    elif data.information < 1.0:
-        found = solutions.climb(pooled, plain, data, found)
-    found = solutions.worth_sampling(plain, data, found, settings.max_modes)
-    return _Searched(found, ends, data, len(starts))
+@dataclass(frozen=True)
+class _Fit:
+    """The parts of one fit, and what they share."""
 
+    plain: Problem
+    entry: Entry
+    settings: Settings
+    workers: int
+    checkpoint: Checkpoint
+    progress: Silent
+    timing: Timing
 
-def _by_particles(
-    plain: Problem,
-    entry: Entry,
-    settings: Settings,
-    searched: _Searched,
-    key: jax.Array,
-    workers: int,
-    checkpoint: Checkpoint,
-    timing: Timing,
-    progress: Silent,
-) -> Posterior:
-    found, _, data, n_starts = searched
-    order = FacetOrder(plain, entry.facet_sites)
-    modes, reasons = population.sample(
-        plain, data, found, order, settings, key, workers, checkpoint, timing, progress
-    )
-    for mode in modes:
-        mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
-    return Posterior(plain, data, modes, n_starts, timing, reasons)
+    def search(
+        self,
+        options: Mapping[str, Any],
+        data: Epochs,
+        key: jax.Array,
+        spins: Sequence[Mapping[str, Any]],
+    ) -> _Found:
+        """Search under the model's pooled form where it has one, and follow what is found to the
+        whole model and to the data as heavy as the misfit lets them be."""
+        plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
+        with entry.blamed():
+            pooled = posed(entry, dict(options) | entry.pooled, data)[0]
+            if pooled.dim == plain.dim:
+                pooled = plain
+            starts = _starts(entry, options, pooled, data, key, settings.num_starts)
+            if spins:
+                default = {o.name: o.default for o in entry.options.values()}
+                starts = placed(spins, starts, pooled, data, default | dict(options))
+        stored = self.checkpoint.load("search")
+        if stored is None:
+            informed = entry.hook("starts") is not None or spins
+            way = None if informed else in_time(pooled, data)
+            ends = search.race(pooled, data, starts, workers, self.progress, way)
+            self.checkpoint.save("search", ends._asdict())
+        else:
+            ends = search.SearchState(**stored)
+        order = FacetOrder(pooled, entry.facet_sites)
+        found = solutions.distinct(pooled, data, ends, order, 4 * settings.max_modes)
+        if not found:
+            raise InputError(
+                "no start of the search has a finite posterior density; check the errors and the "
+                "geometry, or widen the priors"
+            )
+        if pooled is not plain:
+            found = solutions.worth_sampling(pooled, data, found, settings.max_modes)
+            found = solutions.refined(pooled, plain, data, found)
+            ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
+        data = information.weighed(plain, found[0].z, data)
+        if data.information < 1.0 and pooled is plain:
+            found = solutions.polished(plain, data, found, workers)
+        elif data.information < 1.0:
+            found = solutions.climb(pooled, plain, data, found)
+        found = solutions.worth_sampling(plain, data, found, settings.max_modes)
+        return _Found(found, ends, data, len(starts))
 
+    def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
+        """Particles from the prior; the search only names centres."""
+        plain, data = self.plain, found.data
+        order = FacetOrder(plain, self.entry.facet_sites)
+        modes, reasons = population.sample(
+            plain, data, found.solutions, order, self.settings, key, self.workers,
+            self.checkpoint, self.timing, self.progress,
+        )  # fmt: skip
+        for mode in modes:
+            mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
+        return Posterior(plain, data, modes, found.n_starts, self.timing, reasons)
 
-def _by_chains(
-    plain: Problem,
-    problem: Problem,
-    entry: Entry,
-    settings: Settings,
-    searched: _Searched,
-    key: jax.Array,
-    workers: int,
-    checkpoint: Checkpoint,
-    timing: Timing,
-    progress: Silent,
-) -> Posterior:
-    """Chains about each solution, in the model's own coordinates, weighed by bridge sampling."""
-    found, ends, data, n_starts = searched
-    order = FacetOrder(problem, entry.facet_sites)
-    sampler = Sampler(problem, settings, workers)
-    modes: list[Mode] = []
-    draws_in_all = len(found) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
-    with progress.stage("sampling", draws_in_all, "draws") as track:
-        for i, solution in enumerate(found):
-            z0 = np.asarray(_translate(plain, problem, solution.z, data))
-            own = jax.random.fold_in(key, i)
-            z, stats, whitening = sampler.run(f"mode-{i}", z0, data, own, checkpoint, timing, track)
-            z = _in_order(problem, order, z, z0, data)
-            rng = np.random.default_rng([settings.seed, i])
-            log_z = _evidence(problem, data, order, whitening, z, z0, rng)
-            join(modes, Mode(solution, z, stats, log_z), order)
-    recount(modes, plain, problem, ends, order, data)
-    weigh(modes)
-    modes.sort(key=lambda m: -m.weight)
-    return Posterior(problem, data, modes, n_starts, timing)
+    def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
+        """Chains about each solution in the coordinates of ``problem``, weighed by bridges."""
+        settings, data = self.settings, found.data
+        order = FacetOrder(problem, self.entry.facet_sites)
+        sampler = Sampler(problem, settings, self.workers)
+        modes: list[Mode] = []
+        draws = len(found.solutions) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
+        with self.progress.stage("sampling", draws, "draws") as track:
+            for i, solution in enumerate(found.solutions):
+                z0 = np.asarray(_translate(self.plain, problem, solution.z, data))
+                z, stats, whitening = sampler.run(
+                    f"mode-{i}", z0, data, jax.random.fold_in(key, i), self.checkpoint,
+                    self.timing, track,
+                )  # fmt: skip
+                z = _in_order(problem, order, z, z0, data)
+                rng = np.random.default_rng([settings.seed, i])
+                log_z = _evidence(problem, data, order, whitening, z, z0, rng)
+                join(modes, Mode(solution, z, stats, log_z), order)
+        recount(modes, self.plain, problem, found.ends, order, data)
+        weigh(modes)
+        modes.sort(key=lambda m: -m.weight)
+        return Posterior(problem, data, modes, found.n_starts, self.timing)
 
 
 def _evidence(
@@ -252,9 +234,7 @@ def _evidence(
     return LogEvidence(float(found.value + shift), found.se)
 
 
-def _hold(
-    plain: Problem, problem: Problem, found: Sequence[solutions.Solution], data: Epochs
-) -> bool:
+def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
     """Whether the model's own coordinates tell every solution.
 
     They are there to sample well, not to say what the posterior is, and may fail at bodies of an
