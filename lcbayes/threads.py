@@ -17,7 +17,8 @@ def threads(n: int) -> Iterator[Executor]:
 
     Of the matrices of a posterior with a few dozen parameters BLAS would make so little work for
     each core that waking the threads takes longer, and they would take the cores from ours: with
-    35 parameters a move of the Fisher-adaptive kernel took seven times as long.
+    35 parameters a move of the Fisher-adaptive kernel took 2.8 times as long
+    (benchmarks/blas_threads.py), and more where other work had the cores.
     """
     with _alone, ThreadPoolExecutor(n) as pool:
         yield pool
