@@ -48,9 +48,9 @@ def read_text(path: str | os.PathLike[str]) -> TextFile:
         raise InputError(f"{path} is a folder; give a file") from None
     except OSError as fault:
         raise InputError(f"{path} cannot be read ({fault.strerror}); check its rights") from None
-    if not data.strip():
-        raise InputError(f"{path} is empty; check that it was saved, or give another")
     text, notes = _decode(path, data)
+    if not text.strip():
+        raise InputError(f"{path} is empty; check that it was saved, or give another")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return TextFile(path, text, hashlib.sha256(data).hexdigest(), notes)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from string import digits
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,11 +23,13 @@ Floats = NDArray[np.float64]
 LENGTH = 69
 _LINE_1 = re.compile(
     r"1 [ A-Z\d][ \d]{4}[A-Z ] .{8} [ \d]{2}[ \d]{3}\.\d{8} [ +-][.]\d{8} [ +-]\d{5}[ +-]\d "
-    r"[ +-]\d{5}[ +-]\d [ \d] [ \d]{4}\d"
+    r"[ +-]\d{5}[ +-]\d [ \d] [ \d]{4}\d",
+    re.ASCII,
 )
 _LINE_2 = re.compile(
     r"2 [ A-Z\d][ \d]{4} [ \d]{3}\.\d{4} [ \d]{3}\.\d{4} \d{7} [ \d]{3}\.\d{4} [ \d]{3}\.\d{4} "
-    r"[ \d]{2}\.\d{8}[ \d]{5}\d"
+    r"[ \d]{2}\.\d{8}[ \d]{5}\d",
+    re.ASCII,
 )
 
 
@@ -140,10 +143,10 @@ def _check(name: str, number: int, line: str, kind: str, form: re.Pattern[str]) 
         raise InputError(
             f"{where} has {len(line)} characters; a line of elements has {LENGTH}: copy it anew"
         )
-    digits = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
-    if line[-1] != str(digits):
+    total = sum(int(c) if c in digits else c == "-" for c in line[:-1]) % 10
+    if line[-1] != str(total):
         raise InputError(
-            f"{where}: checksum is {line[-1]}, the line adds up to {digits}; copy the elements anew"
+            f"{where}: checksum is {line[-1]}, the line adds up to {total}; copy the elements anew"
         )
     if not form.fullmatch(line):
         raise InputError(f"{where} is not laid out as line {kind} of elements; copy it anew")

@@ -125,7 +125,7 @@ def of_sites(sites: Mapping[str, jax.Array], name: str) -> tuple[jax.Array, str]
     normals, areas = sites.get("normals"), sites.get("albedo_area", sites.get("area"))
     if name.startswith("normal") and normals is not None:
         n, which = len(normals), name.removeprefix("normal:")
-        chosen = range(n) if name == "normals" else [int(which)] if which.isdigit() else []
+        chosen = range(n) if name == "normals" else [int(which)] if which.isdecimal() else []
         if chosen and max(chosen) < n:
             return jnp.concatenate([_tangents(normals[i]) for i in chosen]), "deg"
     if name == "areas" and areas is not None:

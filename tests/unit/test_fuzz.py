@@ -47,6 +47,8 @@ def test_damaged_texts_are_read_or_refused(name, tmp_path):
     @given(damaged(name))
     @example(b"")
     @example(b"\x00" * 50)
+    @example(b"\xa0")  # a space of Latin-1, and a file of nothing else is empty
+    @example(readers.TLE.encode().replace(b"2927", b"\xb2927"))  # a digit, but no number
     @example(b"#a\n# - {name: a1")
     @example(b"a = " + b"[" * 5000)
     def try_one(content: bytes) -> None:
