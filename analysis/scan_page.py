@@ -14,7 +14,7 @@ from lcbayes.analysis import scan_plots, style
 from lcbayes.analysis.numerals import duration
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.sky_plots import FRAMES
-from lcbayes.attitude_scan.found import Found, readable_period
+from lcbayes.attitude_scan.found import Found, written_period
 from lcbayes.errors import InputError
 from lcbayes.folders import put_in_place
 from lcbayes.physics.closure import close
@@ -87,10 +87,10 @@ def headline(summary: Mapping[str, Any]) -> str:
     also = "" if not near else f"; {near} other{'s fit' if near > 1 else ' fits'} as well"
     if "period_h" not in best:
         return f"Best attitude: {best['law']}{also}."
-    period, unit = readable_period(best["period_h"])
+    period = written_period(best["period_h"], best["period_resolution_h"])
     return (
         f"Best spin: pole ({best['pole_lon_deg']:.1f}°, {best['pole_lat_deg']:+.1f}°), "
-        f"period {period:.7g} {unit}{also}."
+        f"period {period}{also}."
     )
 
 
@@ -117,7 +117,7 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
                     s["law"],
                     f"{s['pole_lon_deg']:.1f}" if known else "",
                     f"{s['pole_lat_deg']:+.1f}" if known else "",
-                    "{:.8g} {}".format(*readable_period(s["period_h"])) if known else "",
+                    written_period(s["period_h"], s["period_resolution_h"]) if known else "",
                     f"{s['chi2']:.5g}",
                     f"{s['rms']:.4f}",
                     str(s["hits"]) if known else "",

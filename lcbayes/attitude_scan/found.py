@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -125,6 +126,10 @@ class Found:
     sky: tuple[Floats, Floats] | None = None
     timing: dict[str, float] = field(default_factory=dict)
 
+    def resolution_h(self, period_h: float) -> float:
+        """P²/T: periods that are closer turn the body by less than once more over the data."""
+        return period_h**2 / (float(np.ptp(self.t)) / HOUR)
+
     @property
     def n_hypotheses(self) -> int:
         return self.n_laws + (0 if self.screened is None else len(self.screened.chi2))
@@ -166,6 +171,13 @@ class Found:
 def readable_period(hours: float) -> tuple[float, str]:
     """A period in hours, or in seconds where it is short, and its unit."""
     return (hours, "h") if hours >= SHORTEST_H else (HOUR * hours, "s")
+
+
+def written_period(hours: float, resolution_h: float) -> str:
+    """A period with its unit, to a hundredth of what the length of the data resolves."""
+    period, unit = readable_period(hours)
+    decimals = 2 - math.floor(math.log10(resolution_h * period / hours))
+    return f"{period:.{max(decimals, 0)}f} {unit}"
 
 
 def lon_lat(pole: Floats) -> tuple[float, float]:

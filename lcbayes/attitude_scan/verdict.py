@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.attitude_scan.engine import WORSE
-from lcbayes.attitude_scan.found import Found, Solution, readable_period
+from lcbayes.attitude_scan.found import Found, Solution, written_period
 from lcbayes.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 from lcbayes.lightcurve import LightCurve
 
@@ -20,7 +20,7 @@ EDGE = 1.0  # steps of the grid from the end of a range of periods
 def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
     """The content of ``summary.json``."""
     best = found.solutions[0]
-    solutions = [_row(s, best) for s in found.solutions]
+    solutions = [_row(s, found) for s in found.solutions]
     reasons = list(_doubts(found, solutions))
     smooth = best.coefficients is not None
     return {
@@ -53,13 +53,16 @@ def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
     }
 
 
-def _row(s: Solution, best: Solution) -> dict[str, Any]:
+def _row(s: Solution, found: Found) -> dict[str, Any]:
+    spin = s.spin()
+    if spin:
+        spin["period_resolution_h"] = found.resolution_h(spin["period_h"])
     return {
         "law": s.law,
-        **s.spin(),
+        **spin,
         "chi2": s.chi2,
         "rms": s.rms,
-        "near_equal": near_equal(s, best),
+        "near_equal": near_equal(s, found.solutions[0]),
         "relation": s.relation,
         "words": s.words,
         "hits": s.hits,
@@ -87,7 +90,7 @@ def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
-        words = ("{:.7g} {}".format(*readable_period(s["period_h"])) for s in other)
+        words = (written_period(s["period_h"], s["period_resolution_h"]) for s in other)
         yield f"the period is not unique: {', '.join(words)} fit as well"
     poles = [s for s in near if s["relation"] not in (ALIAS, HALF, TWICE, PERIOD, MIRROR, "law")]
     if poles:

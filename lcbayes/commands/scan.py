@@ -119,7 +119,7 @@ def hours(option: str, text: str) -> float:
 
 def _lines(summary: dict[str, Any]) -> list[str]:
     """The result on standard output."""
-    from lcbayes.attitude_scan.found import readable_period
+    from lcbayes.attitude_scan.found import written_period
 
     lines = [
         f"{summary['n_hypotheses']} hypotheses: {summary['n_periods']} periods, "
@@ -129,7 +129,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     for i, s in enumerate(summary["solutions"], start=1):
         what = f"{s['law']:29s}"
         if "period_h" in s:
-            period = "{:.7g} {}".format(*readable_period(s["period_h"]))
+            period = written_period(s["period_h"], s["period_resolution_h"])
             what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
         mark = "=" if s["near_equal"] else " "
         lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")

@@ -44,6 +44,9 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert np.degrees(np.arccos(near)) < 5.0
     assert best["rms"] == pytest.approx(NOISE, rel=0.3)
     omega = [best[f"omega_{axis}_rad_s"] for axis in "xyz"]
+    span_h = np.ptp(lcbayes.read(folder / "asteroid.csv").t) / 3600
+    assert best["period_resolution_h"] == pytest.approx(best["period_h"] ** 2 / span_h)
+    assert f"period {best['period_h']:.4f} h" in (out / "report.html").read_text()
     assert np.linalg.norm(omega) == pytest.approx(2 * np.pi / (3600 * best["period_h"]))
     assert found["n_periods"] == 3
     assert found["n_hypotheses"] == 10 * (3 + 2)  # and twice and half the best
