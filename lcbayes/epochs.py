@@ -123,7 +123,10 @@ class Epochs:
         fitted = curve if fitted is None else fitted
         t = curve.t - fitted.t.min()
         if curve.epoch_jd is not None and fitted.epoch_jd is not None:
-            t = t + (curve.epoch_jd - fitted.epoch_jd) * 86400.0
+            if curve.frame == "ecliptic-j2000":  # dates of asteroids are counted evenly
+                t = t + (curve.epoch_jd - fitted.epoch_jd) * 86400.0
+            else:
+                t = t + geometry.seconds_between(fitted.epoch_jd, curve.epoch_jd)
         span = np.ptp(fitted.t)
         n = curve.n_obs
         dilution = np.ones(n)

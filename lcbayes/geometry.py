@@ -152,6 +152,12 @@ class Times:
         return f"{year:04d}-{month:02d}-{day:02d}T{h:02d}:{m:02d}:{s:02d}Z"
 
 
+def seconds_between(first_jd: float, second_jd: float) -> float:
+    """Seconds from one UTC Julian date to another, leap seconds counted as readers of files do."""
+    first, second = (Times.of(jd, 0.0).tt for jd in (first_jd, second_jd))
+    return float(sum(b - a for a, b in zip(first, second, strict=True))[0] * 86400.0)
+
+
 def sun_position(time: Times) -> Floats:
     """Geocentric place of the Sun, ICRS axes, km, (T, 3).
 

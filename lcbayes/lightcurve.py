@@ -69,6 +69,7 @@ class LightCurve:
         Index of the group a point belongs to, 0 .. n_curves-1.
     free_scale : (n_curves,) bool
         Whether the brightness of that group carries an unknown factor (relative photometry).
+        When absent, that of magnitudes without ``range_km`` does, and no other.
     curve_names : n_curves strings
         Name of each group, all different.
     band, site : (T,) str
@@ -102,7 +103,7 @@ class LightCurve:
     position_km: Floats | None = None
     velocity_km_s: Floats | None = None
     curve: NDArray[np.int64] = _MADE  # all zero when absent
-    free_scale: NDArray[np.bool_] = _MADE  # all False when absent
+    free_scale: NDArray[np.bool_] = _MADE
     curve_names: tuple[str, ...] = ()  # numbered from 0 when absent
     band: NDArray[np.str_] = _MADE
     site: NDArray[np.str_] = _MADE
@@ -142,7 +143,8 @@ class LightCurve:
             put(name, value)
         put("curve", np.zeros(n, np.int64) if self.curve is None else _indices(self.curve, n))
         n_curves = int(np.max(self.curve)) + 1
-        free = np.zeros(n_curves, bool) if self.free_scale is None else self.free_scale
+        relative = self.kind == "mag" and self.range_km is None
+        free = np.full(n_curves, relative) if self.free_scale is None else self.free_scale
         put("free_scale", np.asarray(free, dtype=bool))
         _same_shape("free_scale", self.free_scale, (n_curves,), per="curve")
         names = tuple(str(name) for name in self.curve_names) or tuple(map(str, range(n_curves)))
@@ -194,6 +196,11 @@ class LightCurve:
             raise InputError(
                 f"curve_names has {len(set(self.curve_names))} different names for {n_curves} "
                 "curves; give each curve one name of its own"
+            )
+        if self.kind == "mag" and self.range_km is None and not np.all(self.free_scale):
+            raise InputError(
+                "free_scale is False for magnitudes without range_km, which say nothing of the "
+                "body's size; give range_km, or make it True"
             )
         order = np.argsort(self.curve, kind="stable")
         before, after = order[:-1], order[1:]

@@ -51,9 +51,15 @@ def simulate(scenario: Scenario, seed: int = 0) -> tuple[LightCurve, dict[str, A
     Raises
     ------
     InputError
-        The geometry has no usable epoch, or the body is dark at all of them.
+        The geometry has no usable epoch, or no distances where magnitudes are asked for, or the
+        body is dark at all epochs.
     """
     curve = epochs(scenario.geometry)
+    if scenario.kind == "mag" and curve.range_km is None:
+        raise InputError(
+            f"scenario {scenario.name!r}: its geometry has no range_km, and a magnitude needs a "
+            "distance; add that column, or set output.kind = 'flux'"
+        )
     flux = flux_at(scenario, curve.t, curve.sun, curve.obs, ephemeris(curve))
     flux = flux * penumbra.share(curve)
     if scenario.kind == "mag" or scenario.noise.kind == "mag_err":
@@ -180,7 +186,7 @@ def body_flux(
 def _in_units(scenario: Scenario, curve: LightCurve, flux: Floats) -> Floats:
     """Flux as the light curve has it: W/m² or at unit distance, or an apparent magnitude."""
     if curve.range_km is None:
-        return flux  # a scenario in magnitudes has ranges
+        return flux
     range_m = jnp.asarray(1e3 * curve.range_km)
     if scenario.kind == "mag":
         m_sun = photometry.sun_magnitude(scenario.band)

@@ -42,7 +42,7 @@ def build(
     used: set[str] = set()
     t, epoch_jd, time_name = _times(table, used)
     kind, brightness, error, labels = _brightness(table, options, used)
-    curve, names, free_scale = _curves(table, used)
+    curve, names = _curves(table, used)
     optional: dict[str, Any] = {
         name: table.texts[name] for name in ("band", "site") if name in table
     }
@@ -51,6 +51,8 @@ def build(
     used |= {*optional}
     _check_order(table, t, curve, time_name)
     directions, more, extra = _geometry(table, options, t, epoch_jd, used)
+    absolute = kind == "flux" or directions.get("range_km") is not None
+    free_scale, unknown = _free_scale(table, used, curve, len(names), absolute)
     columns = table.texts | table.numbers
     kept = {table.label(name): columns[name] for name in columns if name not in used}
     try:
@@ -64,7 +66,7 @@ def build(
             curve_names=names,
             epoch_jd=epoch_jd,
             extra=kept | extra,
-            source=source_of(table, file_format, (*notes, *more)),
+            source=source_of(table, file_format, (*notes, *more, *unknown)),
             **optional,
             **directions,
         )
@@ -164,32 +166,48 @@ def _brightness(
     return kind, values, error, {"brightness": kind, "error": err}
 
 
-def _curves(
-    table: Table, used: set[str]
-) -> tuple[NDArray[np.int64], tuple[str, ...], NDArray[np.bool_]]:
-    """Group of each point, names by first appearance, and which have a free scale."""
-    used |= {"curve", "calibrated"}
-    n = len(table)
-    if "curve" in table:
-        column = table.texts["curve"]
-        table.reject("curve", column == "", "empty", "name the curve of each row")
-        found, first, inverse = np.unique(column, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(order.size)
-        curve, names = rank[inverse], tuple(found[order].tolist())
-    else:
-        curve, names = np.zeros(n, np.int64), ("0",)
-    free = np.full(len(names), "curve" in table)
-    if "calibrated" in table:
-        column = np.char.lower(table.texts["calibrated"])
-        yes, no = np.isin(column, ("1", "true")), np.isin(column, ("0", "false"))
-        table.reject("calibrated", ~(yes | no), "other than 0 or 1", "write 0 or 1")
-        free[curve] = no
-        table.reject(
-            "calibrated", no != free[curve], "differing within a curve", "give each curve one"
-        )
-    return curve, names, free
+def _curves(table: Table, used: set[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Group of each point, and names by first appearance."""
+    used.add("curve")
+    if "curve" not in table:
+        return np.zeros(len(table), np.int64), ("0",)
+    column = table.texts["curve"]
+    table.reject("curve", column == "", "empty", "name the curve of each row")
+    found, first, inverse = np.unique(column, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    return rank[inverse], tuple(found[order].tolist())
+
+
+def _free_scale(
+    table: Table, used: set[str], curve: NDArray[np.int64], n_curves: int, absolute: bool
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Which groups have a free scale, and what a reader must know of it.
+
+    A magnitude without a distance says nothing of the size of the body (``absolute`` is false).
+    """
+    used.add("calibrated")
+    if "calibrated" not in table:
+        free = np.full(n_curves, "curve" in table or not absolute)
+        unknown = not absolute and "curve" not in table
+        return free, (NO_RANGE,) if unknown else ()
+    column = np.char.lower(table.texts["calibrated"])
+    yes, no = np.isin(column, ("1", "true")), np.isin(column, ("0", "false"))
+    table.reject("calibrated", ~(yes | no), "other than 0 or 1", "write 0 or 1")
+    if not absolute:
+        table.reject("calibrated", yes, "1 without range_km", RANGE)
+    free = np.zeros(n_curves, bool)
+    free[curve] = no
+    table.reject("calibrated", no != free[curve], "differing within a curve", "give each curve one")
+    return free, ()
+
+
+NO_RANGE = "magnitudes without range_km are relative: they say nothing of the body's size"
+RANGE = (
+    "give the distance to which the magnitudes belong: of each row, or the one distance to which "
+    "they were reduced"
+)
 
 
 def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -> None:

@@ -107,6 +107,7 @@ def test_digests_tell_light_curves_apart():
     curve = LightCurve(
         t=t, brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
         band=np.array(["V", "R", "V", "R"]), site=np.array(["a", "bc", "a", "bc"]),
+        range_km=np.full(n, 700.0),
     )  # fmt: skip
     others = [
         replace(curve, kind="mag"),

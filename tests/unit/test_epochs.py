@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import small
 
+import lcbayes
 from lcbayes.epochs import Epochs
 from lcbayes.physics import photometry
 
@@ -26,6 +27,22 @@ def test_time_origin_is_the_fitted_curves():
     data = Epochs.of(later, fitted)
     np.testing.assert_allclose(data.t, 86400.0 + later.t)
     assert (float(data.t_middle), float(data.t_span)) == (30.0, 60.0)
+
+
+def test_a_leap_second_between_two_files_counts(tmp_path):
+    """Two files and one file of the same rows agree on the time between them."""
+    rows = [f"2016-12-31T23:59:{s:02d}Z,1,1,0,0,0,1,0" for s in (0, 30)]
+    rows += [f"2017-01-01T00:00:{s:02d}Z,1,1,0,0,0,1,0" for s in (0, 30)]
+    files = {"one": rows, "first": rows[:2], "second": rows[2:]}
+    for name, lines in files.items():
+        head = "utc,flux,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *lines]))
+    one, first, second = (lcbayes.read(tmp_path / f"{name}.csv") for name in files)
+    np.testing.assert_allclose(Epochs.of(one).t, [0, 30, 61, 91])
+    np.testing.assert_allclose(Epochs.of(second, first).t, [61, 91], rtol=0, atol=1e-4)
+    # asteroids' dates have no leap seconds
+    first, second = (replace(c, frame="ecliptic-j2000") for c in (first, second))
+    np.testing.assert_allclose(Epochs.of(second, first).t, [60, 90], rtol=0, atol=1e-4)
 
 
 def test_fitted_sets_the_kind():

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -108,6 +109,26 @@ def test_curves_have_a_free_scale_unless_calibrated(tmp_path):
     text = with_columns(curve=["b", "a", "b"], calibrated=["1", "false", "True"])
     assert read_text(tmp_path, text).free_scale.tolist() == [False, True]
     assert read_text(tmp_path, with_columns(calibrated="000")).free_scale.tolist() == [True]
+
+
+def test_magnitudes_without_a_distance_are_relative(tmp_path):
+    """They cannot say how large the body is: taken as if seen from 1 m, they once did."""
+    text = PLAIN.replace("flux", "mag")
+    curve = read_text(tmp_path, text)
+    assert curve.free_scale.tolist() == [True]
+    assert "without range_km are relative" in curve.source["notes"]
+    assert read_text(tmp_path, with_columns(range_km="567")).free_scale.tolist() == [False]
+    distant = with_columns(range_km="567").replace("flux", "mag")
+    assert read_text(tmp_path, distant).free_scale.tolist() == [False]
+    said = with_columns(calibrated="111").replace("flux", "mag")
+    with pytest.raises(InputError, match=r"calibrated has 3 values 1 without range_km.*distance"):
+        read_text(tmp_path, said)
+    given = LightCurve(
+        t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun, obs=curve.obs, kind="mag"
+    )
+    assert given.free_scale.tolist() == [True]
+    with pytest.raises(InputError, match="free_scale is False for magnitudes without range_km"):
+        replace(given, free_scale=np.array([False]))
 
 
 def test_band_site_exposure_range(tmp_path):
@@ -280,16 +301,19 @@ def curves(draw):
     )
     unit /= np.linalg.norm(unit, axis=-1, keepdims=True)
     n_curves = draw(st.integers(1, 2))
+    kind = draw(st.sampled_from(["flux", "mag"]))
+    range_km = draw(st.one_of(st.none(), st.just(column(positive))))
+    free = draw(hnp.arrays(bool, n_curves)) | (kind == "mag" and range_km is None)
     return LightCurve(
         t=np.sort(column(numbers)),
         brightness=column(numbers),
         error=draw(st.one_of(st.none(), st.just(column(positive)))),
         sun=unit[0],
         obs=unit[1],
-        kind=draw(st.sampled_from(["flux", "mag"])),
-        range_km=draw(st.one_of(st.none(), st.just(column(positive)))),
+        kind=kind,
+        range_km=range_km,
         curve=np.arange(n) % n_curves,
-        free_scale=draw(hnp.arrays(bool, n_curves)),
+        free_scale=free,
         curve_names=("first", "second one")[:n_curves],
         band=cells(),
         site=cells(),

@@ -39,7 +39,7 @@ def curve(n_each: int = 3) -> LightCurve:
         t=t, brightness=np.linspace(5.0, 6.0, n),
         error=np.full(n, 0.1), kind="mag", sun=unit, obs=unit,
         curve=np.repeat([0, 1], 2 * n_each), curve_names=("a", "b"),
-        free_scale=np.zeros(2, bool), site=site,
+        free_scale=np.zeros(2, bool), site=site, range_km=np.full(n, 1e-3),
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from lcbayes.physics import shapes
 from lcbayes.scenario import ConstantRate, Fixed, Noise, PrincipalAxis, Scenario, load
 from lcbayes.scenarios.body import Material
 from lcbayes.scenarios.epochs import epochs
-from lcbayes.scenarios.viewing import Orbit, Planar, PlanarPass
+from lcbayes.scenarios.viewing import Orbit, Planar, PlanarPass, Vectors
 from lcbayes.simulate import flux_at, simulate
 
 PASS = PlanarPass(0.0, 60.0, 0.5, 0.02, 0.1, 0.001, 0.6, "xy")
@@ -150,6 +150,17 @@ def test_magnitudes_and_irradiance():
     watts, truth = simulate(scenario(geometry=geometry, noise=Noise("mag_err", 0.02)), 0)
     np.testing.assert_allclose(truth["flux"], 455 * f / 8e5**2)
     assert watts.error == pytest.approx(0.02 * np.log(10) / 2.5 * np.array(truth["flux"]))
+
+
+def test_magnitudes_need_distances_of_any_geometry(tmp_path):
+    """Fluxes had been written out as magnitudes where a geometry file had no ranges."""
+    rows = "t,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z\n0,1,0,0,1,0,0\n1,1,0,0,1,0,0\n"
+    (tmp_path / "far.csv").write_text(rows)
+    case = scenario(geometry=Vectors(tmp_path / "far.csv"))
+    assert simulate(case, 0)[0].kind == "flux"
+    for noise in (Noise("mag_err", 0.02), Noise("snr", 50.0)):
+        with pytest.raises(InputError, match="no range_km, and a magnitude needs a distance"):
+            simulate(replace(case, kind="mag", noise=noise), 0)
 
 
 def test_dark_epochs_have_no_magnitude_and_the_truth_is_of_the_first_point():
