@@ -61,19 +61,19 @@ def sigmas(results: Results, best: Mode) -> Floats:
     """
     sigma = results.error.copy()
     unknown = ~np.isfinite(sigma)
+    unit = np.ones(sigma.size)
+    if not results.is_magnitude:
+        for c in np.unique(results.curve):
+            here = results.curve == c
+            unit[here] = np.mean(np.abs(results.brightness[here]))
     if "sigma" in best.draws and best.draws["sigma"].ndim == 2:
-        unit = np.ones(sigma.size)
-        if not results.is_magnitude:
-            for c in np.unique(results.curve):
-                here = results.curve == c
-                unit[here] = np.mean(np.abs(results.brightness[here]))
         level = np.full(sigma.size, float(best.draws["sigma"].mean()))
         if "noise" in best.draws:  # each curve has its own
             level = best.draws["noise"].mean(("chain", "draw")).to_numpy()[results.curve]
         level = level * unit
         sigma = np.where(unknown, level, np.hypot(sigma, level))
     if "pass_sd" in best.draws:
-        sigma = np.hypot(sigma, float(best.draws["pass_sd"].mean()))
+        sigma = np.hypot(sigma, float(best.draws["pass_sd"].mean()) * unit)
     return sigma
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.names import label, reported
+from lcbayes.noise import PASS_SPREADS
 
 Floats = NDArray[np.float64]
 
@@ -139,7 +140,7 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
             unit = area_unit(results)
-        if name in ("sigma", "noise"):
+        if name in ("sigma", "noise", *PASS_SPREADS):
             unit = "mag" if results.is_magnitude else ""
             words += "" if results.is_magnitude else " ÷ mean flux"
         array = mode.draws[name].transpose("chain", "draw", ...)

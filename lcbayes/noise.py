@@ -180,7 +180,8 @@ def observe(
     passes : bool
         Whether the points of a pass share an offset and a drift, of standard deviations
         ``pass_sd`` and ``pass_drift_sd`` (to the end of the longest pass), each
-        ~ LogNormal(ln `PASS_SD`, 1) mag. They are integrated out: the law of noise is that of each
+        ~ LogNormal(ln `PASS_SD`, 1), in magnitudes for magnitudes and relative to a curve's mean
+        for fluxes. They are integrated out: the law of noise is that of each
         point given the earlier ones of its pass, see `lcbayes.passes.innovations`; ``expected`` is
         without them. In a mixture whole passes are outliers.
 
@@ -203,7 +204,9 @@ def observe(
         for name in PASS_SPREADS:
             log_sd = numpyro.sample(f"log_{name}", dist.Normal(np.log(PASS_SD), 1.0))
             spreads.append(jnp.asarray(numpyro.deterministic(name, jnp.exp(log_sd))))
-        mean, sd = innovations(together, data.brightness, mean, sd, *spreads)
+        unit = data.noise_unit[data.curve]  # one for the points of a pass
+        inner = (x / unit for x in (data.brightness, mean, sd))
+        mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

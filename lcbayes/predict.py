@@ -61,8 +61,8 @@ def predict(
 
     Notes
     -----
-    Where errors were given, the noise is that of ``wanted.error``, or the fitted curve's median
-    error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
+    Where errors were given, the noise is that of ``wanted.error`` if it is of the same kind of
+    brightness, or the fitted curve's median error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
     fit. Where points of a pass share an offset it is that of a pass not seen yet. A curve of
     unknown scale is predicted with the scale of the fitted curve of the same name; without one,
     relative to its own mean.
@@ -72,7 +72,8 @@ def predict(
     if PASS_SPREADS[0] in posterior:  # the passes that are predicted are others
         level, drift = (posterior[k].values.reshape(-1)[pick][:, None] for k in PASS_SPREADS)
         elapsed = np.asarray(Epochs.of(wanted, fitted).passes.elapsed)
-        sd = np.sqrt(sd**2 + level**2 + (drift * elapsed) ** 2)
+        shared = np.hypot(level, drift * elapsed) * _noise_unit(fitted, wanted, own_level)
+        sd = np.hypot(sd, shared)
     entry = gallery.find(model)
     noise_law = {o.name: o.default for o in entry.options.values()} | dict(options)
     law = noise_law.get("noise_law", "gaussian")
@@ -301,26 +302,34 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
     The noise level of a fit is relative to the mean of the curve it was seen in; it is the same
     at every epoch, the dark ones too.
     """
-    unit = np.asarray(Epochs.of(fitted).noise_unit)
     given = None
-    if wanted.error is not None:
+    if wanted.error is not None and wanted.kind == fitted.kind:
         given = np.broadcast_to(wanted.error, shape)
     elif fitted.error is not None:
+        unit = np.asarray(Epochs.of(fitted).noise_unit)
         relative = np.median(fitted.error / unit[fitted.curve])
         each = np.where(own, relative, np.median(fitted.error))
         given = np.broadcast_to(each[wanted.curve], shape)
     if given is not None and (fitted.error is None or "sigma" not in posterior):
         return given
     names = {n: i for i, n in enumerate(fitted.curve_names)}
-    each = [unit[names[n]] if n in names else unit.mean() for n in wanted.curve_names]
     sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
     if "noise" in posterior:  # a curve that was fitted has a level of its own
         noise = posterior["noise"].values.reshape(-1, fitted.n_curves)[pick]
         known = [names.get(n) for n in wanted.curve_names]
         columns = [sigma[:, 0] if i is None else noise[:, i] for i in known]
         sigma = np.stack(columns, axis=1)[:, wanted.curve]
-    inferred = sigma * np.where(own, 1.0, each)[wanted.curve]
+    inferred = sigma * _noise_unit(fitted, wanted, own)
     return inferred if given is None else np.hypot(given, inferred)
+
+
+def _noise_unit(fitted: LightCurve, wanted: LightCurve, own: NDArray[np.bool_]) -> Floats:
+    """What noise is relative to at each epoch, (T,): 1 for magnitudes and for curves relative to
+    their own mean, else the mean of the fitted curve of that name, or of all."""
+    unit = np.asarray(Epochs.of(fitted).noise_unit)
+    known = dict(zip(fitted.curve_names, unit, strict=True))
+    each = [known.get(name, unit.mean()) for name in wanted.curve_names]
+    return np.where(own, 1.0, each)[wanted.curve]
 
 
 def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -82,7 +82,8 @@ def model(
     """
     listed = facet_list(facets)
     total = n_facets or len(listed) or 2
-    listed = listed[:total]
+    if total < len(listed):
+        raise InputError(f"n_facets is {n_facets}, but {len(listed)} facets are listed")
     free = total - len(listed)
 
     where = [facet.where for facet in listed] + [""] * free

@@ -136,6 +136,25 @@ def test_observing_with_passes(law):
     np.testing.assert_allclose(apart["brightness"]["fn"].scale, wide)
 
 
+def test_what_passes_share_of_fluxes_is_relative_to_their_curve():
+    """In W/m² as in units of the mean: offsets of 0.2 W/m² on fluxes of 1e-10 had made NaN."""
+    light = replace(curve(), kind="flux", brightness=np.linspace(0.8, 1.2, 12))
+    model = handlers.seed(noise.observe, 0)
+
+    def told(size: np.ndarray):
+        each = size[light.curve]
+        here = replace(light, brightness=each * light.brightness, error=0.1 * each)
+        trace = handlers.trace(model).get_trace(
+            Epochs.of(here), jnp.asarray(each * 1e-6 / 455.0), "gaussian", 0.3, True
+        )  # at 1 m
+        fn = trace["brightness"]["fn"]
+        return np.asarray(fn.loc) / each, np.asarray(fn.scale) / each
+
+    ordinary, faint = told(np.ones(2)), told(np.array([1e-10, 3e-12]))
+    np.testing.assert_allclose(faint[0], ordinary[0], rtol=1e-9)
+    np.testing.assert_allclose(faint[1], ordinary[1], rtol=1e-9)
+
+
 def test_a_pass_without_weight_does_not_matter():
     """As where it is left out, if the power of its points is next to none."""
     light = curve()
