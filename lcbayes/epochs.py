@@ -38,8 +38,8 @@ class Epochs:
         Observed flux or magnitude and its standard deviation (NaN where unknown). Only
         `noise.observe` reads them.
     dilution : (T,)
-        What unit-distance, unit-irradiance flux is multiplied by: 1/r² in m⁻² for magnitudes,
-        Φ_sun/r² in W/m² per m² for fluxes with a range, else 1.
+        What unit-distance, unit-irradiance flux is multiplied by: e/r² in m⁻² for magnitudes,
+        Φ_sun e/r² in W/m² per m² for fluxes with a range, e `penumbra.irradiance`, else 1.
     zero_point : (T,) mag
         Magnitude of dilution · flux = 1: the Sun's in the point's band.
     level : (C,)
@@ -131,8 +131,8 @@ class Epochs:
         n = curve.n_obs
         dilution = np.ones(n)
         if curve.range_km is not None:
-            irradiance = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
-            dilution = irradiance / (1e3 * curve.range_km) ** 2
+            solar = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
+            dilution = solar * penumbra.irradiance(curve) / (1e3 * curve.range_km) ** 2
         # A band without a tabled Sun (an unfiltered camera, say) is taken for V; reports say so.
         sun_v = photometry.sun_magnitude("V")
         bands, inverse = np.unique(curve.band, return_inverse=True)

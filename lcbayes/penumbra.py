@@ -1,4 +1,4 @@
-"""Sunlight that reaches a satellite past the Earth: the limb, and air that bends and dims."""
+"""Sunlight that reaches a body: from how far, and past the Earth's limb and the air there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
-from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM
+from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM, Times, sun_position
 from lcbayes.lightcurve import LightCurve
 
 Floats = NDArray[np.float64]
@@ -22,6 +22,20 @@ TOP_KM = 100.0
 FULL = 0.99
 NODES = 200  # of the integral over heights
 UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
+
+
+def irradiance(curve: LightCurve) -> Floats:
+    """(1 au / d)² at the points of a light curve, (T,), d the body's distance from the Sun.
+
+    It runs from 0.967 in July to 1.034 in January near the Earth. 1 where the date, the axes or the
+    distance are not known; fluxes that are reduced to unit distance have it taken out already.
+    """
+    if curve.epoch_jd is None or curve.range_km is None or curve.frame != "icrs":
+        return np.ones(curve.n_obs)
+    # the observer's place on the Earth would matter in the fourth digit of what is in the third
+    body = -curve.range_km[:, None] * curve.obs
+    away = np.linalg.norm(sun_position(Times.of(curve.epoch_jd, curve.t)) - body, axis=1)
+    return (AU_KM / away) ** 2
 
 
 def share(curve: LightCurve) -> Floats:

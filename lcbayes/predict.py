@@ -62,10 +62,10 @@ def predict(
     Notes
     -----
     Where errors were given, the noise is that of ``wanted.error`` if it is of the same kind of
-    brightness, or the fitted curve's median error; where they were inferred, ``sigma``; where both, the two together. Its law is that of the
-    fit. Where points of a pass share an offset it is that of a pass not seen yet. A curve of
-    unknown scale is predicted with the scale of the fitted curve of the same name; without one,
-    relative to its own mean.
+    brightness, or the fitted curve's median error; where they were inferred, ``sigma``; where both,
+    the two together. Its law is that of the fit. Where points of a pass share an offset it is that
+    of a pass not seen yet. A curve of unknown scale is predicted with the scale of the fitted curve
+    of the same name; without one, relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)

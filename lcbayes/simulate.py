@@ -188,10 +188,11 @@ def _in_units(scenario: Scenario, curve: LightCurve, flux: Floats) -> Floats:
     if curve.range_km is None:
         return flux
     range_m = jnp.asarray(1e3 * curve.range_km)
+    lit = jnp.asarray(flux * penumbra.irradiance(curve))
     if scenario.kind == "mag":
         m_sun = photometry.sun_magnitude(scenario.band)
-        return np.asarray(photometry.magnitude(jnp.asarray(flux), range_m, m_sun))
-    return np.asarray(photometry.irradiance(jnp.asarray(flux), range_m))
+        return np.asarray(photometry.magnitude(lit, range_m, m_sun))
+    return np.asarray(photometry.irradiance(lit, range_m))
 
 
 def _noise_sd(scenario: Scenario, clean: Floats) -> Floats:

@@ -18,7 +18,7 @@ from lcbayes.physics import facets as directions
 from lcbayes.physics.reflectance import LAWS, SatelliteLaw
 
 SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
-UNIT = {"r_diff": 1.0, "w": 4.0 * jnp.pi}  # what makes area and albedo-area of a diffuse law one
+UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # where area and albedo-area are one
 SPECULAR = {"nu": (30.0, 1.0), "n": (30.0, 1.0), "m": (0.3, 0.7)}
 HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of those that are not
 FACET_SITES = ("free_normals_base", *(name + FREE for name in (
@@ -74,7 +74,8 @@ def model(
     earth_albedo
         Of the ground, whose light falls on the satellite too; 0 leaves it out.
     log_area_mean, log_area_sd
-        Mean and sd of ln(α / m²), α = area · (r_diff + r_spec), of facets of unknown area.
+        Mean and sd of ln(α / m²), α = area · (r_diff + r_spec) or area · w/4π, of facets of
+        unknown area.
     noise_law
         gaussian, student-t or mixture.
     scatter
@@ -163,32 +164,33 @@ def _normals(listed, free: int):
 
 def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[float, float]):
     """Area of each facet (N,) and the parameters of its reflectance, (N,) or (1,) if shared."""
-    law, share = LAWS[reflectance], jnp.ones(1)
-    if law.diffuse:
-        known = {k: p.default for k, p in law.parameters.items() if p.default is not None}
-        unit = {k: v for k, v in UNIT.items() if k in law.parameters}
-        parameters = {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in (known | unit).items()}
-    else:
+    law = LAWS[reflectance]
+    parts = [k for k in UNIT if k in law.parameters]  # of the light that is sent back
+    known = {k: p.default for k, p in law.parameters.items() if p.default is not None}
+    known |= {k: UNIT[k] for k in parts if law.diffuse}
+    parameters = {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in known.items()}
+    unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
+    if not law.diffuse or len(unknown) < len(listed):
         if kind == "shared":
-            parameters = priors.surface(reflectance, 1, SPECULAR, "_shared")
+            found = priors.surface(reflectance, 1, SPECULAR, "_shared")
         else:
-            parts = [
+            each = [
                 priors.surface(reflectance, n, SPECULAR, suffix)
                 for n, suffix in ((len(listed), HELD), (free, FREE))
                 if n
             ]
-            parameters = {k: jnp.concatenate([part[k] for part in parts]) for k in parts[0]}
-        share = parameters["r_diff"] + parameters["r_spec"]
-        for name, values in parameters.items():
+            found = {k: jnp.concatenate([one[k] for one in each]) for k in each[0]}
+        parameters |= found
+        for name, values in found.items():
             numpyro.deterministic(name, values)
+    share = sum((parameters[k] / UNIT[k] for k in parts), jnp.zeros(1))
 
     # What the data fix is the albedo-area; where the area is given, it and the shares make that.
     albedo_area = share * jnp.array([facet.area_m2 or 1.0 for facet in listed] + [1.0] * free)
-    unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
     for which, suffix in ((unknown, HELD), (list(range(len(listed), len(listed) + free)), FREE)):
         if which:
-            found = priors.log_normal(f"albedo_area{suffix}", len(which), *log_area)
-            albedo_area = albedo_area.at[jnp.array(which)].set(found)
+            sizes = priors.log_normal(f"albedo_area{suffix}", len(which), *log_area)
+            albedo_area = albedo_area.at[jnp.array(which)].set(sizes)
     numpyro.deterministic("albedo_area", albedo_area)
     area = jnp.asarray(numpyro.deterministic("area", albedo_area / share))
     return area, parameters

@@ -99,7 +99,7 @@ def measure(scenario: Scenario) -> Measurements:
         return f(jnp.zeros(3)), jax.jacfwd(f)(jnp.zeros(3))
 
     flux, gradient = (np.asarray(x) for x in flux_and_slope(along, obs))
-    unit = sunlight = penumbra.share(curve)
+    unit = sunlight = penumbra.share(curve) * penumbra.irradiance(curve)
     if curve.range_km is not None:
         unit = sunlight * np.asarray(
             photometry.irradiance(jnp.ones(curve.n_obs), jnp.asarray(1e3 * curve.range_km))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from scipy import integrate, optimize
 from lcbayes import penumbra, scenarios
 from lcbayes._jax import jnp
 from lcbayes.commands.reading import asked, read_from, read_lit
+from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM, airmass
+from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM, Times, airmass, sun_position
+from lcbayes.lightcurve import LightCurve
 from lcbayes.physics.earthshine import RINGS, SECTORS, glow
 
 SUN = np.array([1.0, 0.0, 0.0])
@@ -176,3 +179,42 @@ def test_methods_that_know_of_no_penumbra_leave_its_points_out_and_say_so(asked_
     assert penumbra.fully_lit(lit) is lit
     with pytest.raises(InputError, match="shadow at all points"):
         penumbra.fully_lit(whole.select(share < 0.9))
+
+
+def test_sunlight_follows_the_seasons():
+    """Beside the Astronomical Almanac's series for the Earth's distance, good to 1e-4 au."""
+    days = np.arange(0.0, 366.0, 5.0)
+    far = np.full(days.size, 700.0)
+    curve = seen(days, far)
+    g = np.radians(357.528 + 0.9856003 * (2461041.5 - 2451545.0 + days))
+    earth = 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
+    found = penumbra.irradiance(curve)
+    np.testing.assert_allclose(found, earth**-2, rtol=4e-4)  # 1e-4 and the Earth's centre, 5e-5
+    assert (found.min(), found.max()) == pytest.approx((0.967, 1.034), abs=1e-3)
+    # 1 au behind the observer as the Sun sees it, and where nothing is known
+    beyond = penumbra.irradiance(seen(days, np.full(days.size, AU_KM)))
+    np.testing.assert_allclose(beyond, (1 + earth) ** -2, rtol=4e-4)
+    for unknown in ({"epoch_jd": None}, {"range_km": None}, {"frame": "inertial"}):
+        assert np.all(penumbra.irradiance(replace(curve, **unknown)) == 1.0)
+
+
+def seen(days: np.ndarray, range_km: np.ndarray) -> LightCurve:
+    """Of 2026, a body opposite to the Sun."""
+    epoch_jd, t = 2461041.5, 86400.0 * days
+    sun = sun_position(Times.of(epoch_jd, t))
+    sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+    return LightCurve(
+        t=t, brightness=np.ones(days.size), error=None, sun=sun, obs=sun, range_km=range_km,
+        epoch_jd=epoch_jd, frame="icrs",
+    )  # fmt: skip
+
+
+def test_brightness_follows_the_sunlight():
+    """What is simulated and what a fit expects of it are as bright as the Sun is near."""
+    days = np.array([0.0, 180.0])
+    curve = seen(days, np.full(2, 700.0))
+    ratio = penumbra.irradiance(curve)
+    dilution = np.asarray(Epochs.of(curve).dilution)
+    np.testing.assert_allclose(dilution, 455.0 * ratio / 7e5**2)
+    mags = replace(curve, kind="mag")
+    np.testing.assert_allclose(np.asarray(Epochs.of(mags).dilution), ratio / 7e5**2)

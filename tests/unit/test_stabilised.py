@@ -100,11 +100,12 @@ def test_flux_is_the_sum_over_the_frames_of_its_facets():
     pointer = frames(catalogue.find("sun-pointing"), curve).body
     want = np.zeros(N)
     assert made.array is not None
-    for axes, normal, area in (
+    seen = (
         (made.body, [0, 0, 1.0], 3.0), (made.array, [1.0, 0, 0], 11.0), (pointer, [1.0, 0, 0], 2.0)
-    ):  # fmt: skip
+    )  # fmt: skip
+    for (axes, normal, area), albedo in zip(seen, found["r_diff"], strict=True):
         sun, obs = (np.einsum("tji,tj->ti", axes, v) for v in (curve.sun, curve.obs))
-        want += lambert(sun, obs, np.array(normal), area)
+        want += albedo * lambert(sun, obs, np.array(normal), area)
     assert np.all(want > 0)
     light = np.asarray(Epochs.of(curve).sunlight)
     np.testing.assert_allclose(found["flux"], want * light, rtol=1e-10)
@@ -149,6 +150,26 @@ def test_areas_that_are_given_are_kept():
     assert found["area"][0] == pytest.approx(2.5, rel=1e-12)
     total = found["r_diff"] + found["r_spec"]
     np.testing.assert_allclose(found["albedo_area"], found["area"] * total, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("reflectance", "name", "unit"),
+    [("lambertian", "r_diff", 1.0), ("lommel-seeliger-lambert", "w", 4 * np.pi)],
+)
+def test_given_areas_of_diffuse_facets_leave_their_albedo_open(reflectance, name, unit):
+    """A white facet of 2.5 m² was fitted whatever its albedo; with `w` one of 4 pi times white."""
+    found = traced(sky(8), n_facets=3, facets="+x@2.5, +z", reflectance=reflectance)
+    assert np.all((found[name] > 0) & (found[name] < 1))
+    assert found["area"][0] == pytest.approx(2.5, rel=1e-12)
+    np.testing.assert_allclose(found["albedo_area"], found["area"] * found[name] / unit, rtol=1e-12)
+    unsaid = traced(sky(8), n_facets=3, facets="+x, +z", reflectance=reflectance)
+    assert name not in unsaid
+    np.testing.assert_allclose(unsaid["albedo_area"], unsaid["area"], rtol=1e-12)
+
+
+def test_more_facets_listed_than_there_are_is_a_fault():
+    with pytest.raises(InputError, match="n_facets is 2, but 3 facets are listed"):
+        traced(sky(8), n_facets=2, facets="+x, +z, -y")
 
 
 @pytest.mark.parametrize(
