@@ -32,6 +32,7 @@ NOISE = {
     "student-t": "Noise follows Student's t of 4 degrees of freedom: outliers weigh less.",
     "mixture": "Some points are outliers, which scatter more widely; how many is inferred.",
 }
+UNSURE_DEG = 1.0  # of the direction of flight, 1 sd, from which on it is said
 WRITTEN = ("posterior.nc", "summary.json", "run.toml")
 
 
@@ -208,6 +209,7 @@ def _attributes(
 
 def _assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> list[str]:
     """What the numbers rest on, in sentences."""
+    from lcbayes.ephemeris import unsure_deg
     from lcbayes.physics.photometry import SUN_MAGNITUDE
 
     said, model = [], entry.name
@@ -233,6 +235,11 @@ def _assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) ->
         said.append("The body is flat facets that do not shade one another.")
         law = options.get("law", "yaw-steering")
         said.append(f"Its attitude follows the law {law}; normals are in the axes of that law.")
+        if (unsure := unsure_deg(curve) or 0.0) > UNSURE_DEG:
+            said.append(
+                "Directions of flight, where a law asks for them, come from the places of the file "
+                f"and are unsure by up to {unsure:.0f} deg; elements (--tle) give better ones."
+            )
     if options:
         said.append("Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + ".")
     if np.any(curve.free_scale):

@@ -80,7 +80,8 @@ def judge(
     """Each law with the facets on a grid, and on its array, that fit best; and those that came to
     nothing of their own, because their array sends no light, with the reason."""
     names = list(laws)
-    made = [law.frames(ephemeris(curve)) for law in laws.values()]
+    known = ephemeris(curve)
+    made = [law.frames(known) for law in laws.values()]
     rows = [(np.asarray(m.body), None if m.array is None else np.asarray(m.array)) for m in made]
     flux, _ = linear_flux(curve, Epochs.of(curve))
     mean = (np.bincount(curve.curve, np.abs(flux)) / np.bincount(curve.curve))[curve.curve]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import small
 
@@ -24,3 +25,14 @@ def test_the_law_of_noise_is_named(model, options, said):
     assert any(line.startswith(said) for line in told)
     assert any(line.startswith(ERRORS) for line in told)
     assert any("Gaussian" in line for line in told) == said.endswith("Gaussian.")
+
+
+def test_unsure_directions_of_flight_are_told():
+    """Places to 10 m or 10 km over six seconds: directions to some 0.003 and some 3 degrees."""
+    t = np.linspace(0.0, 6.0, 30)
+    turn = np.stack([np.cos(1.1e-3 * t), np.sin(1.1e-3 * t), 0.0 * t], axis=1)
+    for km, told in ((0.01, False), (10.0, True)):
+        place = 6900.0 * turn + km * np.random.default_rng(2).uniform(-0.5, 0.5, turn.shape)
+        curve = small.curve(t=t, position_km=place, frame="icrs")
+        said = fitting._assumptions(curve, gallery.find("stabilised"), {})
+        assert any(line.startswith("Directions of flight") for line in said) == told

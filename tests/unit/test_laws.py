@@ -7,11 +7,12 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from lcbayes import io, penumbra
 from lcbayes._jax import jax, jnp
-from lcbayes.ephemeris import ephemeris, frames, velocity_from_places
+from lcbayes.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
 from lcbayes.errors import InputError
 from lcbayes.geometry import Times
 from lcbayes.lightcurve import LightCurve
@@ -253,16 +254,125 @@ def test_a_curve_without_an_orbit_is_told_so():
         seen(velocity_km_s=place)
 
 
-def test_velocities_from_places_are_those_of_the_elements():
-    tle = parse_tle(TLE, "iss")
-    t = np.arange(0.0, 300.0, 10.0)
-    place, motion = tle.states(Times.of(2454730.0, t))
-    found = velocity_from_places(t, place, np.zeros(t.size, int))
+def iss(t) -> tuple[np.ndarray, np.ndarray]:
+    return parse_tle(TLE, "iss").states(Times.of(2454730.0, t))
+
+
+def coarse(t, place, degrees, km) -> np.ndarray:
+    """Places as seen from a site under the middle of the pass, angles and ranges rounded."""
+    site = 6371.0 * unit(place[len(t) // 2]) + np.array([100.0, 300.0, -200.0])
+    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, laws.EARTH_RATE]))
+    line = place - turn.apply(site)
+    far = np.linalg.norm(line, axis=1)
+    up, right = np.arcsin(line[:, 2] / far), np.arctan2(line[:, 1], line[:, 0])
+    up, right = (np.radians(np.round(np.degrees(x) / degrees) * degrees) for x in (up, right))
+    line = np.stack([np.cos(up) * np.cos(right), np.cos(up) * np.sin(right), np.sin(up)], 1)
+    return turn.apply(site) + (np.round(far / km) * km)[:, None] * line
+
+
+def angles(a, b) -> np.ndarray:
+    return np.degrees(np.arccos(np.clip(np.sum(unit(a) * unit(b), axis=1), -1.0, 1.0)))
+
+
+def velocities(t, place, curve=None) -> np.ndarray:
+    found = velocity_from_places(t, place, np.zeros(len(t), int) if curve is None else curve)
     assert found is not None
-    np.testing.assert_allclose(found, motion, atol=1e-4)  # J2 over 10 s: 5e-5 km/s
-    # two satellites in turn: no orbit goes through both
-    assert velocity_from_places(t, place * np.where(np.arange(30) % 2, 1.05, 1.0)[:, None],
-                                np.zeros(t.size, int)) is None  # fmt: skip
+    return found
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 10.0, 60.0])
+def test_velocities_from_places_are_those_of_the_elements(step):
+    t = np.arange(0.0, 300.1, step)
+    place, motion = iss(t)
+    np.testing.assert_allclose(velocities(t, place), motion, atol=4e-5)  # SGP4's own leave 2e-5
+
+
+@pytest.mark.parametrize("anomaly", [0.0, 0.3, -0.3, 1.5])
+def test_velocities_from_places_of_an_eccentric_orbit(anomaly):
+    """Against the integrated orbit, about perigee and away from it, e = 0.7."""
+
+    def motion(_, y):
+        r = np.linalg.norm(y[:3])
+        flat = np.array([1.0, 1.0, 3.0]) - 5 * (y[2] / r) ** 2
+        bent = 1.5 * 1.08262668e-3 * 398600.4418 * 6378.137**2 / r**5 * y[:3] * flat
+        return [*y[3:], *(-398600.4418 * y[:3] / r**3 - bent)]
+
+    r = 6700.0 * 1.7 / (1 + 0.7 * np.cos(anomaly))
+    speed = np.sqrt(398600.4418 / (6700.0 * 1.7))
+    start = [r * np.cos(anomaly), r * np.sin(anomaly), 0.0, -speed * np.sin(anomaly),
+             speed * (0.7 + np.cos(anomaly)), 0.0]  # fmt: skip
+    start = np.concatenate([INCLINED @ start[:3], INCLINED @ start[3:]])
+    t = np.arange(0.0, 200.0, 3.0)
+    y = solve_ivp(motion, (0.0, 200.0), start, "DOP853", t, rtol=1e-12, atol=1e-9).y.T
+    np.testing.assert_allclose(velocities(t, y[:, :3]), y[:, 3:], atol=4e-5)
+
+
+@pytest.mark.parametrize(
+    ("span", "step", "km", "typical", "worst"),
+    [  # deg; from neighbouring points 0.18 and 0.7, 1.8 and 6.1, 1.8 and 7.2, none, none
+        (300.0, 1.0, 0.1, 0.002, 0.01),
+        (300.0, 1.0, 1.0, 0.02, 0.1),
+        (300.0, 0.1, 0.1, 0.002, 0.01),
+        (300.0, 0.1, 1.0, 0.02, 0.1),
+        (10.0, 0.1, 1.0, 0.4, 0.4),
+    ],
+)
+def test_places_that_are_rounded_give_steady_directions(span, step, km, typical, worst):
+    t = np.arange(0.0, span + step / 2, step)
+    place, motion = iss(t)
+    seen = coarse(t, place, 1e-4, km)
+    found = velocities(t, seen)
+    for off in (angles(found, motion), angles(np.cross(seen, found), np.cross(place, motion))):
+        assert np.median(off) < typical
+        assert np.max(off) < worst
+
+
+def test_how_unsure_directions_are_is_known():
+    """Noise of many draws: the sd that is told is the one of the components across."""
+    t = np.concatenate([np.arange(0.0, 20.0, 0.5), 9000.0 + np.arange(2)])  # a pass of two points
+    place, motion = iss(t)
+    found, told = [], []
+    for seed in range(60):
+        noisy = place + 0.1 * np.random.default_rng(seed).standard_normal(place.shape)
+        velocity, sd = _fitted(t, noisy, np.zeros(t.size, int))
+        found.append(angles(velocity, motion) / np.sqrt(2.0))
+        told.append(np.degrees(sd))
+    rms = np.sqrt(np.mean(np.square(found), axis=0))
+    ratio = rms / np.sqrt(np.mean(np.square(told), axis=0))
+    assert np.all((ratio > 0.7) & (ratio < 1.4))
+    one = seen(position_km=place[:1].repeat(41, 0), t=np.arange(41.0))
+    assert unsure_deg(one) is None
+    assert unsure_deg(seen(position_km=place[:41], t=t[:41], velocity_km_s=motion[:41])) is None
+
+
+def test_velocities_of_several_passes_and_curves():
+    """Passes hours apart, of points in any number, rows of two objects mixed, times repeated."""
+    pieces = [np.arange(0.0, 90.0, 3.0), [5400.0, 5410.0], 30000.0 + np.arange(0.0, 20.0, 7.0)]
+    t = np.repeat(np.concatenate(pieces), 2)
+    place, motion = iss(t)
+    np.testing.assert_allclose(velocities(t, place), motion, atol=1e-4)
+    other = np.arange(t.size) % 3 == 0
+    place, motion = (np.where(other[:, None], v @ INCLINED.T, v) for v in iss(t))
+    np.testing.assert_allclose(velocities(t, place, other * 1), motion, atol=2e-3)  # other poles
+    mixed = velocity_from_places(t, place, np.zeros(t.size, int))
+    assert mixed is None  # no orbit goes through both
+
+
+def test_places_that_give_no_velocity():
+    t = np.arange(0.0, 300.0, 10.0)
+    place, _ = iss(t)
+    none = np.zeros(t.size, int)
+    for part in (1.05, 1.005):  # two satellites in turn
+        two = place * np.where(np.arange(30) % 2, part, 1.0)[:, None]
+        assert velocity_from_places(t, two, none) is None
+    assert velocity_from_places(t, place, np.arange(30)) is None  # a point of each
+    assert velocity_from_places(np.append(t, 4000.0), iss(np.append(t, 4000.0))[0],
+                                np.zeros(31, int)) is None  # fmt: skip
+    assert velocity_from_places(np.zeros(30), place, none) is None
+    assert velocity_from_places(np.zeros(30), place[:1].repeat(30, 0), none) is None
+    assert velocity_from_places(np.full(1, 5.0), place[:1], none[:1]) is None
+    short = np.arange(0.0, 0.35, 0.1)  # 3 km of flight, ranges to 5 km
+    assert velocity_from_places(short, coarse(short, iss(short)[0], 0.1, 5.0), none[:4]) is None
 
 
 SCENARIO = """
