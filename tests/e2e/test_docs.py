@@ -24,7 +24,7 @@ SOONER = {
     "compare": ["--num-particles=12", "--num-runs=2", "--num-starts=4"],
     "scan": ["--n-poles=4", "--n-sky=8", "--n-facets=60", "--degree=3", "--keep=2"],
     "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
-    "attitude-test": ["--bodies=99"],
+    "attitude-test": ["--bodies=199"],
 }
 BLOCKS = [block for page in PAGES for block in documented.blocks(page)]
 SHELL = [block for block in BLOCKS if block.language == "sh"]
