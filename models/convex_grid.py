@@ -48,8 +48,8 @@ def model(
     With relative curves alone neither size nor phase law is sought: Σα = 8, that of a sphere of
     flux 1, and S = 1. With a calibrated curve ln(Σα/8) ~ Normal(ln mean calibrated flux, 1) and
     S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
-    k ~ Normal(−0.5, 0.3), phase in rad. The rotational phase is 0 at the middle of the data: to
-    turn the areas on the grid about the pole is the same thing.
+    k ~ Normal(−0.5, 0.3), phase in rad. The body's axes at the middle of the data are
+    `attitude.brought_to` of the pole: to turn the areas on the grid about it is the same thing.
 
     Parameters
     ----------
@@ -68,6 +68,7 @@ def model(
     """
     normals, harmonics, degrees = grid(n_facets, degree)
     pole = priors.directions("pole", 1)[0]
+    tilt = attitude.brought_to(pole)
     lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
@@ -87,7 +88,7 @@ def model(
     numpyro.deterministic("albedo_area", area)
 
     def instantaneous(t):
-        rotation = attitude.principal_axis(t - data.t_middle, lon, lat, period_s, 0.0)
+        rotation = attitude.spinning(t - data.t_middle, tilt, period_s)
         sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
         return brightness.flux(sun, obs, jnp.asarray(normals), area, LAW, lambert)
 

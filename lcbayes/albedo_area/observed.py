@@ -39,7 +39,7 @@ class Attitude:
         Constant angular velocity, inertial; the body axes are the inertial ones at the first point.
     pole_lon_deg, pole_lat_deg : degrees, or None
         Pole of a spin about the body's z axis, in the frame of the light curve's vectors; the
-        rotational phase is zero at the middle of the data, as in the model "convex-grid".
+        rotational phase is zero at the middle of the data.
     period_h : h, or None
         Sidereal period of that spin; negative for the other sense.
 

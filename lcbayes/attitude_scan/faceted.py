@@ -38,8 +38,7 @@ class Spinning:
 
     def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
         """A (T, 3, 3), body to inertial, at t (s since the first point)."""
-        turned = attitude.principal_axis(t - t_middle, 0.0, 0.5 * jnp.pi, 1.0 / self.frequency, 0.0)
-        return jnp.asarray(self.tilt) @ turned
+        return attitude.spinning(t - t_middle, jnp.asarray(self.tilt), 1.0 / self.frequency)
 
     def moved(self, step: Floats, span: float) -> Spinning:
         """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""

@@ -36,8 +36,8 @@ class Solution:
     pole, frequency : (3,), Hz; None for laws
         The frequency is positive: the pole says the sense.
     coefficients : (P,) or None
-        Harmonics of the log-areas in the axes of a body that has rotational phase zero at the
-        middle of the data, as the model "convex-grid" has it; None for facets.
+        Harmonics of the log-areas in the body's axes, which at the middle of the data are
+        `attitude.brought_to` of the pole, as the model "convex-grid" has it; None for facets.
     relation, words : str
         To the best solution; see `solutions.Geometry`.
     """

@@ -173,20 +173,15 @@ def finer(body: SmoothBody, ends: Ends) -> Spin:
 
 
 def tilts(poles: Floats) -> Floats:
-    """Attitudes (B, 3, 3) at rotational phase zero of bodies with these poles (B, 3)."""
-    lon, lat = np.arctan2(poles[:, 1], poles[:, 0]), np.arcsin(np.clip(poles[:, 2], -1.0, 1.0))
-
-    def one(lon, lat):
-        return attitude.principal_axis(jnp.zeros(1), lon, lat, 1.0, 0.0)[0]
-
-    return np.asarray(jax.vmap(one)(lon, lat))
+    """Attitudes (B, 3, 3) of bodies with these poles (B, 3), `attitude.brought_to`."""
+    return np.asarray(jax.vmap(attitude.brought_to)(jnp.asarray(poles)))
 
 
 def in_convention(tilt: Floats, coefficients: Floats) -> tuple[float, float, Floats]:
-    """Longitude and latitude of the pole (rad), and the harmonics of a body at phase zero there.
+    """Longitude and latitude of the pole (rad), and the harmonics of the body in axes of `tilts`.
 
-    The body is turned about its z axis so that its attitude at the middle of the data is that of
-    `attitude.principal_axis` with phase zero, as the model "convex-grid" has it.
+    The body is turned about its z axis so that its attitude at the middle of the data is
+    `attitude.brought_to` of the pole, as the model "convex-grid" has it.
     """
     pole = tilt[:, 2]
     lon, lat = float(np.arctan2(pole[1], pole[0])), float(np.arcsin(np.clip(pole[2], -1, 1)))

@@ -181,6 +181,11 @@ def principal_axis(
     cb, sb = jnp.cos(pole_lat), jnp.sin(pole_lat)
     # columns: the directions at zero rotational phase of the body axes
     tilt = jnp.array([[cl * sb, -sl, cl * cb], [sl * sb, cl, sl * cb], [-cb, 0.0 * sb, sb]])
+    return spinning(t, tilt, period, phase0)
+
+
+def spinning(t: jax.Array, tilt: jax.Array, period: Scalar, phase0: Scalar = 0.0) -> jax.Array:
+    """Rotation (T, 3, 3), body to inertial, about the body's z axis: A = tilt R_z(φ₀ + 2πt/P)."""
     # Reduce to one turn first: over decades the phase reaches 10⁵ turns.
     turns = t / period
     phase = phase0 + 2 * jnp.pi * (turns - jax.lax.stop_gradient(jnp.floor(turns)))
@@ -195,6 +200,28 @@ def principal_axis(
         axis=-2,
     )
     return tilt @ spin
+
+
+def brought_to(pole: jax.Array) -> jax.Array:
+    """Axes (3, 3), in columns, whose z is the pole: inertial y, z, x brought by the least turn that
+    brings x to the pole.
+
+    With longitude and latitude for coordinates the body turns about itself as the pole goes round
+    ±90°, where many asteroids have it. Any such axes are singular somewhere: these at (180°, 0°).
+
+    Parameters
+    ----------
+    pole : (3,)
+        Unit vector, inertial.
+
+    References
+    ----------
+    Duff et al. 2017, J. Comput. Graph. Tech. 6 (1), eq. (2), with the axes in turn.
+    """
+    x, y, z = pole[0], pole[1], pole[2]
+    a = 1.0 / jnp.maximum(1.0 + x, 1e-12)
+    first = jnp.array([-y, 1.0 - a * y * y, -a * y * z])
+    return jnp.stack([first, jnp.array([-z, -a * y * z, 1.0 - a * z * z]), pole], axis=-1)
 
 
 def fixed(t: jax.Array) -> jax.Array:

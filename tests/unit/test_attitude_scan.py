@@ -70,10 +70,9 @@ def test_jacobian_is_that_of_automatic_differentiation(curve, law, exposure_s):
 
 
 def test_brightness_is_that_of_the_models(curve):
-    """Against `brightness.flux` under `attitude.principal_axis`, an independent path."""
+    """Against `brightness.flux` under the model's attitude, an independent path."""
     body, points, spin = SmoothBody.of(150, 3, spinning.LAW), points_of(curve), a_spin()
-    lon, lat = np.arctan2(POLE[1], POLE[0]), np.arcsin(POLE[2])
-    turned = attitude.principal_axis(points.t[0], lon, lat, 1.0 / 5e-5, 0.0)
+    turned = attitude.spinning(points.t[0], attitude.brought_to(jnp.asarray(POLE)), 1.0 / 5e-5)
     share = jax.nn.softmax(body.harmonics @ spin.coefficients)
     expected = physics.flux(
         attitude.to_body(turned, points.sun), attitude.to_body(turned, points.obs),
@@ -139,8 +138,9 @@ def test_a_body_is_the_same_in_the_models_convention():
     tilt[:, 0] *= np.sign(np.linalg.det(tilt))
     shape = rng.normal(size=15)
     lon, lat, turned = in_convention(tilt, shape)
-    own = np.asarray(attitude.principal_axis(jnp.zeros(1), lon, lat, 1.0, 0.0))[0]
-    np.testing.assert_allclose(own[:, 2], tilt[:, 2], atol=1e-12)
+    own = np.asarray(attitude.brought_to(jnp.asarray(tilt[:, 2])))
+    axis = [np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)]
+    np.testing.assert_allclose(axis, tilt[:, 2], atol=1e-12)
     faced = spinning.directions(rng, 40)
     expected = log_areas(shape, faced @ tilt)
     np.testing.assert_allclose(log_areas(turned, faced @ own), expected, atol=1e-12)

@@ -107,6 +107,25 @@ def test_principal_axis_is_the_three_rotations():
     np.testing.assert_allclose(found[:, :, 2], np.tile(pole, (11, 1)), atol=1e-15)
 
 
+def test_axes_are_brought_to_the_pole_by_the_least_turn():
+    """Beside scipy's turn about x cross pole; z, the pole, and smooth at celestial poles."""
+    rng = np.random.default_rng(8)
+    poles = rng.normal(size=(20, 3))
+    poles = np.concatenate([poles, np.eye(3), -np.eye(3)[1:]])
+    poles /= np.linalg.norm(poles, axis=1, keepdims=True)
+    for pole in poles:
+        about = np.cross([1.0, 0.0, 0.0], pole)
+        size = np.linalg.norm(about)
+        angle = np.arctan2(size, pole[0])
+        least = Rotation.from_rotvec(about * (angle / size if size else 0.0)).as_matrix()
+        found = np.asarray(attitude.brought_to(jnp.asarray(pole)))
+        np.testing.assert_allclose(found, least @ np.eye(3)[:, [1, 2, 0]], atol=1e-12)
+        np.testing.assert_allclose(found[:, 2], pole, atol=1e-15)
+    for pole in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
+        slope = jax.jacfwd(attitude.brought_to)(jnp.asarray(pole))
+        assert np.max(np.abs(slope)) < 3.0
+
+
 def test_principal_axis_spins_about_its_pole():
     lon, lat, period = 0.3, 0.9, 30.0
 

@@ -202,7 +202,7 @@ def test_earthshine_adds_what_the_ground_sends():
     assert curve.position_km is not None
     light = glow(jnp.asarray(curve.position_km / EARTH_KM), jnp.asarray(curve.sun), 0.4)
     nadir = -curve.position_km / np.linalg.norm(curve.position_km, axis=1, keepdims=True)
-    seen = 2.0 / np.pi * np.sum(curve.obs * nadir, axis=1)
+    seen = 2.0 * lit["r_diff"] / np.pi * np.sum(curve.obs * nadir, axis=1)
     want = seen * np.sum(light.strength * np.einsum("qtk,tk->qt", light.toward, nadir), axis=0)
     np.testing.assert_allclose(lit["flux"] - dark["flux"], want, rtol=1e-9)
 
