@@ -25,6 +25,7 @@ from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
 from lcbayes.errors import InputError
+from lcbayes.verdict import agreed
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
@@ -158,12 +159,7 @@ def _verdict(results: Results) -> dict[str, Any]:
             "head": "Do not trust these numbers: the run did not converge.",
             "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
         }
-    if count == 1:
-        head = "One solution explains the data; the chains agree on it."
-    elif results.modes[0].weight > 0.99:
-        head = "One solution holds nearly all the weight; the chains of each agree."
-    else:
-        head = f"{count} solutions explain the data; the chains of each agree."
+    head = agreed([mode.weight for mode in results.modes])
     notes = list(reasons)
     if count > 1:
         shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,3 +41,12 @@ class Judged:
 def told(reasons: list[str]) -> str:
     """A verdict against a result as lines on a terminal."""
     return "\n".join(["DO NOT TRUST THIS RESULT:", *(f"  - {reason}" for reason in reasons)])
+
+
+def agreed(weights: Sequence[float]) -> str:
+    """What a trusted fit says first, from the weights of its solutions."""
+    if len(weights) == 1:
+        return "One solution explains the data; the chains agree on it."
+    if max(weights) > 0.99:
+        return "One solution holds nearly all the weight; the chains of each agree."
+    return f"{len(weights)} solutions explain the data; the chains of each agree."

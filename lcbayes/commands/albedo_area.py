@@ -18,9 +18,9 @@ HELP = "albedo-area distribution, shape cues and convex shape of an object of kn
 EPILOG = """\
 examples:
   lcbayes albedo-area pass.csv --attitude none -o out
-  lcbayes albedo-area pass.csv --omega 0,0,0.1 -o out
+  lcbayes albedo-area pass.csv --omega 0,0,0.1 -o out \\
       --material lambertian --material blinn-phong:n=50
-  lcbayes albedo-area 43_Ariadne.lcs --pole 253.2,-17.2 --period 5.76198 -o out
+  lcbayes albedo-area 43_Ariadne.lcs --pole 253.2,-17.2 --period 5.76198 -o out \\
       --material lommel-seeliger-lambert --smoothness 1
 
 The attitude is taken as known. Each --material is a column: a law with its

@@ -17,7 +17,7 @@ HELP = "test attitude laws by pairs of measurements that each makes alike, witho
 EPILOG = """\
 examples:
   lcbayes attitude-test passes.csv --tle object.tle -o out
-  lcbayes attitude-test passes.csv --tle object.tle -o out --law lvlh --law lvlh:yaw_deg=30
+  lcbayes attitude-test passes.csv --tle object.tle -o out --law lvlh --law lvlh:yaw_deg=30 \\
       --law orbit-normal-spin:period_s=12.5
   lcbayes attitude-test --list
 

@@ -9,6 +9,11 @@ from lcbayes.commands.reading import add_reading_arguments, read_from
 from lcbayes.errors import EXIT_DONE, InputError
 
 HELP = "rewrite a light curve as CSV or ECSV, with directions to Sun and observer"
+EPILOG = """\
+examples:
+  lcbayes convert 43_Ariadne.lcs ariadne.csv
+  lcbayes convert pass.csv pass.ecsv --tle object.tle
+"""
 SUFFIXES = (".csv", ".ecsv")
 
 

@@ -22,7 +22,7 @@ examples:
   lcbayes fit starlink.csv -o out --model stabilised
   lcbayes fit pass.csv --tle object.tle -o out --model stabilised --law lvlh --facets +z,-x~5
   lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
-  lcbayes fit --config out/run.toml -o again        the same numbers
+  lcbayes fit --config out/run.toml -o again        # the same numbers
 
 A run that was stopped goes on when the same command is given again.
 `lcbayes models NAME` lists the options of a model.
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         json.dump(json.loads((args.out / "summary.json").read_text()), sys.stdout, indent=1)
         print()
     else:
-        _tell(summary)
+        _tell(summary, bool(curve.free_scale.all()))
         print(
             f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}"
         )
@@ -154,20 +154,31 @@ def read_config(path: Path) -> _Kept:
     return _Kept(keywords, root.text("curve", None), digest, reading)
 
 
-def _tell(summary: dict[str, Any]) -> None:
+def _tell(summary: dict[str, Any], relative: bool) -> None:
     """The result in a few lines on standard output."""
-    from lcbayes.verdict import told
+    from lcbayes.analysis.numerals import show
+    from lcbayes.analysis.quantities import KNOWN
+    from lcbayes.verdict import agreed, told
 
-    if not summary["converged"]:
+    modes = summary["modes"]
+    if summary["converged"]:
+        print(agreed([mode["weight"] for mode in modes]))
+    else:
         print(told(summary["reasons"]))
-    for i, mode in enumerate(summary["modes"]):
-        print(f"solution {i + 1}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g}")
+    unit_of_rms = summary["fit"]["rms_unit"]
+    for i, mode in enumerate(modes):
+        print(f"solution {i + 1}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit_of_rms}")
         rows = [
             (k, v)
             for k, v in mode["parameters"].items()
             if not k.startswith(("coefficients", "scale", "log_"))
         ]
         for name, row in rows[:14]:
-            print(f"  {name:22s} {row['mean']:12.6g} ± {row['sd']:.2g}")
+            base = name.partition("[")[0]
+            unit = KNOWN.get(base, ("", "", 0.0))[1]
+            if base == "albedo_area" and relative:
+                unit = ""
+            mean, sd = show(row["mean"], row["sd"]), show(row["sd"], row["sd"])
+            print(f"  {name:22s} {mean:>10s} ± {sd} {unit}".rstrip())
         if len(rows) > 14:
             print(f"  … and {len(rows) - 14} more in summary.json")

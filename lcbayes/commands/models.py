@@ -12,8 +12,8 @@ EPILOG = """\
 examples:
   lcbayes models
   lcbayes models faceted
-  lcbayes models ./mine.py        checks a file of your own
-  lcbayes models --contract       what such a file must define
+  lcbayes models ./mine.py        # checks a file of your own
+  lcbayes models --contract       # what such a file must define
 """
 
 

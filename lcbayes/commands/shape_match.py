@@ -18,7 +18,7 @@ HELP = "match the distribution of brightness over phase angle to shapes, without
 EPILOG = """\
 examples:
   lcbayes shape-match passes.csv --tle object.tle -o out
-  lcbayes shape-match passes.csv -o out --shape cube --shape cylinder --shape model.obj
+  lcbayes shape-match passes.csv -o out --shape cube --shape cylinder --shape model.obj \\
       --r-diff 0.2 --r-spec 0.4 --exponent 50
 
 For tumbling objects seen often: orientations must be as good as random. Shapes are

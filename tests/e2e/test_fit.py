@@ -6,6 +6,7 @@ import csv
 import fcntl
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import xarray as xr
 from refusals import assert_refused
 
 from lcbayes.cli import main
+from lcbayes.commands import fit as fit_command
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.io import write
 
@@ -150,6 +152,17 @@ def test_a_config_whose_curve_has_changed_is_refused(curve, good, tmp_path, caps
 def test_another_seed_gives_others(curve, good, tmp_path):
     main(["fit", str(curve), "-o", str(tmp_path), "--seed", "6", *GOOD, "--no-report"])
     assert not np.array_equal(posterior(tmp_path)["g"], posterior(good[0])["g"])
+
+
+def test_the_terminal_says_what_is_known(good, capsys):
+    """Verdict, digits that the uncertainty bears, units."""
+    summary = json.loads((good[0] / "summary.json").read_text())
+    fit_command._tell(summary, relative=False)
+    first, second, *rows = capsys.readouterr().out.splitlines()
+    assert first == "One solution explains the data; the chains agree on it."
+    assert re.fullmatch(r"solution 1: weight 1, rms 0\.\d+ relative to the curve's mean", second)
+    (area,) = [row for row in rows if "albedo_area" in row]
+    assert re.fullmatch(r"  albedo_area\[0\] +\d\.\d\d\d? ± 0\.0\d\d? m²", area)
 
 
 def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 import shlex
 from importlib.metadata import PackageNotFoundError
 
@@ -32,6 +34,21 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
 def test_a_negative_seed_is_refused_first(words, tmp_path, capsys):
     assert cli.main([word.format(tmp_path) for word in words]) == EXIT_BAD_INPUT
     assert "--seed is -1; expected a whole number >= 0" in capsys.readouterr().err
+
+
+def test_examples_of_help_can_be_pasted():
+    """Each by itself, as a shell would split it; nothing is run."""
+    pasted = 0
+    for name in cli.COMMANDS:
+        epilog = importlib.import_module(f"lcbayes.commands.{name.replace('-', '_')}").EPILOG
+        assert all(len(line) <= 100 for line in epilog.splitlines()), name
+        joined = re.split("examples?:\n", epilog)[1].split("\n\n")[0].replace("\\\n", " ")
+        for line in joined.splitlines():
+            words = shlex.split(line, comments=True)
+            assert words[0] == "lcbayes", line
+            assert cli._parser().parse_args(words[1:]).command == words[1]
+            pasted += 1
+    assert pasted >= 40
 
 
 def test_a_page_prints_the_laws_that_were_scanned():
