@@ -38,6 +38,7 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
                    for p in result.passes],
         "trusted": not result.reasons,
         "reasons": result.reasons,
+        "notes": result.notes,
         "conditions": [vars(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
@@ -115,7 +116,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             "on simulated bodies such regions held the true pole in 14 of 15 boxes and in 18 of 24 "
             "cylinders, of 90 % expected: take them as too small for a round body"
         )
-    return lines
+    return lines + result.notes
 
 
 def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
