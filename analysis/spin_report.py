@@ -18,6 +18,7 @@ from lcbayes.spin.pole import azimuths
 from lcbayes.spin.sidereal import Solution, Spin
 
 NAME = "spin"
+REFUSED = "no pole and no sidereal period"
 HOUR = 3600.0
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # drawn; told
 
@@ -26,7 +27,9 @@ def write(result: Spin, curve: LightCurve, folder: Path, about: Mapping[str, Any
     """`spin.json`, `spin.txt` and `figures/`."""
     content = dict(about) | numbers(result, curve)
     lines = words(result, curve)
-    small_report.write(folder, NAME, content, lines, lambda g: draw(result, curve, g))
+    small_report.write(
+        folder, NAME, content, lines, lambda g: draw(result, curve, g), refused=REFUSED
+    )
 
 
 def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
@@ -80,7 +83,7 @@ def _solution(s: Solution) -> dict[str, Any]:
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"no pole and no sidereal period: {reason}" for reason in result.reasons]
+    lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
     if len(result.solutions) > 1:
         lines.append(
             f"{len(result.solutions)} solutions: the periods do not tell which of them it is"
