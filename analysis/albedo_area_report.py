@@ -143,7 +143,7 @@ def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
 def words(result: Inversion, curve: LightCurve) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
     seen, best = result.seen, result.best
-    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     kind = "facets" if result.facets is not None else "grid normals with area"
     count = int(np.sum(best.areas > 0))
     errors = "" if seen.error_known else " (errors estimated from the residuals)"

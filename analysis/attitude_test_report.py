@@ -40,7 +40,7 @@ def numbers(result: AttitudeTest) -> dict[str, Any]:
 
 def words(result: AttitudeTest) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
     lines.append(f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}")
     lines += [_line(v, result) for v in result.verdicts]

@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import small_report
-from lcbayes.analysis.numerals import show
+from lcbayes.analysis.numerals import digits, show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.geometry import Times
 from lcbayes.glints.attitude import Glints
+from lcbayes.glints.detect import Glint
 from lcbayes.glints.directions import CHI2_90, Direction
 from lcbayes.lightcurve import LightCurve
 from lcbayes.physics.facets import across
 
 NAME = "glints"
+REFUSED = "no direction found"
 MOST = 4  # stretches that are drawn: those with the strongest glints
 LISTED = 12  # glints that are told
 
@@ -26,7 +29,8 @@ LISTED = 12  # glints that are told
 def write(result: Glints, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
     """`glints.json`, `glints.txt` and `figures/`."""
     content = dict(about) | numbers(result, curve)
-    small_report.write(folder, NAME, content, words(result, curve), lambda g: draw(result, g))
+    lines = words(result, curve)
+    small_report.write(folder, NAME, content, lines, lambda g: draw(result, g), refused=REFUSED)
 
 
 def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
@@ -84,25 +88,18 @@ def _direction(d: Direction) -> dict[str, Any]:
 
 def words(result: Glints, curve: LightCurve) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"no direction: {reason}" for reason in result.reasons]
-    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points")
-    for i, (one, seen) in enumerate(zip(result.glints[:LISTED], result.seen, strict=False)):
-        lon, lat = (show(float(x), 1.0) for x in lon_lat(seen.bisector))
-        narrow = "" if one.resolved else ", not resolved"
-        wire = ", sharp and small as a wire's" if _sharp(result, i) else ""
-        lines.append(
-            f"  {i + 1:2d}: {show(one.t - curve.t[0], one.t_error)} s after the first point, "
-            f"{show(one.fwhm, one.fwhm / 5)} s wide"
-            f"{narrow}, {show(one.height / one.baseline, 0.1)} times the baseline above it, "
-            f"{one.significance:.0f} sigma, bisector ({lon}, {lat}) deg{wire}"
-        )
+    lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
+    told = "; heights in baselines, directions of bisectors" if result.glints else ""
+    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{told}")
+    if result.glints:
+        lines += _table(result, curve)
     if len(result.glints) > LISTED:
         lines.append(f"  and {len(result.glints) - LISTED} more, in {NAME}.json")
     for f in result.facets:
         lines.append(f"facet: normal {_where(f)}, from {len(f.members)} glints")
     if result.cylinder is not None:
         lines.append(
-            f"cylinder: axis {_where(result.cylinder)} or opposite, from "
+            f"cylinder: axis or opposite {_where(result.cylinder)}, "
             f"{len(result.cylinder.members)} glints, p = {result.cylinder.p_value:.2f}"
         )
     if result.panel is not None:
@@ -117,12 +114,39 @@ def words(result: Glints, curve: LightCurve) -> list[str]:
     return lines + result.notes
 
 
+def _table(result: Glints, curve: LightCurve) -> list[str]:
+    """The first glints in columns."""
+    row = "{:>4} {:<24}{:>5}{:>9}{:>10}{:>7}  {:<16}{}"
+    head = row.format("", "time", "pass", "width", "height", "sigma", "direction", "")
+    lines = [head.rstrip()]
+    for i, one in enumerate(result.glints[:LISTED]):
+        lon, lat = (show(float(x), 10.0) for x in lon_lat(result.seen[i].bisector))
+        narrow = [] if one.resolved else ["not resolved"]
+        wire = ["wire-like"] if _sharp(result, i) else []
+        lines.append(
+            row.format(
+                f"{i + 1}:", _time(one, curve), one.stretch + 1, f"{show(one.fwhm, one.fwhm)} s",
+                f"{one.height / one.baseline:.3g}", f"{one.significance:.3g}",
+                f"({lon}, {lat}) deg", ", ".join(narrow + wire),
+            ).rstrip()
+        )  # fmt: skip
+    return lines
+
+
+def _time(one: Glint, curve: LightCurve) -> str:
+    """Of the peak, UTC where it is known, to the first digit of its error."""
+    decimals = min(max(digits(one.t, one.t_error) - 1, 0), 3)
+    if curve.epoch_jd is None:
+        return f"t = {one.t:.{decimals}f} s"
+    return Times.of(curve.epoch_jd, one.t).text(0, decimals)
+
+
 def _where(d: Direction) -> str:
     lon, lat = lon_lat(d.vector)
     longer, shorter = np.degrees(d.ellipse)
     return (
-        f"({show(float(lon), shorter)}, {show(float(lat), shorter)}) deg, 90 % region "
-        f"{show(longer, longer)} by {show(shorter, shorter)} deg (semi-axes)"
+        f"({show(float(lon), shorter)}, {show(float(lat), shorter)}) deg, "
+        f"90 % semi-axes {show(longer, longer)} and {show(shorter, shorter)} deg"
     )
 
 

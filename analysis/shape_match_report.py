@@ -40,7 +40,7 @@ def numbers(result: ShapeMatch) -> dict[str, Any]:
 
 def words(result: ShapeMatch) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
     taken = f", one in {result.stride} taken" if result.stride > 1 else ""
     lines.append(

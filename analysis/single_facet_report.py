@@ -57,7 +57,7 @@ def numbers(result: SingleFacet) -> dict[str, Any]:
 
 def words(result: SingleFacet) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"NOT to be trusted: {reason}" for reason in result.reasons]
+    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     lines.append(
         f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
         f"chi2 {result.chi2:.1f} for {result.dof} degrees of freedom; an edge by chance: "

@@ -16,6 +16,8 @@ from lcbayes.errors import InputError
 from lcbayes.folders import installed_version, put_in_place
 from lcbayes.results import save_json
 
+UNTRUSTED = "NOT to be trusted"
+
 
 def write(
     folder: Path,
@@ -24,6 +26,7 @@ def write(
     lines: Sequence[str],
     draw: Callable[[Gallery], None],
     texts: Mapping[str, str | None] | None = None,
+    refused: str = UNTRUSTED,
 ) -> None:
     """Write ``name``.json, ``name``.txt, ``name``.html and `figures/`, made aside, then put in
     place.
@@ -36,6 +39,7 @@ def write(
     draw : puts its figures into the gallery it is given
     texts : file name → content
         Further files; None removes what an earlier run left.
+    refused : what heads the reasons, where there are some
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -59,6 +63,7 @@ def write(
                 title=Path(content["curve"]).name,
                 what=name.replace("_", " "),
                 name=name,
+                refused=refused[:1].upper() + refused[1:],
                 content=content,
                 # the verdict on top of the page has the reasons already
                 lines=[x for x in lines if not any(x.endswith(why) for why in content["reasons"])],

@@ -18,6 +18,7 @@ from lcbayes.spin.pole import azimuths
 from lcbayes.spin.sidereal import Solution, Spin
 
 NAME = "spin"
+REFUSED = "no pole and no sidereal period"
 HOUR = 3600.0
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # drawn; told
 
@@ -26,7 +27,9 @@ def write(result: Spin, curve: LightCurve, folder: Path, about: Mapping[str, Any
     """`spin.json`, `spin.txt` and `figures/`."""
     content = dict(about) | numbers(result, curve)
     lines = words(result, curve)
-    small_report.write(folder, NAME, content, lines, lambda g: draw(result, curve, g))
+    small_report.write(
+        folder, NAME, content, lines, lambda g: draw(result, curve, g), refused=REFUSED
+    )
 
 
 def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
@@ -38,6 +41,7 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
                    for p in result.passes],
         "trusted": not result.reasons,
         "reasons": result.reasons,
+        "notes": result.notes,
         "conditions": [vars(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
@@ -79,7 +83,7 @@ def _solution(s: Solution) -> dict[str, Any]:
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
     """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"no pole and no sidereal period: {reason}" for reason in result.reasons]
+    lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
     if len(result.solutions) > 1:
         lines.append(
             f"{len(result.solutions)} solutions: the periods do not tell which of them it is"
@@ -115,7 +119,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             "on simulated bodies such regions held the true pole in 14 of 15 boxes and in 18 of 24 "
             "cylinders, of 90 % expected: take them as too small for a round body"
         )
-    return lines
+    return lines + result.notes
 
 
 def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:

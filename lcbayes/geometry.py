@@ -141,15 +141,16 @@ class Times:
             tai = tai1 + days, tai2 + rest / 86400.0
             return cls(erfa.taiutc(*tai), erfa.taitt(*tai))
 
-    def text(self, row: int) -> str:
-        """One of them in ISO 8601, UTC, to the second."""
+    def text(self, row: int, decimals: int = 0) -> str:
+        """One of them in ISO 8601, UTC, to the second or to decimals of it."""
         import erfa
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erfa.ErfaWarning)
-            year, month, day, clock = erfa.d2dtf("UTC", 0, self.utc[0][row], self.utc[1][row])
-        h, m, s, _ = clock.tolist()
-        return f"{year:04d}-{month:02d}-{day:02d}T{h:02d}:{m:02d}:{s:02d}Z"
+            year, month, day, clock = erfa.d2dtf("UTC", decimals, *(x[row] for x in self.utc))
+        h, m, s, rest = clock.tolist()
+        part = f".{rest:0{decimals}d}" if decimals else ""
+        return f"{year:04d}-{month:02d}-{day:02d}T{h:02d}:{m:02d}:{s:02d}{part}Z"
 
 
 def seconds_between(first_jd: float, second_jd: float) -> float:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.albedo_area.observed import Attitude, Observed
+from lcbayes.albedo_area.observed import UNKNOWN_ERROR, Attitude, Observed
 from lcbayes.errors import InputError
 from lcbayes.glints.detect import Baseline, Glint, detect
 from lcbayes.glints.directions import (
@@ -19,6 +19,7 @@ from lcbayes.glints.directions import (
     facets,
     tracking,
 )
+from lcbayes.glints.instants import instants, rounding
 from lcbayes.lightcurve import LightCurve
 from lcbayes.stretches import labels, stretches
 
@@ -36,8 +37,8 @@ class Glints:
 
     Attributes
     ----------
-    t, flux, label : (T,)
-        What was searched: flux at unit distance.
+    t, flux : (U,)
+        What was searched: flux at unit distance, points of one time averaged.
     baseline : what glints stand out from
     glints, seen : in order of time; bisectors in body axes
     facets : those shared by two glints or more, if any
@@ -95,30 +96,35 @@ def analyse(
     if axis is not None and attitude is not None and attitude != Attitude():
         raise InputError("a panel that follows the Sun has no spin; give one of axis and attitude")
     observed = Observed.of(curve, attitude or Attitude())
-    sun, obs = observed.sun.mean(axis=0), observed.obs.mean(axis=0)
-    label = labels(curve)
-    parts = stretches(curve.t, label)
+    every = labels(curve)
+    rows, flux, error = _averaged(curve, every, observed)
+    t, label = curve.t[rows], every[rows]
+    sun, obs = observed.sun.mean(axis=0)[rows], observed.obs.mean(axis=0)[rows]
+    parts = stretches(t, label)
     if not parts:
         raise InputError("no stretch without gaps has 30 points; glints need denser sampling")
     middle = bisector(sun, obs)
-    widest = [_time_of(WIDEST, curve.t[rows], middle[rows]) for rows in parts]
+    widest = [_time_of(WIDEST, t[part], middle[part]) for part in parts]
     glints, level = detect(
-        curve.t, observed.flux, observed.error, label, longest_s or widest, alarm
+        t, flux, error, label, longest_s or widest, alarm, relative=curve.kind == "mag"
     )
+    coarse = [rounding(curve.t[every == label[part[0]]]) for part in parts]
+    glints = [replace(one, t_error=max(one.t_error, coarse[one.stretch])) for one in glints]
     seen = []
     for one in glints:
-        place, rate = _at(curve.t, middle, parts[one.stretch], one.t)
+        place, rate = _at(t, middle, parts[one.stretch], one.t)
         seen.append(Sighting(place, rate, one.t_error, one.fwhm))
     reasons, notes = [], []
     if not observed.error_known:
-        notes.append("errors are unknown: 2 % of the mean flux, raised to the scatter, are used")
+        of = "" if curve.kind == "mag" else "mean "
+        notes.append(f"errors are unknown: 2 % of the {of}flux, raised to the scatter, are used")
     shared: list[Direction] = []
     single: list[Direction] = []
     axle = panel = None
     if not glints:
         reasons.append(f"no glint stands out: none has a false-alarm probability below {alarm:g}")
     elif axis is not None:
-        panel = _panel(curve, sun, parts, glints, seen, np.asarray(axis, float), reasons)
+        panel = _panel(t, sun, parts, glints, seen, np.asarray(axis, float), reasons)
     else:
         groups = facets(seen, MIN_FIT)
         shared = [g for g in groups if len(g.members) > 1]
@@ -131,9 +137,25 @@ def analyse(
                 if len(glints) > 1
                 else "one glint alone fixes no direction: nothing tests that it is a facet's"
             )
+    glints = [replace(one, row=int(rows[one.row])) for one in glints]
     return Glints(
-        curve.t, observed.flux, level, glints, seen, shared, single, axle, panel, reasons, notes
+        t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes
     )  # fmt: skip
+
+
+def _averaged(
+    curve: LightCurve, label: NDArray[np.integer], observed: Observed
+) -> tuple[NDArray[np.integer], Floats, Floats]:
+    """First points of the instants, and flux and error there: of magnitudes the mean magnitude's.
+
+    Magnitudes without errors are taken to scatter in proportion to the flux.
+    """
+    flux, error = observed.flux, observed.error
+    if curve.kind != "mag":
+        return instants(curve.t, label, flux, error)
+    relative = error / flux if observed.error_known else np.full(flux.shape, UNKNOWN_ERROR)
+    rows, mean, sigma = instants(curve.t, label, np.log(flux), relative)
+    return rows, np.exp(mean), sigma * np.exp(mean)
 
 
 def _time_of(angle: float, t: Floats, vectors: Floats) -> float:
@@ -193,7 +215,7 @@ def _cylinder(seen: list[Sighting], notes: list[str]) -> Direction | None:
 
 
 def _panel(
-    curve: LightCurve,
+    t: Floats,
     sun: Floats,
     parts: list[NDArray],
     glints: list[Glint],
@@ -201,7 +223,7 @@ def _panel(
     axis: Floats,
     reasons: list[str],
 ) -> Tracking | None:
-    at = [_at(curve.t, sun, parts[g.stretch], g.t) for g in glints]
+    at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
     found = tracking(
         seen, np.array([p for p, _ in at]), np.array([r for _, r in at]),
         axis / np.linalg.norm(axis),

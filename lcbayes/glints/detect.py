@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,7 @@ def baseline(
     longest = []
     for i, rows in enumerate(parts):
         step = float(np.median(np.diff(t[rows])))
-        points = max(1, round(longest_s[i] / max(step, 1e-9)))
+        points = max(1, round(longest_s[i] / step))
         window = min(max(15, int(SPAN * points)) | 1, (rows.size - 1) | 1)
         slow = _slow(t[rows], flux[rows])
         level[rows] = slow + median_filter(flux[rows] - slow, window, mode="reflect")
@@ -122,6 +122,7 @@ def detect(
     label: Ints,
     longest_s: float | Sequence[float],
     alarm: float = 0.01,
+    relative: bool = False,
 ) -> tuple[list[Glint], Baseline]:
     """Glints whose chance of being noise, in all of the light curve, is below ``alarm``.
 
@@ -133,13 +134,17 @@ def detect(
     Parameters
     ----------
     t, flux, error : (T,)
-        Seconds; flux at unit distance and its standard deviation.
+        Seconds, no two equal in a stretch (`instants`); flux at unit distance and its standard
+        deviation.
     label : (T,) int
         Points of different labels are never of one stretch.
     longest_s : s
         Longest glint that is looked for, in all stretches or in each.
     alarm : float
         Nominal probability of a false glint per light curve.
+    relative : bool
+        Whether noise is normal in the logarithm of the flux, as that of magnitudes is. Baseline and
+        z are then taken there: in flux such noise rises higher than it falls.
 
     Returns
     -------
@@ -148,7 +153,11 @@ def detect(
     """
     parts = stretches(t, label)
     widest = [longest_s] * len(parts) if isinstance(longest_s, int | float) else longest_s
-    level, longest = baseline(t, flux, error, parts, widest)
+    value, sigma = (np.log(flux), error / flux) if relative else (flux, error)
+    level, longest = baseline(t, value, sigma, parts, widest)
+    excess = (value - level.flux) / level.scatter
+    if relative:
+        level = replace(level, flux=np.exp(level.flux), scatter=flux * level.scatter)
     limits = [
         1.5 * n * float(np.median(np.diff(t[r]))) for n, r in zip(longest, parts, strict=True)
     ]
@@ -156,7 +165,7 @@ def detect(
     trials = sum(rows.size * len(w) for rows, w in zip(parts, widths, strict=True))
     found: list[Glint] = []
     for i, (rows, sizes) in enumerate(zip(parts, widths, strict=True)):
-        z = (flux[rows] - level.flux[rows]) / level.scatter[rows]
+        z = excess[rows]
         candidates = []
         for size in sizes:
             total = _calm(np.convolve(z, np.ones(size), mode="valid") / np.sqrt(size))

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
 TREND = 3  # degree of the polynomial in time that phase angle and aspect are taken out with
+ROUNDING = 1e-9  # of the flux: what varies by less is constant
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,11 @@ class Pass:
         """Median time between points, s."""
         steps = np.diff(self.t)
         return float(np.median(steps[steps > 0]))
+
+    @property
+    def nyquist(self) -> float:
+        """Half the sampling rate, Hz, above which a pass shows aliases."""
+        return 0.5 / self.step
 
 
 def split(curve: LightCurve) -> list[Pass]:
@@ -104,6 +110,8 @@ def _one(curve: LightCurve, rows: Rows, flux: Floats, error: Floats | None) -> P
     trend = np.polynomial.legendre.legval(x, np.polynomial.legendre.legfit(x, flux, TREND))
     trend = np.maximum(trend, 0.1 * mean)
     y = flux / trend - 1.0
+    if np.abs(y).max() < ROUNDING:
+        y = np.zeros_like(y)  # rounding has structure, which no shuffle of it has
     known = np.full(t.size, noise_of(y)) if error is None else error / trend
     day = f"t = {t[0]:.6g} s"
     name = ", ".join(s for s in (str(curve.site[rows[0]]), day) if s)

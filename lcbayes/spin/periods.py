@@ -20,6 +20,7 @@ DIVISORS = (1, 2, 3, 4, 6)  # base frequencies that are tried: the strongest lin
 EXPLAINED = 0.02  # of the variance, which a longer base period must explain more
 MAX_FREQUENCIES = 20_000
 CHUNK = 256  # frequencies at a time
+SHUFFLED = 2048  # of which powers of all shuffles are kept at a time
 
 
 def design(phase: Floats, harmonics: Sequence[int]) -> Floats:
@@ -29,11 +30,21 @@ def design(phase: Floats, harmonics: Sequence[int]) -> Floats:
 
 
 def frequencies(passes: Sequence[Pass]) -> Floats:
-    """The grid that is searched, Hz: three cycles in the longest pass to half the sampling rate."""
-    longest = max(p.length for p in passes)
-    top = 0.5 / min(p.step for p in passes)
-    count = int(OVERSAMPLING * longest * top)
-    return np.linspace(CYCLES / longest, top, min(max(count, 100), MAX_FREQUENCIES))
+    """The grid that is searched, Hz: three cycles in the longest pass to the highest Nyquist's.
+
+    It is as fine everywhere as the longest pass asks for that still counts there, a third of 1/T.
+    Where that makes too many, the highest are left out.
+    """
+    low = CYCLES / max(p.length for p in passes)
+    pieces = [np.array([low])]
+    for top in sorted({p.nyquist for p in passes}):
+        longest = max(p.length for p in passes if p.nyquist >= top)
+        count = min(int(np.ceil(OVERSAMPLING * longest * (top - low))), MAX_FREQUENCIES)
+        if count > 0:
+            step = min((top - low) / count, 1.0 / (OVERSAMPLING * longest))
+            pieces.append(low + step * np.arange(1, count + 1))
+            low = top
+    return np.concatenate(pieces)[:MAX_FREQUENCIES]
 
 
 def power(passes: Sequence[Pass], grid: Floats, data: Sequence[Floats] | None = None) -> Floats:
@@ -67,11 +78,16 @@ def power(passes: Sequence[Pass], grid: Floats, data: Sequence[Floats] | None = 
         wy = centred * (w if y.ndim == 1 else w[:, None])
         whole = whole + total * np.sum(wy * centred, axis=0)
         x = one.t - one.t[0]
-        parts = [_fall(x, w, wy, part) for part in np.array_split(grid, -(-len(grid) // CHUNK))]
-        part = total * np.concatenate(parts)
-        part[grid > 0.5 / one.step] = 0.0  # there a pass shows aliases
+        counts = grid <= one.nyquist
+        parts = [_fall(x, w, wy, part) for part in _chunks(grid[counts], CHUNK)]
+        part = np.zeros((len(grid), *y.shape[1:]))
+        part[counts] = total * np.concatenate(parts)
         fall = fall + part
-    return np.asarray(fall / whole)
+    return np.divide(fall, whole, out=np.zeros_like(fall), where=whole > 0)
+
+
+def _chunks(grid: Floats, size: int) -> list[Floats]:
+    return np.array_split(grid, max(1, -(-len(grid) // size)))
 
 
 def _fall(x: Floats, w: Floats, wy: Floats, grid: Floats) -> Floats:
@@ -98,7 +114,23 @@ def shuffled_peaks(
     for one in passes:
         z = np.tile((one.y / one.error)[:, None], (1, count))
         data.append(rng.permuted(z, axis=0) * one.error[:, None])
-    return power(passes, grid, data).max(axis=0)
+    peaks = [power(passes, part, data).max(axis=0) for part in _chunks(grid, SHUFFLED)]
+    return np.max(peaks, axis=0)
+
+
+def chance(passes: Sequence[Pass], grid: Floats, found: Floats) -> float:
+    """Probability that noise of the passes' errors shows the peak of a power spectrum.
+
+    A sinusoid lets χ² fall by that of two degrees of freedom per pass, and any frequency of the
+    grid may do so (Bonferroni).
+    """
+    whole = 0.0
+    for one in passes:
+        weight = one.error**-2
+        whole += float(np.sum(weight * (one.y - np.average(one.y, weights=weight)) ** 2))
+    counting = np.sum([grid <= one.nyquist for one in passes], axis=0)
+    p = stats.chi2.sf(whole * found, 2 * np.maximum(counting, 1))
+    return min(1.0, len(grid) * float(p.min()))
 
 
 def blocks(one: Pass, count: int) -> list[Rows]:

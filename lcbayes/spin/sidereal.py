@@ -72,6 +72,7 @@ class Spin:
     grid, power : (F,)
         Frequencies (Hz) and the part of χ² that a sinusoid explains.
     false_alarm : probability that noise has as high a peak
+        Of the points in random order and, where errors are known, of these: the larger.
     base : Hz or None
         Mean frequency of the modulation; None where a pass shows none that is stable.
     harmonics : of the base, as fitted
@@ -81,6 +82,7 @@ class Spin:
     phases, sky : or None
     conditions : in the order in which they are asked
     solutions : heaviest first; empty where a condition fails
+    notes : what else a reader should know
     """
 
     passes: list[Pass]
@@ -96,6 +98,7 @@ class Spin:
     sky: Sky | None = None
     conditions: list[Condition] = field(default_factory=list)
     solutions: list[Solution] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def reasons(self) -> list[str]:
@@ -142,11 +145,19 @@ def estimate(
         noise = periods.shuffled_peaks(passes, grid, np.random.default_rng(seed), n_shuffles)
         track.advance(1)
     alarm = (1 + int(np.sum(noise >= power.max()))) / (1 + n_shuffles)
+    if curve.error is not None:
+        alarm = max(alarm, periods.chance(passes, grid, power))
     found: dict[str, Any] = {
         "passes": passes, "grid": grid, "power": power, "false_alarm": alarm,
     }  # fmt: skip
     conditions: list[Condition] = []
     found["conditions"] = conditions
+    highest = max(one.nyquist for one in passes)
+    if grid[-1] < 0.999 * highest:
+        found["notes"] = [
+            f"periods below {1.0 / grid[-1]:.3g} s (sampled to {1.0 / highest:.3g} s) were not "
+            "looked for; for those give a part of the longest pass"
+        ]
     with progress.stage("pole", 1, "fit") as track:
         _explain(found, conditions)
         track.advance(1)

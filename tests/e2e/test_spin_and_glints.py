@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ from refusals import assert_refused
 
 import lcbayes
 from lcbayes import cli
+from lcbayes.analysis import glints_report
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.glints import analyse
 
 
 def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
@@ -48,6 +52,8 @@ def test_no_pole_where_there_is_none(tmp_path, capsys):
     assert found["solutions"] == []
     assert found["photometric_period_s"] is None
     assert "no period is seen" in found["reasons"][0]
+    page = (tmp_path / "out" / "spin.html").read_text()
+    assert "No pole and no sidereal period.</h2>" in page
 
 
 def test_glints_from_file_to_directions(tmp_path, capsys, look):
@@ -59,6 +65,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     assert cli.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
     told = capsys.readouterr().out
     assert "cylinder: axis" in told
+    assert max(map(len, told.splitlines()[:-2])) <= 100
     found = json.loads((out / "glints.json").read_text())
     assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert found["glints"][0]["sharp_and_small"] in (True, False)
@@ -67,7 +74,21 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
     assert cli.main(argv) == EXIT_NOT_TRUSTED
-    assert capsys.readouterr().out.startswith("no direction: no glint stands out")
+    assert capsys.readouterr().out.startswith("no direction found: no glint stands out")
+    assert "No direction found.</h2>" in (tmp_path / "none" / "glints.html").read_text()
+
+
+def test_glints_are_told_by_utc_and_pass():
+    curve, attitude, _ = wire_flashes(3, 50.0)
+    found = analyse(curve, attitude)
+    dated = replace(curve, epoch_jd=2456658.5)  # 2014-01-01
+    row = glints_report.words(found, dated)[2]
+    first = found.glints[0]
+    moment = datetime(2014, 1, 1) + timedelta(seconds=first.t)
+    assert row.startswith(f"  1: {moment:%Y-%m-%dT%H:%M}:")
+    seconds, number = row.split()[1:3]
+    assert abs(float(seconds[17:-1]) - moment.second - moment.microsecond / 1e6) < 2 * first.t_error
+    assert int(number) == first.stretch + 1
 
 
 @pytest.mark.parametrize(

@@ -220,6 +220,7 @@ def test_a_leap_second_is_a_second():
         "2016-12-31T23:59:60Z",
         "2017-01-01T00:00:00Z",
     ]
+    assert Times.of(before, [86400.046]).text(0, 2) == "2016-12-31T23:59:60.05Z"
 
 
 def test_the_nearest_elements_are_used():

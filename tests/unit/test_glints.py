@@ -27,6 +27,8 @@ from lcbayes.glints.directions import (
     facets,
     tracking,
 )
+from lcbayes.glints.instants import instants, rounding
+from lcbayes.lightcurve import LightCurve
 from lcbayes.physics.facets import across as axes_across
 
 T = np.arange(0.0, 300.0, 0.5)
@@ -73,6 +75,70 @@ def test_a_slow_brightening_is_no_glint():
     rng = np.random.default_rng(4)
     flux += 0.01 * rng.normal(size=T.size)
     assert detect(T, flux, np.full(T.size, 0.01), ONE, 4.0)[0] == []
+
+
+def turning(t, brightness, error, kind="flux"):
+    """A light curve under a bisector that moves by a twentieth of a degree per second."""
+    a = np.radians(20.0 + 0.1 * (t - t[0]))
+    return LightCurve(
+        t=t, brightness=brightness, error=error, kind=kind, range_km=np.full(t.size, 1000.0),
+        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)), obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
+    )  # fmt: skip
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.parametrize("times", ["rounded", "twice"])
+def test_points_of_one_time_make_no_glints_and_hide_none(times):
+    t = np.arange(0.0, 600.0, 0.4)
+    if times == "twice":
+        t = np.repeat(t, 2)
+    rng = np.random.default_rng(9)
+    flux = 1.0 + sum(3.0 * np.exp(-0.5 * ((t - peak) / 2.0) ** 2) for peak in (200.0, 400.0))
+    flux += 0.02 * rng.normal(size=t.size)
+    told = np.round(t) if times == "rounded" else t
+    unit = 1.0 if times == "rounded" else 0.4
+    found = analyse(turning(told, flux, np.full(t.size, 0.02)))
+    assert len(found.glints) == 2
+    for one, peak in zip(found.glints, (200.0, 400.0), strict=True):
+        assert one.t_error == pytest.approx(unit)
+        assert abs(one.t - peak) < unit
+        assert one.fwhm == pytest.approx(2.0 * np.sqrt(8.0 * np.log(2.0)), rel=0.1)
+        assert abs(told[one.row] - one.t) <= unit  # a row of the light curve as it was given
+    assert found.facets == []  # of one normal they are not
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.parametrize("known", [True, False])
+def test_magnitudes_that_scatter_widely_glint_no_more_often_than_is_said(known):
+    rng = np.random.default_rng(10)
+    trials, t = 100, np.arange(300.0)
+    error = np.full(t.size, 0.3) if known else None
+    false = sum(
+        bool(analyse(turning(t, rng.normal(10.0, 0.3, t.size), error, "mag")).glints)
+        for _ in range(trials)
+    )
+    assert false <= counts(trials, 0.01)[1]
+
+
+def test_a_bright_point_stands_out_among_magnitudes_that_scatter_widely():
+    """Ten standard deviations in magnitude, where the error of its flux is a quarter of it."""
+    t = np.arange(300.0)
+    magnitude = np.random.default_rng(11).normal(10.0, 0.3, t.size)
+    magnitude[150] = 7.0
+    (one,) = analyse(turning(t, magnitude, np.full(t.size, 0.3), "mag")).glints
+    assert one.row == 150
+
+
+def test_means_over_instants():
+    t = np.array([1.0, 3.0, 1.0, 1.0, 8.0])
+    label = np.array([0, 0, 0, 1, 0])
+    value, error = np.array([2.0, 5.0, 6.0, 7.0, 9.0]), np.array([1.0, 2.0, 2.0, 3.0, 4.0])
+    rows, mean, sigma = instants(t, label, value, error)
+    assert rows.tolist() == [0, 1, 3, 4]
+    assert mean == pytest.approx([(2.0 + 6.0 / 4.0) / 1.25, 5.0, 7.0, 9.0])
+    assert sigma == pytest.approx([1.25**-0.5, 2.0, 3.0, 4.0])
+    assert rounding(t) == 2.0
+    assert rounding(t[[0, 1, 4]]) == 0.0
 
 
 def sighted(rng, normal, t_error=0.1, fwhm=4.0, rate=0.004):

@@ -17,10 +17,10 @@ def draw(gallery) -> None:
     gallery.add(figure, "line", "A line.", "A line, and what it means.")
 
 
-def made(folder, reasons: list[str]) -> str:
+def made(folder, reasons: list[str], refused: str = small_report.UNTRUSTED) -> str:
     content = {"curve": "/far/<b>pass.csv", "n_obs": 40, "reasons": reasons, "rms": float("nan")}
     lines = [*(f"NOT to be trusted: {why}" for why in reasons), "axis at 3 & 4 deg"]
-    small_report.write(folder, "single_facet", content, lines, draw)
+    small_report.write(folder, "single_facet", content, lines, draw, refused=refused)
     return (folder / "single_facet.html").read_text(encoding="utf-8")
 
 
@@ -31,7 +31,8 @@ def test_the_page(tmp_path, reasons, look):
         "single_facet.json", "single_facet.txt", "single_facet.html", "figures"
     }  # fmt: skip
     assert json.loads((tmp_path / "single_facet.json").read_text())["rms"] is None
-    assert ("conditions of the method do not hold" in page) is bool(reasons)
+    assert ("NOT to be trusted.</h2>" in page) is bool(reasons)
+    assert ("The conditions of the method hold." in page) is not bool(reasons)
     for why in reasons:
         escaped = why.replace("<", "&lt;").replace(">", "&gt;")
         assert page.count(escaped) == 1
@@ -42,6 +43,12 @@ def test_the_page(tmp_path, reasons, look):
     assert "http" not in page.replace("http-equiv", "")
     made(tmp_path, [*reasons, browsing.EVIL_TEXT])
     look(tmp_path / "single_facet.html")
+
+
+def test_what_heads_the_reasons_is_what_the_command_says(tmp_path):
+    page = made(tmp_path, ["none stands out"], refused="no direction found")
+    assert "No direction found.</h2>" in page
+    assert "NOT to be trusted.</h2>" not in page
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from false_alarms import EACH, squares
+from false_alarms import EACH, counts, squares
 from leo import shine, spinner, spun, steady, triad
 
 from lcbayes.errors import InputError
@@ -44,6 +44,68 @@ def test_shuffles_at_once_are_shuffles_one_by_one():
     for k in range(3):
         alone = periods.power(made, grid, [d[:, k] for d in data])
         assert together[:, k] == pytest.approx(alone, abs=1e-13)
+
+
+def test_a_short_fast_pass_leaves_the_line_of_a_long_one():
+    rng = np.random.default_rng(12)
+    slow, fast = np.arange(0.0, 20000.0, 10.0), np.arange(30000.0, 30005.0, 0.05)
+    made = [
+        one_pass(t, 0.1 * np.sin(2 * np.pi * t / 125.7) + 0.02 * rng.normal(size=t.size), 0.02)
+        for t in (slow, fast)
+    ]
+    grid = periods.frequencies(made)
+    assert grid[0] == pytest.approx(periods.CYCLES / made[0].length)
+    assert grid[-1] == pytest.approx(10.0)
+    step, below = np.diff(grid), grid[1:] <= made[0].nyquist
+    assert np.all(step > 0)
+    assert step[below].max() * made[0].length < 1.001 / periods.OVERSAMPLING
+    assert step.max() * made[1].length < 1.001 / periods.OVERSAMPLING
+    assert len(grid) < 1.1 * periods.OVERSAMPLING * made[0].length * made[0].nyquist
+    found = periods.power(made, grid)
+    assert 1.0 / grid[np.argmax(found)] == pytest.approx(125.7, rel=2e-3)
+    assert found.max() > 0.8
+
+
+def test_a_long_dense_pass_is_searched_finely_or_not_at_all():
+    t = np.arange(0.0, 86400.0, 0.5)
+    (one,) = made = [one_pass(t, np.zeros(t.size), 1.0)]
+    grid = periods.frequencies(made)
+    assert len(grid) == periods.MAX_FREQUENCIES
+    assert np.diff(grid).max() * one.length < 1.001 / periods.OVERSAMPLING
+
+
+def test_periods_that_were_not_looked_for_are_told(monkeypatch):
+    curve = steady(1, 50.0, spinning=False)
+    assert estimate(curve, n_shuffles=99).notes == []
+    monkeypatch.setattr(periods, "MAX_FREQUENCIES", 100)
+    found = estimate(curve, n_shuffles=99)
+    assert len(found.grid) == 100
+    (note,) = found.notes
+    assert note.startswith(f"periods below {1 / found.grid[-1]:.3g} s (sampled to ")
+
+
+def test_peaks_of_shuffles_do_not_hang_on_how_many_frequencies_are_taken_at_a_time(monkeypatch):
+    rng = np.random.default_rng(13)
+    made = [one_pass(np.sort(rng.uniform(0, 50, 60)), rng.normal(size=60), 1.0) for _ in range(2)]
+    grid = np.linspace(0.1, 0.5, 40)
+    at_once = periods.shuffled_peaks(made, grid, np.random.default_rng(1), 5)
+    monkeypatch.setattr(periods, "SHUFFLED", 7)
+    assert periods.shuffled_peaks(made, grid, np.random.default_rng(1), 5) == pytest.approx(at_once)
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+def test_known_errors_find_periods_in_noise_no_more_often_than_is_said():
+    rng = np.random.default_rng(14)
+    times = [np.sort(rng.uniform(0, 50, 60)), np.arange(60.0, 65.0, 0.1)]
+    error = [rng.uniform(0.5, 2.0, t.size) for t in times]
+    trials, false = 300, 0
+    for _ in range(trials):
+        made = [
+            one_pass(t, e * rng.normal(size=t.size), e) for t, e in zip(times, error, strict=True)
+        ]
+        grid = periods.frequencies(made)
+        false += periods.chance(made, grid, periods.power(made, grid)) <= 0.05
+    assert false <= counts(trials, 0.05)[1]
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -198,6 +260,22 @@ def failed(curve) -> set[str]:
 
 def test_noise_has_no_period():
     assert failed(steady(1, 50.0, spinning=False)) == {REPEATS}
+
+
+@pytest.mark.parametrize("value", [1.0, 0.1])
+@pytest.mark.parametrize(("error", "ripple"), [(None, 0.0), (0.01, 0.0), (0.01, 1e-6)])
+def test_a_constant_has_no_period(value, error, ripple):
+    """What its rounding shows has structure, which no shuffle has, but no size."""
+    t = np.arange(0.0, 600.0, 2.0)
+    a = np.radians(20.0 + 0.1 * t)
+    curve = LightCurve(
+        t=t, brightness=value * (1.0 + ripple * np.sin(t / 5.0)),
+        error=None if error is None else np.full(t.size, error),
+        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)), obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
+    )  # fmt: skip
+    found = estimate(curve, n_shuffles=99)
+    assert found.false_alarm == 1.0
+    assert "no period is seen" in found.reasons[0]
 
 
 def test_where_nothing_moves_no_difference_is_measured():

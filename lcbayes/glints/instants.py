@@ -1,0 +1,37 @@
+"""Points of one time averaged: catalogues with rounded times have several."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.integer]
+
+
+def instants(t: Floats, label: Rows, value: Floats, error: Floats) -> tuple[Rows, Floats, Floats]:
+    """Means over the points of each label and time, weighted by 1/error², and their errors.
+
+    Returns
+    -------
+    (U,) int, ascending
+        First point of each instant.
+    (U,), (U,)
+        Its mean and the standard deviation of that.
+    """
+    keys = np.stack([label, t], axis=1)
+    first, instant = np.unique(keys, axis=0, return_index=True, return_inverse=True)[1:]
+    weight = np.bincount(instant.ravel(), error**-2)
+    mean = np.bincount(instant.ravel(), value * error**-2) / weight
+    order = np.argsort(first)
+    return first[order], mean[order], weight[order] ** -0.5
+
+
+def rounding(t: Floats) -> float:
+    """How coarsely times are rounded, s: their least step where some are equal, otherwise 0.
+
+    Times that are whole multiples of a unit lie it or more apart, so this is no less than the unit.
+    """
+    steps = np.diff(np.sort(t))
+    equal = steps == 0
+    return float(steps[~equal].min()) if equal.any() and not equal.all() else 0.0
