@@ -82,17 +82,21 @@ class Console(Silent):
 class _Lines:
     def __init__(self, title: str, total: int, unit: str) -> None:
         self.title, self.total, self.unit = title, total, unit
-        self.done, self.started, self.said = 0, time.monotonic(), 0.0
+        self.done, self.said = 0, time.monotonic()
+        self.begun: float | None = None
+        print(f"{title}: {total} {unit}", file=sys.stderr, flush=True)
 
     def advance(self, n: int, note: str = "") -> None:
+        now = time.monotonic()
+        if self.begun is None:  # what comes before the first is mostly compiling: no measure
+            self.begun, self.first = now, n
         self.done += n
-        elapsed = time.monotonic() - self.started
-        if elapsed - self.said < 10 and self.done < self.total:
+        if now - self.said < 10 and self.done < self.total:
             return
-        self.said = elapsed
+        self.said = now
         said = f"{self.title}: {self.done}/{self.total} {self.unit}"
-        if self.done:
-            rate = self.done / max(elapsed, 1e-9)
+        if self.done > self.first and now > self.begun:
+            rate = (self.done - self.first) / (now - self.begun)
             said += f", {rate:.3g}/s, {(self.total - self.done) / rate:.0f} s left"
         print(f"{said}; {note}" if note else said, file=sys.stderr, flush=True)
 

@@ -93,12 +93,13 @@ def read_from(args: Namespace) -> LightCurve:
 def read_lit(args: Namespace) -> LightCurve:
     """The same without points in the Earth's penumbra, which is said, for methods that take the
     body for fully lit."""
-    from lcbayes.penumbra import fully_lit
+    from lcbayes.penumbra import FULL, fully_lit
 
     curve = fully_lit(read_from(args))
     if "in_penumbra" in curve.source:
         n = curve.source["in_penumbra"]
-        print(f"note: {n} points in the Earth's shadow or penumbra are left out", file=sys.stderr)
+        less = f"less than {100 * FULL:.0f} % of the sunlight past the Earth"
+        print(f"note: {n} points that get {less} are left out", file=sys.stderr)
     return curve
 
 

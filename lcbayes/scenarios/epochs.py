@@ -106,7 +106,7 @@ class _Seen(NamedTuple):
 def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
     """The first instant of a pass that can be observed, seconds since then, and the geometry.
 
-    Observed is a satellite high enough, in full sunlight, from a site dark enough.
+    Observed is a satellite high enough, past which the whole Sun is seen, from a site dark enough.
     """
     dt = _grid(0.0, (one.stop - one.start).total_seconds(), one.step)
     time = Times.of(_julian_date(one.start), dt)

@@ -61,7 +61,8 @@ def test_it_never_goes_back():
 
 
 def test_what_goes_on_says_how_much_is_left(capsys, monkeypatch):
-    """Where nobody looks on: a line when all that was foretold is done, and when the rest is."""
+    """Where nobody looks on: a line at once, when all that was foretold is done, and when the rest
+    is."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: False)
     with Console().stage("sampling", 100, "draws") as track:
         track.advance(100)
@@ -70,6 +71,20 @@ def test_what_goes_on_says_how_much_is_left(capsys, monkeypatch):
         track.advance(50, "done")
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == [
-        "sampling: 100/100 draws", "sampling: 200/200 draws",
+        "sampling: 100 draws", "sampling: 100/100 draws", "sampling: 200/200 draws",
     ]  # fmt: skip
     assert lines[-1].endswith("; done")
+
+
+def test_the_rate_is_of_what_follows_the_first(capsys, monkeypatch):
+    """A minute of compiling before it had made "10389 s left" of one minute."""
+    clock = iter([0.0, 60.0, 70.0, 80.0])
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False)
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    with Console().stage("searching", 100, "steps") as track:
+        for _ in range(3):
+            track.advance(10)
+    assert capsys.readouterr().err.splitlines() == [
+        "searching: 100 steps", "searching: 10/100 steps",
+        "searching: 20/100 steps, 1/s, 80 s left", "searching: 30/100 steps, 1/s, 70 s left",
+    ]  # fmt: skip
