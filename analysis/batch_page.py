@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from lcbayes._files import write_atomic
 from lcbayes.analysis import style
@@ -14,12 +15,12 @@ from lcbayes.analysis.pages import environment
 from lcbayes.analysis.tables import three
 from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
 
+RATE, AREA = "rotation rate", "total albedo-area"
 COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}
-ALT = "Goodness of fit of every object, and albedo-area against rotation rate."
+ALT = "Goodness of fit and size or residuals of every object."
 CAPTION = (
-    "Left: goodness of fit of every object, by its place in the catalogue. Right: total "
-    "albedo-area (or, where the model has none, the residuals) against rotation rate. Dots: "
-    "trusted; crosses: not trusted; marks at the foot: failed."
+    "Left: goodness of fit of every object, by its place in the catalogue. Right: {what} against "
+    "{against}. Dots: trusted; crosses: not trusted; marks at the foot: failed."
 )
 SHOWN = {
     "n_obs": "points", "n_facets": "facets", "n_solutions": "solutions",
@@ -40,7 +41,9 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
         The page.
     """
     rows = summary["objects"]
-    image = style.picture(folder, "batch", lambda gallery: draw(rows, gallery), ALT, CAPTION)
+    _, _, what, against = _bodies_of(rows)
+    caption = CAPTION.format(what=what, against=against)
+    image = style.picture(folder, "batch", lambda gallery: draw(rows, gallery), ALT, caption)
     columns = [k for k in SHOWN if any(row.get(k) is not None for row in rows)]
     page = (
         environment()
@@ -69,12 +72,14 @@ def _cells(folder: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict
         "page": page if (folder / page).is_file() else None,
         "status": row["status"],
         "fit": fit,
-        "cells": ["–" if row.get(k) is None else _number(row[k]) for k in columns],
+        "cells": ["–" if row.get(k) is None else _number(k, row[k]) for k in columns],
         "reasons": row["reasons"],
     }
 
 
-def _number(value: float) -> str:
+def _number(name: str, value: float) -> str:
+    if name == "seconds":
+        return f"{value:.1f}"
     return str(value) if isinstance(value, int) else three(value)
 
 
@@ -100,26 +105,45 @@ def _fits(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
     for i, row in enumerate(rows, 1):
         if row["status"] == FAILED:
             axes.axvline(i, ymax=0.04, color=style.INK, lw=1.2)
-    axes.set_yscale("log")
-    axes.set_xlabel("object, in the order of the catalogue")
+    _logarithmic(axes)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("object, place in the catalogue")
     axes.set_ylabel("χ² per degree of freedom" if known else "rms residual")
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
 
 
 def _bodies(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
+    x, y, what, against = _bodies_of(rows)
+    _marked(axes, x, y, rows)
+    if against == RATE:
+        axes.set_xscale("log")
+        axes.set_xlabel(f"{RATE} (turns per hour)")
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel(f"object, {against}")
+    _logarithmic(axes)
+    axes.set_ylabel(f"{what} (m²)" if what == AREA else what)
+
+
+def _bodies_of(rows: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray, str, str]:
+    """What the right panel shows: x, y, and what they are."""
     rate = np.array([_rate(row) for row in rows])
     area = np.array([row.get("albedo_area_m2") or np.nan for row in rows])
-    what = "total albedo-area (m²)"
+    what = AREA
     if not np.isfinite(area).any():
         area, what = np.array([row.get("rms") or np.nan for row in rows]), "rms residual"
-    spins = np.isfinite(rate).any()
-    _marked(axes, rate if spins else np.arange(1, len(rows) + 1), area, rows)
-    if spins:
-        axes.set_xscale("log")
+    if np.isfinite(rate).any():
+        return rate, area, what, RATE
+    return np.arange(1, len(rows) + 1), area, what, "place in the catalogue"
+
+
+def _logarithmic(axes: Any) -> None:
+    """A logarithmic y axis whose labels are plain numbers, and few."""
     axes.set_yscale("log")
-    axes.set_xlabel("rotation rate (turns per hour)" if spins else "object")
-    axes.set_ylabel(what)
+    axes.yaxis.set_major_formatter("{x:g}")
+    low, high = axes.get_ylim()
+    axes.yaxis.set_minor_formatter("{x:.4g}" if high < 10 * low else NullFormatter())
+    if high < 3 * low:  # minor ticks would be as thick as grass
+        axes.yaxis.set_minor_locator(MaxNLocator(5))
 
 
 def _rate(row: Mapping[str, Any]) -> float:

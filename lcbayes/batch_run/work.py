@@ -8,7 +8,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lcbayes._files import write_atomic
 from lcbayes.batch_run.objects import PATHS, Object
@@ -16,6 +16,9 @@ from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
 from lcbayes.errors import InputError
 from lcbayes.folders import installed_version
 from lcbayes.names import SPIN
+
+if TYPE_CHECKING:
+    from lcbayes.fitting import Fit
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
 MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
@@ -68,7 +71,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         (folder / "error.txt").write_text(traceback.format_exc())
         told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
-    row = _row(one, found.summary(), time.monotonic() - begun)
+    row = _row(one, found, time.monotonic() - begun)
     mark = {"identity": identity(one), "row": row}
     write_atomic(folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1)))
     return row
@@ -82,8 +85,9 @@ def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, 
     }  # fmt: skip
 
 
-def _row(one: Object, summary: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
     """What the table says of a fit: numbers of its heaviest solution."""
+    summary = found.summary()
     parameters = summary["parameters"]
     row = {
         "name": one.name,
@@ -106,7 +110,8 @@ def _row(one: Object, summary: Mapping[str, Any], seconds: float) -> dict[str, A
     for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
-    areas = [v["mean"] for k, v in parameters.items() if k.startswith("albedo_area[")]
-    if areas:
-        row["albedo_area_m2"] = sum(areas)
+    if "albedo_area" in found.posterior:
+        area = found.posterior["albedo_area"]
+        total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
+        row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row

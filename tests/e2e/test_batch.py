@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 import small
+import xarray as xr
 
 from lcbayes import batching
 from lcbayes.batch_run import work
@@ -60,6 +61,10 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     assert sorted(done) == ["second", "third"]
     read = list(csv.DictReader((out / "objects.csv").read_text().splitlines()))
     assert [r["status"] for r in read] == ["trusted", "failed", "trusted"]
+    with xr.open_datatree(out / "objects/first/posterior.nc", engine="h5netcdf") as tree:
+        total = tree["posterior"]["albedo_area"].sum("facet")
+        assert float(read[0]["albedo_area_m2"]) == pytest.approx(float(total.mean()))
+        assert float(read[0]["albedo_area_m2_sd"]) == pytest.approx(float(total.std()))
     assert "1.csv, line 10" in read[1]["reasons"]
     said = json.loads((out / "batch.json").read_text())
     assert said["n_failed"] == 1

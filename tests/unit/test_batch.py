@@ -131,6 +131,10 @@ def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
     said = table.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
     page = batch_page.write(tmp_path, said, run).read_text()
     assert "1 of 3 objects have a result that is trusted" in page
+    assert "Right: total albedo-area against rotation rate" in page
+    still = [{k: v for k, v in row.items() if not k.startswith("omega")} for row in rows()]
+    other = batch_page.write(tmp_path, {**said, "objects": still}, run).read_text()
+    assert "Right: total albedo-area against place in the catalogue" in other
     assert "c.csv, line 3: &#39;x&#39; is no number" in page
     assert (tmp_path / "figures" / "batch.png").stat().st_size > 5000
     evil = failed(Object(browsing.EVIL_TEXT, browsing.EVIL_FILE), browsing.EVIL_TEXT, 0.1)
