@@ -6,7 +6,6 @@ import hashlib
 import json
 import time
 import traceback
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
