@@ -1,7 +1,9 @@
 """CSV and ECSV in and out: what is read, what comes back, which spellings are harmless."""
 
+import os
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from lcbayes.errors import InputError
+from lcbayes.folders import to_toml
 from lcbayes.io import read, read_geometry, write
 from lcbayes.lightcurve import LightCurve
 from lcbayes.scenario import load
@@ -259,6 +262,16 @@ def test_text_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     assert read_text(tmp_path, text).extra["note"][20] == "x" * 40
     with pytest.raises(InputError, match=r"of up to 41 characters in each of 49 rows or more"):
         read_text(tmp_path, text.replace("x" * 40, "x" * 41) + "\n51,1,0.1,1,0,0,0,1,0,x")
+
+
+def test_a_name_that_is_not_utf_8_is_escaped(tmp_path):
+    """HDF5, TOML and CSV hold none of its bytes as they are."""
+    path = tmp_path / os.fsdecode(b"caf\xe9.csv")
+    path.write_text(PLAIN)
+    source = read(path).source["file"]
+    assert source == f"{tmp_path}/caf\\xe9.csv"
+    assert tomllib.loads(to_toml({"curve": str(path)})) == {"curve": source}
+    assert read(tmp_path.rename(tmp_path.with_name("é")) / path.name).source["file"].isprintable()
 
 
 def test_what_is_no_text_is_not_read_to_its_end(tmp_path):
