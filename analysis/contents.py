@@ -112,12 +112,14 @@ def read(folder: Path) -> Results:
         missing = [g for g in ("posterior", "observed_data", "constant_data") if g not in tree]
         if missing:
             raise InputError(f"{path} has no group {missing[0]}; run `lcbayes fit` again")
-        return _assemble(folder, tree, summary, toml.read_text() if toml.is_file() else "")
+        return _assemble(
+            folder, tree, summary, toml.read_text(encoding="utf-8") if toml.is_file() else ""
+        )
 
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        return json.loads(path.read_text())
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path} is missing; run `lcbayes fit` again") from None
     except json.JSONDecodeError as fault:

@@ -52,7 +52,7 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
             (folder / SCHEDULE).unlink(missing_ok=True)
         else:
             rows = summary.table(content["plan"]["schedule"], content["plan"]["unit"])
-            write_atomic(folder / SCHEDULE, lambda p: p.write_text(rows))
+            write_atomic(folder / SCHEDULE, lambda p: p.write_text(rows, encoding="utf-8"))
         save_json(content, folder / NUMBERS)
         return folder / NUMBERS
 

@@ -73,7 +73,9 @@ def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[s
         (scratch / PAGE).write_text(page, encoding="utf-8")
         (folder / BODY).unlink(missing_ok=True)
         if body is not None:
-            (scratch / BODY).write_text(body.obj("convex body of the best solution, lcbayes scan"))
+            (scratch / BODY).write_text(
+                body.obj("convex body of the best solution, lcbayes scan"), encoding="utf-8"
+            )
         put_in_place(scratch, folder)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

@@ -84,7 +84,9 @@ def write(
 def tell(folder: Path, name: str, lines: Sequence[str], as_json: bool) -> None:
     """Print the lines and where the page is, or the JSON file alone."""
     if as_json:
-        json.dump(json.loads((folder / f"{name}.json").read_text()), sys.stdout, indent=1)
+        json.dump(
+            json.loads((folder / f"{name}.json").read_text(encoding="utf-8")), sys.stdout, indent=1
+        )
         print()
     else:
         print("\n".join(lines))

@@ -94,7 +94,8 @@ class Gallery:
         # the XML head is of no use inside a page; single spaces make it a quarter smaller
         text = buffer.getvalue()
         text = re.sub(r"\n\s*", "\n", text[text.index("<svg") :])
-        (self.folder / f"{name}.svg").write_text('<?xml version="1.0" encoding="utf-8"?>\n' + text)
+        head = '<?xml version="1.0" encoding="utf-8"?>\n'
+        (self.folder / f"{name}.svg").write_text(head + text, encoding="utf-8")
         code = base64.b64encode(text.encode()).decode()
         width, height = figure.get_size_inches()
         image = Image(

@@ -11,6 +11,9 @@ from pathlib import Path
 
 from lcbayes.errors import InputError
 
+MOST_BYTES = 512 << 20
+PIECE = 1 << 20  # bytes to look at before more are read
+
 
 @dataclass(frozen=True)
 class TextFile:
@@ -23,12 +26,52 @@ class TextFile:
 
     @property
     def name(self) -> str:
-        """The path as the user gave it."""
-        return str(self.path)
+        """The path as the user gave it, as text."""
+        return printable(self.path)
 
     def at(self, line: int) -> str:
         """A place in this file, for messages."""
         return f"{self.name}, line {line}"
+
+
+def printable(path: str | os.PathLike[str]) -> str:
+    """A path as text that any file can hold; what is not UTF-8 in it is escaped as in ``\\xe9``."""
+    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+    """What a file of text holds; what its size or its beginning rules out is not read.
+
+    Raises
+    ------
+    InputError
+        The file is missing, a folder, unreadable, binary, or has over ``most`` bytes.
+    """
+    name = printable(path)
+    try:
+        with Path(path).open("rb") as file:
+            size, pieces = os.fstat(file.fileno()).st_size, [b""]
+            while size <= most and not _control(pieces[-1]) and (piece := file.read(PIECE)):
+                pieces.append(piece)
+                size = max(size, sum(map(len, pieces)))  # a pipe's or device's is 0
+    except FileNotFoundError:
+        raise InputError(f"{name} does not exist; check the path") from None
+    except IsADirectoryError:
+        raise InputError(f"{name} is a folder; give a file") from None
+    except OSError as fault:
+        raise InputError(f"{name} cannot be read ({fault.strerror}); check its rights") from None
+    except ValueError as fault:
+        raise InputError(f"{name!r} can name no file ({fault}); correct the path") from None
+    if size > most:
+        raise InputError(
+            f"{name} has over {most >> 20} MiB, the most that is read; keep what is needed of it"
+        )
+    return b"".join(pieces)
+
+
+def _control(data: bytes) -> bytes:
+    """The bytes that no text holds."""
+    return data.translate(None, delete=_TEXT_BYTES)
 
 
 def read_text(path: str | os.PathLike[str]) -> TextFile:
@@ -39,27 +82,18 @@ def read_text(path: str | os.PathLike[str]) -> TextFile:
     InputError
         The file is missing, a folder, unreadable, empty, or not text.
     """
-    path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist; check the path") from None
-    except IsADirectoryError:
-        raise InputError(f"{path} is a folder; give a file") from None
-    except OSError as fault:
-        raise InputError(f"{path} cannot be read ({fault.strerror}); check its rights") from None
-    text, notes = _decode(path, data)
+    data = read_bytes(path)
+    text, notes = _decode(printable(path), data)
     if not text.strip():
-        raise InputError(f"{path} is empty; check that it was saved, or give another")
+        raise InputError(f"{printable(path)} is empty; check that it was saved, or give another")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    return TextFile(path, text, hashlib.sha256(data).hexdigest(), notes)
+    return TextFile(Path(path), text, hashlib.sha256(data).hexdigest(), notes)
 
 
-def _decode(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
+def _decode(path: str, data: bytes) -> tuple[str, tuple[str, ...]]:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"{path} is UTF-16 text; save it as UTF-8")
-    control = data.translate(None, delete=_TEXT_BYTES)
-    if control:
+    if control := _control(data):
         where = data.index(control[:1])
         line = data.count(b"\n", 0, where) + 1
         raise InputError(

@@ -5,18 +5,23 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import sys
 import tomllib
 from collections.abc import Collection
 from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import printable, read_bytes
 from lcbayes.errors import InputError
 
 type Place = tuple[str | int, ...]
 
 REQUIRED: Any = object()
-_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
+MOST_BYTES = 16 << 20
+LARGEST = 1e30  # of any number, so that neither squares nor quotients leave the floats
+FIRST_YEAR, LAST_YEAR = 1900, 2099  # of instants, as in light curves
+_HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""\s*([A-Za-z0-9_\-."']+)\s*=""")
 
 
@@ -28,24 +33,25 @@ def read_toml(path: str | Path) -> Table:
     InputError
         The file is missing, is not UTF-8 text or is not TOML; with line and column.
     """
-    path = Path(path)
+    name = printable(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist; check the path") from None
-    except OSError as fault:
-        raise InputError(f"{path} cannot be read ({fault.strerror}); give a TOML file") from None
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
-        raise InputError(f"{path}: byte {fault.start} is not UTF-8; save it as UTF-8") from None
+        raise InputError(f"{name}: byte {fault.start} is not UTF-8; save it as UTF-8") from None
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
         what, _, where = str(fault).rpartition(" (at ")
         where = where.removesuffix(")")
-        raise InputError(f"{path}, {where}: not TOML ({what}); correct that line") from None
+        raise InputError(f"{name}, {where}: not TOML ({what}); correct that line") from None
     except RecursionError:
-        raise InputError(f"{path}: arrays or tables lie too deep in one another") from None
-    return Table(path, data, (), _lines_of(text))
+        raise InputError(f"{name}: arrays or tables lie too deep in one another") from None
+    except ValueError:  # Python's own limit, which keeps int() from taking hours
+        most = sys.get_int_max_str_digits()
+        long = re.search(rf"[\d_]{{{most + 1}}}", text, re.ASCII)
+        line = f", line {text.count(chr(10), 0, long.start()) + 1}" if long else ""
+        raise InputError(f"{name}{line}: a number of over {most} digits; shorten it") from None
+    return Table(Path(path), data, (), _lines_of(text))
 
 
 def _lines_of(text: str) -> dict[Place, int]:
@@ -104,7 +110,7 @@ class Table:
         while known and known not in self._lines:
             known = known[:-1]
         line = f", line {self._lines[known]}" if known else ""
-        return InputError(f"{self.path}{line}: {_dotted(place)} {what}")
+        return InputError(f"{printable(self.path)}{line}: {_dotted(place)} {what}")
 
     def _absent(self, key: str, default: Any, expected: str) -> bool:
         """Whether the default holds; an error where there is none."""
@@ -121,32 +127,32 @@ class Table:
         self,
         key: str,
         default: Any = REQUIRED,
-        low: float = -math.inf,
-        high: float = math.inf,
+        low: float = -LARGEST,
+        high: float = LARGEST,
         above: float = -math.inf,
     ) -> Any:
-        """A finite number with low <= number <= high and number > above."""
-        limits = [
-            f">= {low:g}" if low > -math.inf else "",
-            f"> {above:g}" if above > -math.inf else "",
-            f"<= {high:g}" if high < math.inf else "",
-        ]
-        expected = " ".join(["a number", " and ".join(filter(None, limits))]).strip()
+        """A number with low <= number <= high and number > above, at most `LARGEST` in size."""
+        low, high = max(low, -LARGEST), min(high, LARGEST)
+        least = f"> {above:g}" if above >= low else f">= {low:g}"
+        expected = f"a number {least} and <= {high:g}"
         if self._absent(key, default, expected):
             return default
         value = self._data[key]
         if not _is_number(value) or not low <= value <= high or not value > above:
-            raise self.fault(key, f"is {value!r}; expected {expected}")
+            raise self.fault(key, f"is {_shown(value)}; expected {expected}")
         return float(value)
 
-    def vector(self, key: str, length: int = 3, default: Any = REQUIRED) -> Any:
-        """A list of finite numbers of that length, as a tuple."""
-        expected = f"a list of {length} numbers"
+    def vector(
+        self, key: str, length: int = 3, default: Any = REQUIRED, limit: float = LARGEST
+    ) -> Any:
+        """A list of numbers of that length, none larger in size than the limit, as a tuple."""
+        expected = f"a list of {length} numbers from {-limit:g} to {limit:g}"
         if self._absent(key, default, expected):
             return default
         value = self._data[key]
-        if not isinstance(value, list) or len(value) != length or not all(map(_is_number, value)):
-            raise self.fault(key, f"is {value!r}; expected {expected}")
+        fits = isinstance(value, list) and len(value) == length and all(map(_is_number, value))
+        if not fits or max(map(abs, value)) > limit:
+            raise self.fault(key, f"is {_shown(value)}; expected {expected}")
         return tuple(map(float, value))
 
     def text(
@@ -158,7 +164,9 @@ class Table:
             return default
         value = self._data[key]
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.fault(key, f"is {value!r}; expected {expected}")
+            raise self.fault(key, f"is {_shown(value)}; expected {expected}")
+        if "\0" in value:
+            raise self.fault(key, f"is {_shown(value)}; expected a text without null bytes")
         return value
 
     def flag(self, key: str, default: Any = REQUIRED) -> Any:
@@ -167,12 +175,12 @@ class Table:
             return default
         value = self._data[key]
         if not isinstance(value, bool):
-            raise self.fault(key, f"is {value!r}; expected true or false")
+            raise self.fault(key, f"is {_shown(value)}; expected true or false")
         return value
 
     def instant(self, key: str, default: Any = REQUIRED) -> Any:
         """An instant in UTC, from a TOML date and time or a string in ISO 8601."""
-        expected = "an instant in UTC such as 2026-03-01T19:30:00Z"
+        expected = f"an instant in UTC, {FIRST_YEAR} .. {LAST_YEAR}, such as 2026-03-01T19:30:00Z"
         if self._absent(key, default, expected):
             return default
         value = self._data[key]
@@ -185,9 +193,12 @@ class Table:
                 found = value
             else:
                 raise ValueError
-        except ValueError:
-            raise self.fault(key, f"is {value!r}; expected {expected}") from None
-        return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+            utc = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+            if not FIRST_YEAR <= utc.year <= LAST_YEAR:
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise self.fault(key, f"is {_shown(value)}; expected {expected}") from None
+        return utc
 
     def table(self, key: str, default: Any = REQUIRED) -> Any:
         """A table inside this one."""
@@ -195,7 +206,7 @@ class Table:
             return default
         value = self._data[key]
         if not isinstance(value, dict):
-            raise self.fault(key, f"is {value!r}; expected a table of keys and values")
+            raise self.fault(key, f"is {_shown(value)}; expected a table of keys and values")
         return Table(self.path, value, (*self._place, key), self._lines)
 
     def tables(self, key: str) -> list[Table]:
@@ -235,7 +246,19 @@ class Table:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
+    except OverflowError:  # an int beyond the floats
+        return False
+
+
+def _shown(value: object) -> str:
+    """A value as a message shows it: its beginning where it is long."""
+    try:
+        text = str(value) if isinstance(value, date) else repr(value)
+    except ValueError:  # a hexadecimal number, whose decimal digits Python counts as too many
+        return "a number too long to show"
+    return text if len(text) <= 100 else f"{text[:100]}…"
 
 
 def _dotted(place: Place, root: str = "the file") -> str:

@@ -34,7 +34,10 @@ class Batch(Judged):
         """Write batch.json, objects.csv and run.toml."""
         folder = make_folder(folder)
         self._write(folder, "batch.json")
-        write_atomic(folder / "objects.csv", lambda p: p.write_text(table.to_csv(self.rows)))
+        write_atomic(
+            folder / "objects.csv",
+            lambda p: p.write_text(table.to_csv(self.rows), encoding="utf-8"),
+        )
         return folder
 
     def report(self, folder: str | Path) -> Path:

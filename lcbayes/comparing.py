@@ -54,7 +54,9 @@ class Comparison(Judged):
         every = [*self._summary["candidates"], *self._summary["ruled_out"]]
         rows.writerows(sorted(every, key=lambda row: row["n_facets"]))
         self._write(folder, "compare.json")
-        write_atomic(folder / "compare.csv", lambda p: p.write_text(text.getvalue()))
+        write_atomic(
+            folder / "compare.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
+        )
         return folder
 
     def report(self, folder: str | Path) -> Path:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lcbayes._files import printable
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.folders import alone_in, installed_version, make_folder, record
@@ -194,7 +195,7 @@ def _attributes(
     if curve.epoch_jd is not None:
         epoch["epoch_jd"] = curve.epoch_jd + curve.t.min() / 86400.0
     return epoch | {
-        "model": entry.name,
+        "model": printable(entry.name),
         "kind": curve.kind,
         "frame": curve.frame,
         "n_facets": summary["n_facets"],

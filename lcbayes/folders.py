@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes._files import printable
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
 
@@ -84,7 +85,7 @@ def _toml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
-    return json.dumps(str(value), ensure_ascii=False)
+    return json.dumps(printable(str(value)), ensure_ascii=False)
 
 
 def installed_version() -> str:

@@ -136,17 +136,16 @@ class Entry:
             yield
         except InputError:
             raise
-        except Exception as fault:
+        except (Exception, SystemExit) as fault:
             if self.name in BUILT_IN:
                 if not isinstance(fault, ValueError):
                     raise
                 raise InputError(
                     f"model {self.name!r}: {fault} (options: `lcbayes models {self.name}`)"
                 ) from fault
-            said = " ".join(str(fault).split())
             raise InputError(
-                f"{self.name}, line {_last_line(fault, Path(self.name))}: "
-                f"{type(fault).__name__}: {said}; the model must run on this light curve"
+                f"{self.name}, line {_last_line(fault, Path(self.name))}: {_said(fault)}; "
+                "the model must run on this light curve"
             ) from fault
 
     def bind(self, options: Mapping[str, Any]) -> Callable[[Any], Any]:
@@ -193,33 +192,39 @@ def find(name: str) -> Entry:
     if not path.is_file():
         raise InputError(f"model file {name} does not exist; give the path of a Python file")
     spec = importlib.util.spec_from_file_location(f"lcbayes_user_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise InputError(f"model file {name} is no Python file; give one whose name ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as fault:  # a user's file may fail in any way
+    except (Exception, SystemExit) as fault:  # a user's file may fail in any way
         line = getattr(fault, "lineno", None) or _last_line(fault, path)
         raise InputError(
-            f"{name}, line {line}: {type(fault).__name__}: {fault}; the file must run as it is"
+            f"{name}, line {line}: {_said(fault)}; the file must run as it is"
         ) from fault
     function = getattr(module, "model", None)
     if not callable(function):
         raise InputError(
             f"{name} defines no function model(data, *, ...); see `lcbayes models --contract`"
         )
-    kinds = [p.kind for p in inspect.signature(function).parameters.values()]
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError) as fault:  # some of Python's own have none
+        raise InputError(f"{name}: model has no signature ({_said(fault)}); use def") from fault
+    kinds = [p.kind for p in signature.parameters.values()]
     if kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) != 1:
         raise InputError(
-            f"{name}: model{inspect.signature(function)} must take data alone by position and its "
+            f"{name}: model{signature} must take data alone by position and its "
             "options by keyword: def model(data, *, option=default)"
         )
     entry = Entry(name, module)
     try:
         options = entry.options.values()
     except Exception as fault:  # an annotation that names nothing
-        raise InputError(f"{name}: the types of model's options cannot be read: {fault}") from fault
+        raise InputError(
+            f"{name}: the types of model's options cannot be read: {_said(fault)}"
+        ) from fault
     for option in options:
         if option.type not in (bool, int, float, str):
             raise InputError(
@@ -227,6 +232,11 @@ def find(name: str) -> Entry:
                 f"def model(data, *, {option.name}: float = 1.0)"
             )
     return entry
+
+
+def _said(fault: BaseException) -> str:
+    """A fault's kind and message in one line."""
+    return " ".join(f"{type(fault).__name__}: {fault}".split())
 
 
 def _last_line(fault: BaseException, path: Path) -> int:

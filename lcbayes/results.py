@@ -196,4 +196,4 @@ def save_json(content: Mapping[str, Any], path: Path) -> None:
         return value
 
     text = json.dumps(plain(content), indent=1) + "\n"
-    write_atomic(path, lambda p: p.write_text(text))
+    write_atomic(path, lambda p: p.write_text(text, encoding="utf-8"))

@@ -51,7 +51,9 @@ class Scan(Judged):
         writer = csv.writer(text, lineterminator="\n")
         writer.writerows([heads, *rows])
         self._write(folder, "summary.json")
-        write_atomic(folder / "hypotheses.csv", lambda p: p.write_text(text.getvalue()))
+        write_atomic(
+            folder / "hypotheses.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
+        )
         return folder
 
     def report(self, folder: str | Path) -> Path:

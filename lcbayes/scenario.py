@@ -10,15 +10,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lcbayes._toml import Table, read_toml
+from lcbayes._toml import REQUIRED, Table, read_toml
 from lcbayes.errors import InputError
 from lcbayes.physics import catalogue, shapes
 from lcbayes.physics.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis, TorqueFree
 from lcbayes.scenarios import bundled
 from lcbayes.scenarios.body import Material, read_body, read_materials
-from lcbayes.scenarios.viewing import Orbit, Planar, Vectors, read_geometry
+from lcbayes.scenarios.viewing import MAX_RATE, Orbit, Planar, Vectors, read_geometry
 
 HOUR = 3600.0
+MAX_EXPOSURE_S = 86400.0
+PERIODS_S = (1e-3, 1e12)
+NOISES = {"sigma": (1e-30, 1e30), "mag_err": (1e-12, 10.0), "snr": (1e-6, 1e12)}
 FREE = ("constant-rate", "principal-axis", "torque-free", "fixed")
 
 
@@ -91,7 +94,7 @@ def load(scenario: str | Path) -> Scenario:
     output = root.table("output", None) or root.blank()
     kind = output.text("kind", "mag" if noise.kind == "mag_err" else "flux", ("flux", "mag"))
     band = output.text("band", "V" if kind == "mag" else "")
-    exposure = output.number("exposure_s", 0.0, low=0.0)
+    exposure = output.number("exposure_s", 0.0, 0.0, MAX_EXPOSURE_S)
     output.done()
     root.text("title", "")
     root.done()
@@ -115,7 +118,7 @@ def _attitude(table: Table) -> Attitude:
         return _stabilised(law, table)
     found: Attitude
     if law == "constant-rate":
-        found = ConstantRate(table.vector("omega_rad_s"))
+        found = ConstantRate(table.vector("omega_rad_s", limit=MAX_RATE))
     elif law == "principal-axis":
         period = _period(table)
         found = PrincipalAxis(
@@ -133,7 +136,7 @@ def _attitude(table: Table) -> Attitude:
                 "sum of the other two",
             )
         turn = (table.number(f"{k}_deg", 0.0) for k in ("yaw", "pitch", "roll"))
-        found = TorqueFree(table.vector("omega_rad_s"), inertia, *turn)
+        found = TorqueFree(table.vector("omega_rad_s", limit=MAX_RATE), inertia, *turn)
     else:
         found = Fixed()
     table.done()
@@ -163,14 +166,19 @@ def _period(table: Table) -> float:
     period = table.number(unit)
     if period == 0:
         raise table.fault(unit, "is 0; a period is positive, or negative for the other sense")
+    shortest, longest = PERIODS_S
+    if not shortest <= abs(period) * scale <= longest:
+        raise table.fault(
+            unit, f"is {period:g}; expected from {shortest / scale:g} to {longest / scale:g}"
+        )
     return period * scale
 
 
 def _noise(table: Table) -> Noise:
-    kinds = [key for key in ("sigma", "mag_err", "snr") if key in table]
+    kinds = [key for key in NOISES if key in table]
     if len(kinds) != 1:
         given = " and ".join(map(repr, kinds)) or "none of them"
         raise table.fault(None, f"needs one of 'sigma', 'mag_err' and 'snr'; it has {given}")
-    found = Noise(kinds[0], table.number(kinds[0], above=0.0))
+    found = Noise(kinds[0], table.number(kinds[0], REQUIRED, *NOISES[kinds[0]]))
     table.done()
     return found

@@ -35,7 +35,9 @@ class Judged:
         from lcbayes.results import save_json
 
         save_json(self._summary, folder / name)
-        write_atomic(folder / "run.toml", lambda p: p.write_text(to_toml(self._run)))
+        write_atomic(
+            folder / "run.toml", lambda p: p.write_text(to_toml(self._run), encoding="utf-8")
+        )
 
 
 def told(reasons: list[str]) -> str:

@@ -81,6 +81,7 @@ def _with_elements(path: Path) -> object:
 
 READERS = {
     "light curve": Reader(".csv", read, (VECTORS, PLACES, HEIGHTS, DAMIT, ECSV)),
+    "ECSV": Reader(".ecsv", read, (ECSV, ECSV.replace("# ---\n", "# ---\n# delimiter: ' '\n"))),
     "geometry": Reader(".csv", read_geometry, (VECTORS, PLACES, HEIGHTS)),
     "DAMIT": Reader(".lcs", read, (DAMIT,)),
     "with elements": Reader(".txt", _with_elements, (MMT9, TIMES)),

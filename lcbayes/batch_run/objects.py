@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lcbayes._files import read_text
+from lcbayes._files import TextFile, read_text
 from lcbayes._toml import read_toml
 from lcbayes.errors import InputError
 
@@ -77,14 +77,15 @@ def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     kept = [(i, x) for i, x in enumerate(file.text.split("\n"), 1) if x.strip() and x[0] != "#"]
     if not kept:
         raise InputError(f"{path} holds comments alone; a catalogue has a head and rows")
-    table = csv.reader(line for _, line in kept)
-    heads = [head.strip() for head in next(table)]
+    table = _rows(file, kept)
+    _, heads = next(table)
+    heads = [head.strip() for head in heads]
     if "curve" not in heads:
         raise InputError(
             f"{file.at(kept[0][0])}: there is no column 'curve' in {', '.join(heads)}; a catalogue "
             "names the light curve of each object in it"
         )
-    for (line, _), cells in zip(kept[1:], table, strict=False):
+    for line, cells in table:
         if len(cells) > len(heads):
             raise InputError(
                 f"{file.at(line)}: {len(cells)} cells under {len(heads)} heads; put cells that "
@@ -92,6 +93,19 @@ def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             )
         row = {k: v.strip() for k, v in zip(heads, cells, strict=False) if v.strip()}
         yield file.at(line), _beside(path, row)
+
+
+def _rows(file: TextFile, kept: list[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of each row."""
+    table, begun = csv.reader(line for _, line in kept), 0
+    try:
+        for cells in table:
+            yield kept[begun][0], cells
+            begun = table.line_num
+    except csv.Error as fault:
+        raise InputError(
+            f"{file.at(kept[begun][0])}: {fault}; shorten the cell, or close its quotes"
+        ) from None
 
 
 def _toml(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:

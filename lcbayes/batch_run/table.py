@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lcbayes._files import printable
 from lcbayes.names import SPIN
 
 TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
@@ -32,7 +33,11 @@ def to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
-        cells = {**row, "reasons": "; ".join(row["reasons"])}
+        cells = {
+            **row,
+            "curve": printable(row.get("curve", "")),
+            "reasons": "; ".join(row["reasons"]),
+        }
         writer.writerow(["" if cells.get(k) is None else cells[k] for k in columns])
     return text.getvalue()
 

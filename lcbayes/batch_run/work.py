@@ -67,12 +67,14 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         return failed(one, str(fault), time.monotonic() - begun)
     except Exception as fault:  # whatever ails one object, the others are to be done
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "error.txt").write_text(traceback.format_exc())
+        (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
         told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
     row = _row(one, found, time.monotonic() - begun)
     mark = {"identity": identity(one), "row": row}
-    write_atomic(folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1)))
+    write_atomic(
+        folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1), encoding="utf-8")
+    )
     return row
 
 

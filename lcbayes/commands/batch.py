@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     where = args.out if args.no_report else found.report(args.out)
     if args.json:
-        sys.stdout.write((args.out / "batch.json").read_text())
+        sys.stdout.write((args.out / "batch.json").read_text(encoding="utf-8"))
         return EXIT_DONE if found.converged else EXIT_NOT_TRUSTED
     summary = found.summary()
     if not found.converged:

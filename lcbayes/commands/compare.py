@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_report:
         found.report(args.out)
     if args.json:
-        sys.stdout.write((args.out / "compare.json").read_text())
+        sys.stdout.write((args.out / "compare.json").read_text(encoding="utf-8"))
     else:
         if not found.converged:
             print(told(found.reasons))

@@ -89,7 +89,11 @@ def run(args: argparse.Namespace) -> int:
 
         path = report.write(args.out)
     if args.json:
-        json.dump(json.loads((args.out / "summary.json").read_text()), sys.stdout, indent=1)
+        json.dump(
+            json.loads((args.out / "summary.json").read_text(encoding="utf-8")),
+            sys.stdout,
+            indent=1,
+        )
         print()
     else:
         _tell(summary, bool(curve.free_scale.all()))

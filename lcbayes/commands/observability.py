@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         command += ["--posterior", args.posterior] if args.posterior else []
     content = page.write(found, args.out, command)
     if args.json:
-        json.dump(json.loads(content.read_text()), sys.stdout, indent=1)
+        json.dump(json.loads(content.read_text(encoding="utf-8")), sys.stdout, indent=1)
         print()
     else:
         print("\n".join(summary.words(found)))

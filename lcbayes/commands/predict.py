@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     lines = [",".join(table), *(",".join(_cell(v) for v in row) for row in rows)]
 
     def write(path: Path) -> None:
-        path.write_text("\n".join(lines) + "\n")
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     try:
         write_atomic(args.out, write)

@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     )
     where = args.out if args.no_report else found.report(args.out)
     if args.json:
-        sys.stdout.write((args.out / "summary.json").read_text())
+        sys.stdout.write((args.out / "summary.json").read_text(encoding="utf-8"))
     else:
         if not found.converged:
             print(told(found.reasons))

@@ -22,7 +22,10 @@ from lcbayes.errors import InputError
 Floats = NDArray[np.float64]
 
 CHUNK = 1 << 16
-_META = re.compile(r"#\s*([A-Za-z_]\w*)\s*[:=]\s*(\S.*?)\s*$")
+MAX_COLUMNS = 1000
+MAX_CELL = 1000  # characters
+MAX_TEXT = 1 << 31  # bytes of all columns of text, of which every cell takes what the longest needs
+_META = re.compile(r"#\s*([A-Za-z_]\w*)\s*[:=]\s*(\S.*)")
 _NAMES = {"\t": "tab", ",": "comma", ";": "semicolon", " ": "space"}
 
 
@@ -111,7 +114,7 @@ def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
         found = _META.match(line)
         if found is None:
             continue
-        key, value = found[1].lower(), found[2]
+        key, value = found[1].lower(), found[2].rstrip()
         if key in meta and meta[key][0] != value and key in ("frame", "epoch_jd"):
             raise InputError(
                 f"{file.at(number)}: {key} is {value!r}, but line {meta[key][1]} says "
@@ -185,15 +188,20 @@ def parse(
     columns: list[list] = [[] for _ in names]
     numbers_of_lines: list[NDArray[np.int64]] = []
     is_number = [name in numeric for name in names]
+    widths, n_rows = [0] * len(names), 0
     for rows, at in _chunks(file, lines, delimiter or " ", skipped, len(names)):
         numbers_of_lines.append(at)
+        n_rows += at.size
         for i, column in enumerate(zip(*rows, strict=True)):
             if is_number[i]:
                 if names[i] in may_be_empty:
                     column = [cell if cell.strip() else "nan" for cell in column]
                 columns[i].append(_floats(file, labels[i], column, at))
             else:
-                columns[i].append(np.array([cell.strip() for cell in column], dtype=np.str_))
+                cells = [cell.strip() for cell in column]
+                widths[i] = max(widths[i], _longest(file, f"column {labels[i]!r}", cells, at))
+                _check_memory(file, widths, n_rows)
+                columns[i].append(np.array(cells, dtype=np.str_))
     if not numbers_of_lines:
         raise InputError(f"{file.name} has a header but no rows; give one row per point")
     joined = {name: np.concatenate(parts) for name, parts in zip(names, columns, strict=True)}
@@ -211,16 +219,44 @@ _KNOWN_TEXT = ("utc", "curve", "band", "site", "frame", "calibrated")
 
 def _check_header(file: TextFile, line: int, labels: list[str], names: list[str]) -> None:
     where = file.at(line)
+    if len(labels) > MAX_COLUMNS:
+        raise InputError(
+            f"{where} names {len(labels)} columns; at most {MAX_COLUMNS} are read: drop those that "
+            "are not needed"
+        )
+    _longest(file, "the header", labels, np.full(len(labels), line))
     if all(_is_number(label) for label in labels):
         raise InputError(f"{where} holds numbers where names of columns are expected; add a header")
+    first: dict[str, int] = {}
     for i, name in enumerate(names):
         if not name:
             raise InputError(f"{where}: column {i + 1} has no name; name it or remove it")
-        if name in names[:i]:
+        if first.setdefault(name, i) != i:
             raise InputError(
-                f"{where}: {labels[i]!r} names both column {names.index(name) + 1} and column "
-                f"{i + 1}; rename or remove one"
+                f"{where}: {labels[i]!r} names both column {first[name] + 1} and column {i + 1}; "
+                "rename or remove one"
             )
+
+
+def _longest(file: TextFile, where: str, cells: Sequence[str], at: NDArray[np.int64]) -> int:
+    """Characters of the longest cell; an InputError where that is longer than a cell may be."""
+    longest = max(map(len, cells))
+    if longest > MAX_CELL:
+        line = next(line for cell, line in zip(cells, at, strict=True) if len(cell) > MAX_CELL)
+        raise InputError(
+            f"{file.at(line)}, {where} holds a cell of {longest} characters; at most "
+            f"{MAX_CELL} are read: shorten it, or close the quotes"
+        )
+    return longest
+
+
+def _check_memory(file: TextFile, widths: Sequence[int], n_rows: int) -> None:
+    """An InputError before the columns of text take more memory than `MAX_TEXT`."""
+    if 4 * n_rows * sum(widths) > MAX_TEXT:
+        raise InputError(
+            f"{file.name}: its columns of text, of up to {max(widths)} characters in each of "
+            f"{n_rows} rows or more, need over {MAX_TEXT >> 20} MiB; shorten or drop them"
+        )
 
 
 def _is_number(text: str) -> bool:
@@ -291,6 +327,7 @@ def _floats(
         return values
     for cell, line in zip(column, at, strict=True):
         if not _is_number(cell) or not cell.isascii() or "_" in cell:
+            _longest(file, f"column {label!r}", [cell], np.array([line]))
             if not cell.strip():
                 raise InputError(
                     f"{file.at(line)}, column {label!r} is empty; give a number or drop the row"

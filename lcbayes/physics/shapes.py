@@ -9,11 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lcbayes._files import TextFile, read_text
 from lcbayes.errors import InputError
 from lcbayes.physics.closure import close
 from lcbayes.physics.facets import grid
 
 Floats = NDArray[np.float64]
+
+SMALLEST_M, LARGEST_M = 1e-6, 1e6  # lengths of bodies
 
 
 class Body(NamedTuple):
@@ -185,30 +188,26 @@ def read_obj(path: str | Path) -> Body:
     InputError
         One line with the file and the line of the fault.
     """
-    where = Path(path)
-    try:
-        lines = where.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as fault:
-        raise InputError(f"{where}: cannot be read ({fault.strerror}); give an OBJ file") from None
+    file = read_text(path)
     vertices: list[list[float]] = []
     normals, areas, axes, labels = [], [], [], []
     group, material = "body", ""
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(file.text.split("\n"), 1):
         word, *rest = line.split("#", 1)[0].split() or [""]
         if word == "v":
-            vertices.append(_vertex(rest, where, number))
+            vertices.append(_vertex(rest, file, number))
         elif word in ("g", "o"):
             group = " ".join(rest) or "body"
         elif word == "usemtl":
             material = " ".join(rest)
         elif word == "f":
-            corners = np.array([vertices[i] for i in _indices(rest, len(vertices), where, number)])
+            corners = np.array([vertices[i] for i in _indices(rest, len(vertices), file, number)])
             vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
             area = float(np.linalg.norm(vector))
             extent = float(np.ptp(corners, axis=0).max())
             if not area > 1e-12 * extent**2:
                 raise InputError(
-                    f"{where}, line {number}: the facet has no area; remove it or fix its vertices"
+                    f"{file.at(number)}: the facet has no area; remove it or fix its vertices"
                 )
             edges = np.roll(corners, -1, axis=0) - corners
             longest = edges[np.argmax(np.linalg.norm(edges, axis=1))]
@@ -219,23 +218,24 @@ def read_obj(path: str | Path) -> Body:
             axes.append(longest / np.linalg.norm(longest))
             labels.append(material or group)
     if not normals:
-        raise InputError(f"{where}: no facets (lines that begin with 'f'); give an OBJ file")
+        raise InputError(f"{file.name}: no facets (lines that begin with 'f'); give an OBJ file")
     return Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
 
 
-def _vertex(words: list[str], where: Path, number: int) -> list[float]:
+def _vertex(words: list[str], file: TextFile, number: int) -> list[float]:
     try:
         xyz = [float(w) for w in words[:3]]
     except ValueError:
         xyz = []
-    if len(xyz) != 3 or not np.isfinite(xyz).all():
+    if len(xyz) != 3 or not np.all(np.abs(xyz) <= LARGEST_M):
         raise InputError(
-            f"{where}, line {number}: vertex {' '.join(words)!r} is not three finite numbers"
+            f"{file.at(number)}: vertex {' '.join(words)[:80]!r} is not three finite numbers "
+            f"of at most {LARGEST_M:g} m"
         )
     return xyz
 
 
-def _indices(words: list[str], count: int, where: Path, number: int) -> list[int]:
+def _indices(words: list[str], count: int, file: TextFile, number: int) -> list[int]:
     """0-based vertex indices; OBJ counts from 1, or backwards from the last with negatives."""
     found = []
     for word in words:
@@ -245,12 +245,10 @@ def _indices(words: list[str], count: int, where: Path, number: int) -> list[int
             i = 0
         if i == 0 or not -count <= i <= count:
             raise InputError(
-                f"{where}, line {number}: facet names vertex {word!r}, but {count} "
+                f"{file.at(number)}: facet names vertex {word[:80]!r}, but {count} "
                 "vertices stand above it; indices count from 1"
             )
         found.append(i - 1 if i > 0 else count + i)
     if len(found) < 3:
-        raise InputError(
-            f"{where}, line {number}: facet has {len(found)} vertices; give at least three"
-        )
+        raise InputError(f"{file.at(number)}: facet has {len(found)} vertices; give at least three")
     return found

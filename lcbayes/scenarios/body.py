@@ -11,6 +11,9 @@ import numpy as np
 from lcbayes._toml import REQUIRED, Table
 from lcbayes.physics import shapes
 from lcbayes.physics.reflectance import LAWS
+from lcbayes.physics.shapes import LARGEST_M, SMALLEST_M
+
+LONGEST = 1e6  # of a vector whose direction alone counts
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def _facets(
     for facet in table.tables("facets"):
         normal = _normal(facet)
         normals.append(normal)
-        areas.append(facet.number("area_m2", above=0.0))
+        areas.append(facet.number("area_m2", above=0.0, high=LARGEST_M**2))
         axes.append(_in_plane(facet, normal))
         fallback = REQUIRED if default is None else default
         labels.append(facet.text("material", fallback, choices=tuple(materials)))
@@ -115,7 +118,7 @@ def _facets(
 def _normal(facet: Table) -> shapes.Floats:
     """From `normal`, of any length, or from `phi` (rad) and `g`."""
     if "normal" in facet:
-        normal = np.array(facet.vector("normal"))
+        normal = np.array(facet.vector("normal", limit=LONGEST))
         length = np.linalg.norm(normal)
         if length == 0:
             raise facet.fault("normal", "has length zero; give the outward direction")
@@ -129,7 +132,7 @@ def _in_plane(facet: Table, normal: shapes.Floats) -> shapes.Floats:
     """The unit vector `u`, for anisotropic laws."""
     if "u" not in facet:
         return shapes.plane_axis(normal)[0]
-    u = np.array(facet.vector("u"))
+    u = np.array(facet.vector("u", limit=LONGEST))
     length = np.linalg.norm(u)
     if length == 0 or abs(u @ normal) > 1e-6 * length:
         raise facet.fault("u", f"is {u.tolist()}; expected a direction in the facet's plane")
@@ -149,11 +152,11 @@ _SIZES = {  # lengths in m; the shape's own defaults hold for what is left out
 
 def _sizes(table: Table, name: str) -> dict[str, Any]:
     """The dimensions of a built-in shape, as its function takes them."""
-    sizes = {key: table.number(key, None, above=0.0) for key in _SIZES[name]}
+    sizes = {key: table.number(key, None, low=SMALLEST_M, high=LARGEST_M) for key in _SIZES[name]}
     if name == "box-wing":
-        sizes |= {"bus": table.vector("bus", 3, None), "wing": table.vector("wing", 2, None)}
-        for key in ("bus", "wing"):
-            if sizes[key] is not None and not min(sizes[key]) > 0:
-                raise table.fault(key, f"is {list(sizes[key])}; expected lengths > 0")
+        for key, length in (("bus", 3), ("wing", 2)):
+            sizes[key] = table.vector(key, length, None, limit=LARGEST_M)
+            if sizes[key] is not None and not min(sizes[key]) >= SMALLEST_M:
+                raise table.fault(key, f"is {list(sizes[key])}; expected lengths >= {SMALLEST_M:g}")
         sizes["cant_deg"] = table.number("cant_deg", None)
     return {key: value for key, value in sizes.items() if value is not None}

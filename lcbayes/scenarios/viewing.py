@@ -12,6 +12,10 @@ from lcbayes.tle import Tle, parse_tle, read_tle
 
 PLANES = ("xy", "yz", "zx")
 MAX_EPOCHS = 1_000_000
+MAX_TIME_S = 1e10  # 300 years
+MAX_RATE = 1e3  # rad/s
+MAX_ANGLE = 1e6  # rad
+RANGES_KM = (1e-3, 1e12)
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ def read_geometry(table: Table) -> Planar | Orbit | Vectors:
         found = Planar(
             tuple(_planar_pass(item) for item in _passes(table, PLANAR_KEYS)),
             table.text("frame", "inertial", FRAMES),
-            table.number("range_km", None, above=0.0),
+            table.number("range_km", None, *RANGES_KM),
         )
     else:
         found = Orbit(_tle(table), tuple(_orbit_pass(item) for item in _passes(table, ORBIT_KEYS)))
@@ -109,10 +113,12 @@ def _passes(table: Table, keys: tuple[str, ...]) -> list[Table]:
 
 
 def _planar_pass(table: Table) -> PlanarPass:
-    start, stop = table.number("start", 0.0), table.number("stop")
+    start = table.number("start", 0.0, -MAX_TIME_S, MAX_TIME_S)
+    stop = table.number("stop", low=-MAX_TIME_S, high=MAX_TIME_S)
     step = table.number("step", above=0.0)
     _check_span(table, stop - start, step)
-    directions = {key: table.number(key) for key in DIRECTION_KEYS}
+    most = {key: MAX_RATE if key.startswith("omega") else MAX_ANGLE for key in DIRECTION_KEYS}
+    directions = {key: table.number(key, low=-high, high=high) for key, high in most.items()}
     found = PlanarPass(start, stop, step, plane=table.text("plane", "xy", PLANES), **directions)
     table.done()
     return found

@@ -48,6 +48,10 @@ ECSV = (
     "# - {name: flux, datatype: float64}\nt flux\n1 2\n2 3\n"
 )
 
+BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"# a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10)
+) + "# "  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Case:
@@ -100,6 +104,18 @@ CASES = {
     "cut in mid-row": Case(PLAIN[:-12], ("comma-separated cells",), 7),
     "column twice": Case(swap("flux_err", "flux"), ("'flux' names both column 2 and", "3"), 1),
     "column twice but for case": Case(swap("flux_err", "FLUX"), ("names both", "rename"), 1),
+    "a column more than is read": Case(
+        swap(HEADER, HEADER + "".join(f",c{i}" for i in range(60_000))),
+        ("60009 columns; at most 1000",), 1,
+    ),
+    "a long note": Case(
+        column("note", ["a", "a", "x" * 1001, "a", "a", "a"]),
+        ("column 'note' holds a cell of 1001 characters; at most 1000",), 4,
+    ),
+    "a number of many digits": Case(
+        row(2, f"20,{'1' * 5000}x,0.1,1,0,0,0,1,0"), ("column 'flux' holds a cell of 5001",), 4
+    ),
+    "a comment of spaces": Case("# a: x" + " " * 200_000 + "y\n" + row(2, "20"), ("1 comma",), 5),
     "column without name": Case(swap("flux_err", ""), ("column 3 has no name", "remove it"), 1),
     "quote not closed": Case(row(2, '20,"1.5,0.1,1,0,0,0,1,0'), ("close the quotes",), 4),
     "text after a quote": Case(row(2, '20,"1.5"x,0.1,1,0,0,0,1,0'), ("quotes",), 4),
@@ -261,9 +277,31 @@ CASES = {
         ("no geometry",),
     ),
     "ecsv header not yaml": Case(
-        swap("datatype:\n", "datatype: [\n", ECSV), ("header cannot be read (Yaml",), 1
+        swap("datatype:\n", "datatype: [\n", ECSV), ("header cannot be read (ParserError",), 1
     ),
     "ecsv header and names differ": Case(swap("t flux", "t mag", ECSV), ("differ (flux, mag)",), 6),
+    "ecsv with aliases of aliases": Case(
+        swap("datatype:", f"{BOMB}meta: {{k: *a9}}\n# datatype:", ECSV),
+        ("its aliases stand for too much",), 1,
+    ),
+    "ecsv that holds itself": Case(
+        swap("datatype:", "x: &x [*x]\n# datatype:", ECSV), ("aliases stand for too much",), 1
+    ),
+    "ecsv with a number for a delimiter": Case(
+        swap("datatype:", "delimiter: 5\n# datatype:", ECSV), ("neither a space nor a comma",), 1
+    ),
+    "ecsv with another delimiter": Case(
+        swap("datatype:", "delimiter: '|'\n# datatype:", ECSV) + "1|2\n", ("nor a comma",), 1
+    ),
+    "ecsv with a list for a meta": Case(
+        swap("datatype:", "meta: [1, 2]\n# datatype:", ECSV), ("its meta has no keys",), 1
+    ),
+    "ecsv with a text for a meta": Case(
+        swap("datatype:", "meta: hello\n# datatype:", ECSV), ("its meta has no keys",), 1
+    ),
+    "ecsv with a list for a frame": Case(
+        swap("datatype:", "meta: {frame: [icrs]}\n# datatype:", ECSV), ("frame in its meta",), 1
+    ),
     "ecsv in other units": Case(
         swap("{name: t,", "{name: t, unit: h,", ECSV), ("'t' is in h; expected s",)
     ),
@@ -334,10 +372,10 @@ def test_unreadable(tmp_path, capsys, monkeypatch):
     path = tmp_path / "pass.csv"
     path.write_text(PLAIN)
 
-    def refuse(self):
+    def refuse(self, *_):
         raise PermissionError(13, "Permission denied", str(self))
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     err = convert_fails(tmp_path, path, (), capsys)
     assert "pass.csv cannot be read (Permission denied); check its rights" in err
 

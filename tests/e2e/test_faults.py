@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import fcntl
 import hashlib
 import re
@@ -146,6 +147,19 @@ SOURCES = [
     if not p.is_relative_to(ROOT / "lcbayes" / "models")
     and not p.is_relative_to(ROOT / "lcbayes" / "analysis")
 ]  # fmt: skip
+
+
+def test_every_text_is_utf_8():
+    """Whatever the machine's own encoding is."""
+    for path in SOURCES:
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if (
+                isinstance(call, ast.Call)
+                and isinstance(call.func, ast.Attribute)
+                and call.func.attr in ("read_text", "write_text")
+                and path.name != "checkpoint.py"  # JSON in ASCII alone
+            ):
+                assert "encoding" in [k.arg for k in call.keywords], (path, call.lineno)
 
 
 def test_nothing_reads_a_pickle_or_hangs_on_the_wall_clock():

@@ -52,6 +52,8 @@ def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
         ("curve,seed\na.csv,one\n", r"line 2: seed is not a whole number"),
         ("curve\n", "names no object"),
         ("curve\na.csv,b\n", r"line 2: 2 cells under 1 heads"),
+        (f"curve,name\na.csv,{'a' * 140_000}\n", r"line 2: field larger than field limit"),
+        ("curve,name\na.csv,'a'\nb.csv,\"x\ny\"\nc.csv,1,2\n", r"line 5: 3 cells under 2"),
     ],
 )
 def test_faults_of_a_catalogue_name_the_line(tmp_path, text, said):

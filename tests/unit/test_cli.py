@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import io
 import re
 import shlex
+import sys
 from importlib.metadata import PackageNotFoundError
 
 import pytest
@@ -22,6 +24,14 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
     monkeypatch.setattr(folders, "version", absent)
     assert cli.main(["--version"]) == EXIT_DONE
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
+
+
+def test_names_that_a_terminal_cannot_show_are_escaped(monkeypatch):
+    shown = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii"))
+    assert cli.main(["--version"]) == EXIT_DONE
+    print("caf\udce9 é", flush=True)
+    assert shown.getvalue().endswith(b"caf\\udce9 \\xe9\n")
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ PIECES = [
     b"\n", b",", b";", b'"', b"-", b"e999", b"nan", b"inf", b"#", b" ", b"\xff", b"\x00", b"\r",
     b"\xef\xbb\xbf", b"=", b"[", b"[[", b"]", b"{", b"}", b"'", b"'''", b"0", b"9" * 40, b"1e308",
     b"\xc3\xa9", b"true", b"2024-02-30T25:61:00Z", b"%", b"../", b"/", b"\\", b"-0", b"1_0",
+    b"&a ", b"*a", b"<<: ", b"\\u0000", b"1" * 400, b"0x" + b"f" * 5000, b"x" * 2000,
 ]  # fmt: skip
 
 
@@ -51,6 +52,12 @@ def test_damaged_texts_are_read_or_refused(name, tmp_path):
     @example(readers.TLE.encode().replace(b"2927", b"\xb2927"))  # a digit, but no number
     @example(b"#a\n# - {name: a1")
     @example(b"a = " + b"[" * 5000)
+    @example(b"a = " + b"1" * 5000)
+    @example(readers.ECSV.replace("# meta: {frame: icrs}", "# meta: hello").encode())
+    @example(readers.ECSV.replace("# ---", "# ---\n# delimiter: 5").encode())
+    @example(readers.ECSV.replace("# ---", "# ---\n# a: &a [*a]").encode())
+    @example(readers.BATCH.replace("x.tle", "x" * 140_000).encode())
+    @example(readers.OBJ.replace("1 0 0", "1e200 0 0").encode())
     def try_one(content: bytes) -> None:
         readers.give(name, content, tmp_path)
 

@@ -70,6 +70,9 @@ def test_options_are_checked(mine, given, says):
         ("def model(data, *, depth: list = 1): ...\n", "the option 'depth' needs a type"),
         ("def model(data, *, depth=None): ...\n", "the option 'depth' needs a type"),
         ("def model(data, *, depth: 'Nothing' = 1): ...\n", "Nothing"),
+        ("model = dict\n", "model has no signature"),
+        ("raise ValueError('a\\nb\\nc')\n", "line 1: ValueError: a b c; the file must run"),
+        ("import sys; sys.exit(0)\n", "line 1: SystemExit: 0; the file must run"),
     ],
 )
 def test_a_file_that_breaks_the_contract(mine, text, says):
@@ -86,11 +89,17 @@ def test_names_and_paths_that_are_none(tmp_path):
         gallery.find(str(tmp_path / "none.py"))
     with pytest.raises(InputError, match="does not exist"):
         gallery.find(str(tmp_path))
+    (tmp_path / "notes.txt").write_text("no Python")
+    with pytest.raises(InputError, match="no Python file; give one"):
+        gallery.find(str(tmp_path / "notes.txt"))
 
 
 def test_faults_while_it_runs_name_file_and_line(mine):
     entry = gallery.find(mine("def model(data):\n    x = 1\n    return data.nonsense\n"))
     with pytest.raises(InputError, match=r"mine\.py, line 3: AttributeError"), entry.blamed():
+        entry.bind({})(object())
+    entry = gallery.find(mine("import sys\ndef model(data):\n    sys.exit(0)\n"))
+    with pytest.raises(InputError, match=r"mine\.py, line 3: SystemExit"), entry.blamed():
         entry.bind({})(object())
     with pytest.raises(InputError, match="as it is"), entry.blamed():
         raise InputError("as it is")

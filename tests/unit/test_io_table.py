@@ -1,7 +1,9 @@
 """CSV and ECSV in and out: what is read, what comes back, which spellings are harmless."""
 
+import os
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from lcbayes.errors import InputError
+from lcbayes.folders import to_toml
 from lcbayes.io import read, read_geometry, write
 from lcbayes.lightcurve import LightCurve
+from lcbayes.scenario import load
 
 HEADER = "t,flux,flux_err,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
 ROWS = ["0,1.5,0.1,2,0,0,0,3,0", "10,1.6,0.1,2,0,0,0,3,0", "20.5,1.4,0.2,0,0,-5,0.6,0.8,0"]
@@ -247,6 +251,51 @@ def test_more_rows_than_one_chunk_keep_their_line_numbers(tmp_path, monkeypatch)
     rows[30] = rows[30].replace("zero", "0")
     with pytest.raises(InputError, match=r"flux_err has 1 value <= 0 \(first in .*, line 32: 0.0"):
         read_text(tmp_path, "\n".join([HEADER, *rows]))
+
+
+def test_text_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+    """Each cell of a column of text takes as much as its longest."""
+    monkeypatch.setattr("lcbayes.io._table.CHUNK", 7)
+    monkeypatch.setattr("lcbayes.io._table.MAX_TEXT", 4 * 50 * 40)
+    rows = [f"{i},1,0.1,1,0,0,0,1,0,{'x' * (40 if i == 20 else 1)}" for i in range(50)]
+    text = "\n".join([HEADER + ",note", *rows])
+    assert read_text(tmp_path, text).extra["note"][20] == "x" * 40
+    with pytest.raises(InputError, match=r"of up to 41 characters in each of 49 rows or more"):
+        read_text(tmp_path, text.replace("x" * 40, "x" * 41) + "\n51,1,0.1,1,0,0,0,1,0,x")
+
+
+def test_a_name_that_is_not_utf_8_is_escaped(tmp_path):
+    """HDF5, TOML and CSV hold none of its bytes as they are."""
+    path = tmp_path / os.fsdecode(b"caf\xe9.csv")
+    path.write_text(PLAIN)
+    source = read(path).source["file"]
+    assert source == f"{tmp_path}/caf\\xe9.csv"
+    assert tomllib.loads(to_toml({"curve": str(path)})) == {"curve": source}
+    assert read(tmp_path.rename(tmp_path.with_name("é")) / path.name).source["file"].isprintable()
+
+
+def test_what_is_no_text_is_not_read_to_its_end(tmp_path):
+    path = tmp_path / "huge.csv"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)  # takes no room on the disk
+    with pytest.raises(InputError, match=r"huge\.csv has over 512 MiB"):
+        read(path)
+    for reader in (read, load):
+        with pytest.raises(InputError, match="/dev/zero"):
+            reader("/dev/zero")
+
+
+def test_ecsv_of_quantities(tmp_path):
+    """astropy writes an alias where columns share a unit."""
+    from astropy import units
+    from astropy.table import QTable
+
+    columns: dict[str, Any] = {name: np.ones(2) for name in HEADER.split(",")[1:]}
+    columns |= {"t": [1.0, 2.0] * units.s, "exposure_s": [0.1, 0.1] * units.s}
+    path = tmp_path / "q.ecsv"
+    QTable(columns, meta={"frame": "icrs", "remarks": {"a": [1]}}).write(path)
+    assert "&id001" in path.read_text()
+    assert read(path).frame == "icrs"
 
 
 def test_ecsv_from_astropy(tmp_path):

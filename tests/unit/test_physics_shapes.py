@@ -106,7 +106,8 @@ def test_facets_of_an_obj_file_by_hand(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: facet has 2 vertices"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line 4: the facet has no area"),
         ("v 0 0 0\n", "no facets"),
-        ("", "no facets"),
+        ("", "is empty"),
+        ("v 0 0 0\nv 1e200 0 0\nv 0 1e200 0\nf 1 2 3\n", "line 2: vertex '1e200 0 0' is not"),
     ],
 )
 def test_damaged_obj_names_the_line(tmp_path, text, message):
@@ -119,7 +120,7 @@ def test_damaged_obj_names_the_line(tmp_path, text, message):
 
 
 def test_missing_obj(tmp_path):
-    with pytest.raises(InputError, match=r"none\.obj: cannot be read"):
+    with pytest.raises(InputError, match=r"none\.obj does not exist"):
         shapes.read_obj(tmp_path / "none.obj")
 
 

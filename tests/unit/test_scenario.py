@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from readers import TLE
 
 from lcbayes.errors import InputError
 from lcbayes.scenario import ConstantRate, Fixed, PrincipalAxis, load
@@ -161,6 +162,23 @@ FAULTS = {
     "mag, sigma": ("[noise]", '[output]\nkind = "mag"\n[noise]', r"noise\.sigma is a flux, but"),
     "mag, no range": ("sigma = 0.1", "mag_err = 0.1", r"geometry has no 'range_km'; a magnitude"),
     "dates": ('"planar"', '"orbit"\ntle = "t.tle"', r"t\.tle does not exist"),
+    "beyond the floats": ("step = 0.5", f"step = 1{'0' * 400}", r"line 22: geometry\.step is 1000"),
+    "beyond int()": ("step = 0.5", f"step = 1{'0' * 5000}", r"line 22: a number of over 4300 dig"),
+    "beyond repr()": ("step = 0.5", f"step = 0x{'f' * 5000}", r"step is a number too long to show"),
+    "huge sigma": (
+        "sigma = 0.1",
+        "sigma = 1e308",
+        r"line 28: noise\.sigma is 1e\+308; .* <= 1e\+30",
+    ),
+    "huge rate": ("omega_obs = 0.1", "omega_obs = 1e308", r"omega_obs is 1e\+308; .* <= 1000"),
+    "huge turn": ("[0.1, 0.0, 0.02]", "[1e308, 0, 0]", r"omega_rad_s is .* from -1000 to 1000"),
+    "huge normal": ("[0, 0, 2]", "[0, 1e308, 1e308]", r"normal is .* from -1e\+06 to 1e\+06"),
+    "null byte": ('"panel"', '"a\\u0000b"', r"material is 'a\\x00b'; expected one of: panel"),
+    "null byte in a name": (
+        '"planar"',
+        '"vectors"\nfile = "a\\u0000b"',
+        r"geometry.file is 'a\\x00b'; .* without null bytes",
+    ),
     "pass key": ("[noise]", '[[geometry.passes]]\nkind = "planar"\n[noise]', r"kind is not a key"),
 }
 
@@ -174,6 +192,31 @@ def test_faults_are_named(write, fault):
         load(write(DESIGN.replace(old, new, 1)))
     assert "s.toml" in str(caught.value) or "t.tle" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ('"sphere"\nradius = 1e300', r"line 3: body\.radius is 1e\+300; .* <= 1e\+06"),
+        ('"box-wing"\nwing = [1e300, 1]', r"line 3: body\.wing is .* from -1e\+06 to 1e\+06"),
+        ('"box-wing"\nwing = [1e-300, 1]', r"line 3: body\.wing is .* expected lengths >= 1e-06"),
+    ],
+)
+def test_sizes_are_those_of_bodies(write, shape, message):
+    text = DESIGN[DESIGN.index("[materials") :]
+    with pytest.raises(InputError, match=message):
+        load(write(f"[body]\nshape = {shape}\n{text}"))
+
+
+def test_instants_outside_the_calendar_are_named(write):
+    dates = 'tle = "t.tle"\nstart = 0001-01-01T00:00:00+10:00\nstop = 2024-01-01\n'
+    site = "site = {lat_deg = 1, lon_deg = 1}\n"
+    path = write(DESIGN.replace(PLANAR, f'[geometry]\nkind = "orbit"\n{dates}step = 1\n{site}'))
+    (path.parent / "t.tle").write_text(TLE)
+    with pytest.raises(
+        InputError, match=r"geometry\.start is 0001-01-01 .*an instant in UTC, 1900"
+    ):
+        load(path)
 
 
 def test_energy_is_conserved(write):
