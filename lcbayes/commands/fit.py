@@ -82,20 +82,18 @@ def run(args: argparse.Namespace) -> int:
     from lcbayes.progress import Console, Silent
 
     progress = Silent() if args.json else Console()
-    found = fit(curve, out=args.out, progress=progress, reading=how_read(args), **keywords)
+    found = fit(
+        curve, out=args.out, report=not args.no_report, progress=progress, reading=how_read(args),
+        **keywords,
+    )  # fmt: skip
     summary = found.summary()
-    if not args.no_report:
-        from lcbayes.analysis import report
-
-        path = report.write(args.out)
     if args.json:
         json.dump(json.loads((args.out / "summary.json").read_text()), sys.stdout, indent=1)
         print()
     else:
         _tell(summary)
-        print(
-            f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}"
-        )
+        written = ("results", "") if args.no_report else ("report", "report.html")
+        print(f"\n{written[0]}: {args.out / written[1]}")
     return EXIT_DONE if summary["converged"] else EXIT_NOT_TRUSTED
 
 
