@@ -52,6 +52,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit status."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever called: nobody wants to hear it
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
     parser = _parser()
     try:
         args = parser.parse_args(argv)
@@ -66,7 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return EXIT_BAD_INPUT
     try:
-        return args.run(args)
+        status = args.run(args)
+        sys.stdout.flush()  # here, where it may fail in a line
+        return status
     except InputError as fault:
         print(f"lcbayes {args.command}: {fault}", file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from importlib.metadata import PackageNotFoundError
 
 import pytest
@@ -32,6 +34,20 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
 def test_a_negative_seed_is_refused_first(words, tmp_path, capsys):
     assert cli.main([word.format(tmp_path) for word in words]) == EXIT_BAD_INPUT
     assert "--seed is -1; expected a whole number >= 0" in capsys.readouterr().err
+
+
+def test_standard_output_that_is_closed_is_no_fault():
+    command = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-m", "lcbayes"]
+    done = subprocess.run([*command, "simulate", "--list"], stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
+
+
+def test_standard_output_that_is_full_is_told_of_in_a_line():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "lcbayes", "simulate", "--list"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_page_prints_the_laws_that_were_scanned():
