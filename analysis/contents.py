@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,11 +12,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.errors import InputError
+from lcbayes.recorded import open_posterior, read_json
 
 Floats = NDArray[np.float64]
 
 MOST_PREDICTED = 4_000_000  # draws × epochs read of what is predicted: 32 MB
 FEWEST_DRAWS, MOST_DRAWS = 200, 1000
+KINDS = {
+    "modes": list, "reasons": list, "outliers": list, "parameters": dict, "fit": dict,
+    "timing": dict,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -96,36 +100,19 @@ def read(folder: Path) -> Results:
     InputError
         If it is none, or if what `lcbayes fit` wrote there cannot be read.
     """
-    path = folder / "posterior.nc"
-    if not path.is_file():
-        raise InputError(
-            f"{folder} holds no posterior.nc; give the folder that `lcbayes fit -o` wrote"
-        )
-    summary = _json(folder / "summary.json")
-    toml = folder / "run.toml"
-    try:
-        tree = xr.open_datatree(path, engine="h5netcdf")
-    except (OSError, ValueError, KeyError) as fault:
-        reason = str(fault).splitlines()[0]
-        raise InputError(f"{path} cannot be read ({reason}); run `lcbayes fit` again") from fault
-    with tree:
+    with open_posterior(folder) as tree:
+        summary = read_json(folder / "summary.json", KINDS)
+        if not all(isinstance(mode, dict) for mode in summary.get("modes") or []):
+            raise InputError(f"{folder / 'summary.json'}: modes holds what is no object")
+        toml = folder / "run.toml"
         missing = [g for g in ("posterior", "observed_data", "constant_data") if g not in tree]
         if missing:
-            raise InputError(f"{path} has no group {missing[0]}; run `lcbayes fit` again")
+            raise InputError(
+                f"{folder / 'posterior.nc'} has no group {missing[0]}; run `lcbayes fit` again"
+            )
         return _assemble(
             folder, tree, summary, toml.read_text(encoding="utf-8") if toml.is_file() else ""
         )
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing; run `lcbayes fit` again") from None
-    except json.JSONDecodeError as fault:
-        raise InputError(
-            f"{path}, line {fault.lineno}: {fault.msg}; run `lcbayes fit` again"
-        ) from None
 
 
 def _assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
@@ -155,7 +142,7 @@ def _assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: st
     } | {k: constant[k].to_numpy() for k in ("error", "curve") if k in constant}
     return Results(
         folder=folder,
-        attrs=dict(tree.attrs),
+        attrs={str(k): v for k, v in tree.attrs.items()},
         summary=summary,
         run_toml=toml,
         modes=_modes(tree, mixed, posterior, predicted, summary, size),

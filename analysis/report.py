@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +21,7 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
-from lcbayes.errors import InputError
+from lcbayes.folders import REPORT, made_aside
 from lcbayes.verdict import agreed
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
@@ -52,21 +49,13 @@ def write(folder: Path | str) -> Path:
     """
     folder = Path(folder)
     results = contents.read(folder)
-    try:
-        scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
-    except OSError as fault:
-        raise InputError(f"cannot write into {folder}: {fault.strerror}") from fault
-    try:
-        scratch.chmod(0o755)
+    with made_aside(folder, REPORT) as scratch:
         figures = scratch / "figures"
         figures.mkdir()
         with style.drawing():
             page, shapes = _compose(results, style.Gallery(figures))
         (scratch / "report.html").write_text(page, encoding="utf-8")
         _write_shapes(scratch, shapes)
-        _put_in_place(scratch, folder)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return folder / "report.html"
 
 
@@ -77,18 +66,6 @@ def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
             tail = "" if shape is shapes[0] else f"-{shape.mode.index + 1}"
             text = shape.body.obj(f"{shape.mode.name}, made by lcbayes\n{shape.caption}")
             (scratch / f"shape{tail}.obj").write_text(text, encoding="utf-8")
-
-
-def _put_in_place(scratch: Path, folder: Path) -> None:
-    old = scratch / "old"
-    if (folder / "figures").exists():
-        (folder / "figures").rename(old)
-    (scratch / "figures").rename(folder / "figures")
-    for stale in folder.glob("shape*.obj"):
-        if not (scratch / stale.name).exists():
-            stale.unlink()
-    for new in [*scratch.glob("shape*.obj"), scratch / "report.html"]:
-        os.replace(new, folder / new.name)
 
 
 def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:

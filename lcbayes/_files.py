@@ -116,11 +116,20 @@ _TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
 
 
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file beside ``path``, then put it in its place in one step."""
-    scratch = path.with_name(f".{path.name}-{secrets.token_hex(4)}{path.suffix}")
+    """Let ``write`` make a file beside ``path``, then put it in its place in one step.
+
+    Of a link it is the file pointed to that is replaced. A device or a pipe is written into.
+    """
+    if path.exists() and not path.is_file():
+        write(path)
+        return
+    target = Path(os.path.realpath(path))
+    scratch = target.with_name(f".{target.name}-{secrets.token_hex(4)}{path.suffix}")
     try:
         write(scratch)
-        os.replace(scratch, path)
+        with scratch.open("rb") as made:  # or a power cut may leave the name of an empty file
+            os.fsync(made.fileno())
+        os.replace(scratch, target)
     finally:
         scratch.unlink(missing_ok=True)
 

@@ -13,13 +13,14 @@ from typing import Any
 from lcbayes._files import write_atomic
 from lcbayes.batch_run import table, work
 from lcbayes.batch_run.objects import Object, objects
-from lcbayes.folders import alone_in, installed_version, make_folder
+from lcbayes.folders import alone_in, installed_version, made_aside, make_folder
 from lcbayes.progress import Silent
 from lcbayes.verdict import Judged
 from lcbayes.workers import Run, crew
 
 DEATHS = 3  # workers that may die of one object
 WRITTEN = ("batch.json", "objects.csv", "run.toml", "batch.html")
+PAGE = ("batch.html", "figures/batch.png")
 
 
 class Batch(Judged):
@@ -31,13 +32,13 @@ class Batch(Judged):
         return self._summary["objects"]
 
     def save(self, folder: str | Path) -> Path:
-        """Write batch.json, objects.csv and run.toml."""
+        """Write batch.json, objects.csv and run.toml; the page of an earlier result goes."""
         folder = make_folder(folder)
-        self._write(folder, "batch.json")
-        write_atomic(
-            folder / "objects.csv",
-            lambda p: p.write_text(table.to_csv(self.rows), encoding="utf-8"),
-        )
+        with made_aside(folder, PAGE) as aside:
+            self._write(aside, "batch.json")
+            write_atomic(
+                aside / "objects.csv", lambda p: p.write_text(table.to_csv(self.rows), "utf-8")
+            )
         return folder
 
     def report(self, folder: str | Path) -> Path:
@@ -134,7 +135,8 @@ def batch(
                         track.advance(1, f"{rows[i]['name']} {rows[i]['status']}")
         finally:  # also where it was interrupted
             result = found()
-            result.save(folder)
+            if rows:
+                result.save(folder)
     return result
 
 

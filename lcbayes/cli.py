@@ -53,8 +53,11 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit status."""
-    for stream in (sys.stdout, sys.stderr):  # a name may hold what a terminal cannot show
-        if isinstance(stream, io.TextIOWrapper):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by whoever called: nobody wants to hear it
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
+        elif isinstance(stream, io.TextIOWrapper):  # a name may hold what a terminal cannot show
             stream.reconfigure(errors="backslashreplace")
     parser = _parser()
     try:
@@ -70,7 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return EXIT_BAD_INPUT
     try:
-        return args.run(args)
+        status = args.run(args)
+        sys.stdout.flush()  # here, where it may fail in a line
+        return status
     except InputError as fault:
         print(f"lcbayes {args.command}: {fault}", file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -12,12 +12,13 @@ from lcbayes._files import write_atomic
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve
-from lcbayes.folders import alone_in, installed_version, make_folder, record
+from lcbayes.folders import alone_in, installed_version, made_aside, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 from lcbayes.verdict import Judged
 
 WRITTEN = ("compare.json", "compare.csv", "compare.html", "run.toml")
+PAGE = ("compare.html", "figures/compare.png")
 MOST = 50  # facets; a guard against slips, far beyond what data tell
 
 
@@ -43,7 +44,7 @@ class Comparison(Judged):
         return table(self._summary)
 
     def save(self, folder: str | Path) -> Path:
-        """Write compare.json, compare.csv and run.toml."""
+        """Write compare.json, compare.csv and run.toml; the page of an earlier result goes."""
         from lcbayes.comparison import COLUMNS
 
         folder = make_folder(folder)
@@ -53,10 +54,9 @@ class Comparison(Judged):
         rows.writeheader()
         every = [*self._summary["candidates"], *self._summary["ruled_out"]]
         rows.writerows(sorted(every, key=lambda row: row["n_facets"]))
-        self._write(folder, "compare.json")
-        write_atomic(
-            folder / "compare.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
-        )
+        with made_aside(folder, PAGE) as aside:
+            self._write(aside, "compare.json")
+            write_atomic(aside / "compare.csv", lambda p: p.write_text(text.getvalue(), "utf-8"))
         return folder
 
     def report(self, folder: str | Path) -> Path:
@@ -81,6 +81,7 @@ def compare(
     num_starts: int = 0,
     sparse: int | None = None,
     out: str | Path | None = None,
+    report: bool = False,
     progress: Silent | None = None,
     reading: Mapping[str, Any] | None = None,
     **options: Any,
@@ -112,6 +113,8 @@ def compare(
     out : path, optional
         Folder for the results and for a checkpoint, with which a killed run resumes to the same
         numbers.
+    report : bool
+        Write the page there too; `Comparison.report` does it later.
     reading : mapping, optional
         Options with which the curve was read, to be kept in run.toml.
     progress : optional
@@ -157,9 +160,7 @@ def compare(
     asked = {"facets": ",".join(map(str, counts)), "sparse": sparse or 0}
     identity = identity_of(curve, entry, checked, settings, installed_version()) | asked
     with alone_in(out, WRITTEN) as folder:
-        checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
-        if checkpoint.resumed:
-            progress.say(f"resuming the run that stopped in {folder}")
+        checkpoint = Checkpoint(folder and folder / "checkpoint", identity, progress.say)
         found = engine.run(curve, entry, checked, counts, settings, sparse, checkpoint, progress)
         summary = summarise(found, identity, curve.n_obs, seed)
         numbers = {
@@ -168,7 +169,7 @@ def compare(
         }  # fmt: skip
         compared = Comparison(summary, record(curve, model, numbers, checked, reading))
         if folder is not None:
-            compared.save(folder)
+            compared.report(folder) if report else compared.save(folder)
             checkpoint.finish()
     return compared
 

@@ -13,7 +13,7 @@ import numpy as np
 from lcbayes._files import printable
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
-from lcbayes.folders import alone_in, installed_version, make_folder, record
+from lcbayes.folders import REPORT, alone_in, installed_version, made_aside, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 from lcbayes.verdict import Judged
@@ -56,12 +56,13 @@ class Fit(Judged):
         return self.tree["posterior"].to_dataset()
 
     def save(self, folder: str | Path) -> Path:
-        """Write posterior.nc, summary.json and run.toml."""
+        """Write posterior.nc, summary.json and run.toml; the report of an earlier result goes."""
         from lcbayes.results import save_tree
 
         folder = make_folder(folder)
-        save_tree(self.tree, folder / "posterior.nc")
-        self._write(folder, "summary.json")
+        with made_aside(folder, REPORT) as aside:
+            save_tree(self.tree, aside / "posterior.nc")
+            self._write(aside, "summary.json")
         return folder
 
     def report(self, folder: str | Path) -> Path:
@@ -89,6 +90,7 @@ def fit(
     max_modes: int = 4,
     start_from: str | Path | None = None,
     out: str | Path | None = None,
+    report: bool = False,
     progress: Silent | None = None,
     reading: Mapping[str, Any] | None = None,
     **options: Any,
@@ -124,6 +126,8 @@ def fit(
     out : path, optional
         Folder for the results and for a checkpoint, with which a killed run resumes to the same
         numbers.
+    report : bool
+        Write the report there too; `Fit.report` does it later.
     reading : mapping, optional
         Options with which the curve was read, to be kept in run.toml.
     progress : optional
@@ -164,9 +168,7 @@ def fit(
     if spins:
         identity |= {"start_from": repr(spins)}
     with alone_in(out, WRITTEN) as folder:
-        checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
-        if checkpoint.resumed:
-            progress.say(f"resuming the run that stopped in {folder}")
+        checkpoint = Checkpoint(folder and folder / "checkpoint", identity, progress.say)
         posterior = engine.run(curve, entry, checked, settings, checkpoint, progress, spins)
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
@@ -175,7 +177,7 @@ def fit(
         run = record(curve, model, settings.as_dict() | begun, checked, reading)
         found = Fit(tree, summary, run)
         if folder is not None:
-            found.save(folder)
+            found.report(folder) if report else found.save(folder)
             checkpoint.finish()
     return found
 

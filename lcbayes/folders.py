@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,8 +15,13 @@ from typing import Any
 import numpy as np
 
 from lcbayes._files import printable
+from lcbayes.checkpoint import IDENTITY
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
+
+LOCK, RECORD = ".lock", "run.toml"
+ASIDE = ".new-"  # what begins so is not complete
+REPORT = ("report.html", "figures", "shape.obj", "shape-[0-9]*.obj")
 
 
 def make_folder(folder: str | Path) -> Path:
@@ -41,6 +47,28 @@ def put_in_place(scratch: Path, folder: Path) -> None:
 
 
 @contextlib.contextmanager
+def made_aside(folder: Path, drawn: Iterable[str]) -> Iterator[Path]:
+    """Where to make a result that goes into the folder when it is complete; ``drawn`` are patterns
+    of what is drawn from a result, of which that of an earlier one goes before."""
+    scratch = Path(tempfile.mkdtemp(prefix=ASIDE, dir=folder))
+    try:
+        yield scratch
+        if (folder / RECORD).exists():  # else they are not of a result, but the user's own
+            for old in [path for pattern in drawn for path in folder.glob(pattern)]:
+                _remove(old)
+        put_in_place(scratch, folder)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
+@contextlib.contextmanager
 def alone_in(out: str | Path | None, written: Iterable[str]) -> Iterator[Path | None]:
     """The results folder, kept from a second run for as long as this one lasts; ``written`` are
     the files that a run puts there."""
@@ -51,7 +79,7 @@ def alone_in(out: str | Path | None, written: Iterable[str]) -> Iterator[Path | 
     folder = make_folder(out)
     import fcntl
 
-    with open(folder / ".lock", "w") as lock:
+    with open(folder / LOCK, "w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -61,12 +89,19 @@ def alone_in(out: str | Path | None, written: Iterable[str]) -> Iterator[Path | 
         for name in written:
             for scratch in folder.glob(f".{name}-*"):  # of a run that was killed while writing
                 scratch.unlink(missing_ok=True)
+        for scratch in folder.glob(f"{ASIDE}*"):
+            _remove(scratch)
         try:
             yield folder
         except InputError:
-            if fresh:  # a refused run leaves nothing behind
+            if fresh and not _worked_in(folder):  # a refused run leaves nothing behind
                 shutil.rmtree(folder, ignore_errors=True)
             raise
+
+
+def _worked_in(folder: Path) -> bool:
+    """Whether a run has left more there than it begins with."""
+    return any(p.is_file() and p.name not in (LOCK, IDENTITY) for p in folder.rglob("*"))
 
 
 def to_toml(content: Mapping[str, Any]) -> str:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lcbayes import gallery
 from lcbayes._jax import jax, jnp
-from lcbayes._toml import read_toml
 from lcbayes.ephemeris import with_velocity
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
@@ -21,6 +20,7 @@ from lcbayes.inference.problem import Problem
 from lcbayes.io import read
 from lcbayes.lightcurve import LightCurve
 from lcbayes.noise import PASS_SPREADS, STUDENT_T_DF, expected
+from lcbayes.recorded import Config, open_posterior, read_config
 
 Floats = NDArray[np.float64]
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
@@ -332,19 +332,25 @@ def _noise_unit(fitted: LightCurve, wanted: LightCurve, own: NDArray[np.bool_]) 
     return np.where(own, 1.0, each)[wanted.curve]
 
 
-def load(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
-    """Posterior and run.toml of a results folder."""
-    path = folder / "posterior.nc"
-    if not path.is_file():
-        raise InputError(
-            f"{folder} holds no posterior.nc; give the folder that `lcbayes fit -o` wrote"
-        )
-    with xr.open_datatree(path, engine="h5netcdf") as tree:
+def load(folder: Path) -> tuple[xr.Dataset, Config]:
+    """Posterior and run.toml of a fit.
+
+    Raises
+    ------
+    InputError
+        The folder holds no fit, or what `lcbayes fit` wrote there cannot be read.
+    """
+    with open_posterior(folder) as tree:
         posterior = tree["posterior"].to_dataset().load()
-    return posterior, read_toml(folder / "run.toml").values
+    path = folder / "run.toml"
+    config = read_config(path)
+    model = config.keywords.get("model")
+    if not model:
+        raise InputError(f"{path} names no model; run `lcbayes fit` again")
+    return posterior, config._replace(options=gallery.find(model).check(config.options))
 
 
-def fitted_curve(folder: Path, config: Mapping[str, Any]) -> LightCurve:
+def fitted_curve(folder: Path, config: Config) -> LightCurve:
     """The light curve of a results folder, read again as its run.toml says.
 
     Raises
@@ -352,11 +358,12 @@ def fitted_curve(folder: Path, config: Mapping[str, Any]) -> LightCurve:
     InputError
         It is gone, or is no longer what was fitted.
     """
+    if not config.curve:
+        raise InputError(f"{folder / 'run.toml'} names no light curve; fit one that is in a file")
     try:
-        curve = read(config["curve"], **config.get("reading", {}))
+        curve = read(config.curve, **config.reading)
     except InputError as fault:
         raise InputError(f"the light curve of {folder} is needed again: {fault}") from None
-    wanted = config.get("input", {}).get("sha256")
-    if wanted and curve.source.get("sha256") != wanted:
-        raise InputError(f"{config['curve']} has changed since it was fitted; fit it again first")
+    if config.digest and curve.source.get("sha256") != config.digest:
+        raise InputError(f"{config.curve} has changed since it was fitted; fit it again first")
     return curve

@@ -12,7 +12,7 @@ from lcbayes._files import write_atomic
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
 from lcbayes.fitting import check_curve
-from lcbayes.folders import alone_in, installed_version, make_folder, record
+from lcbayes.folders import REPORT, alone_in, installed_version, made_aside, make_folder, record
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Silent
 from lcbayes.verdict import Judged
@@ -44,16 +44,15 @@ class Scan(Judged):
         return self._summary["solutions"]
 
     def save(self, folder: str | Path) -> Path:
-        """Write summary.json, hypotheses.csv and run.toml."""
+        """Write summary.json, hypotheses.csv and run.toml; the page of an earlier result goes."""
         folder = make_folder(folder)
         heads, rows = self.found.table()
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerows([heads, *rows])
-        self._write(folder, "summary.json")
-        write_atomic(
-            folder / "hypotheses.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
-        )
+        with made_aside(folder, REPORT) as aside:
+            self._write(aside, "summary.json")
+            write_atomic(aside / "hypotheses.csv", lambda p: p.write_text(text.getvalue(), "utf-8"))
         return folder
 
     def report(self, folder: str | Path) -> Path:
@@ -85,6 +84,7 @@ def scan(
     scheduler: str | None = None,
     workers: int | None = None,
     out: str | Path | None = None,
+    report: bool = False,
     progress: Silent | None = None,
     reading: Mapping[str, Any] | None = None,
 ) -> Scan:
@@ -124,6 +124,8 @@ def scan(
     out : path, optional
         Folder for the results and for a checkpoint, with which a killed run resumes to the same
         numbers.
+    report : bool
+        Write the page there too; `Scan.report` does it later.
     progress : optional
         `lcbayes.progress.Console()` shows how far it is.
     reading : mapping, optional
@@ -172,14 +174,12 @@ def scan(
     with alone_in(out, WRITTEN) as folder:
         if folder is not None and (folder / "posterior.nc").exists():
             raise InputError(f"{folder} holds a fit; give another folder with -o")
-        checkpoint = Checkpoint(folder and folder / "checkpoint", identity)
-        if checkpoint.resumed:
-            progress.say(f"resuming the run that stopped in {folder}")
+        checkpoint = Checkpoint(folder and folder / "checkpoint", identity, progress.say)
         found = engine.run(curve, settings, scheduler, workers, checkpoint, progress)
         summary = summarise(found, curve)
         asked = {k: v for k, v in settings.as_dict().items() if v is not None}
         result = Scan(found, summary, record(curve, "scan", {"command": "scan"}, asked, reading))
         if folder is not None:
-            result.save(folder)
+            result.report(folder) if report else result.save(folder)
             checkpoint.finish()
     return result

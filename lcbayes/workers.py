@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pkgutil import resolve_name
 from typing import Any
@@ -142,19 +142,25 @@ def _dask(
 ) -> Iterator[tuple[int, Any]]:
     """Tasks on a cluster. What they share is sent once to every worker, unless it is little; where
     a loss of workers took the last copy with it, or a result, it is sent again with the tasks that
-    are left."""
+    are left, as long as there is a scheduler."""
     done_by_dask = import_module("distributed").as_completed
+    gone = (import_module("distributed.client").ClosedClientError, OSError)
     little = import_module("dask.sizeof").sizeof(shared) < LITTLE
     left = dict(enumerate(tasks))
     for attempt in range(TRIES):
-        common = (
-            shared if little else client.scatter(shared, broadcast=True, direct=False, hash=False)
-        )
-        # earlier tasks first: what is drawn while they run comes in order
-        waiting = {
-            client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
-            for i, task in left.items()
-        }
+        try:
+            common = (
+                shared
+                if little
+                else client.scatter(shared, broadcast=True, direct=False, hash=False)
+            )
+            # earlier tasks first: what is drawn while they run comes in order
+            waiting = {
+                client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
+                for i, task in left.items()
+            }
+        except gone:
+            break
         try:
             for done in done_by_dask(waiting):
                 i = waiting[done]
@@ -165,18 +171,21 @@ def _dask(
                 elif done.status == "finished":
                     try:
                         found = done.result()
-                    except CancelledError:  # it went with its worker
+                    except (CancelledError, *gone):  # it went with its worker, or with all
                         continue
                 else:
                     continue
                 del left[i]
                 yield i, found
         finally:
-            client.cancel(list(waiting))
+            with suppress(*gone):
+                client.cancel(list(waiting))
         if not left:
             return
+    lost = "lost its workers again and again" if client.status == "running" else "has gone"
     fault = InputError(
-        f"{len(left)} tasks were not done: the cluster lost its workers again and again"
+        f"{len(left)} tasks were not done: the Dask cluster {lost}; start it again, or do without, "
+        "and give the same command again"
     )
     if not keep_going:
         raise fault

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lcbayes.batch_run.objects import objects
-from lcbayes.commands.fit import read_config
 from lcbayes.errors import InputError
 from lcbayes.io import read, read_geometry
 from lcbayes.physics import catalogue, shapes
+from lcbayes.recorded import read_config
 from lcbayes.scenario import load
 from lcbayes.tle import read_tle
 

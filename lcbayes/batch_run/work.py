@@ -60,9 +60,10 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         posed.forget()
     try:
         curve = read(one.curve, **one.reading)
-        found = fit(curve, out=folder, reading=one.reading, **one.keywords, **one.options)
-        if with_report:
-            found.report(folder)
+        found = fit(
+            curve, out=folder, report=with_report, reading=one.reading, **one.keywords,
+            **one.options,
+        )  # fmt: skip
     except InputError as fault:
         return failed(one, str(fault), time.monotonic() - begun)
     except Exception as fault:  # whatever ails one object, the others are to be done

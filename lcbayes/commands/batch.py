@@ -8,8 +8,9 @@ from pathlib import Path
 
 from lcbayes.commands.fit import SETTINGS
 from lcbayes.commands.model_options import FLAGS, add_model_arguments, add_settings, model_options
-from lcbayes.commands.reading import READING, add_reading_options
+from lcbayes.commands.reading import add_reading_options
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.recorded import READING
 
 HELP = "fit of every object of a catalogue, resumable, on this machine or on a Dask cluster"
 EPILOG = """\

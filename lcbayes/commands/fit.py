@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from lcbayes.commands.model_options import FLAGS, add_model_arguments, add_settings, model_options
-from lcbayes.commands.reading import READING, add_reading_arguments, how_read, read_from
+from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.recorded import read_config
 
 HELP = "posterior over shape, spin and surface of one object, with a report"
 EPILOG = """\
@@ -82,12 +82,11 @@ def run(args: argparse.Namespace) -> int:
     from lcbayes.progress import Console, Silent
 
     progress = Silent() if args.json else Console()
-    found = fit(curve, out=args.out, progress=progress, reading=how_read(args), **keywords)
+    found = fit(
+        curve, out=args.out, report=not args.no_report, progress=progress, reading=how_read(args),
+        **keywords,
+    )  # fmt: skip
     summary = found.summary()
-    if not args.no_report:
-        from lcbayes.analysis import report
-
-        path = report.write(args.out)
     if args.json:
         json.dump(
             json.loads((args.out / "summary.json").read_text(encoding="utf-8")),
@@ -97,9 +96,8 @@ def run(args: argparse.Namespace) -> int:
         print()
     else:
         _tell(summary, bool(curve.free_scale.all()))
-        print(
-            f"\n{'results' if args.no_report else 'report'}: {args.out if args.no_report else path}"
-        )
+        written = ("results", "") if args.no_report else ("report", "report.html")
+        print(f"\n{written[0]}: {args.out / written[1]}")
     return EXIT_DONE if summary["converged"] else EXIT_NOT_TRUSTED
 
 
@@ -114,48 +112,7 @@ def _configured(args: argparse.Namespace) -> tuple[dict[str, Any], str]:
         args.curve, digest = kept.curve, kept.digest
         for name, value in kept.reading.items():
             setattr(args, name, value)
-    return kept.keywords, digest
-
-
-class _Kept(NamedTuple):
-    """What a run.toml says: keywords of `lcbayes.fit`, the light curve and how it was read."""
-
-    keywords: dict[str, Any]
-    curve: str | None
-    digest: str
-    reading: dict[str, Any]
-
-
-def read_config(path: Path) -> _Kept:
-    """A ``run.toml``.
-
-    Raises
-    ------
-    InputError
-        It is none; or a part of it is not of the kind that `lcbayes fit` writes.
-    """
-    from lcbayes._toml import read_toml
-    from lcbayes.inference.settings import Settings
-
-    root = read_toml(path)
-    content = root.values
-    names = {f.name for f in dataclasses.fields(Settings) if f.init} - {"sampler"}
-    keywords = {k: content[k] for k in names if k in content}
-    keywords |= {
-        k: root.text(k) for k in ("model", "sampler", "start_from") if content.get(k) is not None
-    }
-    empty = root.blank()
-    keywords |= root.table("options", empty).values
-    wanted = root.table("reading", empty)
-    for name in wanted.keys():  # noqa: SIM118 - a Table is no mapping
-        if name not in READING:
-            raise wanted.fault(name, f"is not known; expected of: {', '.join(READING)}")
-    numbers = ("error", "error_floor")
-    reading = {
-        k: wanted.number(k) if k in numbers else wanted.text(k) for k in READING if k in wanted
-    }
-    digest = root.table("input", empty).text("sha256", "")
-    return _Kept(keywords, root.text("curve", None), digest, reading)
+    return kept.keywords | kept.options, digest
 
 
 def _tell(summary: dict[str, Any], relative: bool) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import sys
 from pathlib import Path
 
 from lcbayes.commands.reading import check_seed
-from lcbayes.errors import EXIT_DONE, InputError
+from lcbayes.errors import EXIT_DONE
 
 HELP = "brightness that a fit predicts for the epochs and geometry in a file"
 EPILOG = """\
@@ -34,7 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lcbayes._files import write_atomic
+    import numpy as np
+
+    from lcbayes._files import write_text
     from lcbayes.io import read_geometry
     from lcbayes.predict import fitted_curve, load, predict
 
@@ -43,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     fitted = fitted_curve(args.folder, config)
     wanted = read_geometry(args.geometry, tle=args.tle, site=args.site)
     columns, notes = predict(
-        posterior, fitted, wanted, config["model"], config.get("options", {}), args.seed
+        posterior, fitted, wanted, config.keywords["model"], config.options, args.seed
     )
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
@@ -51,21 +55,11 @@ def run(args: argparse.Namespace) -> int:
         {"t": wanted.t} if wanted.epoch_jd is None else {"jd": wanted.epoch_jd + wanted.t / 86400}
     )
     table = {**times, "curve": [wanted.curve_names[i] for i in wanted.curve], **columns}
-    rows = zip(*table.values(), strict=True)
-    lines = [",".join(table), *(",".join(_cell(v) for v in row) for row in rows)]
-
-    def write(path: Path) -> None:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-    try:
-        write_atomic(args.out, write)
-    except OSError as fault:
-        raise InputError(
-            f"{args.out} cannot be written ({fault.strerror}); choose another"
-        ) from None
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    cells = [np.asarray(column).tolist() for column in table.values()]
+    writer.writerows(zip(*cells, strict=True))  # a float is written by repr: shortest exact form
+    write_text(text.getvalue(), args.out)
     print(args.out)
     return EXIT_DONE
-
-
-def _cell(value: object) -> str:
-    return value if isinstance(value, str) else repr(float(value))  # type: ignore[arg-type]

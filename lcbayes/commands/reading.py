@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.errors import InputError
+from lcbayes.recorded import READING
 
 if TYPE_CHECKING:
     from lcbayes.lightcurve import LightCurve
-
-READING = ("format", "tle", "site", "error", "error_floor")
 
 
 def add_reading_arguments(parser: ArgumentParser, *, optional: bool = False) -> None:

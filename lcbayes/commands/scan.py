@@ -89,18 +89,19 @@ def run(args: argparse.Namespace) -> int:
         common_noise=args.common_noise,
         scheduler=args.scheduler,
         out=args.out,
+        report=not args.no_report,
         progress=Silent() if args.json else Console(),
         reading=how_read(args),
         **{k: getattr(args, k) for k in SETTINGS if getattr(args, k) is not None},
     )
-    where = args.out if args.no_report else found.report(args.out)
     if args.json:
         sys.stdout.write((args.out / "summary.json").read_text(encoding="utf-8"))
     else:
         if not found.converged:
             print(told(found.reasons))
         print("\n".join(_lines(found.summary())))
-        print(f"\n{'results' if args.no_report else 'report'}: {where}")
+        written = ("results", "") if args.no_report else ("report", "report.html")
+        print(f"\n{written[0]}: {args.out / written[1]}")
     return EXIT_DONE if found.converged else EXIT_NOT_TRUSTED
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,8 @@ from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
+from lcbayes.names import SPIN
+from lcbayes.recorded import read_json
 
 HOUR = 3600.0
 POLE, SHIFT, SHAPE, OMEGA = "pole_base", "period_shift", "coefficients", "omega_unit"
@@ -31,21 +33,29 @@ def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
     """
     folder = Path(folder)
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        scanned = summary["model"] == "attitude-scan"
-    except (OSError, ValueError, KeyError, TypeError):
-        scanned, summary = False, {}
-    if not scanned:
+        summary = read_json(folder / "summary.json", {"solutions": list})
+    except InputError:
+        summary = {}
+    if summary.get("model") != "attitude-scan":
         raise InputError(f"{folder} holds no scan; give the folder that lcbayes scan -o wrote")
-    known = read_toml(folder / "run.toml").values.get("input", {}).get("sha256")
+    known = read_toml(folder / "run.toml").table("input").text("sha256", None)
     if known != curve.source.get("sha256"):
         raise InputError(
             f"the scan in {folder} is of another light curve; scan this one, then start from that"
         )
-    spins = [s for s in summary["solutions"] if s["near_equal"] and "period_h" in s]
+    spins = [s for s in summary.get("solutions") or [] if _spin(s) and s.get("near_equal")]
     if not spins:
         raise InputError(f"the scan in {folder} found no constant spin to start from")
     return spins
+
+
+def _spin(solution: object) -> bool:
+    """Whether it is a constant spin, with all that a scan says of one."""
+    if not isinstance(solution, dict):
+        return False
+    return all(
+        isinstance(solution.get(k), int | float) and math.isfinite(solution[k]) for k in SPIN
+    )
 
 
 def placed(

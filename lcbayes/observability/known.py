@@ -14,10 +14,8 @@ known.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +51,8 @@ def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats,
     posterior, config = predict.load(folder)
     fitted = predict.fitted_curve(folder, config)
     wanted = replace(measured.curve, kind=fitted.kind)
-    options: Mapping[str, Any] = config.get("options", {})
-    ready = predict.Foretold.of(posterior, fitted, wanted, config["model"], options, DRAWS)
+    model = config.keywords["model"]
+    ready = predict.Foretold.of(posterior, fitted, wanted, model, config.options, DRAWS)
     if ready.own_level.any():
         raise InputError(
             f"the fit in {folder} has curves of unknown scale only, so the brightness to come is "

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import errno
 import fcntl
 import hashlib
+import os
 import re
 import resource
 import sys
@@ -19,6 +21,8 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from lcbayes import cli
 from lcbayes._jax import jax
+from lcbayes.analysis import report
+from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import EXIT_BAD_INPUT
 from lcbayes.io import write
 
@@ -92,6 +96,33 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
         assert cli.main([*fit, "--seed", "4"]) == EXIT_BAD_INPUT
     assert_told(capsys, "another run is writing into")
     assert contents(out) == before
+
+
+def test_a_run_stopped_at_its_report_goes_on_to_it(tmp_path, capsys, monkeypatch):
+    """With nothing of an earlier result left, and nothing sampled again."""
+    write(small.curve(40), tmp_path / "curve.csv")
+    out = tmp_path / "out"
+    fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT[:-1]]
+    assert cli.main([*fit, "--seed", "1"]) in (0, 3)
+    assert (out / "report.html").is_file()
+    with monkeypatch.context() as patch:
+        patch.setattr(report, "_compose", no_room)
+        assert cli.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
+    assert_told(capsys, "No space left on device", "same command again")
+    left = contents(out)
+    assert set(left) == {"posterior.nc", "summary.json", "run.toml"}
+    saved: list[str] = []
+    monkeypatch.setattr(Checkpoint, "save", lambda _self, name, _arrays: saved.append(name))
+    assert cli.main([*fit, "--seed", "2"]) in (0, 3)
+    assert "resuming" in capsys.readouterr().err
+    assert not saved
+    assert (out / "report.html").is_file()
+    assert not list((out / "checkpoint").iterdir())
+    assert contents(out)["run.toml"] == left["run.toml"]
+
+
+def no_room(*_) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_a_disk_that_fills_while_a_report_is_written(tmp_path, capsys):

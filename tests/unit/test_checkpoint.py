@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import pytest
 from lcbayes._files import write_atomic
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.errors import InputError
-from lcbayes.folders import alone_in, to_toml
+from lcbayes.folders import REPORT, alone_in, made_aside, to_toml
 from lcbayes.inference.fit import digest
 from lcbayes.lightcurve import LightCurve
 
@@ -72,13 +74,94 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 
 def test_no_pickle_is_read(tmp_path):
     checkpoint = Checkpoint(tmp_path / "c", IDENTITY)
-    np.savez(tmp_path / "c" / "a.npz", z=np.array([{"an": "object"}], dtype=object))
-    with pytest.raises(ValueError, match="pickle"):
-        checkpoint.load("a")
+    np.savez(tmp_path / "c" / "a.npz", z=np.array([Told()], dtype=object))
+    assert checkpoint.load("a") is None
+    assert not Told.made_again
+
+
+class Told:
+    """Says when a pickle of it is read."""
+
+    made_again = False
+
+    def __setstate__(self, _) -> None:
+        Told.made_again = True
+
+
+@pytest.mark.parametrize("left", [0, 300, -1])
+def test_a_part_that_was_cut_off_is_done_again(left, tmp_path):
+    said: list[str] = []
+    checkpoint = Checkpoint(tmp_path / "c", IDENTITY, said.append)
+    checkpoint.save("a", {"z": np.arange(100.0)})
+    path = tmp_path / "c" / "a.npz"
+    path.write_bytes(path.read_bytes()[:left])
+    assert checkpoint.load("a") is None
+    assert said == [f"{path} is damaged; that part is done again"]
+    checkpoint.save("a", {"z": np.arange(100.0)})
+    assert checkpoint.load("a") is not None
+
+
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    """Of a link the file pointed to is; a device is written into."""
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "target.txt", tmp_path / "link.txt"
+    link.symlink_to(target)
+    for text in ("new", "newer"):  # the link dangles first
+        write_atomic(link, lambda p, text=text: p.write_text(text))
+        assert link.is_symlink()
+        assert target.read_text() == text
+    ours, theirs = os.openpty()
+    try:
+        device = Path(os.ttyname(theirs))
+        write_atomic(device, lambda p: p.write_text("shown"))
+        assert device.is_char_device()
+        assert os.read(ours, 100) == b"shown"
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def refuse(out: Path, work) -> None:
+    with alone_in(out, ()) as folder:
+        assert folder is not None
+        work(Checkpoint(folder / "checkpoint", IDENTITY))
+        raise InputError("the cluster is gone")
+
+
+def test_a_refused_run_leaves_nothing_but_work_that_is_done(tmp_path):
+    with pytest.raises(InputError):
+        refuse(tmp_path / "new", lambda _: None)
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(InputError):
+        refuse(tmp_path / "out", lambda checkpoint: checkpoint.save("a", {"z": np.zeros(1)}))
+    assert Checkpoint(tmp_path / "out" / "checkpoint", IDENTITY).load("a") is not None
+
+
+def test_a_result_is_put_in_place_whole_and_what_was_drawn_of_the_last_one_goes(tmp_path):
+    for name in ("report.html", "shape.obj", "shape-2.obj", "shapes.md", "run.toml"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "figures").mkdir()
+    before = {p.name for p in tmp_path.iterdir()}
+    with pytest.raises(TypeError), made_aside(tmp_path, REPORT) as aside:
+        (aside / "run.toml").write_text(None)  # type: ignore[arg-type]
+    assert {p.name for p in tmp_path.iterdir()} == before
+    assert (tmp_path / "run.toml").read_text() == "old"
+    with made_aside(tmp_path, REPORT) as aside:
+        (aside / "run.toml").write_text("new")
+    assert {p.name for p in tmp_path.iterdir()} == {"run.toml", "shapes.md"}
+    assert (tmp_path / "run.toml").read_text() == "new"
+
+
+def test_a_report_that_is_of_no_result_is_the_users_own(tmp_path):
+    (tmp_path / "report.html").write_text("mine")
+    with made_aside(tmp_path, REPORT) as aside:
+        (aside / "run.toml").write_text("new")
+    assert (tmp_path / "report.html").read_text() == "mine"
 
 
 def test_leftovers_of_a_kill_are_swept(tmp_path):
     (tmp_path / ".posterior.nc-abc123.nc").write_text("half")
+    (tmp_path / ".new-abc123").mkdir()
     (tmp_path / "posterior.nc").write_text("whole")
     alone = partial(alone_in, tmp_path, ("posterior.nc",))
     with alone(), pytest.raises(InputError, match="another run"), alone():

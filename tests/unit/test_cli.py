@@ -6,6 +6,7 @@ import importlib
 import io
 import re
 import shlex
+import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError
 
@@ -59,6 +60,20 @@ def test_examples_of_help_can_be_pasted():
             assert cli._parser().parse_args(words[1:]).command == words[1]
             pasted += 1
     assert pasted >= 40
+
+
+def test_standard_output_that_is_closed_is_no_fault():
+    command = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-m", "lcbayes"]
+    done = subprocess.run([*command, "simulate", "--list"], stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
+
+
+def test_standard_output_that_is_full_is_told_of_in_a_line():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "lcbayes", "simulate", "--list"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_page_prints_the_laws_that_were_scanned():

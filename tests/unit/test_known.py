@@ -14,6 +14,7 @@ from lcbayes.errors import InputError
 from lcbayes.observability import known
 from lcbayes.observability.targets import of_sites
 from lcbayes.predict import Foretold, noise_free
+from lcbayes.recorded import Config
 from lcbayes.simulate import simulate
 
 NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
@@ -124,7 +125,8 @@ def test_factors_are_those_of_finite_differences(fitted):
 
 def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     curve, draws = fitted
-    monkeypatch.setattr(known.predict, "load", lambda _: (draws, {"model": "faceted"}))
+    config = Config({"model": "faceted"}, {}, None, "", {})
+    monkeypatch.setattr(known.predict, "load", lambda _: (draws, config))
     monkeypatch.setattr(known.predict, "fitted_curve", lambda *_: curve)
     unknown = SimpleNamespace(own_level=np.array([True]))
     monkeypatch.setattr(known.predict.Foretold, "of", lambda *_, **__: unknown)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import results_folders
 import small
 from false_alarms import EACH, counts
 
 from lcbayes._jax import jax, jnp
+from lcbayes.cli import main
 from lcbayes.errors import InputError
+from lcbayes.io import write
 from lcbayes.lightcurve import LightCurve
-from lcbayes.predict import load, predict
+from lcbayes.predict import fitted_curve, load, predict
+from lcbayes.recorded import Config
 from lcbayes.results import dataset
 
 ONE = {"n_facets": 1, "spin": "none"}
@@ -155,3 +161,39 @@ def test_what_does_not_fit_together_is_refused(light, draws, change, says):
 def test_a_folder_without_a_fit(tmp_path):
     with pytest.raises(InputError, match=r"holds no posterior\.nc; give the folder"):
         load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "break_it", "says"),
+    [
+        ("posterior.nc", lambda was: was[: len(was) // 2], "cannot be read"),
+        ("run.toml", lambda _: b'curve = 5\nmodel = "faceted"\n', "curve is 5; expected a string"),
+        ("run.toml", lambda _: b'curve = "a.csv"\n', "names no model"),
+        ("run.toml", lambda _: b'model = "faceted"\n', "names no light curve"),
+        ("run.toml", lambda was: was + b"options = 3\n", "options is 3; expected a table"),
+        ("run.toml", lambda was: was + b"[options]\nwings = 3\n", "wings"),
+        ("run.toml", lambda was: was + b"[reading]\nerror = 'x'\n", "reading.error is 'x'"),
+    ],
+)
+def test_a_damaged_fit_is_named_in_a_line(tmp_path, name, break_it, says):
+    folder = results_folders.faceted(tmp_path / "fit")
+    (folder / name).write_bytes(break_it((folder / name).read_bytes()))
+    with pytest.raises(InputError, match=re.escape(says)) as fault:
+        fitted_curve(folder, load(folder)[1])
+    assert "\n" not in str(fault.value)
+
+
+def test_a_curve_of_any_name_stays_in_its_column(tmp_path, light, draws, monkeypatch):
+    name = 'x,y "q"'
+    later = replace(light, curve_names=(name,))
+    write(later, tmp_path / "later.csv")
+    config = Config({"model": "faceted"}, ONE, None, "", {})
+    monkeypatch.setattr("lcbayes.predict.load", lambda _: (draws, config))
+    monkeypatch.setattr("lcbayes.predict.fitted_curve", lambda *_: light)
+    out = tmp_path / "out.csv"
+    assert main(["predict", "fit", str(tmp_path / "later.csv"), "-o", str(out)]) == 0
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["curve"] for row in rows} == {name}
+    want = predict(draws, light, later, "faceted", ONE)[0]["flux_q95"]
+    np.testing.assert_array_equal([float(row["flux_q95"]) for row in rows], want)

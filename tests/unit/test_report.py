@@ -184,6 +184,10 @@ def test_folder_without_solutions_apart(faceted, tmp_path):
         (lambda d: (d / "posterior.nc").write_bytes(b"nothing"), "cannot be read"),
         (lambda d: (d / "summary.json").unlink(), "summary.json is missing"),
         (lambda d: (d / "summary.json").write_text("{\n "), "line 2"),
+        (lambda d: (d / "summary.json").write_text("[1, 2]"), "is no JSON object"),
+        (lambda d: (d / "summary.json").write_text('{"modes": 3}'), "modes is not a list"),
+        (lambda d: (d / "summary.json").write_text('{"modes": [3]}'), "modes holds what is no"),
+        (lambda d: (d / "summary.json").write_bytes(b"\xff{}"), "cannot be read"),
     ],
 )
 def test_damaged_folders_are_named_in_one_line(faceted, tmp_path, break_it, message):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -86,3 +88,42 @@ def test_a_worker_of_a_cluster_writes_its_results(tmp_path):
     with crew(n_workers=1) as run:
         assert dict(run(saved, str(tmp_path), [("posterior.nc",)])) == {0: "posterior.nc"}
     assert (tmp_path / "posterior.nc").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_a_cluster_that_goes_is_told_of_in_a_line():
+    distributed = pytest.importorskip("distributed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = "tcp://{}:{}".format(*free.getsockname())
+    place = ["--host", "127.0.0.1", "--port", address.rpartition(":")[2]]
+    begin = [sys.executable, "-m"]
+    scheduler, worker = (
+        subprocess.Popen([*begin, *words, "--no-dashboard"], stderr=subprocess.DEVNULL)
+        for words in (
+            ("distributed.cli.dask_scheduler", *place),
+            ("distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1"),
+        )
+    )
+    done = []
+
+    def work() -> None:
+        with crew(scheduler=address) as run:
+            for i, _ in run(slowly, 0.2, [(i,) for i in range(50)]):
+                done.append(i)
+                distributed.default_client()._timeout = 0.5  # for the scheduler to come back
+                scheduler.kill()
+
+    try:
+        with pytest.raises(InputError, match="tasks were not done: the Dask cluster has gone"):
+            work()
+    finally:
+        for process in (scheduler, worker):
+            process.kill()
+            process.wait()
+    assert 0 < len(done) < 50
+
+
+def slowly(seconds: float, x: int) -> int:
+    time.sleep(seconds)
+    return x
