@@ -218,7 +218,7 @@ def _coverage(results: Results) -> str:
     chi2, dof = fit.get("chi2"), fit.get("dof")
     if chi2 is not None and dof:
         ratio = chi2 / dof
-        parts.append(f"χ² is {show(chi2, chi2 / 30)} for {dof} degrees of freedom")
+        parts.append(f"χ² is {show(chi2, chi2 / 30)} for {dof:g} degrees of freedom")
         parts[-1] += (
             ": the scatter is larger than the errors explain." if ratio > 1.5
             else ": the errors look too large." if ratio < 0.5 else "."

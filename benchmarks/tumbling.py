@@ -24,11 +24,11 @@ import lcbayes
 from lcbayes import gallery
 from lcbayes._jax import jax
 from lcbayes.epochs import Epochs
+from lcbayes.inference.misfit import MIN_FIT
 from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import compiled
 from lcbayes.lightcurve import LightCurve
 from lcbayes.progress import Console
-from lcbayes.summary import MIN_FIT
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import leo

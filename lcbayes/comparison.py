@@ -7,13 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes.inference import odds
 from lcbayes.inference.compare import Candidate, Compared
 from lcbayes.inference.loo import BAD_K, stacking
 from lcbayes.inference.odds import facets, listed
-from lcbayes.summary import MIN_FIT
 
 CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
@@ -37,8 +35,8 @@ COLUMNS = {
     "max_pareto_k": "largest Pareto k of PSIS-LOO",
     "n_bad_pareto_k": f"epochs whose Pareto k exceeds {BAD_K}",
     "stacking_weight": "weight in the mixture that predicts best",
-    "chi2": "of the best particle",
-    "dof": "epochs minus parameters",
+    "chi2": "of the best fit",
+    "dof": "epochs minus the parameters that they set, or epochs where less than 1 is left",
 }
 
 
@@ -60,7 +58,7 @@ def summarise(
         rows.append(
             {
                 "n_facets": c.n_facets,
-                "n_parameters": c.dim,
+                "n_parameters": c.n_parameters,
                 "log_evidence": c.log_evidence,
                 "log_evidence_se": errors[k],
                 "log_evidence_spread": c.spread,
@@ -78,14 +76,14 @@ def summarise(
                 "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
                 "n_bounded": int(np.sum(np.isneginf(khat))),
                 "stacking_weight": stacked.weight[k],
-                "chi2": c.chi2,
-                "dof": n_obs - c.dim,
+                "chi2": c.misfit.chi2,
+                "dof": c.misfit.dof,
                 "gradients": c.gradients,
                 "seconds": c.seconds,
                 "reasons": c.reasons,
             }
         )
-    reasons = [*found.failed, *odds.undecided(counts, chances), *_reasons(found, rows, verdict)]
+    reasons = [*found.failed, *odds.undecided(counts, chances), *_reasons(found, verdict)]
     return {
         "model": identity["model"],
         "n_obs": n_obs,
@@ -103,11 +101,11 @@ def summarise(
         "ruled_out": [
             {
                 "n_facets": r.n_facets,
-                "n_parameters": r.dim,
+                "n_parameters": r.n_parameters,
                 "log_evidence_below": r.below,
                 "probability": 0.0,
-                "chi2": r.chi2,
-                "dof": n_obs - r.dim,
+                "chi2": r.misfit.chi2,
+                "dof": r.misfit.dof,
             }
             for r in found.ruled_out
         ],
@@ -121,7 +119,7 @@ def summarise(
     }
 
 
-def _reasons(found: Compared, rows: list[dict[str, Any]], verdict: odds.Verdict) -> Iterator[str]:
+def _reasons(found: Compared, verdict: odds.Verdict) -> Iterator[str]:
     top = max(c.log_evidence for c in found.candidates)
     for c in found.candidates:
         if c.log_evidence + 5.0 * c.se > top - LOST:
@@ -141,13 +139,11 @@ def _reasons(found: Compared, rows: list[dict[str, Any]], verdict: odds.Verdict)
                 f"particle fits by {behind:.0f} nats worse than that of {facets(fits.n_facets)}; "
                 "take more particles with --num-particles"
             )
-    best = next(row for row in rows if row["n_facets"] == verdict.best)
-    chi2, dof = best["chi2"], best["dof"]
-    if chi2 is not None and dof > 0 and chi2_distribution.sf(chi2, dof) < MIN_FIT:
+    best = next(c for c in found.candidates if c.n_facets == verdict.best)
+    if not best.misfit.explained:
         yield (
-            f"{facets(verdict.best)} do not explain the data, chi2 is {chi2:.0f} for {dof} degrees "
-            "of freedom, and no other number tried is more probable; try more facets, another law, "
-            "or --noise student-t"
+            f"{facets(verdict.best)} do not explain the data, and no other number tried is more "
+            f"probable: {best.misfit.words}"
         )
 
 
@@ -184,7 +180,7 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 
 def _per_dof(row: Mapping[str, Any]) -> str:
-    return "–" if row["chi2"] is None else f"{row['chi2']:.0f}/{row['dof']}"
+    return "–" if row["chi2"] is None else f"{row['chi2']:.0f}/{row['dof']:g}"
 
 
 def notes(summary: Mapping[str, Any]) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from jax.scipy.stats import norm
 from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
@@ -66,16 +67,29 @@ class Contaminated(dist.Normal):
     @validate_sample
     def log_prob(self, value: Any) -> jax.Array:
         near, far = self._parts(value)
-        apart = jnp.log(self.share) - jnp.log1p(-self.share)  # of the pass, from its points so far
-        if self.passes is not None:
-            apart += self.passes.before(far - near)
-        return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
+        return self._mixed(value, near, far)
+
+    def log_cdf(self, value: Any) -> jax.Array:
+        """Of each value given the earlier ones of its pass, as `log_prob`."""
+        r = (value - jnp.asarray(self.loc)) / jnp.asarray(self.scale)
+        return self._mixed(value, norm.logcdf(r), norm.logcdf(r / self.width))
+
+    def cdf(self, value: Any) -> jax.Array:
+        return jnp.exp(self.log_cdf(value))
 
     def outlier(self, value: Any) -> jax.Array:
         """Probability that each value is one of the outliers."""
         near, far = self._parts(value)
         odds = far - near if self.passes is None else self.passes.total(far - near)
         return jax.nn.sigmoid(odds + jnp.log(self.share) - jnp.log1p(-self.share))
+
+    def _mixed(self, value: Any, near: jax.Array, far: jax.Array) -> jax.Array:
+        """ln of (1 − ε) eⁿᵉᵃʳ + ε eᶠᵃʳ, with ε of each pass as its points before the value tell."""
+        apart = jnp.log(self.share) - jnp.log1p(-self.share)
+        if self.passes is not None:
+            before, there = self._parts(value)
+            apart += self.passes.before(there - before)
+        return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
 
     def _parts(self, value: Any) -> tuple[jax.Array, jax.Array]:
         """Log density of each value as none of the outliers, and as one of them."""

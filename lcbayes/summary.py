@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_distribution
 
-from lcbayes._jax import jnp
 from lcbayes.geometry import Times
+from lcbayes.inference import misfit
 from lcbayes.inference.enough import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.loo import loo
+from lcbayes.inference.misfit import Misfit
 from lcbayes.inference.settings import PUBLISHED
 from lcbayes.lightcurve import LightCurve
 from lcbayes.names import SPIN, label, reported
@@ -26,7 +26,6 @@ Floats = NDArray[np.float64]
 
 # Bounds of what is trusted, beside those of `enough`
 MAX_APART = 1.05  # R-hat between runs that started apart
-MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
 LIKELY = 0.5  # probability from which a point is called an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
@@ -98,8 +97,9 @@ def summarise(
                 "parameters": table,
             }
         )
-    fit = _fit(posterior, found, curve)
-    reasons = list(_reasons(posterior, modes, fit))
+    missed = _misfit(posterior)
+    fit = _fit(posterior, found, curve, missed)
+    reasons = list(_reasons(posterior, modes, missed))
     if identity["settings"]["sampler"] == PUBLISHED:
         reasons.insert(0, "the published sampler is biased by an amount that no diagnostic shows")
     timing = posterior.timing
@@ -137,21 +137,30 @@ def _extreme(table, key: str, pick) -> float:
     return float(pick(values)) if values else float("nan")
 
 
-def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
+def _misfit(posterior: Posterior) -> Misfit:
+    """Of the heaviest solution: of its most probable draw or, where that fits better, of the mean
+    of its draws, which for many parameters is nearer the optimum than any draw comes."""
+    best = posterior.modes[0]
+    draws = best.z.reshape(-1, best.z.shape[-1])
+    top = draws[np.argmin(best.stats["potential_energy"])]
+    rows = np.stack([top, draws.mean(axis=0)])
+    return misfit.measure(posterior.problem, posterior.data, rows)
+
+
+def _fit(
+    posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
+) -> dict[str, Any]:
     best = posterior.modes[0]
     log_z = np.array([m.log_evidence.value for m in posterior.modes])
     total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
     se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
     elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
-    # scatter that is inferred beside the errors makes any model fit them
-    judged = curve.error is not None and "sigma" not in found["posterior"]
-    top = best.z.reshape(-1, best.z.shape[-1])[np.argmin(best.stats["potential_energy"])]
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
-        "chi2": float(posterior.problem.chi2(jnp.asarray(top), posterior.data)) if judged else None,
-        "dof": curve.n_obs - posterior.problem.dim,
+        "chi2": missed.chi2,
+        "dof": missed.dof,
         "elpd_loo": elpd,
         "elpd_se": elpd_se,
         "max_pareto_k": khat,
@@ -197,7 +206,7 @@ def _loo(found: xr.DataTree, information: float) -> tuple[float, float, float]:
     )
 
 
-def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) -> Iterator[str]:
+def _reasons(posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit) -> Iterator[str]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         # A solution without weight is shown, but the result does not stand or fall with it.
@@ -234,11 +243,5 @@ def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) ->
             f"only one of {posterior.n_starts} starts of the search ended at the best solution: "
             "there may be better ones; search longer with --num-starts"
         )
-    if fit["chi2"] is not None and fit["dof"] > 0:
-        p = chi2_distribution.sf(fit["chi2"], fit["dof"])
-        if p < MIN_FIT:
-            yield (
-                f"the model does not explain the data: chi2 is {fit['chi2']:.0f} for "
-                f"{fit['dof']} degrees of freedom; try more facets, another law, or "
-                "--noise student-t"
-            )
+    if not missed.explained:
+        yield f"the model does not explain the data: {missed.words}"

@@ -18,11 +18,12 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import hopeless, information, regions, search, smc, sparse
+from lcbayes.inference import hopeless, information, misfit, regions, search, smc, sparse
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.independent import independent_runs
 from lcbayes.inference.loo import Loo, loo
+from lcbayes.inference.misfit import Misfit
 from lcbayes.inference.odds import facets
 from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
@@ -45,7 +46,7 @@ class Candidate:
 
     Attributes
     ----------
-    n_facets, dim : int
+    n_facets, n_parameters : int
         Facets, and parameters in all.
     log_evidences : (R,)
         Of each run, under the prior given that every facet is seen.
@@ -56,8 +57,8 @@ class Candidate:
     log_prior_mass : float
         `lcbayes.inference.prior_mass`; taken off already.
     loo : Loo
-    chi2 : float or None
-        Of the best particle, where the errors of the data are known.
+    misfit : Misfit
+        Of the best fit that is reached from the best particle.
     information : float
         Per point, of the best particle's residuals.
     best : float
@@ -69,13 +70,13 @@ class Candidate:
     """
 
     n_facets: int
-    dim: int
+    n_parameters: int
     log_evidences: Floats
     log_evidence: float
     se: float
     log_prior_mass: float
     loo: Loo
-    chi2: float | None
+    misfit: Misfit
     information: float
     best: float
     z_best: Floats
@@ -191,7 +192,7 @@ def run(
         below, z = hopeless.largest_likelihood(problem, weighed, rows, key, workers)
         if below + hopeless.MARGIN > max(c.log_evidence for c in found.values()):
             return None
-        return RuledOut(n, problem.dim, below, _chi2(problem, z, data))
+        return RuledOut(n, problem.n_parameters, below, misfit.measure(problem, weighed, z[None]))
 
     def promise(n: int) -> float:
         return _log_likelihood(problems[n], ends[n], data) if n in ends else -np.inf
@@ -258,6 +259,7 @@ def _candidate(
     mass = log_prior_mass(problem, data, key)
     total, log_z = weighed.log_evidence, weighed.log_evidences - mass.value
     best = _best_particle(runs)
+    optimum = search.polish(problem, data, best[None], 1).z[0]
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
     own = information.weighed(problem, best, data)
@@ -265,13 +267,13 @@ def _candidate(
     reasons += weighed.reasons
     return Candidate(
         n_facets=n,
-        dim=problem.dim,
+        n_parameters=problem.n_parameters,
         log_evidences=log_z,
         log_evidence=total.value - mass.value,
         se=float(np.hypot(total.se, mass.se)),
         log_prior_mass=mass.value,
         loo=loo(log_likelihood[:-1], float(data.information)),
-        chi2=_chi2(problem, best, data),
+        misfit=misfit.measure(problem, data, np.stack([best, optimum])),
         information=float(own.information),
         best=float(log_likelihood[-1].sum()),
         z_best=best,
@@ -304,12 +306,6 @@ def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
 def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
     """ln likelihood of every point at rows (n, D), (n, T)."""
     return jax.lax.map(lambda row: problem.log_likelihood(row, data), rows)
-
-
-def _chi2(problem: Problem, z: Floats, data: Epochs) -> float | None:
-    if not data.has_error or "log_sigma" in problem.names:  # inferred scatter makes any model fit
-        return None
-    return float(compiled(problem.chi2)(jnp.asarray(z), data))
 
 
 def _area(problem: Problem, z: Floats, data: Epochs) -> float:

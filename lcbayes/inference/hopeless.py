@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference import search
+from lcbayes.inference.misfit import Misfit
 from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem import Problem
 
@@ -35,18 +36,18 @@ class RuledOut:
 
     Attributes
     ----------
-    n_facets, dim : int
+    n_facets, n_parameters : int
     below : float
         ln of the largest likelihood, above which the ln evidence cannot be, under the prior given
         that every facet is seen.
-    chi2 : float or None
-        Of the best fit, where the errors of the data are known.
+    misfit : Misfit
+        Of the best fit.
     """
 
     n_facets: int
-    dim: int
+    n_parameters: int
     below: float
-    chi2: float | None
+    misfit: Misfit
 
 
 def largest_likelihood(

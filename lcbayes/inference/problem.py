@@ -18,7 +18,8 @@ from numpyro.distributions.transforms import Transform
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
-from lcbayes.noise import FLUX, OBSERVED
+from lcbayes.noise import FLUX, OBSERVED, Contaminated, Law
+from lcbayes.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
 
@@ -82,6 +83,9 @@ class Problem:
         template = {k: self._transforms[k].inv(v["value"]) for k, v in latent.items()}
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
+        self.law: Law = _law(_base(observed["fn"]))
+        lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
+        self.n_parameters = self.dim - int(sum(lengths))  # those of directions tell nothing
         self.names = tuple(sorted(latent))
         ends = np.cumsum([template[k].size for k in self.names])  # no array op: may be traced
         self._rows = {
@@ -165,11 +169,13 @@ class Problem:
             *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
         )
 
-    def chi2(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Of the brightness; points of a pass, where they share an offset, each given the earlier
-        ones."""
-        mean, sd = self.moments(z, data)
-        return jnp.sum(((data.brightness - mean) / sd) ** 2)
+    def log_tail(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """ln of the probability of a brightness as far below its centre as the recorded one is from
+        it, or farther: ln F(m − |y − m|) by the law of noise, at most ln ½, (T,)."""
+        site = self._trace(z, data)[0][OBSERVED]
+        fn = _base(site["fn"])
+        mirrored = fn.loc - jnp.abs(site["value"] - fn.loc)
+        return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
 
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Pointwise, each point taken whole, (T,)."""
@@ -297,6 +303,16 @@ def _base(fn: Any) -> Any:
     while isinstance(fn, dist.Independent | dist.ExpandedDistribution | dist.MaskedDistribution):
         fn = fn.base_dist
     return fn
+
+
+def _law(fn: Any) -> Law:
+    if isinstance(fn, dist.StudentT):
+        return "student-t"
+    return "mixture" if isinstance(fn, Contaminated) else "gaussian"
+
+
+def _is_direction(site: dict[str, Any]) -> bool:
+    return isinstance(_base(site["fn"]), UniformDirection)
 
 
 def _reaching(f: Callable[[Sites], jax.Array], sites: Sites) -> tuple[str, ...]:

@@ -15,9 +15,11 @@ from lcbayes.comparing import Comparison
 from lcbayes.inference.compare import Candidate, Compared
 from lcbayes.inference.hopeless import RuledOut
 from lcbayes.inference.loo import Loo
+from lcbayes.inference.misfit import Misfit
 from lcbayes.inference.sparse import SparsePath
 
 T = 40
+UNKNOWN = Misfit(None, 28.4, "gaussian")  # errors
 IDENTITY = {"model": "faceted"}
 RUN = {
     "curve": "/far/pass.csv", "model": "faceted", "facets": "2,3,4", "sparse": 6, "seed": 3,
@@ -31,9 +33,10 @@ def candidate(n: int, log_z: float, **changes) -> Candidate:
     elpd = rng.normal(1.0 + 0.01 * log_z, 0.5, T)
     return replace(
         Candidate(
-            n_facets=n, dim=4 * n + 3, log_evidences=log_z + np.array([-0.1, 0.1, 0.0, 0.0]),
+            n_facets=n, n_parameters=3 * n + 3,
+            log_evidences=log_z + np.array([-0.1, 0.1, 0.0, 0.0]),
             log_evidence=log_z, se=0.05, log_prior_mass=-0.3, loo=Loo(elpd, np.full(T, 0.2)),
-            chi2=40.0, information=1.0, best=50.0 + n,
+            misfit=Misfit(40.0, T - 3 * n - 3.0, "gaussian"), information=1.0, best=50.0 + n,
             z_best=np.zeros(4 * n + 3), gradients=1000, seconds=2.0,
         ),
         **changes,
@@ -88,10 +91,12 @@ def test_reasons():
 
 
 def test_a_poor_fit_is_told():
-    (reason,) = summary(THREE[0], candidate(3, 1.0, chi2=200.0))["reasons"]
-    assert "3 facets do not explain the data, chi2 is 200 for 25 degrees" in reason
-    assert summary(candidate(2, -9.0, chi2=200.0), *THREE[1:])["reasons"] == []
-    assert summary(*(replace(c, chi2=None) for c in THREE))["reasons"] == []
+    poor = Misfit(200.0, 28.4, "gaussian")
+    (reason,) = summary(THREE[0], candidate(3, 1.0, misfit=poor))["reasons"]
+    assert reason.startswith("3 facets do not explain the data, and no other number")
+    assert "chi2 is 200 for 28.4 degrees" in reason
+    assert summary(candidate(2, -9.0, misfit=poor), *THREE[1:])["reasons"] == []
+    assert summary(*(replace(c, misfit=UNKNOWN) for c in THREE))["reasons"] == []
 
 
 def test_residuals_cleaner_than_the_search_found_are_told():
@@ -117,7 +122,7 @@ def test_a_path_that_went_astray_is_told():
 def test_the_table():
     path = SparsePath(6, 0.1, {3: 0.75, 4: 0.25}, 3, 50.0)
     bad = candidate(4, -2.0, loo=Loo(THREE[2].loo.elpd, np.r_[0.9, np.full(T - 1, 0.1)]))
-    dark = candidate(2, -8.0, loo=Loo(np.ones(T), np.full(T, -np.inf)), chi2=None)
+    dark = candidate(2, -8.0, loo=Loo(np.ones(T), np.full(T, -np.inf)), misfit=UNKNOWN)
     lines = comparison.table(summary(dark, THREE[1], bad, path=path)).split("\n")
     assert lines[0].split()[:3] == ["facets", "ln", "Z"]
     assert len({len(line) for line in lines[:4]}) == 1
@@ -132,7 +137,7 @@ def test_the_table():
 
 def test_a_number_that_is_ruled_out():
     """It has no probability, a bound in place of its evidence, and no particles."""
-    out = RuledOut(1, 7, -1234.4, 2500.0)
+    out = RuledOut(1, 6, -1234.4, Misfit(2500.0, 34.0, "gaussian"))
     told = summary(*THREE, ruled_out=[out])
     assert [row["probability"] for row in told["candidates"]] == [
         row["probability"] for row in summary(*THREE)["candidates"]
@@ -140,7 +145,7 @@ def test_a_number_that_is_ruled_out():
     assert Comparison(told, RUN).probability[1] == 0.0
     lines = comparison.table(told).split("\n")
     assert lines[1].split()[:3] == ["1", "<", "-1234"]
-    assert lines[1].rstrip().endswith("2500/33")
+    assert lines[1].rstrip().endswith("2500/34")
     assert "best fit alone, whose likelihood no evidence can exceed: 1 facet." in lines[5]
     figure = comparison_page.draw(
         told["candidates"], comparison_page.style.Gallery(Path()), told["ruled_out"]

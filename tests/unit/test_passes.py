@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 from lcbayes import noise, passes
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
+from lcbayes.inference import misfit
 from lcbayes.inference.problem import Problem
 from lcbayes.lightcurve import LightCurve
 
@@ -169,6 +170,15 @@ def test_a_pass_without_weight_does_not_matter():
     assert total(whole) == pytest.approx(total(left), rel=1e-12)
 
 
+@pytest.mark.parametrize("together", [None, TOGETHER])
+def test_the_slope_of_a_mixtures_cdf_is_its_density(together):
+    """Also of each point given the earlier ones of its pass."""
+    law = noise.Contaminated(jnp.arange(8.0), jnp.linspace(0.5, 2.0, 8), 0.2, 5.0, together)
+    y = law.sample(jax.random.key(1))
+    slope = jnp.diagonal(jax.jacfwd(law.cdf)(y))
+    np.testing.assert_allclose(jnp.log(slope), law.log_prob(y), rtol=1e-9)
+
+
 def test_chi2_knows_of_what_passes_share():
     """Passes of a few points, each 1 mag off as the model says it may be."""
     light = curve()
@@ -184,4 +194,6 @@ def test_chi2_knows_of_what_passes_share():
     problem = Problem(model, data)
     spreads = {"log_pass_sd": jnp.log(1.0), "log_pass_drift_sd": jnp.log(1e-3)}
     z = problem.ravel({"m": jnp.asarray(0.0)} | spreads)
-    assert 2.0 < problem.chi2(z, data) < 36.0  # of 12 points, 5 of them the first
+    assert (
+        2.0 < misfit.chi2(problem, np.asarray(z), data) < 36.0
+    )  # of 12 points, 5 of them the first

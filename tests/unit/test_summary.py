@@ -10,6 +10,7 @@ import pytest
 from lcbayes import summary
 from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.fit import Mode
+from lcbayes.inference.misfit import Misfit
 from lcbayes.inference.solutions import Solution
 
 
@@ -52,7 +53,7 @@ def test_parameters_of_independent_draws():
 
 
 ROW = {"max_rhat": 1.0, "min_ess_bulk": 900.0, "min_ess_tail": 900.0, "divergences": 0}
-FIT = {"chi2": 100.0, "dof": 100}
+FIT = Misfit(100.0, 100.0, "gaussian")
 
 
 def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
@@ -82,7 +83,7 @@ def test_good_chains_give_no_reason():
         ({"min_ess_bulk": float("nan")}, "independent ones"),
         ({"divergences": 11}, "11 of 2000 trajectories diverged"),
         ({"hits": 1}, "only one of 50 starts"),
-        ({"fit": {"chi2": 300.0, "dof": 100}}, "does not explain the data"),
+        ({"fit": Misfit(300.0, 100.0, "gaussian")}, "does not explain the data"),
         ({"n_modes": 2, "weight": 0.3, "se": 0.9}, "its weight is uncertain"),
         ({"n_modes": 2, "weight": 0.3, "max_rhat": 1.5}, "solution 2: the chains disagree"),
     ],
@@ -98,6 +99,5 @@ def test_a_solution_without_weight_does_not_spoil_the_others():
 
 
 def test_a_good_fit_is_no_reason():
-    assert reasons(fit={"chi2": None, "dof": 10}) == []
-    assert reasons(fit={"chi2": 150.0, "dof": 100}) == []
-    assert reasons(fit={"chi2": 50.0, "dof": -1}) == []
+    assert reasons(fit=Misfit(None, 10.0, "gaussian")) == []
+    assert reasons(fit=Misfit(150.0, 100.0, "mixture")) == []
