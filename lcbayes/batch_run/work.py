@@ -18,7 +18,6 @@ from lcbayes.folders import installed_version
 from lcbayes.names import SPIN
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
-MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
 
 
 def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
@@ -48,14 +47,11 @@ def identity(one: Object) -> str:
 def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     """Fit one object into its own folder of a batch; its row, whatever happens."""
     from lcbayes.fitting import fit
-    from lcbayes.inference import posed
     from lcbayes.io import read
 
     where, with_report = shared
     folder = Path(where) / one.name
     begun = time.monotonic()
-    if posed.structures() >= MOST_STRUCTURES:
-        posed.forget()
     try:
         curve = read(one.curve, **one.reading)
         found = fit(curve, out=folder, reading=one.reading, **one.keywords, **one.options)

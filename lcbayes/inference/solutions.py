@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from numpyro import handlers
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -96,8 +95,7 @@ def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Flo
 
     def one(row: jax.Array) -> jax.Array:
         sites = pooled.constrain(row, data)
-        model = handlers.substitute(handlers.seed(problem.model, jax.random.key(0)), sites)
-        trace = handlers.trace(model).get_trace(data)
+        trace = problem.trace(sites, data)
         for name in problem.names:
             if name not in pooled.names:
                 sites[name] = trace[name]["fn"].mean
