@@ -139,9 +139,6 @@ def _extreme(table, key: str, pick) -> float:
 
 def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
     best = posterior.modes[0]
-    log_z = np.array([m.log_evidence.value for m in posterior.modes])
-    total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
-    se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
     elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
     # scatter that is inferred beside the errors makes any model fit them
     judged = curve.error is not None and "sigma" not in found["posterior"]
@@ -155,8 +152,8 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve) -> dict[st
         "elpd_loo": elpd,
         "elpd_se": elpd_se,
         "max_pareto_k": khat,
-        "log_evidence": float(total),
-        "log_evidence_se": float(se),
+        "log_evidence": posterior.log_evidence.value,
+        "log_evidence_se": posterior.log_evidence.se,
     }
 
 
@@ -205,7 +202,8 @@ def _reasons(posterior: Posterior, modes: list[dict[str, Any]], fit: Mapping) ->
             continue
         of = f"solution {i + 1}: " if len(modes) > 1 else ""
         draws = mode.stats["diverging"].size
-        if not entry["max_rhat"] <= MAX_RHAT:
+        alone = mode.run_weights is not None and len(mode.z) == 1  # `population` tells of it
+        if not entry["max_rhat"] <= MAX_RHAT and not alone:
             yield (
                 f"{of}the chains disagree (R-hat {entry['max_rhat']:.3f}, at most {MAX_RHAT} is "
                 "trusted): they have not found one common distribution"
