@@ -188,6 +188,26 @@ def check_curve(curve: LightCurve) -> None:
         raise InputError("the curve has no brightness to fit; add a column flux or mag")
     if curve.n_obs < 3:
         raise InputError(f"the curve has {curve.n_obs} points; at least 3 are needed to fit")
+    if curve.kind == "flux":
+        _check_level(curve)
+
+
+def _check_level(curve: LightCurve) -> None:
+    """An InputError where fluxes have no level to be in units of."""
+    near = 1.0 if curve.range_km is None else curve.range_km**2
+    for i, name in enumerate(curve.curve_names):
+        here = curve.curve == i
+        which = "the curve" if curve.n_curves == 1 else f"the curve {name}"
+        if curve.free_scale[i] and not np.mean((curve.brightness * near)[here]) > 0:
+            raise InputError(
+                f"the mean flux of {which} is not positive, so that a scale cannot be found; leave "
+                "the curve out, or give calibrated fluxes"
+            )
+        if curve.error is None and not np.any(curve.brightness[here]):
+            raise InputError(
+                f"every flux of {which} is 0 and there are no errors, so that a noise level cannot "
+                "be found; leave the curve out, or give flux_err"
+            )
 
 
 def _attributes(

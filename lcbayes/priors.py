@@ -182,7 +182,7 @@ def inertia(sd: float) -> jax.Array:
     """
     _positive("inertia_sd", sd)
     free = numpyro.sample("inertia_base", dist.Normal(0.0, 1.0).expand([5]).to_event(1))
-    moments, axes = jnp.linalg.eigh(sd * jnp.tensordot(jnp.asarray(free), _TRACELESS, 1))
+    moments, axes = jnp.linalg.eigh(sd * jnp.tensordot(jnp.asarray(free), TRACELESS, 1))
     moments = jnp.exp(moments)
     tensor = (axes * (jnp.sum(moments) - moments)) @ axes.T
     principal = (jnp.sum(moments) - moments)[::-1]  # from the smallest
@@ -191,11 +191,11 @@ def inertia(sd: float) -> jax.Array:
 
 
 # An orthonormal basis of symmetric matrices (3, 3) without trace.
-_TRACELESS = np.zeros((5, 3, 3))
+TRACELESS = np.zeros((5, 3, 3))
 for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 2))):
-    _TRACELESS[_k, _i, _j] = _TRACELESS[_k, _j, _i] = 0.5**0.5
-_TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
-_TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
+    TRACELESS[_k, _i, _j] = TRACELESS[_k, _j, _i] = 0.5**0.5
+TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
+TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
 
 
 def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:

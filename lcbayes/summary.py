@@ -151,9 +151,6 @@ def _fit(
     posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
 ) -> dict[str, Any]:
     best = posterior.modes[0]
-    log_z = np.array([m.log_evidence.value for m in posterior.modes])
-    total = log_z.max() + np.log(np.exp(log_z - log_z.max()).sum())
-    se = np.sqrt(sum((m.weight * m.log_evidence.se) ** 2 for m in posterior.modes))
     elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
     return {
         "rms": best.solution.rms,
@@ -164,8 +161,8 @@ def _fit(
         "elpd_loo": elpd,
         "elpd_se": elpd_se,
         "max_pareto_k": khat,
-        "log_evidence": float(total),
-        "log_evidence_se": float(se),
+        "log_evidence": posterior.log_evidence.value,
+        "log_evidence_se": posterior.log_evidence.se,
     }
 
 
@@ -214,7 +211,8 @@ def _reasons(posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit) 
             continue
         of = f"solution {i + 1}: " if len(modes) > 1 else ""
         draws = mode.stats["diverging"].size
-        if not entry["max_rhat"] <= MAX_RHAT:
+        alone = mode.run_weights is not None and len(mode.z) == 1  # `population` tells of it
+        if not entry["max_rhat"] <= MAX_RHAT and not alone:
             yield (
                 f"{of}the chains disagree (R-hat {entry['max_rhat']:.3f}, at most {MAX_RHAT} is "
                 "trusted): they have not found one common distribution"

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from lcbayes.fitting import Fit
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
-MOST_STRUCTURES = 12  # light curves of different structure before programs are let go of
 
 
 def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
@@ -50,14 +49,11 @@ def identity(one: Object) -> str:
 def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     """Fit one object into its own folder of a batch; its row, whatever happens."""
     from lcbayes.fitting import fit
-    from lcbayes.inference import posed
     from lcbayes.io import read
 
     where, with_report = shared
     folder = Path(where) / one.name
     begun = time.monotonic()
-    if posed.structures() >= MOST_STRUCTURES:
-        posed.forget()
     try:
         curve = read(one.curve, **one.reading)
         found = fit(

@@ -17,7 +17,7 @@ from numpyro.infer.mcmc import MCMCKernel
 from lcbayes import kernels
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem, Sites
+from lcbayes.inference.problem import TRACING, Problem, Sites
 
 SPREAD = 0.3
 DEPTH = 8  # of the tree of NUTS: 2⁸ steps at most
@@ -85,7 +85,8 @@ def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: E
     """State of one chain, a little off the centre."""
     key_y, key = jax.random.split(key)
     y = SPREAD * jax.random.normal(key_y, whitening.centre.shape)
-    return kernel.init(key, num_warmup, {"y": y}, (whitening, data), {})
+    with TRACING:
+        return kernel.init(key, num_warmup, {"y": y}, (whitening, data), {})
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -93,7 +94,8 @@ def advance(kernel, n_draws: int, state, whitening: Whitening, data: Epochs):
     """``n_draws`` transitions of one chain: its new state, draws z (n, D), and FIELDS (n,)."""
 
     def body(state, _):
-        state = kernel.sample(state, (whitening, data), {})
+        with TRACING:
+            state = kernel.sample(state, (whitening, data), {})
         return state, (whitening(state.z["y"]), {k: getattr(state, k) for k in FIELDS})
 
     state, (z, stats) = jax.lax.scan(body, state, length=n_draws)

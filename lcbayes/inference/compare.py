@@ -188,8 +188,7 @@ def run(
         rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
         if not len(rows):
             return None
-        key = jax.random.fold_in(keys[2], n)
-        below, z = hopeless.largest_likelihood(problem, weighed, rows, key, workers)
+        below, z = hopeless.largest_likelihood(problem, weighed, rows, workers)
         if below + hopeless.MARGIN > max(c.log_evidence for c in found.values()):
             return None
         return RuledOut(n, problem.n_parameters, below, misfit.measure(problem, weighed, z[None]))

@@ -18,11 +18,11 @@ from lcbayes.checkpoint import Checkpoint
 from lcbayes.epochs import Epochs
 from lcbayes.errors import InputError
 from lcbayes.gallery import Entry
-from lcbayes.inference import evidence, information, population, search, solutions
+from lcbayes.inference import evidence, information, population, search, solutions, symmetry
 from lcbayes.inference.chains import Whitening
 from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.modes import Mode, join, recount, weigh
+from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.path import in_time
 from lcbayes.inference.posed import posed
 from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
@@ -47,6 +47,7 @@ class Posterior:
     problem: Problem  # in the coordinates of z
     data: Epochs
     modes: list[Mode]
+    log_evidence: LogEvidence  # of the whole posterior
     n_starts: int
     timing: Timing = field(default_factory=Timing)
     reasons: list[str] = field(default_factory=list)  # of the sampler, why not to trust it
@@ -57,11 +58,11 @@ class Posterior:
         Each mode gives a number of draws in proportion to its weight, taken evenly from its own
         chains; their order is random, so that every stretch holds every mode.
         """
-        shape = len(self.modes[0].z), min(m.z.shape[1] for m in self.modes)
+        shape = max(len(m.z) for m in self.modes), min(m.z.shape[1] for m in self.modes)
         total = shape[0] * shape[1]
         rng = np.random.default_rng(seed)
-        edges = np.round(np.cumsum([m.weight for m in self.modes]) * total).astype(int)
-        edges[-1] = total
+        upto = np.cumsum([m.weight for m in self.modes])  # below one where solutions are left out
+        edges = np.round(upto / upto[-1] * total).astype(int)
         counts = np.diff(edges, prepend=0)
         z, label = [], []
         for i, (mode, n) in enumerate(zip(self.modes, counts, strict=True)):
@@ -117,6 +118,7 @@ class _Found(NamedTuple):
     """Where to sample, in the plain coordinates, under the data as they weigh."""
 
     solutions: list[Solution]
+    rest: list[Solution]  # worth sampling, but too many
     ends: search.SearchState
     data: Epochs
     n_starts: int
@@ -161,35 +163,39 @@ class _Fit:
         else:
             ends = search.SearchState(**stored)
         order = FacetOrder(pooled, entry.facet_sites)
-        found = solutions.distinct(pooled, data, ends, order, 4 * settings.max_modes)
+        found = solutions.distinct(pooled, data, ends, order, len(ends.z))
         if not found:
             raise InputError(
                 "no start of the search has a finite posterior density; check the errors and the "
                 "geometry, or widen the priors"
             )
+        if (mirror := symmetry.plane_mirror(pooled, data)) is not None:
+            found = solutions.with_images(pooled, data, found, mirror, order)
+        most = 4 * settings.max_modes  # that are followed to other data or another model
         if pooled is not plain:
-            found = solutions.worth_sampling(pooled, data, found, settings.max_modes)
+            found = solutions.worth_sampling(pooled, data, found)[:most]
             found = solutions.refined(pooled, plain, data, found)
             ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
         data = information.weighed(plain, found[0].z, data)
         if data.information < 1.0 and pooled is plain:
-            found = solutions.polished(plain, data, found, workers)
+            found = solutions.polished(plain, data, found[:most], workers)
         elif data.information < 1.0:
             found = solutions.climb(pooled, plain, data, found)
-        found = solutions.worth_sampling(plain, data, found, settings.max_modes)
-        return _Found(found, ends, data, len(starts))
+        found = solutions.worth_sampling(plain, data, found)
+        sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
+        return _Found(sampled, rest, ends, data, len(starts))
 
     def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only names centres."""
         plain, data = self.plain, found.data
         order = FacetOrder(plain, self.entry.facet_sites)
-        modes, reasons = population.sample(
+        modes, log_evidence, reasons = population.sample(
             plain, data, found.solutions, order, self.settings, key, self.workers,
             self.checkpoint, self.timing, self.progress,
         )  # fmt: skip
         for mode in modes:
             mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
-        return Posterior(plain, data, modes, found.n_starts, self.timing, reasons)
+        return Posterior(plain, data, modes, log_evidence, found.n_starts, self.timing, reasons)
 
     def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, weighed by bridges."""
@@ -210,9 +216,10 @@ class _Fit:
                 log_z = _evidence(problem, data, order, whitening, z, z0, rng)
                 join(modes, Mode(solution, z, stats, log_z), order)
         recount(modes, self.plain, problem, found.ends, order, data)
-        weigh(modes)
+        log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
-        return Posterior(problem, data, modes, found.n_starts, self.timing)
+        reasons = unsampled(modes, self.plain, problem, found.rest, order, data)
+        return Posterior(problem, data, modes, log_evidence, found.n_starts, self.timing, reasons)
 
 
 def _evidence(

@@ -1,6 +1,7 @@
 """Numbers of facets whose best fit is already too poor: no particles are spent on them.
 
-Z = ∫ L dp₀ cannot exceed the largest likelihood. Where ln max L of N facets lies far below the ln Z
+Z = ∫ L dp₀ cannot exceed the largest likelihood, nor can ∫ L f dp₀ / ∫ f dp₀ with the factors f of
+the prior. Where ln max L of N facets lies far below the ln Z
 of another number, N is out, however its prior is laid out. And of all numbers these are the dearest
 to follow from the prior: a body that cannot explain the data has a posterior as narrow as a
 needle, in a place that no other step of the path foretells.
@@ -21,7 +22,6 @@ from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference import search
 from lcbayes.inference.misfit import Misfit
-from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -51,19 +51,18 @@ class RuledOut:
 
 
 def largest_likelihood(
-    problem: Problem, data: Epochs, starts: Floats, key: jax.Array, workers: int
+    problem: Problem, data: Epochs, starts: Floats, workers: int
 ) -> tuple[float, Floats]:
     """What ln Z cannot exceed, and z (D,) of the best fit that is reached from ``starts`` (S, D).
 
     Starts are followed to the posterior's optimum, whose likelihood is the largest but for what
-    the prior pulls. The prior's factors keep only a part of it, whose ln is taken off, as it is
-    of every evidence.
+    the prior pulls.
     """
     ends = search.polish(problem, data, starts, workers)
     reached = np.asarray(_log_likelihoods(problem, jnp.asarray(ends.z), data))
     reached = np.nan_to_num(reached, nan=-np.inf)
     best = int(np.argmax(reached))
-    return float(reached[best]) - log_prior_mass(problem, data, key).value, ends.z[best]
+    return float(reached[best]), ends.z[best]
 
 
 @partial(jax.jit, static_argnums=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from lcbayes.inference.problem import Problem
 
 Floats = NDArray[np.float64]
 OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
+LOST = 0.01  # share of the posterior that may be left out without a word
 
 
 @dataclass
@@ -106,17 +108,57 @@ def recount(
     is nearest to, if it is within the mode's region.
     """
     z = np.asarray(ends.z)[np.isfinite(ends.potential)]
-    if problem is not plain:
-        z = np.asarray(_translated(plain, problem, z, data))
-    share = np.full((len(modes), len(z)), np.inf)
-    for i, mode in enumerate(modes):
-        region = _Region.of(mode.z)
-        share[i] = region.share(np.array([order.like(row, region.mean) for row in z]))
-    share = np.where(np.isfinite(share), share, np.inf)
+    share = _shares(modes, plain, problem, z, order, data)
     nearest = np.argmin(share, axis=0)
     for i, mode in enumerate(modes):
         hits = int(np.sum((share[i] <= 1.0) & (nearest == i)))
         mode.solution = replace(mode.solution, hits=max(hits, mode.solution.hits))
+
+
+def unsampled(
+    modes: list[Mode],
+    plain: Problem,
+    problem: Problem,
+    rest: Sequence[solutions.Solution],
+    order: FacetOrder,
+    data: Epochs,
+) -> list[str]:
+    """Why not to trust modes beside which other solutions were worth sampling, but those that lie
+    within one of the modes, as the optima along a ridge do."""
+    if not rest:
+        return []
+    inside = _shares(modes, plain, problem, np.stack([s.z for s in rest]), order, data) <= 1.0
+    left = [s.log_evidence for s, known in zip(rest, inside.any(axis=0), strict=True) if not known]
+    log_z = np.array([*left, *(m.solution.log_evidence for m in modes)])
+    likely = np.exp(log_z - log_z.max())
+    return left_out(len(left), float(likely[: len(left)].sum() / likely.sum()))
+
+
+def left_out(n: int, share: float) -> list[str]:
+    """Why not to trust a result without n more solutions that hold a share of the posterior."""
+    if share <= LOST:
+        return []
+    those = "1 more solution was" if n == 1 else f"{n} more solutions were"
+    part = f"{100 * share:.0f} %"
+    return [f"{those} not sampled, which may hold {part} of the posterior: raise --max-modes"]
+
+
+def _shares(
+    modes: list[Mode],
+    plain: Problem,
+    problem: Problem,
+    z: Floats,
+    order: FacetOrder,
+    data: Epochs,
+) -> Floats:
+    """Squared distance of points z (n, D) of the plain problem over the limit of each mode's
+    region, (M, n)."""
+    z = np.asarray(z if problem is plain else _translated(plain, problem, z, data))
+    share = np.full((len(modes), len(z)), np.inf)
+    for i, mode in enumerate(modes):
+        region = _Region.of(mode.z)
+        share[i] = region.share(np.array([order.like(row, region.mean) for row in z]))
+    return np.where(np.isfinite(share), share, np.inf)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -125,13 +167,16 @@ def _translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> ja
     return jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), jnp.asarray(z))
 
 
-def weigh(modes: list[Mode]) -> None:
-    """Weights by evidence; their errors by propagation of the evidences' own."""
+def weigh(modes: list[Mode]) -> evidence.LogEvidence:
+    """Weights by evidence; their errors by propagation of the evidences' own, which are independent
+    of each other. The evidence of all modes together."""
     log_z = np.array([m.log_evidence.value for m in modes])
     w = np.exp(log_z - log_z.max())
+    total = float(log_z.max() + np.log(w.sum()))
     w /= w.sum()
     se = np.array([m.log_evidence.se for m in modes])
     for i, mode in enumerate(modes):
         mode.weight = float(w[i])
         slope = w[i] * (np.eye(len(modes))[i] - w)
         mode.weight_sd = float(np.sqrt(np.sum((slope * se) ** 2)))
+    return evidence.LogEvidence(total, float(np.linalg.norm(w * se)))

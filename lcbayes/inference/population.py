@@ -20,7 +20,7 @@ from lcbayes.inference import regions, smc, solutions
 from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.facet_order import FacetOrder
 from lcbayes.inference.independent import independent_runs
-from lcbayes.inference.modes import Mode
+from lcbayes.inference.modes import LOST, Mode, left_out
 from lcbayes.inference.problem import Problem
 from lcbayes.inference.regions import evenly
 from lcbayes.inference.sample import Timing
@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 KEPT = 3  # draws of a solution for each particle that moves
 LIGHTEST = 1e-3  # a solution of less weight is not shown
 DISAGREE = 0.1  # standard deviation of a weight between runs from which they disagree
+FEW = 0.1  # of the largest number of particles that a run has of a solution: below, it missed it
 
 
 def sample(
@@ -45,11 +46,12 @@ def sample(
     checkpoint: Checkpoint,
     timing: Timing,
     progress: Silent,
-) -> tuple[list[Mode], list[str]]:
-    """The solutions with their draws and weights, the heaviest first; why not to trust them.
+) -> tuple[list[Mode], LogEvidence, list[str]]:
+    """The solutions with their draws and weights, the heaviest first; the evidence of the whole
+    posterior; why not to trust them.
 
-    One run for each chain that the settings ask for: chain c of a solution holds the particles that
-    run c has there, so that R-hat compares runs that know nothing of each other.
+    One run for each chain that the settings ask for. Each chain of a solution holds the particles
+    of one run that found it, so that R-hat compares runs that know nothing of each other.
 
     Parameters
     ----------
@@ -62,26 +64,33 @@ def sample(
         known=[s.z for s in found], workers=workers,
     )  # fmt: skip
     weight = weighed.weight
-    kept = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST][: settings.max_modes]
+    shown = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST]
+    kept, left = shown[: settings.max_modes], shown[settings.max_modes :]
 
     modes = []
     reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
+    reasons += left_out(len(left), float(weight[left].sum()))
     for place, k in enumerate(kept):
-        draws = _chains(placed, label == k, KEPT * settings.num_samples)
+        draws, n_found = _chains(placed, label == k, KEPT * settings.num_samples)
         shares, sd = weighed.by_run[:, k], float(weighed.weight_sd[k])
         own = LogEvidence(
             float(weighed.log_evidence.value + np.log(weight[k])),
             float(np.hypot(weighed.log_evidence.se, sd / weight[k])),
         )
         stats = _statistics(problem, data, draws)
-        share = float(weight[k] / weight[kept].sum())
-        modes.append(Mode(by_optima.optima[k], draws, stats, own, share, sd, run_weights=shares))
+        of_all = float(weight[k])
+        modes.append(Mode(by_optima.optima[k], draws, stats, own, of_all, sd, run_weights=shares))
+        if n_found < 2 and of_all > LOST:
+            reasons.append(
+                f"only {n_found} of {len(runs)} runs found solution {place + 1}: take more "
+                "particles with --num-samples"
+            )
         if shares.std(ddof=1) > DISAGREE:
             reasons.append(
                 f"independent runs give solution {place + 1} weights from {shares.min():.2f} to "
                 f"{shares.max():.2f}: take more particles with --num-samples"
             )
-    return modes, reasons
+    return modes, weighed.log_evidence, reasons
 
 
 def _runs(
@@ -107,15 +116,17 @@ def _runs(
     return runs
 
 
-def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> Floats:
-    """Draws (C, n, D) of one solution: those of each run; where a run has none, of all."""
-    every = placed[here]
-    return np.stack(
-        [
-            evenly(rows[own] if own.any() else every, n)
-            for rows, own in zip(placed, here, strict=True)
-        ]
-    )
+def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> tuple[Floats, int]:
+    """Draws (C, n, D) of one solution, those of each run that found it, and how many did.
+
+    Of runs the one without particles there has nothing to be compared. Where fewer than two are
+    left there is one chain, of all particles, which no R-hat speaks for.
+    """
+    counts = here.sum(axis=1)
+    found = np.flatnonzero(counts >= FEW * counts.max())
+    if len(found) < 2:
+        return evenly(placed[here], n)[None], len(found)
+    return np.stack([evenly(placed[c][here[c]], n) for c in found]), len(found)
 
 
 def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]:

@@ -7,33 +7,43 @@ arguments of the programs.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from lcbayes._jax import jax
 from lcbayes.epochs import Epochs
 from lcbayes.gallery import Entry
 from lcbayes.inference import sample
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem import TRACING, Problem
 
-_kept: dict[Hashable, tuple[Problem, Problem]] = {}
+MOST = 12  # structures whose programs are kept
+
+_kept: list[tuple[tuple, tuple[Problem, Problem]]] = []  # what is compared need not have a hash
 
 
 def posed(entry: Entry, options: Mapping[str, Any], data: Epochs) -> tuple[Problem, Problem]:
     """The posterior of a model given a light curve: as the model has it, and in the coordinates in
     which it is sampled, which are the same where the model has none of its own. A model's own
-    coordinates may hold numbers of its light curve, so such problems are not shared."""
+    coordinates may hold numbers of its light curve; problems are shared where these are equal.
+
+    Of more than `MOST` structures all before are let go of. Fits that go on with them elsewhere
+    keep their problems and compile again.
+    """
     leaves, structure = jax.tree.flatten(data)
-    shapes = tuple((x.shape, str(x.dtype)) for x in leaves)
-    key: Hashable = (entry.module, tuple(sorted(options.items())), structure, shapes)
+    shapes = [(x.shape, str(x.dtype)) for x in leaves]
     hook = entry.hook("coordinates")
-    if hook is not None:
-        key = (key, len(_kept))
-    if key not in _kept:
+    with TRACING:
+        own = hook(data, **options) if hook else None
+        key = (entry.module, dict(options), structure, shapes, own)
+        for known, problems in _kept:
+            if known == key:
+                return problems
         plain = Problem(entry.bind(options), data)
-        own = Problem(entry.bind(options), data, hook(data, **options)) if hook else plain
-        _kept[key] = plain, own
-    return _kept[key]
+        problems = plain, plain if own is None else Problem(entry.bind(options), data, own)
+        if len(_kept) >= MOST:
+            forget()
+        _kept.append((key, problems))
+        return problems
 
 
 def structures() -> int:
@@ -42,8 +52,9 @@ def structures() -> int:
 
 
 def forget() -> None:
-    """Let go of all problems and programs: a process that meets many structures must do so now and
-    then, since each of them keeps a thousand maps of memory and a process is allowed 65 530."""
-    _kept.clear()
-    sample.programs.cache_clear()
-    jax.clear_caches()
+    """Let go of all problems and programs: each structure keeps a thousand maps of memory and a
+    process is allowed 65 530."""
+    with TRACING:
+        _kept.clear()
+        sample.programs.cache_clear()
+        jax.clear_caches()

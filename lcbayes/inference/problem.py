@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from threading import RLock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,10 @@ from lcbayes.noise import FLUX, OBSERVED, Contaminated, Law
 from lcbayes.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
+
+TRACING = RLock()
+"""To be held by whoever enters a NumPyro handler: they lie on one stack for all threads. Models run
+only while they are traced, so compiled programs do not wait for each other."""
 
 
 class Moments(NamedTuple):
@@ -62,7 +67,7 @@ class Problem:
         coordinates: Mapping[str, Transform] | None = None,
     ) -> None:
         self.model = model
-        trace = handlers.trace(handlers.seed(model, jax.random.key(0))).get_trace(data)
+        trace = self.trace({}, data)
         latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
         observed = trace.get(OBSERVED)
         if observed is None or not observed.get("is_observed"):
@@ -119,8 +124,14 @@ class Problem:
 
     def _trace(self, z: jax.Array | Sites, data: Epochs):
         sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z))
-        model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
-        return handlers.trace(model).get_trace(data), log_det
+        return self.trace(sites, data), log_det
+
+    def trace(self, sites: Sites, data: Epochs, key: jax.Array | None = None) -> dict[str, Any]:
+        """Every site of the model as NumPyro records it, at constrained values of some sites and a
+        draw of the others, the same one without a ``key``."""
+        with TRACING:
+            seeded = handlers.seed(self.model, jax.random.key(0) if key is None else key)
+            return handlers.trace(handlers.substitute(seeded, sites)).get_trace(data)
 
     def potential(self, z: jax.Array, data: Epochs) -> jax.Array:
         """−log p(y, z) with respect to z."""
@@ -162,7 +173,7 @@ class Problem:
 
         A model may condition on more than the brightness, such as areas that close.
         """
-        with handlers.substitute(data={FLUX: flux}):
+        with TRACING, handlers.substitute(data={FLUX: flux}):
             trace, _ = self._trace(free, data)
         parts = [_moments(v) for v in trace.values() if _is_condition(v)]
         return Moments(
@@ -193,8 +204,7 @@ class Problem:
 
     def flux(self, sites: Sites, data: Epochs) -> jax.Array:
         """The flux a model hands to `noise.observe` for constrained values of its sites, (T,)."""
-        model = handlers.substitute(handlers.seed(self.model, jax.random.key(0)), sites)
-        return handlers.trace(model).get_trace(data)[FLUX]["value"]
+        return self.trace(sites, data)[FLUX]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
         """One draw of the data given z: posterior predictive, each point for itself, (T,)."""
@@ -277,7 +287,7 @@ class Problem:
 
     def prior_draw(self, key: jax.Array, data: Epochs) -> jax.Array:
         """A draw from the prior as an unconstrained vector."""
-        trace = handlers.trace(handlers.seed(self.model, key)).get_trace(data)
+        trace = self.trace({}, data, key)
         return self.ravel({k: trace[k]["value"] for k in self.names})
 
 

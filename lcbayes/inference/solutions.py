@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from numpyro import handlers
 
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
@@ -20,6 +19,7 @@ Floats = NDArray[np.float64]
 SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
 WORSE_FIT = 1.05  # residuals, in units of the noise, over the best one's: dropped above this ...
 LESS_LIKELY = 10.0  # ... unless its Laplace evidence is within this many nats of the best
+ALIKE = 0.1  # nats of density by which a solution and its mirror image may differ
 MOST_STEPS, STALLED = 40, 1e-2  # of a climb, and the gain in nats at which it ends
 
 
@@ -57,14 +57,12 @@ def distinct(
     fisher = compiled(problem.fisher)
     found: list[Solution] = []
     metrics: list[Floats] = []
-    limit = SAME**2 * problem.dim
     unit = np.asarray(data.noise_unit)[data.curve]
     finite = np.isfinite(ends.potential)
     for z, potential in zip(ends.z[finite], np.asarray(ends.potential)[finite], strict=True):
         z = np.asarray(z)
         for i, known in enumerate(found):
-            step = order.like(z, known.z) - known.z
-            if step @ metrics[i] @ step < limit:
+            if _is_same(z, known, metrics[i], order):
                 found[i] = replace(known, hits=known.hits + 1)
                 break
         else:
@@ -75,6 +73,33 @@ def distinct(
             rms = _residual_rms(problem, z, data.apart(), unit)
             found.append(Solution(z, float(potential), evidence, rms, 1))
     return found
+
+
+def _is_same(z: Floats, known: Solution, metric: Floats, order: FacetOrder) -> bool:
+    """Whether z (D,) is a known solution, by the distance in its own metric."""
+    step = order.like(z, known.z) - known.z
+    return bool(step @ metric @ step < SAME**2 * len(z))
+
+
+def with_images(
+    problem: Problem, data: Epochs, found: list[Solution], mirror: Floats, order: FacetOrder
+) -> list[Solution]:
+    """Solutions and those of their mirror images, z → Q z with ``mirror`` Q (D, D), that were not
+    found, best first.
+
+    An image counts where it is as likely as the solution: where Q is no symmetry of the posterior
+    it stands for nothing. It has the hits of the solution, since starts come to either as easily.
+    """
+    metrics = [np.asarray(compiled(problem.fisher)(jnp.asarray(s.z), data)) for s in found]
+    every = list(found)
+    for solution in found:
+        z = mirror @ solution.z
+        known = any(_is_same(z, s, m, order) for s, m in zip(found, metrics, strict=True))
+        if not known:
+            potential = float(compiled(problem.potential)(jnp.asarray(z), data))
+            if abs(potential - solution.potential) < ALIKE:
+                every.append(replace(solution, z=z, potential=potential))
+    return sorted(every, key=lambda s: s.potential)
 
 
 def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int) -> list[Solution]:
@@ -96,8 +121,7 @@ def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Flo
 
     def one(row: jax.Array) -> jax.Array:
         sites = pooled.constrain(row, data)
-        model = handlers.substitute(handlers.seed(problem.model, jax.random.key(0)), sites)
-        trace = handlers.trace(model).get_trace(data)
+        trace = problem.trace(sites, data)
         for name in problem.names:
             if name not in pooled.names:
                 sites[name] = trace[name]["fn"].mean
@@ -162,9 +186,7 @@ def _climbed(
     return z, old
 
 
-def worth_sampling(
-    problem: Problem, data: Epochs, found: list[Solution], most: int
-) -> list[Solution]:
+def worth_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
     """The solutions near the best in fit or evidence, the most likely first."""
     best = min(found, key=lambda s: s.potential)
     noise = np.asarray(compiled(problem.moments)(jnp.asarray(best.z), data).sd)
@@ -175,7 +197,7 @@ def worth_sampling(
         for s, m in zip(found, misfit, strict=True)
         if m < WORSE_FIT * min(misfit) or s.log_evidence > likely
     ]
-    return sorted(kept, key=lambda s: -s.log_evidence)[:most]
+    return sorted(kept, key=lambda s: -s.log_evidence)
 
 
 def _laplace(potential: float, metric: Floats) -> float:

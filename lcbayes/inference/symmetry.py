@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
 from lcbayes.inference.problem import Problem
+from lcbayes.priors import TRACELESS
 
 FLAT = 1e-6  # rms distance of unit vectors from a plane that counts as none, rad
 
 # Sites that carry vectors, and their sign under a mirror: ω, an axial vector, turns about.
 VECTORS = {"normals_base": 1.0, "omega_unit": -1.0}
+TENSOR = "inertia_base"  # in the basis `priors.TRACELESS` of symmetric tensors: S → R S R
 
 
 def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
@@ -21,8 +23,9 @@ def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
 
     With p the plane's normal and R = I − 2 p pᵀ, a body of normals R n that turns with −R ω has at
     all times the cosines μ₀, μ of the body of n and ω, as R A(ω, t) R = A(−R ω, t), and at t = 0
-    the body's axes are the inertial ones. The matrix is its own inverse and orthogonal, so its
-    Jacobian is one. None where the geometry is not flat or the model has no facet normals.
+    the body's axes are the inertial ones; without torque its inertia is R J R. The matrix is its
+    own inverse and orthogonal, so its Jacobian is one. None where the geometry is not flat or the
+    model has no facet normals.
     """
     if "normals_base" not in problem.names:
         return None
@@ -37,6 +40,9 @@ def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
         for name, sign in VECTORS.items():
             if name in free:
                 free[name] = sign * free[name] @ mirror
+        if TENSOR in free:
+            image = mirror @ jnp.tensordot(free[TENSOR], TRACELESS, 1) @ mirror
+            free[TENSOR] = jnp.tensordot(TRACELESS, image, 2)
         return ravel_pytree(free)[0]
 
     return np.asarray(jax.vmap(one)(jnp.eye(problem.dim))).T

@@ -68,7 +68,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
         starts = draw(jax.random.split(key_start, 32), data)
         ends = search.race(problem, data, starts, 2, Silent())
         (best,) = solutions.worth_sampling(
-            problem, data, solutions.distinct(problem, data, ends, order, 4), 4
+            problem, data, solutions.distinct(problem, data, ends, order, 4)
         )
         with Silent().stage("sampling", 1, "draws") as track:
             z, stats, _ = sampler.run(

@@ -11,6 +11,7 @@ from lcbayes import gallery
 from lcbayes._jax import jax, jnp
 from lcbayes.checkpoint import Checkpoint
 from lcbayes.inference import evidence, fit
+from lcbayes.inference.modes import unsampled
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.settings import Settings
 from lcbayes.inference.solutions import Solution
@@ -175,15 +176,34 @@ def test_mixture_takes_modes_by_weight(lengths):
         )
         for i, w in enumerate((3.0, 1.0))
     ]
-    fit.weigh(modes)
+    whole = fit.weigh(modes)
+    np.testing.assert_allclose(whole, [np.log(4.0), 0.1 * np.hypot(0.75, 0.25)])
     np.testing.assert_allclose([m.weight for m in modes], [0.75, 0.25])
     # d w₁ = w₁ w₂ (dz₁ − dz₂)
     np.testing.assert_allclose(modes[0].weight_sd, 0.75 * 0.25 * 0.1 * np.sqrt(2))
-    z, label = fit.Posterior(problem, data, modes, 1).mixture(0)
+    z, label = fit.Posterior(problem, data, modes, whole, 1).mixture(0)
     assert z.shape == (2, 100, 4)
     assert np.bincount(label.ravel()).tolist() == [150, 50]
     np.testing.assert_array_equal(label, z[..., 0] > 50)
     assert 0 < label[0, :50].sum() < 50  # every stretch holds every mode
+
+
+def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mode():
+    problem, data = small.posed(small.curve(8), n_facets=1, spin="none")
+    order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
+    z = np.random.default_rng(3).standard_normal((2, 500, 4))
+    mode = fit.Mode(Solution(np.zeros(4), 0.0, 0.0, 1.0, 1), z, {}, evidence.LogEvidence(5.0, 0.1))
+
+    def told(*rest: tuple[float, float]) -> list[str]:
+        left = [Solution(np.full(4, x), 0.0, log_z, 1.0, 1) for x, log_z in rest]
+        return unsampled([mode], problem, problem, left, order, data)
+
+    assert told() == told((0.5, 0.0)) == told((30.0, -4.7)) == []  # 0.9 %
+    (one,) = told((30.0, 0.0), (0.5, 0.0))
+    assert one.startswith("1 more solution was not sampled, which may hold 50 % of the posterior")
+    (two,) = told((30.0, 0.0), (-30.0, 0.0))
+    assert two.startswith("2 more solutions were not sampled, which may hold 67 %")
+    assert two.endswith("raise --max-modes")
 
 
 def test_two_runs_into_one_region_are_one_mode_whatever_their_lengths():

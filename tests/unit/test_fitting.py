@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import small
 
 from lcbayes import fitting, gallery
+from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
 
 ERRORS = "The errors of the file are taken as they are, independent"
 
@@ -36,3 +40,42 @@ def test_unsure_directions_of_flight_are_told():
         curve = small.curve(t=t, position_km=place, frame="icrs")
         said = fitting._assumptions(curve, gallery.find("stabilised"), {})
         assert any(line.startswith("Directions of flight") for line in said) == told
+
+
+def relative(level: float, **changes) -> LightCurve:
+    light = small.curve(20, error=changes.pop("error", np.full(20, 0.1)))
+    flux = light.brightness - light.brightness.mean() + level
+    return replace(light, brightness=flux, **({"free_scale": np.array([True])} | changes))
+
+
+@pytest.mark.parametrize(
+    ("curve", "said"),
+    [
+        (relative(-0.1), "the mean flux of the curve is not positive"),
+        (replace(relative(1.0), brightness=np.zeros(20)), "the mean flux of the curve is not pos"),
+        (
+            replace(
+                relative(1.0), brightness=np.zeros(20), error=None, free_scale=np.zeros(1, bool)
+            ),
+            "every flux of the curve is 0 and there are no errors",
+        ),
+        (
+            replace(
+                relative(-0.01), curve=np.arange(20) // 10, curve_names=("a", "b"),
+                brightness=np.repeat([1.0, -1.0], 10), free_scale=np.ones(2, bool),
+            ),
+            "the mean flux of the curve b is not positive",
+        ),
+    ],
+)  # fmt: skip
+def test_fluxes_without_a_level_are_refused(curve, said):
+    with pytest.raises(InputError, match=said):
+        fitting.check_curve(curve)
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [relative(0.1), relative(-0.1, free_scale=np.zeros(1, bool)), relative(0.1, error=None)],
+)
+def test_fluxes_about_zero_that_have_a_level_are_fitted(curve):
+    fitting.check_curve(curve)

@@ -54,7 +54,7 @@ def centres(two) -> list[np.ndarray]:
     return [z for z, _ in two]
 
 
-def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150):
+def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **asked):
     """`population.sample` of runs that hold these clouds."""
     problem, data, order = posed
     runs = [
@@ -64,7 +64,7 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150):
     monkeypatch.setattr(population, "_runs", lambda *_: runs)
     monkeypatch.setattr(regions, "optima", lambda *_: [solution(z) for z in at])
     monkeypatch.setattr(regions.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
-    settings = Settings("smc", num_samples=n, num_chains=len(runs))
+    settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
     return population.sample(
         problem, data, [], order, settings, jax.random.key(0), 1, Checkpoint(None, {}),
         Timing(), Silent(),
@@ -84,7 +84,7 @@ def mixed(posed, two, shares, seed: int) -> list[np.ndarray]:
 def test_weights_and_their_spread(posed, two, monkeypatch):
     """Shares 0.68, 0.70, 0.72 → 0.70, with the error of a mean of three; facets in one order."""
     clouds = mixed(posed, two, (0.68, 0.70, 0.72), 1)
-    modes, reasons = sampled(posed, monkeypatch, clouds, centres(two))
+    modes, _, reasons = sampled(posed, monkeypatch, clouds, centres(two))
     assert reasons == []
     assert [m.weight for m in modes] == pytest.approx([0.7, 0.3], abs=1e-3)
     assert modes[0].weight_sd == pytest.approx(0.02 / np.sqrt(3), rel=1e-6)
@@ -99,7 +99,7 @@ def test_runs_count_by_their_evidence(posed, two, monkeypatch):
     """Each run's evidence is unbiased, so the mean over runs is of evidence times share."""
     log_z = (0.0, 1.0, 2.0)
     clouds = mixed(posed, two, (0.66, 0.70, 0.74), 2)
-    modes, _ = sampled(posed, monkeypatch, clouds, centres(two), log_z)
+    modes, *_ = sampled(posed, monkeypatch, clouds, centres(two), log_z)
     z = np.exp(log_z)
     assert modes[0].weight == pytest.approx(z @ [0.66, 0.70, 0.74] / z.sum(), abs=1e-3)
     total = np.log(z.mean())
@@ -107,7 +107,7 @@ def test_runs_count_by_their_evidence(posed, two, monkeypatch):
 
 
 def test_disagreement_is_told(posed, two, monkeypatch):
-    modes, reasons = sampled(
+    modes, _, reasons = sampled(
         posed, monkeypatch, mixed(posed, two, (1.0, 0.5, 0.9), 3), centres(two)
     )
     assert len(modes) == 2
@@ -120,16 +120,52 @@ def test_centres_along_one_cloud_are_one_solution(posed, two, monkeypatch):
     z, factor = two[0]
     beside = z + 0.3 * factor[:, 0]
     clouds = [cloud(posed, two[0], N, rng) for _ in range(N_RUNS)]
-    modes, reasons = sampled(posed, monkeypatch, clouds, [z, beside])
+    modes, _, reasons = sampled(posed, monkeypatch, clouds, [z, beside])
     assert reasons == []
     assert [m.weight for m in modes] == [1.0]
-    apart, _ = sampled(posed, monkeypatch, mixed(posed, two, (0.5,) * 3, 5), centres(two))
+    apart, *_ = sampled(posed, monkeypatch, mixed(posed, two, (0.5,) * 3, 5), centres(two))
     assert len(apart) == 2
 
 
 def test_a_centre_without_particles_is_no_solution(posed, two, monkeypatch):
     rng = np.random.default_rng(6)
     clouds = [cloud(posed, two[1], N, rng) for _ in range(N_RUNS)]
-    modes, _ = sampled(posed, monkeypatch, clouds, centres(two))
+    modes, *_ = sampled(posed, monkeypatch, clouds, centres(two))
     assert len(modes) == 1
     np.testing.assert_array_equal(modes[0].solution.z, two[1][0])
+
+
+def test_weights_are_those_of_the_whole_posterior_where_solutions_are_left_out(
+    posed, two, monkeypatch
+):
+    clouds = mixed(posed, two, (0.68, 0.70, 0.72), 7)
+    whole = sampled(posed, monkeypatch, clouds, centres(two))
+    (mode,), log_evidence, reasons = sampled(posed, monkeypatch, clouds, centres(two), max_modes=1)
+    assert mode.weight == whole[0][0].weight == pytest.approx(0.7, abs=1e-3)
+    assert log_evidence == whole[1]
+    np.testing.assert_allclose(log_evidence, 0.0, atol=1e-9)  # of the ways, no weight's error in it
+    assert whole[2] == []
+    assert reasons == [
+        "1 more solution was not sampled, which may hold 30 % of the posterior: raise --max-modes"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("shares", "chains", "says"),
+    [
+        ((0.85, 1.0, 1.0), 1, ["only 1 of 3 runs found solution 2"]),
+        ((0.85, 0.999, 0.999), 1, ["only 1 of 3 runs found solution 2"]),  # one particle each
+        ((0.86, 0.86, 1.0), 2, []),
+        ((0.86, 0.87, 0.85), 3, []),
+        ((0.98, 1.0, 1.0), 1, []),  # too light to matter
+    ],
+)
+def test_chains_are_of_the_runs_that_found_a_solution(
+    posed, two, monkeypatch, shares, chains, says
+):
+    """No chain is a copy of another run's particles, which R-hat would find in agreement."""
+    clouds = mixed(posed, two, shares, 8)
+    modes, _, reasons = sampled(posed, monkeypatch, clouds, centres(two))
+    assert [len(m.z) for m in modes] == [3, chains]
+    assert [r.split(":")[0] for r in reasons] == says
+    assert sum(m.weight for m in modes) == pytest.approx(1.0)

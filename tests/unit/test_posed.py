@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+import pytest
 import small
 
 from lcbayes import gallery, noise
-from lcbayes._jax import jnp
+from lcbayes._jax import jax, jnp
 from lcbayes.epochs import Epochs
-from lcbayes.inference import search
+from lcbayes.inference import chains, search
+from lcbayes.inference import posed as keeping
+from lcbayes.inference.moments import MomentCoordinates
 from lcbayes.inference.posed import forget, posed, structures
 from lcbayes.inference.problem import Problem, compiled
 from lcbayes.progress import Silent
@@ -28,9 +33,9 @@ def model(data: Epochs, *, level: float = 0.0):
     noise.observe(data, x * jnp.ones_like(data.t))
 
 
-def entry() -> gallery.Entry:
+def entry(**hooks) -> gallery.Entry:
     module = ModuleType("counted")
-    module.model = model  # type: ignore[attr-defined]
+    vars(module).update({"model": model} | hooks)
     sys.modules["counted"] = module
     return gallery.Entry("counted", module)
 
@@ -69,3 +74,69 @@ def test_a_second_light_curve_compiles_nothing_and_gives_its_own_numbers():
     fresh = Epochs.of(small.curve(8, seed=2))
     alone = search.race(Problem(one.bind({}), fresh), fresh, starts, 1, Silent())
     assert ends[1][0] == float(alone.z[0, 0]) != ends[0][0]
+
+
+def slow(data: Epochs):
+    """Other threads come in between any two of its sites."""
+    time.sleep(0.02)
+    x = numpyro.sample("x", dist.Normal(0.0, 1.0))
+    time.sleep(0.02)
+    noise.observe(data, jnp.exp(x) * jnp.ones_like(data.t))
+
+
+def test_threads_trace_beside_each_other_while_programs_are_let_go_of(monkeypatch):
+    """Light curves of different length, each with a problem of its own, of which one is kept."""
+    monkeypatch.setattr(keeping, "MOST", 1)
+    one = entry(model=slow)
+
+    def numbers(n: int) -> list[float]:
+        data = Epochs.of(small.curve(n))
+        problem, _ = posed(one, {}, data)
+        z, whitening = jnp.zeros(1), chains.Whitening(jnp.zeros(1), jnp.eye(1))
+        kernel = chains.kernel(problem)
+        state = chains.start(kernel, jax.random.key(n), 10, whitening, data)
+        fisher = compiled(problem.fisher)(z, data)
+        return [float(compiled(problem.potential)(z, data)), float(fisher[0, 0]),
+                float(state.potential_energy)]  # fmt: skip
+
+    with ThreadPoolExecutor(2) as pool:
+        beside = list(pool.map(numbers, (8, 9)))
+    assert beside == [numbers(n) for n in (8, 9)]
+    assert structures() == 1
+
+
+@pytest.fixture
+def unmade(monkeypatch):
+    """Problems that are only told apart."""
+    forget()
+    monkeypatch.setattr(keeping, "Problem", lambda *_: object())
+    yield
+    forget()
+
+
+@pytest.mark.usefixtures("unmade")
+def test_no_more_structures_are_kept_than_may_be():
+    one, data = entry(), Epochs.of(small.curve(8))
+    kept = []
+    for i in range(keeping.MOST + 1):
+        posed(one, {"level": float(i)}, data)
+        kept.append(structures())
+    assert kept == [*range(1, keeping.MOST + 1), 1]
+
+
+@pytest.mark.usefixtures("unmade")
+def test_coordinates_that_are_equal_are_shared():
+    """One basis, or one for each light curve."""
+    basis = np.eye(3)[:, :2]
+    data = Epochs.of(small.curve(8))
+
+    def problems(coordinates):
+        one = entry(coordinates=coordinates)
+        return [posed(one, {}, data) for _ in range(2)]
+
+    first, again = problems(lambda _: {"x": MomentCoordinates(basis, 1)})
+    assert first is again
+    assert first[0] is not first[1]
+    first, again = problems(lambda _: {"x": MomentCoordinates(basis.copy(), 1)})
+    assert first[1] is not again[1]
+    assert structures() == 3

@@ -133,7 +133,7 @@ def test_far_and_much_worse_ends_are_dropped(two):
     ends = ends_at(problem, data, z, worse)
     found = solutions.distinct(problem, data, ends, order, 4)
     assert len(found) == 2
-    kept = solutions.worth_sampling(problem, data, found, 4)
+    kept = solutions.worth_sampling(problem, data, found)
     assert len(kept) == 1
     np.testing.assert_array_equal(kept[0].z, z)
 

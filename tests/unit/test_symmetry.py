@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,8 +11,10 @@ import small
 from false_alarms import EACH, limit
 from jax.flatten_util import ravel_pytree
 
+import lcbayes
 from lcbayes._jax import jax, jnp
-from lcbayes.inference import smc, symmetry
+from lcbayes.inference import search, smc, solutions, symmetry
+from lcbayes.inference.facet_order import FacetOrder
 
 
 def in_plane(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -63,6 +66,56 @@ def test_mirror_is_found_in_any_plane():
     potential = jax.jit(jax.vmap(problem.potential, (0, None)))
     np.testing.assert_allclose(potential(z @ mirror.T, data), potential(z, data), rtol=1e-9)
     assert not np.allclose(z @ mirror.T, z)
+
+
+def test_mirror_of_a_body_without_torque_has_the_mirrored_inertia():
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    sun, obs = (v @ turn.T for v in in_plane(9))
+    light = small.curve(9, 2, spinning=True, sun=sun, obs=obs)
+    problem, data = small.posed(light, n_facets=2, spin="torque-free")
+    mirror = symmetry.plane_mirror(problem, data)
+    assert mirror is not None
+    np.testing.assert_allclose(mirror @ mirror, np.eye(problem.dim), atol=1e-12)
+    keys = jax.random.split(jax.random.key(0), 20)
+    z = jax.jit(jax.vmap(problem.prior_draw, (0, None)))(keys, data)
+    potential = jax.jit(jax.vmap(problem.potential, (0, None)))
+    np.testing.assert_allclose(potential(z @ mirror.T, data), potential(z, data), rtol=1e-7)
+
+
+def test_images_of_solutions_are_solutions_where_the_mirror_is_a_symmetry():
+    """Once each, and not those of a matrix that is none, nor that of a facet in the plane."""
+    sun, obs = in_plane(25)
+    light = small.curve(25, 1, noise=1e-3, sun=sun, obs=obs)
+    problem, data = small.posed(light, n_facets=1, spin="none")
+    order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
+    mirror = symmetry.plane_mirror(problem, data)
+    assert mirror is not None
+    best = search.polish(problem, data, np.asarray(small.truth(problem, data, 1))[None], 1)
+    (found,) = solutions.distinct(problem, data, best, order, 4)
+
+    def images(matrix, *among):
+        return solutions.with_images(problem, data, list(among), matrix, order)
+
+    both = images(mirror, found)
+    np.testing.assert_array_equal([s.z for s in both], [found.z, mirror @ found.z])
+    assert [s.hits for s in both] == [1, 1]
+    assert len(images(mirror, *both)) == 2
+    assert len(images(-np.eye(problem.dim), found)) == 1
+    flat = 0.5 * (found.z + mirror @ found.z)
+    potential = float(problem.potential(jnp.asarray(flat), data))
+    assert len(images(mirror, replace(found, z=flat, potential=potential))) == 1
+
+
+@pytest.mark.slow
+def test_a_mirror_image_that_no_start_reached_is_sampled():
+    sun, obs = in_plane(25)
+    light = small.curve(25, 1, noise=1e-3, sun=sun, obs=obs)
+    for seed in range(3):
+        found = lcbayes.fit(
+            light, n_facets=1, spin="none", num_starts=2, num_samples=300, seed=seed
+        )
+        weights = [m["weight"] for m in found.summary()["modes"]]
+        assert weights == pytest.approx([0.5, 0.5], abs=0.1)
 
 
 def test_no_mirror_out_of_plane():

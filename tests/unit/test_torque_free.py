@@ -242,7 +242,7 @@ def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
         "normals_base": jnp.array([f["normal"] for f in truth["facets"]]),
         "log_albedo_area": jnp.log(jnp.array([f["albedo_area_m2"] for f in truth["facets"]])),
         "omega_unit": jnp.array(spin["omega_at_t_ref_rad_s"]) / 0.1,
-        "inertia_base": jnp.einsum("kij,ij->k", priors._TRACELESS, log),
+        "inertia_base": jnp.einsum("kij,ij->k", priors.TRACELESS, log),
     }
     found = compiled(problem.constrain)(problem.ravel(sites), data)
     np.testing.assert_allclose(found["flux"], truth["flux"], atol=1e-8 * max(truth["flux"]))
