@@ -10,11 +10,14 @@ import numpy as np
 
 from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis import albedo_area_plots, small_report
+from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.lightcurve import LightCurve
 
 NAME = "albedo_area"
 FINER = "as many facets as lower chi2 at all"
+LISTED = 20  # facets, largest first
+ANYWHERE = 60.0  # deg of a direction's standard deviation, from which it tells nothing
 BODY = ("shape.obj", "shape.ply")
 
 
@@ -120,6 +123,27 @@ def _facets(result: Inversion) -> list[dict[str, Any]]:
     ]
 
 
+def _listed(result: Inversion) -> list[str]:
+    """A line for each of the largest facets: albedo-area, or share where no size is known, and
+    where it faces."""
+    found = _facets(result)
+    sized = not np.all(result.seen.free)
+    lines = []
+    for facet in found[:LISTED]:
+        unit, factor = ("m²", 1.0) if sized else ("%", 100.0 / result.best.areas.sum())
+        area, sd = factor * facet["albedo_area"], factor * facet["sd"]
+        off = facet["direction_sd_deg"]
+        where = f"longitude {facet['lon_deg']:5.1f}, latitude {facet['lat_deg']:5.1f} deg"
+        law = f"  {result.materials[facet['material']]}" if len(result.materials) > 1 else ""
+        lines.append(
+            f"  {show(area, sd):>6s} ± {show(sd, sd)} {unit} towards {where}, "
+            f"{f'± {show(off, off)} deg' if off < ANYWHERE else 'or anywhere'}{law}"
+        )
+    if len(found) > LISTED:
+        lines.append(f"  and {len(found) - LISTED} smaller facets")
+    return lines
+
+
 def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
     body = result.shape
     if body is None:
@@ -152,6 +176,8 @@ def words(result: Inversion, curve: LightCurve) -> list[str]:
         f"chi2 {best.chi2:.1f} for {result.dof} degrees of freedom{errors}, "
         f"rms {100 * result.rms:.2f} % of the mean flux"
     ]
+    if result.facets is not None:
+        lines += ["albedo-areas and where they face, body axes:", *_listed(result)]
     lines += [f"{c.name:9s} p = {c.p_value:.4f}  {c.words}" for c in result.cues]
     if result.shape is None:
         return [*lines, f"no shape: {result.no_shape}"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.style import FAINT, Gallery, colour
-from lcbayes.separated.attitude_test import AttitudeTest, Verdict
+from lcbayes.separated.attitude_test import MIN_PAIRS, MIN_POINTS, AttitudeTest, Verdict
 
 NAME = "attitude_test"
 
@@ -43,7 +44,8 @@ def words(result: AttitudeTest) -> list[str]:
     lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
     lines.append(f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}")
-    lines += [_line(v, result) for v in result.verdicts]
+    lines += [_line(v, result) for v in result.verdicts if v.tested]
+    lines += _not_tested(result)
     held = [v for v in result.verdicts if v.tested and not result.rejected(v)]
     tested = [v for v in result.verdicts if v.tested]
     if len(held) > 1:
@@ -62,14 +64,35 @@ def words(result: AttitudeTest) -> list[str]:
 
 
 def _line(v: Verdict, result: AttitudeTest) -> str:
-    if not v.tested:
-        return f"{v.name:20s} not tested: {v.reason}"
     verdict = "rejected" if result.rejected(v) else "consistent"
     same = f"; the same here: {', '.join(v.same_as)}" if v.same_as else ""
     return (
         f"{v.name:20s} p = {v.p_value:.3f}  {verdict}  ({v.n_pairs} pairs of {v.n_points} points"
         f"{same})"
     )
+
+
+def _not_tested(result: AttitudeTest) -> list[str]:
+    """Each reason once, with the laws that it stopped."""
+    names: dict[str, list[str]] = {}
+    for v in result.verdicts:
+        if v.sparse:
+            few = f"fewer than {MIN_PAIRS} pairs among {MIN_POINTS} points are alike"
+            some = f" ({v.n_pairs} among {v.n_points})" if v.n_pairs else ""
+            names.setdefault(few, []).append(v.name + some)
+        elif not v.tested:
+            names.setdefault(v.reason, []).append(v.name)
+    lines = []
+    for reason, stopped in names.items():
+        # on top already, with the remedy
+        why = "as said above" if any(reason in r for r in result.reasons) else reason
+        count = f"{len(stopped)} laws" if len(stopped) > 1 else "1 law"
+        lines.append(f"{count} not tested, {why}:")
+        lines += textwrap.wrap(
+            ", ".join(stopped), 92, initial_indent="  ", subsequent_indent="  ",
+            break_on_hyphens=False,
+        )  # fmt: skip
+    return lines
 
 
 def draw(result: AttitudeTest, gallery: Gallery) -> None:

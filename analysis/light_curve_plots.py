@@ -99,7 +99,7 @@ def _label(results: Results) -> tuple[str, float]:
     return f"{words} (10$^{{{power}}}$ {unit})".replace(" )", ")"), 10.0**power
 
 
-def _runs(x: Floats) -> list[NDArray[np.int64]]:
+def runs(x: Floats) -> list[NDArray[np.int64]]:
     """Stretches without a gap, over which a band may be drawn: nothing is said in between."""
     steps = np.diff(x)
     if steps.size == 0:
@@ -168,13 +168,13 @@ def _draw_segment(
             top.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
             top.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
         elif rank == 0:
-            for run in _runs(x):
+            for run in runs(x):
                 top.fill_between(x[run], q[0, run], q[4, run], color=hue, alpha=0.18, lw=0)
                 top.fill_between(x[run], q[1, run], q[3, run], color=hue, alpha=0.38, lw=0)
         elif sparse:
             top.plot(x, q[2], "_", color=hue, ms=6)
         else:
-            for run in _runs(x):
+            for run in runs(x):
                 top.plot(x[run], q[2, run], color=hue, lw=1.1, ls="--")
     error = results.error[at] / power
     if np.isfinite(error).all():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import small_report
+from lcbayes.analysis.light_curve_plots import runs
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
@@ -117,17 +118,23 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
     start, size = seen.t.min(), 10.0 ** np.floor(np.log10(np.abs(seen.flux).max()))
     apart = len(passes) > 1 and np.ptp(seen.t) > 5400.0
     for k, i in enumerate(passes):
-        here = seen.one_pass == i
+        here = np.flatnonzero(seen.one_pass == i)
         t = seen.t[here] - (seen.t[here].min() if apart else start)
         site = next((e.site for e in result.edges if e.one_pass == i), "")
-        axes.plot(t, seen.flux[here] / size, ".", ms=3, alpha=0.5, color=colour(k), mew=0)
-        axes.plot(t, result.model[here] / size, lw=1.4, color=colour(k),
-                  label=f"site {site}" if site else f"pass {i + 1}")  # fmt: skip
-        axes.plot(t, result.smooth[here] / size, lw=0.9, ls="--", color=colour(k))
+        axes.plot(t, seen.flux[here] / size, "o", ms=2.8, mfc=colour(k), mec=DATA, mew=0.5)
+        for j, run in enumerate(runs(t)):
+            name = f"site {site}" if site else f"pass {i + 1}"
+            axes.plot(t[run], result.model[here[run]] / size, lw=1.4, color=colour(k),
+                      label="_" if j else f"fit, {name}")  # fmt: skip
+            axes.plot(t[run], result.smooth[here[run]] / size, lw=0.9, ls="--", color=colour(k))
         for e in result.edges:
             if e.one_pass == i:
                 at = e.t - (seen.t[here].min() if apart else start)
                 axes.axvline(at, color=colour(k), lw=0.8, ls=":")
+    drawn = seen.flux[np.isin(seen.one_pass, passes)] / size
+    margin = 0.1 * np.ptp(drawn) or 1.0  # what is without the facet may lie far beyond
+    axes.set_ylim(drawn.min() - margin, drawn.max() + margin)
+    axes.plot([], [], "o", ms=2.8, mfc=FAINT, mec=DATA, mew=0.5, label="observed")
     axes.plot([], [], lw=0.9, ls="--", color=FAINT, label="without the facet")
     axes.plot([], [], lw=0.8, ls=":", color=FAINT, label="edge")
     axes.set_xlabel("time since the start of the pass (s)")

@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees to 0.15
 RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
 NEIGHBOURS = 6
-NEGLIGIBLE = 1e-6  # of Σα
 MAX_STEPS = 60
-SETTLED = 1e-3  # gain in χ² of two steps in a row that ends a descent
+SETTLED = 1e-3  # gain in χ² of two steps in a row that ends a descent; light worth less is none
 ROUGHLY = 0.02  # the same over the cost of a facet, where facets are only being chosen
+LEAST = 1e-14  # of the largest eigenvalue, what is no rounding
 TRIED = 5  # of the weakest facets, before all are kept
 
 
@@ -124,7 +124,9 @@ def refine(
             np.hstack([matrix, more]),
             start=found,
         )
-    kept = found.areas > NEGLIGIBLE * found.areas.sum()
+    light = found.scale[seen.curve, None] * np.hstack([matrix, more]) * found.areas
+    worth = np.sum((light / seen.error[:, None]) ** 2, axis=0)
+    kept = worth > min(SETTLED, 0.5 * worth.max())
     kept[len(coarse.areas) - still : len(coarse.areas)] = still > 0
     return Distribution(
         found.normals[kept], found.which[kept], found.areas[kept],
@@ -166,13 +168,15 @@ def few(
     Facets
     """
     cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
-    enough = max(SETTLED, ROUGHLY * cost)
-    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials, enough) for r in RADII]
+    roughly = max(SETTLED, ROUGHLY * cost)
+    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials, roughly) for r in RADII]
     best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
-    while (found := _without_one(seen, best, cost, materials, enough)) is not None:
-        best = found
-    vectors = best.areas[:, None] * best.normals
-    return _settle(seen, vectors, best.which, best.scale, materials, SETTLED)
+    for enough in (roughly, SETTLED):
+        vectors = best.areas[:, None] * best.normals
+        best = _settle(seen, vectors, best.which, best.scale, materials, enough)
+        while (found := _without_one(seen, best, cost, materials, enough)) is not None:
+            best = found
+    return best
 
 
 def _without_one(
@@ -239,8 +243,10 @@ def _settle(
     damping = 1e-3
     for _ in range(MAX_STEPS):
         normal = jacobian.T @ jacobian
-        ridge = np.diag(damping * np.maximum(np.diag(normal), 1e-12 * np.trace(normal) / len(here)))
-        step = np.linalg.solve(normal + ridge, jacobian.T @ residual)
+        size = _sizes(normal)
+        ridge = damping * np.eye(len(here))  # where all is in its own unit, never singular
+        step = np.linalg.solve(normal / np.outer(size, size) + ridge, jacobian.T @ residual / size)
+        step /= size
         new = evaluated(here + step)
         if new[0].chi2 < found.chi2:
             small = small + 1 if found.chi2 - new[0].chi2 < enough else 0
@@ -253,11 +259,19 @@ def _settle(
             damping *= 4.0
             if damping > 1e6:
                 break
-    kept = found.areas > NEGLIGIBLE * found.areas.sum()
-    if not np.all(kept):
-        vectors = found.areas[:, None] * found.normals
+    vectors = found.areas[:, None] * found.normals
+    # a step may carry a facet to where nothing lights or shows it, and no slope leads back
+    light = np.einsum("tia,ia->ti", jacobian[:, : 3 * n].reshape(-1, n, 3), vectors)
+    kept = np.sum(light**2, axis=0) > SETTLED
+    if np.any(kept) and not np.all(kept):
         return _settle(seen, vectors[kept], which[kept], found.scale, materials, enough)
     return _with_covariance(seen, found, jacobian)
+
+
+def _sizes(normal: Floats) -> Floats:
+    """Units in which all parameters of a normal matrix weigh about the same."""
+    own = np.diag(normal)
+    return np.sqrt(np.maximum(own, max(1e-12 * own.mean(), 1e-300)))
 
 
 def linear(
@@ -309,6 +323,9 @@ def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> F
     normal += np.outer(row, row) * np.trace(normal) / count
     if np.all(seen.free):
         areas, scale = areas * scale.mean(), scale / scale.mean()
-    covariance = np.linalg.pinv(normal, rcond=1e-14, hermitian=True)[: 3 * n, : 3 * n]
-    covariance = covariance.reshape(n, 3, n, 3)
+    size = _sizes(normal)
+    value, vector = np.linalg.eigh(normal / np.outer(size, size))
+    vector /= size[:, None]  # what the data leave open has a large variance, not none
+    covariance = (vector / np.maximum(value, LEAST * value[-1])) @ vector.T
+    covariance = covariance[: 3 * n, : 3 * n].reshape(n, 3, n, 3)
     return Facets(found.normals, found.which, areas, scale, found.flux, found.chi2, covariance)

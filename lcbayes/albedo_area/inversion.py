@@ -27,6 +27,7 @@ POOR = 2.0  # χ² per degree of freedom, with errors known, from which the atti
 LOOSE = 0.2  # rms residual over mean flux from which it is, with errors unknown
 CHANGED = 0.1  # part of all area that was changed to close it from which the shape is in doubt
 FEWEST = 10  # points
+VAGUE = 0.5  # standard deviation over area from which a facet's area is in doubt
 UNSEEN = 0.1  # part of all directions never lit and seen from which the shape is in doubt
 
 
@@ -191,14 +192,15 @@ def invert(
             draws = bootstrap.facets(seen, found, materials, weight, albedo)
     best = on_grid if found is None else found
     gap = closure(best.normals, best.areas)
-    shape, changed, no_shape = _shape(best, albedo)
-    finer = None if fine is None else _shape(fine, albedo)[0]
-    parameters = np.sum(best.areas > 0) * (1 if found is None else 3) + np.sum(seen.free)
     lit = matrix.reshape(len(matrix), -1, n_normals).sum(axis=(0, 1)) > 0
+    unseen = float(1.0 - lit.mean())
+    shape, changed, no_shape = _shape(best, albedo, unseen)
+    finer = None if fine is None else _shape(fine, albedo, unseen)[0]
+    parameters = np.sum(best.areas > 0) * (1 if found is None else 3) + np.sum(seen.free)
     result = Inversion(
         seen, materials, on_grid, grid_sd, found, draws, found_cues, gap, changed, shape,
         None if finer is None else finer.volume, no_shape,
-        float(1.0 - lit.mean()), max(int(len(seen.flux) - parameters), 1),
+        unseen, max(int(len(seen.flux) - parameters), 1),
     )  # fmt: skip
     result.reasons.extend(_doubts(result))
     return result
@@ -211,13 +213,17 @@ def _check_lit(plain: Distribution) -> None:
         )
 
 
-def _shape(best: Distribution, albedo: float) -> tuple[Polyhedron | None, float, str]:
+def _shape(
+    best: Distribution, albedo: float, unseen: float
+) -> tuple[Polyhedron | None, float, str]:
     """The body, by how much areas were changed to close it, and why there is none."""
     gap = closure(best.normals, best.areas)
     if gap > OPEN:
+        why = "so no convex body of one albedo has them"
+        if unseen > 0:
+            why = f"so albedos differ, or facets are missing: {_dark(unseen)}"
         return None, 0.0, (
-            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2f} exceeds {OPEN}, so no convex "
-            "body of one albedo has them"
+            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2f} exceeds {OPEN}, {why}"
         )  # fmt: skip
     try:
         closed = close(best.normals, best.areas)
@@ -227,18 +233,27 @@ def _shape(best: Distribution, albedo: float) -> tuple[Polyhedron | None, float,
     return body, float(np.sum(np.abs(closed - best.areas)) / best.areas.sum()), ""
 
 
+def _dark(unseen: float) -> str:
+    return f"{100 * unseen:.0f} % of all directions were never lit and seen at once"
+
+
 def _doubts(result: Inversion) -> list[str]:
     reasons = []
     reduced = result.best.chi2 / result.dof
+    names = " and ".join(map(str, result.materials))
+    body = f"no convex body of material {names} with this attitude"
+    other = ""
+    if tuple(result.materials) == (LAMBERTIAN,):
+        other = "; another law may (--material non-lambertian, the one that fit takes by default)"
     if result.seen.error_known and reduced > POOR:
         reasons.append(
-            f"chi2 is {reduced:.1f} per degree of freedom: no convex body of these materials with "
-            "this attitude gives this light curve to its errors"
+            f"chi2 is {reduced:.1f} per degree of freedom: {body} gives this light curve to its "
+            f"errors{other}"
         )
     if not result.seen.error_known and result.rms > LOOSE:
         reasons.append(
-            f"residuals are {100 * result.rms:.0f} % of the mean flux: no convex body of these "
-            "materials with this attitude gives this light curve"
+            f"residuals are {100 * result.rms:.0f} % of the mean flux: {body} gives this light "
+            f"curve{other}"
         )
     used = len(result.seen.flux) - result.dof
     if result.facets is not None and used > result.dof:
@@ -246,6 +261,13 @@ def _doubts(result: Inversion) -> list[str]:
             f"{used} numbers were fitted to {len(result.seen.flux)} points: other facets would do "
             "as well"
         )
+    if result.facets is not None:
+        vague = int(np.sum(result.facets.area_sd > VAGUE * result.facets.areas))
+        if vague:
+            reasons.append(
+                f"the flux does not constrain the areas of {vague} of {len(result.facets.areas)} "
+                f"facets: their standard deviations exceed {100 * VAGUE:.0f} %"
+            )
     if result.changed > CHANGED:
         reasons.append(
             f"areas had to be changed by {100 * result.changed:.0f} % of their sum to close: "
@@ -253,7 +275,6 @@ def _doubts(result: Inversion) -> list[str]:
         )
     if result.unseen > UNSEEN:
         reasons.append(
-            f"{100 * result.unseen:.0f} % of all directions were never lit and seen at once: "
-            "what faces there is unknown, and the shape with it"
+            f"{_dark(result.unseen)}: what faces there is unknown, and the shape with it"
         )
     return reasons

@@ -306,7 +306,7 @@ def require(law: Attitude, ephemeris: Ephemeris) -> None:
     """Raise `InputError`, one line, unless the ephemeris has what the law needs."""
     missing = {name for name in law.needs if getattr(ephemeris, name) is None}
     if missing & {"position_km", "velocity_km_s"}:
-        both = "position_km" in missing
+        both = ephemeris.position_km is None
         raise InputError(
             f"the law {law.name!r} needs the satellite's orbit, and this light curve has "
             f"{'none' if both else 'its places but no velocity'}; read it with --tle FILE"

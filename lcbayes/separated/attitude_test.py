@@ -21,6 +21,7 @@ Hall et al. 2007, sec. 4.4.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -100,6 +101,12 @@ class Verdict:
     same_as: tuple[str, ...] = ()
     pairs: Pairs | None = field(default=None, repr=False)
 
+    @property
+    def sparse(self) -> bool:
+        """Whether it makes too few measurements alike."""
+        few = self.n_pairs < MIN_PAIRS or self.n_points < MIN_POINTS
+        return self.pairs is not None and few
+
 
 @dataclass(frozen=True)
 class AttitudeTest:
@@ -143,19 +150,25 @@ def attitude_test(
     curve : LightCurve
         With errors; geometry as the laws need it.
     laws : the hypotheses, as from `physics.catalogue`
-    level : a law is rejected below this p-value
+    level : a law is rejected below this p-value, which must be above 1/(1 + n_bodies)
     separation_deg : largest angle between directions that count as alike
     n_bodies : drawn at random for each null distribution
 
     Raises
     ------
     InputError
-        The curve has no errors, or an option is out of range.
+        The curve has no errors, an option is out of range, or no p-value can be below the level.
     """
     if not 0.0 < separation_deg <= 30.0:
         raise InputError(f"separation_deg is {separation_deg:g}; expected 0 < angle <= 30 degrees")
     if not 0.0 < level < 1.0 or n_bodies < 19:
         raise InputError("level must lie in 0 .. 1, and n_bodies be 19 or more")
+    if not _smallest(n_bodies) < level:
+        raise InputError(
+            f"no p-value among {n_bodies} bodies is below {_smallest(n_bodies):.2g}, so that no "
+            f"law can be rejected at the level {level:g}; give --bodies {2 * int(1 / level) - 1} "
+            "or more"
+        )
     progress = progress or Silent()
     seen = reduce(curve)
     glint = glints(seen)
@@ -169,24 +182,40 @@ def attitude_test(
             try:
                 parts = turns(law, eph, seen)
             except InputError as fault:
-                found.append(Verdict(name, law.settings(), False, str(fault)))
+                reason = str(fault).removeprefix(f"the law {law.name!r} ")
+                found.append(Verdict(name, law.settings(), False, reason))
                 track.advance(1, name)
                 continue
             axes[name] = np.stack(parts, axis=1)
-            verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, seed)
+            verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, level, seed)
             found.append(replace(verdict, name=name))
             track.advance(1, name)
     tested = [v for v in found if v.tested]
     found = [_with_same(v, axes) for v in found]
     found.sort(key=lambda v: (not v.tested, -v.p_value if v.tested else 0.0, v.statistic))
-    reasons = []
-    if not tested:
-        reasons = [
-            f"no law could be tested: none has {MIN_PAIRS} pairs of measurements within "
-            f"{separation_deg:g} deg of each other that were not taken one after the other; "
-            "observe more passes under like geometry"
-        ]
+    reasons = [] if tested else _untested(found, separation_deg)
     return AttitudeTest(tuple(found), level, int(glint.sum()), len(seen.t), seen, reasons)
+
+
+def _untested(found: Sequence[Verdict], separation_deg: float) -> list[str]:
+    """Why no law could be tested, what stopped most of them first."""
+    why = Counter(
+        f"has not {MIN_PAIRS} pairs among {MIN_POINTS} measurements within {separation_deg:g} deg "
+        "of each other that were not taken one after the other; observe more passes under like "
+        "geometry"
+        if v.sparse
+        else v.reason
+        for v in found
+    )
+    return [
+        f"no law could be tested; {n} of {len(found)}: each {reason}"
+        for reason, n in why.most_common()
+    ]
+
+
+def _smallest(n_null: int) -> float:
+    """Smallest p-value that a rank among so many can give."""
+    return 1.0 / (1 + n_null)
 
 
 def glints(seen: Reduced) -> NDArray[np.bool_]:
@@ -227,16 +256,17 @@ def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
 
 
 def _test(
-    law: Attitude, axes: Sequence[Floats], seen: Reduced, reach: float, n_bodies: int, seed: int
-) -> Verdict:
+    law: Attitude, axes: Sequence[Floats], seen: Reduced, reach: float, n_bodies: int,
+    level: float, seed: int,
+) -> Verdict:  # fmt: skip
     """The verdict on one law."""
     parts = in_body(axes, seen)
     found = alike(parts, seen, reach)
     if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
         return Verdict(
             law.name, law.settings(), False,
-            f"{len(found.i)} pairs of {found.n_points} points are alike; "
-            f"{MIN_PAIRS} of {MIN_POINTS} are needed",
+            f"{len(found.i)} pairs among {found.n_points} points are alike; "
+            f"{MIN_PAIRS} pairs among {MIN_POINTS} points are needed",
             n_pairs=len(found.i), n_points=found.n_points, pairs=found,
         )  # fmt: skip
     rng = np.random.default_rng(seed)
@@ -244,6 +274,12 @@ def _test(
     flux = ensemble.fluxes(bodies, *parts[0], parts[1] if len(parts) > 1 else None)
     mean = flux.mean(axis=1)
     usable = mean > 0
+    if not _smallest(int(np.sum(usable))) < level:
+        return Verdict(
+            law.name, law.settings(), False,
+            f"only {np.sum(usable)} of {n_bodies} bodies are lit and seen; give more --bodies",
+            n_pairs=len(found.i), n_points=found.n_points, pairs=found,
+        )  # fmt: skip
     flux = flux[usable] * (seen.flux.mean() / mean[usable])[:, None]
     flux = flux + seen.error * rng.standard_normal(flux.shape)
     null = statistic(flux, seen.error, found)

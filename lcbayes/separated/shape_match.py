@@ -33,6 +33,7 @@ from lcbayes.separated.two_samples import Reference
 
 R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
 LEAST_SNR = 3.0
+LEAST_LEVEL = 0.001  # for which 2000 nulls are drawn
 REACH_MAG = 4.0  # from the median; what is fainter or brighter counts as there
 MIN_INDEPENDENT, MOST_POINTS, LEAST_SPAN_DEG = 100, 500, 30.0
 MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
@@ -140,7 +141,7 @@ def shape_match(
     *,
     surface: Surface | None = None,
     level: float = 0.05,
-    n_nulls: int = 199,
+    n_nulls: int | None = None,
     n_draws: int = 8000,
     seed: int = 0,
     progress: Silent | None = None,
@@ -154,15 +155,24 @@ def shape_match(
     bodies : name → body; the built-in shapes when None
     surface : of the candidates
     level : a candidate is rejected below this p-value
-    n_nulls, n_draws : samples that p-values rank among, and draws that a distribution is known by
+    n_nulls : samples that p-values rank among; no p-value is below 2/(1 + n_nulls). By default 199,
+        more where the level asks for it.
+    n_draws : draws that a distribution is known by
 
     Raises
     ------
     InputError
-        No errors, several unknown scales, too few points, or an option out of range.
+        No errors, several unknown scales, too few points, or an option out of range, among them
+        fewer nulls than it takes to reject at the level.
     """
-    if n_nulls < 39 or n_draws < 1000 or not 0 < level < 1:
-        raise InputError("expected n_nulls >= 39, n_draws >= 1000, and a level in 0 .. 1")
+    if not LEAST_LEVEL <= level < 1.0:
+        raise InputError(f"the level is {level:g}; expected {LEAST_LEVEL:g} <= level < 1")
+    least = max(39, int(2.0 / level))  # of nulls: 2/(1 + least) is below the level
+    n_nulls = max(199, least) if n_nulls is None else n_nulls
+    if n_nulls < least or n_draws < 1000:
+        raise InputError(
+            f"expected n_draws >= 1000, and n_nulls >= {least} to reject at the level {level:g}"
+        )
     seen = reduce(curve)
     if len(np.unique(seen.group)) > 1:
         raise InputError(

@@ -201,7 +201,9 @@ def single_facet(
     weight = np.exp(0.5 * (fall - fall.max()))
     kind = _kinds(normals, weight, sun, obs, seen)
     edges = _edges(normals[region], weight[region], best, sun, obs, seen, site)
-    share = float(np.max((model - smooth) / np.maximum(model, 1e-300)))
+    own = model - smooth
+    k = np.argmax(own)  # elsewhere the whole may be near zero, and any facet all of it
+    share = min(1.0, float(own[k] / max(model[k], seen.error[k])))
     area = alpha if not np.any(curve.free_scale) else np.nan
     found = SingleFacet(
         law.name, best, area, share, normals, fall, cell, region, kind, float(p), chi2, dof,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert "6 flat facets at least" in told
     assert "of 3 angles between 3 axes of facets are 90 degrees" in told
     assert "shape: 6 faces" in told
+    assert len(re.findall(r"[\d.]+ ± [\d.]+ m² towards longitude .* deg, ± [\d.]+ deg", told)) == 6
     assert (out / "albedo_area.txt").read_text().splitlines() == told.splitlines()[:-2]
     found = json.loads((out / "albedo_area.json").read_text())
     assert found["trusted"]
@@ -67,7 +69,9 @@ def test_relative_curves_have_proportions_alone(tmp_path, capsys):
     out = tmp_path / "out"
     argv = ["albedo-area", str(tmp_path / "relative.csv"), "--attitude", "none", "-o", str(out)]
     assert cli.main([*argv, *QUICK, "--nulls", "0"]) == EXIT_DONE
-    assert "(size unknown)" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "(size unknown)" in told
+    assert len(re.findall(r"[\d.]+ ± [\d.]+ % towards", told)) == 6
     found = json.loads((out / "albedo_area.json").read_text())
     assert not found["calibrated"]
     assert found["shape"]["volume"] is None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from false_alarms import EACH, limit, squares
-from seen import curve_of, directions
+from seen import curve_of, directions, lambertian
 
 from lcbayes.albedo_area import bootstrap
 from lcbayes.albedo_area.distribution import Distribution, grid, smooth, solve, typical
@@ -14,7 +16,11 @@ from lcbayes.albedo_area.inversion import invert
 from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.albedo_area.observed import Attitude, Observed
 from lcbayes.errors import InputError
+from lcbayes.lightcurve import LightCurve
+from lcbayes.penumbra import fully_lit
 from lcbayes.physics import shapes
+from lcbayes.scenario import load
+from lcbayes.simulate import simulate
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)
@@ -93,6 +99,57 @@ def test_a_facet_costs_what_it_is_told(brick):
     assert len(few(seen, fine, ONE, cost=0.0).areas) > 6
     assert len(few(seen, fine, ONE, cost=1e7).areas) < 6
     assert len(few(seen, fine, ONE, cost=3 * np.log(300)).areas) == len(found.areas)
+
+
+@pytest.mark.parametrize("seed", [1, 2])  # a phantom of 38,000 m²; a singular matrix
+def test_no_facet_is_found_that_no_epoch_shows(seed):
+    curve = fully_lit(simulate(load("box-wing"), seed)[0])
+    material = Material.parse("non-lambertian")
+    attitude = Attitude(omega=(0.012, -0.020, 0.018))
+    result = invert(curve, attitude, [material], n_bootstrap=0, n_null=0)
+    assert result.reasons == []
+    assert result.facets is not None
+    assert len(result.facets.areas) == 6
+    assert result.facets.areas.max() == pytest.approx(3.24, rel=0.02)
+    matrix = columns(result.seen, result.facets.normals, result.facets.which, [material])
+    assert matrix.max(axis=0).min() > 0.01
+
+
+def from_above(n_below: int = 0) -> LightCurve:
+    """A brick that few epochs show from below."""
+    rng = np.random.default_rng(0)
+    sun, obs = directions(rng, 300), directions(rng, 300)
+    for v in (sun, obs):
+        v[:, 2] = np.where(np.arange(300) < n_below, -1.0, 1.0) * np.abs(v[:, 2])
+    flux = lambertian(sun, obs, BRICK)
+    error = np.full(300, 0.003 * flux.mean())
+    return replace(
+        curve_of(BRICK), sun=sun, obs=obs, error=error,
+        brightness=flux + error * rng.normal(size=300),
+    )  # fmt: skip
+
+
+def test_a_dark_facet_takes_no_other_with_it():
+    """Were facets weighed by their areas, those in the light would be negligible beside it."""
+    seen = Observed.of(from_above(), Attitude())
+    below = BRICK.normals[:, 2] < -0.9
+    areas, which = np.where(below, 1e8, BRICK.areas), np.zeros(6, int)
+    flux = columns(seen, BRICK.normals, which) @ areas
+    found = few(seen, Distribution(BRICK.normals, which, areas, np.ones(1), flux, 0.0))
+    assert len(found.areas) == 5
+    index = matched(found, BRICK.normals[~below])
+    assert found.areas[index] == pytest.approx(BRICK.areas[~below], rel=0.02)
+
+
+def test_an_area_that_one_point_tells_is_in_doubt():
+    """One number has no say in two of the three of an area vector: large variances, not none."""
+    result = invert(from_above(1), Attitude(), n_bootstrap=0, n_null=0)
+    assert result.facets is not None
+    below = result.facets.normals[:, 2] < -0.3
+    assert below.any()
+    assert (result.facets.area_sd[below] > result.facets.areas[below]).all()
+    assert (result.facets.area_sd[~below] < 0.1 * result.facets.areas[~below]).all()
+    assert any("the flux does not constrain the areas of" in why for why in result.reasons)
 
 
 def test_a_shiny_panel_on_a_dull_brick():
@@ -228,7 +285,8 @@ def test_errors_that_are_not_given_are_estimated():
 
 def test_a_wrong_attitude_is_not_trusted():
     result = invert(curve_of(BRICK), Attitude(omega=(0.1, 0.2, 0.3)), n_bootstrap=0, n_null=0)
-    assert any("chi2 is" in reason for reason in result.reasons)
+    assert "no convex body of material lambertian with this attitude" in result.reasons[0]
+    assert "--material non-lambertian" in result.reasons[0]
 
 
 def test_an_open_surface_has_no_shape():
@@ -236,6 +294,7 @@ def test_an_open_surface_has_no_shape():
     result = invert(curve_of(plate, 400), Attitude(), n_bootstrap=0, n_null=0)
     assert result.shape is None
     assert "facets do not close: |sum(A n)| / sum(A) = 0.9" in result.no_shape
+    assert "so no convex body of one albedo has them" in result.no_shape
 
 
 def test_directions_never_lit_are_told():
@@ -248,6 +307,7 @@ def test_directions_never_lit_are_told():
     object.__setattr__(lit, "sun", near)
     result = invert(lit, Attitude(), n_bootstrap=0, n_null=0)
     assert any("never lit and seen at once" in reason for reason in result.reasons)
+    assert "or facets are missing" in result.no_shape
 
 
 def test_options_that_make_no_sense():

@@ -10,6 +10,7 @@ from false_alarms import EACH
 from passes import measured, passes
 from scipy import stats
 
+from lcbayes.analysis.attitude_test_report import words
 from lcbayes.ephemeris import ephemeris
 from lcbayes.errors import InputError
 from lcbayes.physics import catalogue
@@ -72,18 +73,18 @@ def test_pairs_of_an_articulated_body_are_alike_in_both_frames(geometry):
 @pytest.mark.statistical(false_alarm=EACH)
 def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
     """Kept at 1 in 20 by the first of five bodies, or by the second...: by none in 3 million."""
-    found = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=199)
+    found = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=1009)
     by_name = {v.name: v for v in found.verdicts}
     assert found.verdicts[0].name == "lvlh"
     others = (
-        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=99).verdicts[0].p_value
+        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=1009).verdicts[0].p_value
         for s in range(1, 5)
     )
     assert by_name["lvlh"].p_value > 0.05 or any(p > 0.05 for p in others)
     assert by_name["sun-north"].p_value <= 0.01
     assert found.rejected(by_name["sun-north"]) == (by_name["sun-north"].p_value < 0.01)
     assert not found.reasons
-    again = attitude_test(curve_of(geometry), [LVLH], n_bodies=199)
+    again = attitude_test(curve_of(geometry), [LVLH], n_bodies=1009)
     assert again.verdicts[0].p_value == by_name["lvlh"].p_value
 
 
@@ -92,7 +93,7 @@ def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
 def test_p_values_of_the_true_law_are_uniform(geometry):
     """40 bodies, Kolmogorov-Smirnov."""
     p = [
-        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=99, seed=s).verdicts[0].p_value
+        attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=1009, seed=s).verdicts[0].p_value
         for s in range(40)
     ]
     assert stats.kstest(p, "uniform").pvalue > EACH
@@ -100,7 +101,7 @@ def test_p_values_of_the_true_law_are_uniform(geometry):
 
 def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
     """A circular orbit: the velocity is where LVLH has x."""
-    found = attitude_test(curve_of(geometry), [LVLH, catalogue.find("velocity")], n_bodies=49)
+    found = attitude_test(curve_of(geometry), [LVLH, catalogue.find("velocity")], n_bodies=100)
     assert {v.same_as for v in found.verdicts} == {("velocity",), ("lvlh",)}
     assert found.verdicts[0].p_value == pytest.approx(found.verdicts[1].p_value, abs=0.03)
 
@@ -108,7 +109,7 @@ def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
 def test_one_law_with_several_settings_is_several_laws(geometry):
     """Each told by its settings, and compared by its own axes."""
     laws = [LVLH, *(catalogue.parse(f"sun-spin:period_s={p}") for p in (300.0, 700.0))]
-    found = attitude_test(curve_of(geometry), [*laws, laws[1]], n_bodies=49)
+    found = attitude_test(curve_of(geometry), [*laws, laws[1]], n_bodies=100)
     names = {"lvlh", "sun-spin:period_s=300", "sun-spin:period_s=700"}
     assert len(found.verdicts) == 3
     assert {v.name for v in found.verdicts} == names
@@ -129,10 +130,11 @@ def halves(geometry, seed: int):
 def test_curves_of_unknown_scale_are_compared_within(geometry):
     """The true law is kept at 1 in 100 by one of three bodies, but once in a million times."""
     scaled = halves(geometry, 0)
-    verdict = attitude_test(scaled, [LVLH], n_bodies=99).verdicts[0]
+    verdict = attitude_test(scaled, [LVLH], n_bodies=1009).verdicts[0]
     assert verdict.pairs is not None
     others = (
-        attitude_test(halves(geometry, s), [LVLH], n_bodies=99).verdicts[0].p_value for s in (1, 2)
+        attitude_test(halves(geometry, s), [LVLH], n_bodies=1009).verdicts[0].p_value
+        for s in (1, 2)
     )
     assert verdict.p_value > 0.01 or any(p > 0.01 for p in others)
     seen = reduce(scaled)
@@ -148,20 +150,34 @@ def test_glints_are_left_out(geometry):
     flux[40:42] *= 2.5
     curve = replace(curve, t=t, site=np.full(100, "0"), brightness=flux, error=np.full(100, 0.01))
     np.testing.assert_array_equal(np.flatnonzero(glints(reduce(curve))), [40, 41])
-    found = attitude_test(curve, [INERTIAL], n_bodies=19)
+    found = attitude_test(curve, [INERTIAL], n_bodies=100)
     assert (found.n_glints, found.n_obs) == (2, 98)
 
 
 def test_too_little_is_said(geometry):
     short = curve_of(geometry).select(np.arange(60))
-    found = attitude_test(short, [LVLH, INERTIAL], n_bodies=19)
+    found = attitude_test(short, [LVLH, INERTIAL], n_bodies=100)
     assert not any(v.tested for v in found.verdicts)
-    assert "no law could be tested" in found.reasons[0]
-    assert all("pairs" in v.reason for v in found.verdicts)
+    assert "no law could be tested; 2 of 2: each has not 60 pairs" in found.reasons[0]
+    assert all("pairs among" in v.reason for v in found.verdicts)
     bare = replace(short, position_km=None, velocity_km_s=None)
-    told = attitude_test(bare, [LVLH], n_bodies=19).verdicts[0]
+    both = attitude_test(bare, [LVLH, SUN, INERTIAL, catalogue.find("velocity")], n_bodies=100)
+    assert "2 of 4: each needs the satellite's orbit" in both.reasons[0]
+    assert "observe more passes" in both.reasons[-1]
+    said = [line for line in words(both) if "needs the satellite's orbit" in line]
+    assert len(said) == 1
+    assert {"  lvlh, velocity", "2 laws not tested, as said above:"} < set(words(both))
+    told = attitude_test(bare, [LVLH], n_bodies=100).verdicts[0]
     assert "needs the satellite's orbit" in told.reason
     with pytest.raises(InputError, match=r"gives no errors.*--error"):
         attitude_test(replace(short, error=None), [LVLH])
     with pytest.raises(InputError, match=r"separation_deg is 40; expected"):
         attitude_test(short, [LVLH], separation_deg=40.0)
+
+
+def test_a_level_that_no_rank_can_reach(geometry):
+    """p = 1/(1 + n) at the least, and a law is rejected below the level."""
+    with pytest.raises(InputError, match=r"no p-value among 99 bodies .* --bodies 199 or more"):
+        attitude_test(curve_of(geometry), [SUN], n_bodies=99)
+    found = attitude_test(curve_of(geometry), [SUN], n_bodies=100)
+    assert found.rejected(found.verdicts[0])

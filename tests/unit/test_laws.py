@@ -242,6 +242,8 @@ def seen(**changes) -> LightCurve:
 def test_a_curve_without_an_orbit_is_told_so():
     with pytest.raises(InputError, match=r"'lvlh' needs the satellite's orbit.* has none; .*--tle"):
         frames(catalogue.find("lvlh"), seen())
+    with pytest.raises(InputError, match=r"'sun-flight' needs the satellite's orbit.* has none; "):
+        frames(catalogue.find("sun-flight"), seen())  # asks for no place
     with pytest.raises(InputError, match=r"'sun-north' needs to know north.*# frame: icrs"):
         frames(catalogue.find("sun-north"), seen(frame="inertial"))
     place = np.asarray(ORBIT.position_km)

@@ -146,7 +146,7 @@ def test_points_that_follow_each_other_are_thinned():
         held, t=np.arange(1000.0), brightness=held.brightness
         + np.repeat(curve.error, 5) * np.random.default_rng(0).normal(size=1000),
     )  # fmt: skip
-    found = shape_match(held, some("plate"), n_nulls=39, n_draws=2000)
+    found = shape_match(held, some("plate"), n_nulls=40, n_draws=2000)
     assert 3.0 < found.correlation < 8.0
     assert len(found.phase) <= 1000 / 3.0
 
@@ -156,16 +156,16 @@ def test_a_stabilised_object_is_said_to_be_one():
     law = catalogue.find("lvlh")
     bodies = ensemble.draw(8, np.random.default_rng(0))
     found = shape_match(measured(geometry, law, bodies, 0.05, 0), some("cube"),
-                        n_nulls=39, n_draws=2000)  # fmt: skip
+                        n_nulls=40, n_draws=2000)  # fmt: skip
     assert any("looks stabilised" in reason for reason in found.reasons)
 
 
 def test_conditions_that_are_not_met_are_said():
-    few = shape_match(seen("cube", 60), some("cube"), n_nulls=39, n_draws=2000)
+    few = shape_match(seen("cube", 60), some("cube"), n_nulls=40, n_draws=2000)
     assert any("60" in r or "independent" in r for r in few.reasons)
     narrow = seen("sphere", 150)
     keep = np.abs(narrow.phase_angle - 1.2) < 0.2
-    told = shape_match(narrow.select(keep), some("sphere"), n_nulls=39, n_draws=2000).reasons
+    told = shape_match(narrow.select(keep), some("sphere"), n_nulls=40, n_draws=2000).reasons
     assert any("phase angles span" in r for r in told)
     curve = seen("cube", 60)
     mixed = replace(curve, band=np.where(np.arange(60) % 2, "V", "R"))
@@ -173,8 +173,17 @@ def test_conditions_that_are_not_met_are_said():
         shape_match(mixed)
     with pytest.raises(InputError, match=r"sum is at most 1"):
         Surface(0.7, 0.7)
-    with pytest.raises(InputError, match=r"expected n_nulls >= 39"):
-        shape_match(curve, n_nulls=3)
+    with pytest.raises(InputError, match=r"n_nulls >= 40 to reject at the level 0.05"):
+        shape_match(curve, n_nulls=39)
+    with pytest.raises(InputError, match=r"the level is 0.0001; expected 0.001 <= level"):
+        shape_match(curve, level=0.0001)
+
+
+def test_a_shape_can_be_rejected_at_any_level():
+    """p = 2/(1 + n) at the least, and a shape is rejected below the level."""
+    found = shape_match(seen("cube"), some("plate"), level=0.005, n_draws=4000)
+    assert found.matches[0].p_value < 0.005
+    assert not found.consistent
 
 
 def test_a_last_point_that_no_draw_would_show():
@@ -185,7 +194,7 @@ def test_a_last_point_that_no_draw_would_show():
     flux, error = curve.brightness.copy(), curve.error.copy()
     flux[-1], error[-1] = 60.0 * typical, 15.0 * typical
     found = shape_match(
-        replace(curve, brightness=flux, error=error), some("cube"), n_nulls=39, n_draws=2000
+        replace(curve, brightness=flux, error=error), some("cube"), n_nulls=40, n_draws=2000
     )
     assert found.n_obs == 200
     assert 0.0 < found.matches[0].p_value <= 1.0

@@ -9,6 +9,8 @@ import pytest
 from facets_in_pass import body_directions, crossing, flux_of, one_pass, with_noise
 from false_alarms import EACH
 
+from lcbayes.analysis.single_facet_report import draw
+from lcbayes.analysis.style import Gallery, drawing
 from lcbayes.errors import InputError
 from lcbayes.physics import catalogue, facets
 from lcbayes.separated import single_facet as module
@@ -120,6 +122,23 @@ def test_chance_edges_are_as_rare_as_they_should_be():
     assert stats.binomtest(hits, 100, 0.05).pvalue > EACH
 
 
+def test_the_share_is_told_where_the_facet_is_brightest(case):
+    """Where the whole flux is zero, or fitted below it, any facet has all of it and more."""
+    curve, normal = case
+    facet = flux_of(curve, LVLH, normal, 1.0) - flux_of(curve, LVLH, normal, 0.0)
+    site = np.flatnonzero(curve.site == "0")
+    facet = facet[site] / facet[site].max()
+    lit, k = np.flatnonzero(facet), np.argmax(facet)
+    dark = lit[len(lit) // 4] if k > lit.mean() else lit[-len(lit) // 4]
+    t = (curve.t[site] - curve.t[site][dark]) / (curve.t[site][k] - curve.t[site][dark])
+    flux = 0.05 * facet + t**2 - 0.06
+    made = replace(curve.select(site), brightness=flux, error=np.full(len(flux), 1e-4))
+    found = single_facet(made, LVLH)
+    assert found.model[dark] <= 0.0 < found.model[dark] - found.smooth[dark]
+    assert found.share == pytest.approx(0.05 / flux[k], rel=0.1)
+    assert any("of the light at most" in reason for reason in found.reasons)
+
+
 def test_conditions_that_are_not_met_are_said(case):
     curve, normal = case
     measured = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1)
@@ -133,3 +152,27 @@ def test_conditions_that_are_not_met_are_said(case):
     assert any("does not explain the curve" in reason for reason in told)
     with pytest.raises(InputError, match=r"needs the satellite's orbit"):
         single_facet(replace(measured, position_km=None, velocity_km_s=None), LVLH)
+
+
+def test_the_figure_shows_the_data(case, tmp_path):
+    """Their own limits, whatever is fitted; no line over a gap; the points in the legend."""
+    curve, normal = case
+    whole = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.05, 1)
+    middle = np.median(whole.t)
+    found = single_facet(whole.select(np.abs(whole.t - middle) > 40.0), LVLH)
+
+    class Kept(Gallery):
+        def add(self, figure, name, *args):
+            drawn[name] = figure
+            return super().add(figure, name, *args)
+
+    drawn = {}
+    with drawing():
+        draw(replace(found, smooth=found.smooth - 60.0), Kept(tmp_path))
+    axes, flux = drawn["edge"].axes[0], found.seen.flux
+    size = 10.0 ** np.floor(np.log10(flux.max()))
+    assert np.ptp(axes.get_ylim()) == pytest.approx(1.2 * np.ptp(flux) / size)
+    lines = [np.asarray(x.get_xdata(), float) for x in axes.lines if x.get_linestyle() == "-"]
+    assert len(lines) == 4  # two passes of two stretches
+    assert max(np.diff(x).max() for x in lines) < 40.0
+    assert "observed" in [text.get_text() for text in drawn["edge"].legends[0].get_texts()]
