@@ -19,7 +19,9 @@ Floats = NDArray[np.float64]
 SHOWN = 6  # solutions with a number of their own, and light curves that are folded
 WIDE = 3.0  # longest over shortest trial period from which their axis is logarithmic
 GAP = 0.15  # of a panel
-CEILING = 4.0  # residuals over the least; what is worse looks the same
+CEILING = 4.0  # residuals over the least of a solution up to which it has a number
+LEVELS = 65  # of residuals between which colours change evenly
+MARGIN = 0.08  # of the range of periods on either side, for searches that went beyond
 
 
 def draw_sky(found: Found, gallery: Gallery) -> Image | None:
@@ -31,18 +33,21 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     worse = np.sqrt(chi2 / least)
     figure = gallery.figure(7.0, 3.7)
     axes = mollweide(figure)
+    axes.set_axisbelow(False)
+    axes.grid(color="white", lw=0.5, alpha=0.5)
     lon_edges, lat_edges, pixels = nearest_pixels(poles)
-    from matplotlib.colors import LogNorm
-
+    # each quarter of the sky has a quarter of the colours, however far apart its residuals are
+    steps = np.unique(np.append(1.0, np.quantile(worse, np.linspace(0.0, 1.0, LEVELS))))
+    shade = np.interp(worse, steps, np.linspace(0.0, 1.0, len(steps)))
     picture = axes.pcolormesh(
-        np.radians(lon_edges), np.radians(lat_edges), worse[pixels], cmap="viridis_r",
-        norm=LogNorm(1.0, min(max(float(worse.max()), 1.1), CEILING)), rasterized=True,
+        np.radians(lon_edges), np.radians(lat_edges), shade[pixels], cmap="viridis_r",
+        vmin=0.0, vmax=1.0, rasterized=True,
     )  # fmt: skip
     axes.tick_params(axis="x", labelcolor="white")
     bar = figure.colorbar(picture, ax=axes, label="residuals ÷ least", shrink=0.8, pad=0.03)
-    ticks = [x for x in (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 4.0) if x <= picture.norm.vmax * 1.001]
-    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks])
-    bar.minorticks_off()
+    ticks = np.linspace(0.0, 1.0, 6)
+    values = np.interp(ticks, np.linspace(0.0, 1.0, len(steps)), steps)
+    bar.set_ticks(ticks, labels=[f"{x:.3g}" for x in values])
     for i, s in _spins(found):
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
             continue  # of another period than the map
@@ -53,7 +58,8 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     caption = (
         f"Residuals of the best body against the pole of its spin, {frame}, at the period of "
         "solution 1, in units of the least. Each direction was held and the body solved for. "
-        "Rings: refined solutions of that period."
+        "Equal areas of the sky have equal parts of the scale. Rings: "
+        "refined solutions of that period."
     )
     return gallery.add(figure, "sky", "Map of the sky: residuals for each pole.", caption)
 
@@ -75,75 +81,82 @@ def _spins(found: Found) -> list[tuple[int, Solution]]:
 
 
 def draw_periods(found: Found, gallery: Gallery) -> Image | None:
-    """Residuals against trial period: every hypothesis, and the best of each period."""
+    """Residuals against the period each search came to, and the best near each trial period."""
     table = found.screened
     if table is None or found.n_periods < 3:
         return None
-    ours = table.tried <= 1.0000001 * _last(found)
-    ours &= table.tried >= 0.9999999 * _first(found)
-    tried, chi2 = table.tried[ours], table.chi2[ours]
-    worse = np.sqrt(chi2 / table.chi2.min())
-    periods, number = np.unique(1.0 / (HOUR * tried), return_inverse=True)
-    best = np.full(len(periods), np.inf)
-    np.minimum.at(best, number, worse)
+    shortest, longest = found.settings.period_range_h
+    wide = longest > WIDE * shortest
+    ends = np.array([shortest, longest])
+    scaled = np.log(ends) if wide else ends
+    scaled = scaled + MARGIN * np.ptp(scaled) * np.array([-1.0, 1.0])
+    first, last = np.exp(scaled) if wide else scaled
+    reached = 1.0 / (HOUR * table.frequency)
+    shown = (reached >= first) & (reached <= last)
+    reached, worse = reached[shown], np.sqrt(table.chi2[shown] / table.chi2.min())
+    unit, name = readable_period(shortest)
+    unit /= shortest
     figure = gallery.figure(7.0, 2.9)
     axes = figure.subplots()
-    unit, name = readable_period(periods[0])
-    unit /= periods[0]
-    if periods[-1] > WIDE * periods[0]:
+    if wide:
         axes.set_xscale("log")
         round_ = np.outer(10.0 ** np.arange(-3, 6), [1.0, 2.0, 3.0, 5.0]).ravel()
-        shown = round_[(round_ >= unit * periods[0]) & (round_ <= unit * periods[-1])]
-        axes.set_xticks(shown, [f"{x:g}" for x in shown])
-    axes.plot(unit / (HOUR * tried), worse, ".", ms=2, color=FAINT, alpha=0.5, rasterized=True,
-              label="every pole")  # fmt: skip
-    axes.plot(unit * periods, best, "-", lw=1.0, color=colour(0), label="best pole")
-    for at, low, text in _numbers(found, periods, best):
+        ticks = round_[(round_ >= unit * shortest) & (round_ <= unit * longest)]
+        axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
+    axes.set_xlim(unit * first, unit * last)
+    for x in ends:
+        axes.axvline(unit * x, color=FAINT, lw=0.7, ls=":")
+    best = _least_near(np.unique(table.tried), table.frequency[shown], worse)
+    axes.plot(unit * reached, worse, ".", ms=3, color=FAINT, alpha=0.5, rasterized=True,
+              label="every search")  # fmt: skip
+    axes.plot(unit * reached[best], worse[best], ".", ms=5, color=colour(0),
+              label="the best near each trial period")  # fmt: skip
+    for at, low, text in _numbers(found, reached, worse, (first, last)):
         axes.annotate(
             text, (unit * at, low), xytext=(0, -11), textcoords="offset points", ha="center",
             fontsize=8.5, weight="bold", color=colour(1),
         )  # fmt: skip
     axes.set_yscale("log")
     top = float(np.quantile(worse, 0.98))
-    axes.set_ylim(0.8, max(1.3 * top, 1.5))
+    axes.set_ylim(0.7, max(1.3 * top, 1.5))
     ticks = [x for x in (1, 2, 3, 5, 10, 20, 50) if x < 1.3 * top]
     axes.set_yticks(ticks, [f"{x:g}" for x in ticks])
     axes.minorticks_off()
-    axes.set_xlabel(f"trial sidereal period ({name})")
+    axes.set_xlabel(f"sidereal period reached ({name})")
     axes.set_ylabel("residuals ÷ least")
     figure.legend(loc="outside upper right", ncols=2)
     caption = (
-        "Residuals against trial period, in units of the least, with the coarse body that "
-        "hypotheses are screened with. Numbers: refined solutions."
+        "Residuals of every search against the period it came to, in units of the least, with the "
+        "coarse body that hypotheses are screened with. Dotted: ends of the range that was tried. "
+        "Numbers: refined solutions."
     )
-    return gallery.add(figure, "periods", "Residuals against trial period.", caption)
+    return gallery.add(figure, "periods", "Residuals against the period reached.", caption)
 
 
-def _numbers(found: Found, periods: Floats, best: Floats) -> list[tuple[float, float, str]]:
+def _least_near(tried: Floats, frequency: Floats, worse: Floats) -> NDArray[np.integer]:
+    """Which search has the least residuals of those that ended nearest to each frequency."""
+    cell = np.searchsorted(0.5 * (tried[1:] + tried[:-1]), frequency)
+    order = np.lexsort((worse, cell))
+    return order[np.unique(cell[order], return_index=True)[1]]
+
+
+def _numbers(
+    found: Found, reached: Floats, worse: Floats, shown: tuple[float, float]
+) -> list[tuple[float, float, str]]:
     """Where (h, residuals) to write which numbers of solutions, those of one place together."""
     places: list[list[Any]] = []
-    reach = 0.02 * float(np.ptp(periods))
+    reach = 0.02 * (shown[1] - shown[0])
     for i, s in _spins(found):
         at = 1.0 / (HOUR * (s.frequency or np.inf))
-        if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not periods[0] <= at <= periods[-1]:
+        if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not shown[0] <= at <= shown[1]:
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)
         if near is None:
-            middle = int(np.argmin(np.abs(periods - at)))
-            low = float(np.min(best[max(middle - 1, 0) : middle + 2]))
-            places.append([at, low, str(i + 1)])
+            here = worse[np.abs(reached - at) < reach]
+            places.append([at, float(here.min(initial=CEILING)), str(i + 1)])
         else:
             near[2] += f", {i + 1}"
     return [(at, low, text) for at, low, text in places]
-
-
-def _first(found: Found) -> float:
-    high = found.settings.period_range_h[1]
-    return 1.0 / (HOUR * high)
-
-
-def _last(found: Found) -> float:
-    return 1.0 / (HOUR * found.settings.period_range_h[0])
 
 
 def draw_laws(found: Found, gallery: Gallery) -> Image | None:

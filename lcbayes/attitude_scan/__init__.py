@@ -4,7 +4,8 @@
 its brightness and Jacobian; `spin` Levenberg-Marquardt over pole, period and that body; `grid` the
 hypotheses, which `search` spreads over `lcbayes.workers`; `faceted` polishes spins with free facets
 and finds the best body under an attitude, `stabilised` the laws of the catalogue; `solutions` tells
-ends apart and relates them; `engine` does it all, `found` holds it, `verdict` puts it in words.
+ends apart and relates them; `equal` says which fit as well as the best;
+`engine` does it all, `found` holds it, `verdict` puts it in words.
 
 References
 ----------

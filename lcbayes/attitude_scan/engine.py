@@ -35,7 +35,6 @@ Floats = NDArray[np.float64]
 COARSE_FACETS, COARSE_DEGREE = 150, 4  # of the body that hypotheses are screened with
 SMOOTH_LAW = "lommel-seeliger-lambert"  # bodies of regolith, without edges
 FROM_MAP = 3  # poles of the map that are refined as well
-WORSE = 1.05  # rms over that of the best up to which a solution is as good
 
 
 @dataclass(frozen=True)
@@ -111,9 +110,7 @@ def run(
                 found.left_out |= dark
     found.solutions.sort(key=lambda s: s.chi2)
     best = found.solutions[0]
-    used = np.sum(best.areas > 0) if best.coefficients is None else len(best.coefficients)
-    scales = points.scale.shape[1] + (0 if best.pole is None else 3)
-    found.dof = int(max(curve.n_obs - used - scales, 1))
+    found.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
     if not points.error_known and best.coefficients is None:
         _rescaled(found)
     _relate(found, Geometry.of(points))
@@ -298,7 +295,7 @@ def _rms(residual: Floats) -> float:
 
 def _rescaled(found: Found) -> None:
     """χ² at the noise level that the best solution gives, where errors are unknown."""
-    by = found.dof / found.solutions[0].chi2
+    by = found.dof / max(found.solutions[0].chi2, 1e-20)
     found.solutions = [replace(s, chi2=s.chi2 * by) for s in found.solutions]
 
 
@@ -319,4 +316,4 @@ def _relate(found: Found, geometry: Geometry) -> None:
     found.solutions = related
 
 
-__all__ = ["HOUR", "WORSE", "Settings", "run"]
+__all__ = ["HOUR", "Settings", "run"]

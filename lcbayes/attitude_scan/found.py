@@ -55,6 +55,14 @@ class Solution:
     relation: str = ""
     words: str = ""
 
+    @property
+    def n_fitted(self) -> int:
+        """Numbers of body and spin that were fitted, the body's size aside."""
+        body = np.count_nonzero(self.areas) - 1
+        if self.coefficients is not None:
+            body = len(self.coefficients)
+        return int(body) + (0 if self.pole is None else 3)
+
     def spin(self) -> dict[str, float]:
         """Pole and period by their names in files; nothing for laws."""
         if self.pole is None or self.frequency is None:

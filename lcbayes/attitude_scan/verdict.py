@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
-from lcbayes.attitude_scan.engine import WORSE
+from lcbayes.attitude_scan import equal
 from lcbayes.attitude_scan.found import Found, Solution, written_period
+from lcbayes.attitude_scan.grid import HOUR
 from lcbayes.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 from lcbayes.lightcurve import LightCurve
 
-POOR = 2.0  # χ² per degree of freedom, errors known, from which no hypothesis explains the data
+POOR = 2.0  # χ² per degree of freedom, errors known, from which no hypothesis explains the data;
+# below its inverse, where chance does not bring it there, the fit is closer than errors allow
 LOOSE = 0.2  # rms residual, errors unknown, from which none does
-EDGE = 1.0  # steps of the grid from the end of a range of periods
+NAMED = 5  # of what fits as well, before the rest are counted
 
 
 def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
     """The content of ``summary.json``."""
     best = found.solutions[0]
-    solutions = [_row(s, found) for s in found.solutions]
+    limit = equal.limit(found)
+    solutions = [_row(s, found, limit) for s in found.solutions]
     reasons = list(_doubts(found, solutions))
     smooth = best.coefficients is not None
     return {
@@ -47,13 +51,14 @@ def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
             "rms": best.rms,
             "chi2": best.chi2,
             "dof": found.dof,
+            "chi2_near_equal": limit,
             "sd_from_fit": not found.error_known,
         },
         "timing": found.timing,
     }
 
 
-def _row(s: Solution, found: Found) -> dict[str, Any]:
+def _row(s: Solution, found: Found, limit: float) -> dict[str, Any]:
     spin = s.spin()
     if spin:
         spin["period_resolution_h"] = found.resolution_h(spin["period_h"])
@@ -62,17 +67,12 @@ def _row(s: Solution, found: Found) -> dict[str, Any]:
         **spin,
         "chi2": s.chi2,
         "rms": s.rms,
-        "near_equal": near_equal(s, found.solutions[0]),
+        "near_equal": s.chi2 <= limit,
         "relation": s.relation,
         "words": s.words,
         "hits": s.hits,
         **({} if s.coefficients is None else {"coefficients": s.coefficients.tolist()}),
     }
-
-
-def near_equal(s: Solution, best: Solution) -> bool:
-    """Whether a solution fits as well as the best, to 5 % of residuals in units of the errors."""
-    return s.chi2 <= WORSE**2 * best.chi2
 
 
 def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
@@ -87,26 +87,66 @@ def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
             f"residuals are {100 * best.rms:.0f} % of the mean flux: none of the hypotheses "
             "explains the light curve"
         )
+    used = found.n_obs - found.dof
+    if used > found.dof:
+        yield (
+            f"{used} numbers were fitted to {found.n_obs} points: other attitudes would do as well"
+        )
+    elif found.error_known and _too_close(best.chi2, found):
+        yield (
+            f"chi2 is {best.chi2 / found.dof:.2f} per degree of freedom: the errors are too large, "
+            "or the body follows the noise"
+        )
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
         words = (written_period(s["period_h"], s["period_resolution_h"]) for s in other)
-        yield f"the period is not unique: {', '.join(words)} fit as well"
+        yield f"the period is not unique: {_fit_as_well(words)}"
     poles = [s for s in near if s["relation"] not in (ALIAS, HALF, TWICE, PERIOD, MIRROR, "law")]
     if poles:
-        where = ", ".join(f"({s['pole_lon_deg']:.0f}, {s['pole_lat_deg']:+.0f})" for s in poles)
-        yield f"the pole is not unique beyond its mirror: {where} degrees fit as well"
+        where = (f"({s['pole_lon_deg']:.0f}, {s['pole_lat_deg']:+.0f}) degrees" for s in poles)
+        yield f"the pole is not unique beyond its mirror: {_fit_as_well(where)}"
     laws = [s["law"] for s in near if s["relation"] == "law"]
     if laws:
-        yield f"the attitude is not unique: {', '.join(laws)} fit as well"
+        yield f"the attitude is not unique: {_fit_as_well(laws)}"
     settings = found.settings
-    if best.frequency is not None and settings.period_range_h is not None:
-        low, high = (1.0 / (3600.0 * p) for p in reversed(settings.period_range_h))
-        span = float(np.ptp(found.t))
-        if min(best.frequency - low, high - best.frequency) * 2.0 * span < EDGE:
-            yield "the best period lies at the end of the range that was tried: widen it"
+    if best.frequency is not None and (end := _end_of_range(best.frequency, found)):
+        yield f"the best period lies {end}: widen it"
     if best.frequency is not None and best.hits < 2 and settings.n_poles > 1:
         yield (
             "fewer than two starts came to the best solution: there may be a better one; "
             "raise --n-poles"
         )
+
+
+def _too_close(chi2: float, found: Found) -> bool:
+    """Whether χ² is far below its degrees of freedom, and not as the least of so many by chance."""
+    chance = float(stats.chi2.cdf(chi2, found.dof)) * found.n_hypotheses
+    return chi2 < found.dof / POOR and chance < equal.MISSED
+
+
+def _fit_as_well(names: Iterable[str]) -> str:
+    """The different ones of them, the first few by name."""
+    names = list(dict.fromkeys(names))
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    few = ", ".join(names[:NAMED])
+    return f"{few}{more} {'fit' if len(names) > 1 else 'fits'} as well"
+
+
+def _end_of_range(frequency: float, found: Found) -> str:
+    """Where the best period lies, if within a step of the grid of an end of those tried."""
+    settings = found.settings
+    if settings.period_range_h is None:
+        return ""
+    span = float(np.ptp(found.t))
+    step = 0.5 * settings.period_step / span
+    low, high = (1.0 / (HOUR * p) for p in reversed(settings.period_range_h))
+    inside, end = min((frequency - low, low), (high - frequency, high))
+    if inside >= step:
+        return ""
+    resolution = found.resolution_h(1.0 / (HOUR * frequency))
+    at = f"the end of the range, {written_period(1.0 / (HOUR * end), resolution)}"
+    if inside < 0:
+        return f"beyond {at}"
+    apart = written_period(0.5 * settings.period_step * resolution, resolution)
+    return f"within a step of the search, {apart}, of {at}"

@@ -134,5 +134,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
             what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
         mark = "=" if s["near_equal"] else " "
         lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
-    lines.append("= fits as well as the best, to 5 % of its residuals")
+    limit = summary["fit"]["chi2_near_equal"]
+    lines.append(
+        f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
+    )
     return lines

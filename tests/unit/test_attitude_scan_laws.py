@@ -6,15 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from false_alarms import EACH, counts
+from scipy import stats
 
+import lcbayes
 from lcbayes._jax import jnp
 from lcbayes.albedo_area.kernel import Material
-from lcbayes.attitude_scan import faceted, stabilised
+from lcbayes.analysis import scan_plots, style
+from lcbayes.attitude_scan import engine, equal, faceted, stabilised
+from lcbayes.attitude_scan.found import Found, Solution, Table
 from lcbayes.attitude_scan.spin import tilts
+from lcbayes.attitude_scan.verdict import summarise
 from lcbayes.ephemeris import frames
 from lcbayes.errors import InputError
 from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, brightness, catalogue, shapes
+from lcbayes.physics import attitude, brightness, catalogue, facets, shapes
 from lcbayes.progress import Silent
 from lcbayes.workers import crew
 
@@ -133,3 +139,139 @@ def test_a_spin_is_turned_as_it_says():
     np.testing.assert_allclose(turned[0], spin.tilt, atol=1e-12)
     np.testing.assert_allclose(turned[:, :, 2], np.tile([0.6, 0.0, 0.8], (2, 1)), atol=1e-12)
     np.testing.assert_allclose(turned[1][:, 0], spin.tilt[:, 1], atol=1e-12)  # a quarter turn
+
+
+LAWS = ("inertial", "lvlh", "sun-pointing", "yaw-steering", "sun-north")
+
+
+def one_pass(n: int) -> LightCurve:
+    """500 s over a site, from a sun-synchronous orbit."""
+    t = np.linspace(0.0, 500.0, n)
+    u = np.sqrt(GM / RADIUS_KM**3) * (t - 250.0) + np.radians(45.0)
+    along, across = np.array([1.0, 0.0, 0.0]), np.array([0.0, np.cos(1.71), np.sin(1.71)])
+    place = RADIUS_KM * (np.cos(u)[:, None] * along + np.sin(u)[:, None] * across)
+    motion = np.sqrt(GM / RADIUS_KM) * (np.cos(u)[:, None] * across - np.sin(u)[:, None] * along)
+    site = 0.707 * (along + across) + np.array([0.047, 0.031, -0.016])
+    view = 6371.0 * site / np.linalg.norm(site) - place
+    sun = np.array([0.3, -0.9, 0.3]) / np.linalg.norm([0.3, -0.9, 0.3])
+    return LightCurve(
+        t=t, brightness=np.ones(n), error=None, sun=np.tile(sun, (n, 1)),
+        obs=view / np.linalg.norm(view, axis=1, keepdims=True), frame="icrs",
+        position_km=place, velocity_km_s=motion,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.statistical(false_alarm=EACH)
+def test_of_a_sphere_no_law_is_named():
+    """Every law explains it: one alone is left in 5 % of all data at most."""
+    n, runs, named = 40, 40, 0
+    curve = one_pass(n)
+    normals = facets.grid(1000)
+    sun, obs = jnp.asarray(curve.sun), jnp.asarray(curve.obs)
+    flux = np.asarray(brightness.flux(sun, obs, jnp.asarray(normals), jnp.ones(1000)))
+    error = np.full(n, 0.1 * flux.mean())
+    for seed in range(runs):
+        noisy = flux + error * np.random.default_rng(seed).normal(size=n)
+        found = lcbayes.scan(replace(curve, brightness=noisy, error=error), laws=LAWS)
+        named += sum(s["near_equal"] for s in found.solutions) == 1
+    assert named <= counts(runs, equal.MISSED)[1]
+
+
+def judged_by_hand(chi2, used, n_obs, *, error_known=True):
+    """Laws with these χ² and numbers of facets."""
+    settings = engine.Settings(None, None, (), LAW, 12, 0.8, 500, 6, 12, 0, False)
+    nothing = np.zeros(n_obs)
+    laws = [
+        Solution(str(i), c, 0.01, nothing, np.zeros((u + 1, 3)), np.ones(u + 1), relation="law")
+        for i, (c, u) in enumerate(zip(chi2, used, strict=True))
+    ]
+    return Found(
+        settings, laws, n_obs, n_obs - used[0] - 1, error_known, "icrs", np.arange(1.0 * n_obs),
+        nothing.astype(int), nothing, n_laws=len(laws),
+    )  # fmt: skip
+
+
+def test_what_noise_may_do_fits_as_well():
+    """χ² of a few, with as many numbers as any solution uses, among so many hypotheses."""
+    chi2, used = [150.0, 175.0, 195.0], [6, 15, 10]
+    by_noise = stats.chi2.isf(0.05 / 3, 15)
+    assert 25.0 < by_noise < 45.0
+    assert equal.limit(judged_by_hand(chi2, used, 200)) == pytest.approx(150.0 + by_noise)
+    # χ² of many: 5 % of the residuals are more
+    assert equal.limit(judged_by_hand([2000.0], [6], 2000)) == pytest.approx(2205.0)
+    # what the noise is, is known from the residuals alone
+    free = equal.limit(judged_by_hand(chi2, used, 30, error_known=False))
+    assert free == pytest.approx(150.0 * (1.0 + 15 / 23 * stats.f.isf(0.05 / 3, 15, 23)))
+    assert list(_reasons(judged_by_hand(chi2, used, 200))) == [
+        "the attitude is not unique: 1 fits as well"
+    ]
+
+
+def test_more_numbers_than_points_and_too_good_a_fit_are_said():
+    (reason,) = _reasons(judged_by_hand([0.0], [24], 40))
+    assert reason.startswith("25 numbers were fitted to 40 points")
+    (reason,) = _reasons(judged_by_hand([50.0], [9], 210))
+    assert reason.startswith("chi2 is 0.25 per degree of freedom: the errors are too large")
+    assert not _reasons(judged_by_hand([4.0], [9], 20))  # chance
+
+
+@pytest.mark.parametrize(
+    ("period_s", "words"),
+    [(110.0, ""), (114.0, "within a step of the search, 7.4 s, of the end of the range, 120.0 s"),
+     (122.0, "beyond the end of the range, 120.0 s")],
+)  # fmt: skip
+def test_the_end_of_a_range_is_said_with_how_far_it_is(period_s, words):
+    found = judged_by_hand([100.0], [9], 120)
+    hours = 1.0 / 3600.0
+    settings = replace(found.settings, period_range_h=(40.0 * hours, 120.0 * hours))
+    law = found.solutions[0]
+    spin = replace(law, pole=np.array([0.0, 0.0, 1.0]), frequency=1.0 / period_s, hits=2)
+    spun = replace(found, settings=settings, solutions=[spin], t=np.linspace(0.0, 700.0, 120))
+    assert _reasons(spun) == ([f"the best period lies {words}: widen it"] if words else [])
+
+
+def _reasons(found):
+    return summarise(found, passes(found.n_obs))["reasons"]
+
+
+def test_the_law_that_was_flown_is_named_alone():
+    curve = passes(200)
+    flown = frames(catalogue.find("lvlh"), curve)
+    found = lcbayes.scan(
+        seen(curve, flown.body, noise=0.02), laws=(*LAWS, "earth-north"), reflectance=LAW
+    )
+    assert found.converged
+    assert [s["law"] for s in found.solutions if s["near_equal"]] == ["lvlh"]
+    fit = found.summary()["fit"]
+    assert fit["chi2_near_equal"] - fit["chi2"] > 10.0  # of noise, not 5 % of residuals alone
+
+
+def test_periods_are_drawn_where_searches_ended_and_the_sky_has_its_lines(tmp_path, monkeypatch):
+    found = judged_by_hand([100.0], [9], 120)
+    hours = 1.0 / 3600.0
+    tried, reached = 1.0 / np.linspace(120.0, 40.0, 9), np.full(9, 1.0 / 114.7)
+    reached[-1] = 1.0 / 42.0
+    poles = facets.grid(9)
+    settings = replace(found.settings, period_range_h=(40.0 * hours, 120.0 * hours))
+    spin = replace(found.solutions[0], pole=poles[0], frequency=reached[0], relation="best")
+    table = Table(poles, tried, poles, reached, np.linspace(100.0, 900.0, 9), np.ones(9, int))
+    drawn = replace(
+        found, settings=settings, solutions=[spin], n_periods=9, screened=table,
+        sky=(poles, np.append(200.0, np.full(8, 40000.0) + np.arange(8))),
+    )  # fmt: skip
+    with style.drawing():
+        gallery = style.Gallery(tmp_path)
+        kept = {}
+        monkeypatch.setattr(gallery, "add", lambda figure, name, *_: kept.setdefault(name, figure))
+        scan_plots.draw_periods(drawn, gallery)
+        scan_plots.draw_sky(drawn, gallery)
+        every, best = (
+            line.get_xdata() for line in kept["periods"].axes[0].lines if len(line.get_label()) > 9
+        )
+        np.testing.assert_allclose(every, 1.0 / reached)
+        np.testing.assert_allclose(np.sort(best), [42.0, 114.7])
+        sky = kept["sky"].axes[0]
+        assert sky.get_axisbelow() is False
+        shades = np.unique(sky.collections[0].get_array())
+        assert len(shades) == 9  # not all at the ceiling
