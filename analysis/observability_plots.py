@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
-from lcbayes.observability.summary import Findings, sentences
+from lcbayes.observability.summary import Findings
 
 Floats = NDArray[np.float64]
 MOST_PARAMETERS = 36  # drawn one by one; of larger bodies those with the best and worst bounds
@@ -266,7 +266,7 @@ def _open(found: Findings, gallery: Gallery) -> Image:
     axes.set_xticks(
         range(len(order)), [unknowns.names[c] for c in order], rotation=90, fontsize=7.5
     )
-    said = sentences(found.trades)
+    said = list(dict.fromkeys(t.words for t in found.trades))
     numbers = [str(said.index(t.words) + 1) for t in trades]
     axes.set_yticks(range(len(trades)), numbers)
     axes.set_ylabel("combination")

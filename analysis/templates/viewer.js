@@ -98,17 +98,32 @@
       });
       pen.font = "12px system-ui, sans-serif";
       pen.textAlign = "center"; pen.textBaseline = "middle";
+      const taken = [];  // middle and half width of the names that stand already
       scene.labels.forEach((where, i) => {
         const q = turn(where), text = scene.names ? scene.names[i] : String(i);
         if (scene.names && q[2] < 0) return;
+        const half = pen.measureText(text).width / 2;
+        const spot = scene.names ? free(at(q), half, taken) : at(q);
         pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
-        pen.strokeText(text, ...at(q));
+        pen.strokeText(text, ...spot);
         pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
-        pen.fillText(text, ...at(q));
+        pen.fillText(text, ...spot);
       });
       const mark = at(tip.map((x) => 1.08 * x));
       pen.fillStyle = "#0072B2";
       if (scene.axis) pen.fillText("spin", ...mark);
+    }
+
+    // the place nearest above or below at which a name does not overprint one that stands already
+    function free([x, y], half, taken) {
+      const line = 14;
+      const clear = (at) => taken.every((t) => Math.abs(x - t.x) >= half + t.half + 4
+        || Math.abs(at - t.y) >= line);
+      const tried = [0, ...taken.flatMap((t) => [t.y - line - y, t.y + line - y])]
+        .sort((a, b) => Math.abs(a) - Math.abs(b));
+      const found = y + tried.find((step) => clear(y + step));
+      taken.push({ x, y: found, half });
+      return [x, found];
     }
 
     // fraction of a ray from the centre at which it leaves the convex body

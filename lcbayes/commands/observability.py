@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
+import textwrap
 from pathlib import Path
 
 from lcbayes.errors import EXIT_DONE, InputError
@@ -93,6 +95,15 @@ def run(args: argparse.Namespace) -> int:
         json.dump(json.loads(content.read_text(encoding="utf-8")), sys.stdout, indent=1)
         print()
     else:
-        print("\n".join(summary.words(found)))
+        width = shutil.get_terminal_size().columns
+        print("\n".join(wrapped(line, width) for line in summary.words(found)))
         print(f"\nresults: {args.out}")
     return EXIT_DONE
+
+
+def wrapped(line: str, width: int) -> str:
+    """A line within the width, what is carried over set in by two more than its start."""
+    hanging = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(
+        line, width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
+    )

@@ -91,12 +91,14 @@ def at_draws(
         return value
 
     def known(z: jax.Array) -> tuple[jax.Array, ...]:
-        return problem.fisher(z, data), asked(z), jax.jacfwd(asked)(z)
+        return problem.fisher(z, data), jax.jacfwd(asked)(z)
 
-    fisher, values, rows = (np.asarray(x) for x in jax.jit(lambda z: jax.lax.map(known, z))(z))
-    if unit == "":  # shares of what is known: parts of several units together
-        rows = rows / np.maximum(values.std(axis=0, ddof=1), 1e-300)[:, None]
-        unit = "1"
+    fisher, slopes = (np.asarray(x) for x in jax.jit(lambda z: jax.lax.map(known, z))(z))
+    root = roots(fisher)
+    rows = slopes @ root
+    if unit == "":  # parts of several units together: in shares of the error each has so far
+        error = np.sqrt(np.mean(np.sum(rows**2, axis=2), axis=0))
+        rows, unit = rows / np.where(error > 0.0, error, 1.0)[:, None], "1"
     parts = []
     for start in range(0, wanted.n_obs, predict.CHUNK):
         some = np.arange(start, min(start + predict.CHUNK, wanted.n_obs))
@@ -109,8 +111,7 @@ def at_draws(
         slope = jax.jit(lambda z, f=brightness: jax.lax.map(jax.jacfwd(f), z))(z)
         parts.append(np.asarray(slope) / sd[some, None])
     seen = np.nan_to_num(np.concatenate(parts, axis=1), posinf=0.0, neginf=0.0)
-    root = roots(fisher)
-    return seen @ root, rows @ root, unit
+    return seen @ root, rows, unit
 
 
 def roots(information: Floats) -> Floats:

@@ -108,7 +108,24 @@ class Unknowns:
         error = None
         if "attitude_x" in value:
             error = jnp.stack([value[f"attitude_{axis}"] for axis in "xyz"])
+        if "pole_east" in value:  # a body that is tilted sees Sun and observer tilted back
+            back = self._tilt(value["pole_east"], value["pole_north"])
+            sun, obs = sun @ back, obs @ back
         return predicted_flux(changed, Ephemeris(t, sun), obs, error)
+
+    def _tilt(self, east: jax.Array, north: jax.Array) -> jax.Array:
+        """Inertial rotation (3, 3) about an axis across the pole that tilts it by angles (rad).
+
+        East and north are where the pole goes as its longitude and latitude grow, at ±90° too; no
+        turn about the pole goes with it, so that all directions of the pole are alike.
+        """
+        law = self.scenario.attitude
+        assert isinstance(law, PrincipalAxis)
+        law = replace(law, phase0_deg=0.0)
+        axes = law.frames(Ephemeris(jnp.zeros(1), jnp.zeros((1, 3)))).body[0]
+        # towards d the axis is pole × d, and pole × east = north
+        south, eastward = axes[:, 0], axes[:, 1]
+        return attitude.constant_rate(jnp.ones(1), -east * south - north * eastward)[0]
 
     def _spin(self, scenario: Scenario, value: dict[str, jax.Array]) -> Scenario:
         law = scenario.attitude
@@ -116,14 +133,9 @@ class Unknowns:
             change = jnp.stack([value[f"omega_{axis}"] for axis in "xyz"])
             omega = jnp.asarray(law.omega_rad_s) + change
             return replace(scenario, attitude=ConstantRate(omega))  # pyright: ignore
-        if "pole_lon" in value and isinstance(law, PrincipalAxis):
-            turned = PrincipalAxis(
-                law.pole_lon_deg + jnp.rad2deg(value["pole_lon"]),  # pyright: ignore
-                law.pole_lat_deg + jnp.rad2deg(value["pole_lat"]),  # pyright: ignore
-                law.period_s * jnp.exp(value["log_period"]),  # pyright: ignore
-                law.phase0_deg,
-            )
-            return replace(scenario, attitude=turned)
+        if "log_period" in value and isinstance(law, PrincipalAxis):
+            period = law.period_s * jnp.exp(value["log_period"])
+            return replace(scenario, attitude=replace(law, period_s=period))  # pyright: ignore
         return scenario
 
     def _surface(self, scenario: Scenario, value: dict[str, jax.Array]) -> Scenario:
@@ -185,8 +197,8 @@ def _all(scenario: Scenario) -> list[Parameter]:
         )
     elif isinstance(scenario.attitude, PrincipalAxis):
         found += [
-            Parameter("pole_lon", "spin", "rad", "longitude of the pole", DIRECTION_SD),
-            Parameter("pole_lat", "spin", "rad", "latitude of the pole", DIRECTION_SD),
+            Parameter("pole_east", "spin", "rad", "eastward tilt of the pole", DIRECTION_SD),
+            Parameter("pole_north", "spin", "rad", "northward tilt of the pole", DIRECTION_SD),
             Parameter("log_period", "spin", "1", "period", 1.0),
         ]
     body = scenario.body

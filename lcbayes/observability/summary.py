@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -14,10 +15,11 @@ from lcbayes.observability.campaign import Campaign
 from lcbayes.observability.campaign_plan import Plan
 from lcbayes.observability.linearity import LINEAR
 from lcbayes.observability.measurements import Measurements, over_directions
+from lcbayes.observability.parameters import Parameter
 from lcbayes.observability.trades import Trade
 from lcbayes.physics.facets import grid
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
-from lcbayes.scenario import Scenario
+from lcbayes.scenario import PrincipalAxis, Scenario
 
 Floats = NDArray[np.float64]
 COLUMNS = ("rank", "utc", "t_s", "site", "duration_s", "n_measurements", "range_km", "phase_deg",
@@ -94,6 +96,7 @@ def numbers(found: Findings) -> dict[str, Any]:
             "fisher": c.fisher,
             "crlb_sd": c.bound,
             "crlb_sd_with_prior": c.bound_with_prior,
+            "crlb_pole_deg": pole_bound(c),
             "nonlinearity": found.nonlinearity,
             "unobservable": [
                 {
@@ -186,8 +189,7 @@ def words(found: Findings) -> list[str]:
         + (f" ({curve.site[i]})" if curve.site[i] else "")
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
-    for group, name, unit, value in bounds_by_group(c):
-        lines.append(f"bound, {group:9s} {name}: {value:.3g} {unit}".rstrip())
+    lines += bound_words(c)
     lines.append(linearity_words(found))
     if found.plan is not None:
         lines += plan_words(found.plan)
@@ -237,25 +239,54 @@ def linearity_words(found: Findings) -> str:
 
 
 def sentences(trades: list[Trade]) -> list[str]:
-    """What is open, each sentence once."""
-    return list(dict.fromkeys(t.words for t in trades))
+    """What is open, each sentence once, with the number of combinations that it stands for."""
+    counted = Counter(t.words for t in trades)
+    return [words if n == 1 else f"{words} ({n} combinations)" for words, n in counted.items()]
 
 
-def bounds_by_group(c: Campaign) -> list[tuple[str, str, str, float]]:
-    """The best and the worst bound of each group that the data set: group, name, unit, value."""
-    bound, out = c.bound, []
+def bound_words(c: Campaign) -> list[str]:
+    """The bounds that the data set: best and worst of each group, by their share of the prior's
+    width, and those on the pole's coordinates."""
+    bound, share, lines = c.bound, c.bound / c.unknowns.prior_sd, []
     for group in dict.fromkeys(p.group for p in c.unknowns.parameters):
         rows = [r for r in c.unknowns.rows(group) if np.isfinite(bound[r])]
         if not rows:
             continue
-        for r in dict.fromkeys(
-            (min(rows, key=bound.__getitem__), max(rows, key=bound.__getitem__))
-        ):
-            p = c.unknowns.parameters[r]
-            unit, scale = ("deg", np.degrees(1.0)) if p.unit == "rad" else (p.unit, 1.0)
-            name = f"{p.words}, relative" if unit == "1" else p.words
-            out.append((group, name, "" if unit == "1" else unit, float(bound[r] * scale)))
-    return out
+        said = [
+            _bound(c.unknowns.parameters[r], float(bound[r]))
+            for r in (min(rows, key=share.__getitem__), max(rows, key=share.__getitem__))
+        ]
+        both = f"best {said[0]}, worst {said[1]}"
+        lines.append(f"bound of {group}: {said[0] if len(rows) == 1 else both}")
+    pole = pole_bound(c)
+    if pole is not None:
+        told = [f"{name} {sd:.3g} deg" for name, sd in pole.items() if sd is not None]
+        lines += [f"bound of the pole: {', '.join(told)}"] if told else []
+    return lines
+
+
+def _bound(p: Parameter, sd: float) -> str:
+    if p.unit == "1":
+        return f"{sd:.3g} ({p.words}{', relative' if 'log_' in p.name else ''})"
+    unit, scale = ("deg", np.degrees(1.0)) if p.unit == "rad" else (p.unit, 1.0)
+    return f"{sd * scale:.3g} {unit} ({p.words})"
+
+
+def pole_bound(c: Campaign) -> dict[str, float | None] | None:
+    """Bound (deg) on longitude σ_east/cos β and latitude σ_north of the pole at latitude β.
+
+    None where the data leave it open, and for a longitude of more than a radian: near ±90° it
+    says nothing of the direction. None in all where these are not what is unknown.
+    """
+    law, names = c.unknowns.scenario.attitude, c.unknowns.names
+    if not isinstance(law, PrincipalAxis) or "pole_east" not in names:
+        return None
+    east, north = (c.bound[names.index(f"pole_{way}")] for way in ("east", "north"))
+    circle = np.cos(np.radians(law.pole_lat_deg))
+    return {
+        "longitude": float(np.degrees(east / circle)) if east < circle else None,
+        "latitude": float(np.degrees(north)) if np.isfinite(north) else None,
+    }
 
 
 def plan_words(plan: Plan) -> list[str]:

@@ -23,7 +23,8 @@ class Target:
     Attributes
     ----------
     name : as it was asked for
-    unit : "deg", "rad/s" or "1" (logarithms, reflectances; shares of what was known, for a mixture)
+    unit : "deg", "rad/s" or "1" (logarithms, reflectances; for a mixture, shares of the error that
+        each part has beforehand)
     factor : (K, T, S)
     """
 
@@ -74,9 +75,8 @@ def _pole(unknowns: Unknowns) -> Floats:
         rate = float(np.linalg.norm(omega))
         columns = [names.index(f"omega_{axis}") for axis in "xyz"]
         rows[:, columns] = across(omega / rate) / rate
-    elif isinstance(law, PrincipalAxis) and "pole_lon" in names:
-        rows[0, names.index("pole_lon")] = np.cos(np.radians(law.pole_lat_deg))
-        rows[1, names.index("pole_lat")] = 1.0
+    elif isinstance(law, PrincipalAxis) and "pole_east" in names:
+        rows[0, names.index("pole_east")] = rows[1, names.index("pole_north")] = 1.0
     else:
         raise InputError("target 'pole' needs a body that turns and a spin that is unknown")
     return rows

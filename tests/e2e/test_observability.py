@@ -5,19 +5,32 @@ from __future__ import annotations
 import csv
 import json
 import re
+from contextlib import redirect_stdout
+from io import StringIO
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
+from browsing import NARROW
 
 from lcbayes import cli
+from lcbayes.analysis import style
 from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
 
 
-def test_a_scenario_is_judged_and_planned(tmp_path, capsys, look):
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """The folder of a scenario judged and planned, and what was printed."""
+    out = tmp_path_factory.mktemp("planned") / "out"
     argv = ["observability", "two-facet-spin", "-o", str(out), "--plan", "5", "--visit", "20"]
-    assert cli.main([*argv, "--json"]) == EXIT_DONE
-    told = json.loads(capsys.readouterr().out)
+    with redirect_stdout(StringIO()) as said:
+        assert cli.main([*argv, "--json"]) == EXIT_DONE
+    return out, json.loads(said.getvalue())
+
+
+def test_a_scenario_is_judged_and_planned(planned, look):
+    out, told = planned
     found = json.loads((out / "observability.json").read_text())
     assert told == found
     assert len(found["measurements"]) == found["n_measurements"] == 122
@@ -34,15 +47,50 @@ def test_a_scenario_is_judged_and_planned(tmp_path, capsys, look):
     rows = list(csv.DictReader((out / "schedule.csv").read_text().splitlines()))
     assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "5"]
     assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
-    page = (out / "observability.html").read_text()
-    assert "All of the 9 unknowns are seen." in page
+    text = (out / "observability.html").read_text()
+    assert "All of the 9 unknowns are seen." in text
     look(out / "observability.html", turning=1)
-    assert not re.search(r"(?:src|href)=\"(?!data:)", page)
+    assert not re.search(r"(?:src|href)=\"(?!data:)", text)
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {f"{n}.svg" for n in ("bounds", "hemisphere", "information", "plan", "seen")}
     assert {p.name for p in out.iterdir() if p.name != ".lock"} == {
         "observability.json", "observability.html", "schedule.csv", "figures",
     }  # fmt: skip
+
+
+def test_a_telephone_shows_figures_at_a_size_that_can_be_read(planned, browser):
+    tab = browser.new_page(viewport=NARROW)
+    tab.goto((planned[0] / "observability.html").as_uri())
+    shares = tab.evaluate(
+        "[...document.querySelectorAll('figure img:not(.still)')]"
+        ".map((i) => i.clientWidth / i.naturalWidth)"
+    )
+    beyond = tab.evaluate("document.documentElement.scrollWidth - innerWidth")
+    tab.close()
+    assert len(shares) == 5
+    assert min(shares) > 0.7
+    assert beyond <= 0
+
+
+NAMED = """<figure class="shape"><div class="viewer" hidden><canvas></canvas></div>
+<script type="application/json">{"polygons": [], "solid": true, "axis": null, "view": [0, 0],
+"labels": [[1, 0, 0], [1, 0.03, 0.03], [1, 0.01, -0.02], [1, 0.9, 0]],
+"names": ["Sun", "best", "facet 6", "far"]}</script></figure><script>"""
+
+
+def test_names_on_the_sphere_do_not_overprint_each_other(browser):
+    tab = browser.new_page()
+    tab.set_content("<canvas></canvas><script>window.said = {}; const pen ="
+        " CanvasRenderingContext2D.prototype, old = pen.fillText; pen.fillText = function (s, x, y)"
+        " { said[s] = [x, y, this.measureText(s).width]; old.call(this, s, x, y); }</script>"
+        + NAMED + Path(style.__file__).with_name("templates").joinpath("viewer.js").read_text()
+        + "</script>")  # fmt: skip
+    said = tab.evaluate("said")
+    tab.close()
+    assert set(said) == {"Sun", "best", "facet 6", "far"}
+    for (x, y, wide), (u, v, across) in combinations(said.values(), 2):
+        assert abs(y - v) >= 12.0 or abs(x - u) > (wide + across) / 2.0
+    assert said["far"][1] == said["Sun"][1]  # where nothing is in the way it stands at its place
 
 
 @pytest.mark.parametrize(

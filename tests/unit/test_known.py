@@ -123,6 +123,18 @@ def test_factors_are_those_of_finite_differences(fitted):
         assert np.sum(rows[k] ** 2) == pytest.approx(spread, rel=1e-4)
 
 
+def test_a_mixture_is_in_shares_of_the_error_of_each_part(fitted):
+    """Directions, zero across themselves by construction, count as much as areas: each has 1."""
+    curve, draws = fitted
+    options = {"n_facets": 1, "spin": "none"}
+    few = curve.select(np.arange(12))
+    ready = Foretold.of(draws, curve, few, "faceted", options, most=4)
+    _, rows, unit = known.at_draws(ready, curve, few, np.full(12, 0.1), "all")
+    assert unit == "1"
+    assert rows.shape[1] == 3
+    np.testing.assert_allclose(np.mean(np.sum(rows**2, axis=2), axis=0), 1.0, rtol=1e-9)
+
+
 def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     curve, draws = fitted
     config = Config({"model": "faceted"}, {}, None, "", {})

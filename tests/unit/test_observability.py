@@ -10,15 +10,18 @@ from scipy.optimize import least_squares
 
 from lcbayes import scenario
 from lcbayes._jax import jax, jnp
+from lcbayes.commands.observability import wrapped
 from lcbayes.errors import InputError
-from lcbayes.observability import campaign_plan, summary
-from lcbayes.observability.campaign import Campaign, bound, campaign, flux_weight
+from lcbayes.observability import campaign_plan, planning, summary
+from lcbayes.observability.campaign import Campaign, bound, campaign, flux_weight, jacobian
 from lcbayes.observability.linearity import LINEAR, nonlinearity
 from lcbayes.observability.measurements import measure, over_directions
 from lcbayes.observability.parameters import GROUPS, USUAL, Unknowns
 from lcbayes.observability.targets import of_unknowns
-from lcbayes.observability.trades import trades, varimax
-from lcbayes.scenario import ConstantRate, Noise
+from lcbayes.observability.trades import Trade, trades, varimax
+from lcbayes.physics.laws import Ephemeris
+from lcbayes.scenario import ConstantRate, Noise, PrincipalAxis
+from lcbayes.scenarios.epochs import epochs
 from lcbayes.scenarios.viewing import Planar
 from lcbayes.simulate import flux_at
 
@@ -236,6 +239,119 @@ def test_varimax_finds_sparse_columns_again():
     found = varimax(mixed)
     overlap = np.abs(sparse.T @ found)
     np.testing.assert_allclose(np.sort(overlap.max(axis=0)), 1.0, atol=1e-6)
+
+
+SPUN = """
+[body]
+shape = "cube"
+material = "panel"
+[materials.panel]
+law = "ashikhmin-shirley"
+r_spec = 0.4
+r_diff = 0.3
+nu = 50.0
+nv = 50.0
+[attitude]
+law = "principal-axis"
+pole_lon_deg = 30.0
+pole_lat_deg = {lat}
+period_s = 60.0
+[geometry]
+kind = "vectors"
+file = "{lat}.csv"
+[noise]
+sigma = 0.1
+"""
+
+
+def spun(folder, lat):
+    """One scene, turned as a whole to where its pole is at a latitude (deg)."""
+    t = np.arange(0.0, 200.0, 5.0)
+    azimuth, elevation = np.radians(20.0 + 0.3 * t), 0.4 * np.sin(t / 130.0)
+    parts = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)]
+    obs = np.stack([*parts, np.sin(elevation)], axis=1)
+    sun = np.tile([0.6, 0.0, 0.8], (len(t), 1))
+    law = PrincipalAxis(30.0, 0.0, 60.0)
+    first = Ephemeris(jnp.zeros(1), jnp.zeros((1, 3)))
+    here, there = (replace(law, pole_lat_deg=b).frames(first).body[0] for b in (0.0, lat))
+    turn = there @ here.T
+    table = np.column_stack([t, sun @ turn.T, obs @ turn.T])
+    head = "t,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
+    np.savetxt(folder / f"{lat}.csv", table, "%.16g", ",", header=head, comments="")
+    (folder / f"{lat}.toml").write_text(SPUN.format(lat=lat))
+    return scenario.load(folder / f"{lat}.toml")
+
+
+def test_what_is_learnt_of_a_pole_does_not_depend_on_the_frame(tmp_path):
+    """The scene turned as a whole, to 90° too: errors and bounds are the same."""
+    found = []
+    for lat in (0.0, 90.0):
+        what = spun(tmp_path, lat)
+        unknowns, curve = Unknowns.of(what, ("attitude", "spin")), epochs(what.geometry)
+        c = Campaign(unknowns, jacobian(unknowns, curve.t, curve.sun, curve.obs) / 0.1)
+        factor, target = campaign_plan.from_prior(c, "pole")
+        sd = [
+            planning.sd_after(factor[:, :, None], target.factor, np.arange(0, 40, step))
+            for step in (40, 10, 1)
+        ]
+        found.append((c.bound_with_prior, c.bound, sd))
+        assert np.sqrt(np.mean(np.sum(target.factor**2, axis=2))) == pytest.approx(
+            np.degrees(3.0**-0.5)
+        )
+    for here, there in zip(*found, strict=True):
+        np.testing.assert_allclose(here, there, rtol=1e-5)
+
+
+def test_tilts_of_the_pole_are_its_longitude_and_latitude(tmp_path):
+    """A finite tilt against the law at the pole it leads to, up to the phase that it keeps."""
+    what = spun(tmp_path, 70.0)
+    law, curve = what.attitude, epochs(what.geometry)
+    assert isinstance(law, PrincipalAxis)
+    unknowns = Unknowns.of(what, ["spin"])
+    at = curve.t, curve.sun, curve.obs
+    same = tuple(map(jnp.asarray, at))
+    north = np.radians(2.0)
+    moved = unknowns.flux(jnp.array([0.0, north, 0.0]), *same)
+    np.testing.assert_allclose(
+        moved, flux_at(replace(what, attitude=replace(law, pole_lat_deg=72.0)), *at), rtol=1e-9
+    )
+    lon = np.radians(1e-4)
+    circle, turned = np.cos(np.radians(70.0)), np.sin(np.radians(70.0))
+    moved = unknowns.flux(jnp.array([circle * lon, 0.0, 0.0]), *same)
+    # along the circle of latitude the body turns about its pole by sin β dλ, against the tilt
+    other = replace(law, pole_lon_deg=30.0 + 1e-4, phase0_deg=-1e-4 * turned)
+    still = flux_at(what, *at)
+    change = flux_at(replace(what, attitude=other), *at) - still
+    np.testing.assert_allclose(moved - still, change, atol=1e-4 * np.abs(change).max())
+
+
+def test_bounds_are_said_with_which_is_best_and_worst(tmp_path):
+    """By the prior's widths; longitude where it is one, σ/cos β."""
+    unknowns = Unknowns.of(spun(tmp_path, 60.0), ["spin"])
+    c = Campaign(unknowns, np.diag([1e2, 1e3, 1e4]))
+    said = summary.bound_words(c)
+    assert said == [
+        "bound of spin: best 0.0001 (period, relative), "
+        "worst 0.573 deg (eastward tilt of the pole)",
+        "bound of the pole: longitude 1.15 deg, latitude 0.0573 deg",
+    ]
+    c = Campaign(Unknowns.of(spun(tmp_path, 90.0), ["spin"]), c.jacobian)
+    assert summary.bound_words(c)[1] == "bound of the pole: latitude 0.0573 deg"
+    assert summary.pole_bound(c) == {"longitude": None, "latitude": pytest.approx(0.0573, rel=1e-3)}
+
+
+def test_lines_keep_within_the_terminal():
+    line = "  facets 0 and 6 face the same way, and how one is tilted is not seen at all"
+    kept = wrapped(line, 40).splitlines()
+    assert len(kept) > 1
+    assert max(map(len, kept)) <= 40
+    assert [len(x) - len(x.lstrip()) for x in kept] == [2] + [4] * (len(kept) - 1)
+    assert " ".join(" ".join(kept).split()) == line.strip()
+
+
+def test_a_sentence_says_for_how_many_combinations_it_stands():
+    many = [Trade(words, np.zeros(1), 0.0, True) for words in ("tilts trade", "dark", "dark")]
+    assert summary.sentences(many) == ["tilts trade", "dark (2 combinations)"]
 
 
 def test_targets_turn_unknowns_into_what_is_asked():
