@@ -37,7 +37,8 @@ class Batch(Judged):
         with made_aside(folder, PAGE) as aside:
             self._write(aside, "batch.json")
             write_atomic(
-                aside / "objects.csv", lambda p: p.write_text(table.to_csv(self.rows), "utf-8")
+                aside / "objects.csv",
+                lambda p: p.write_text(table.to_csv(self.rows), encoding="utf-8"),
             )
         return folder
 

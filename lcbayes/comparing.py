@@ -56,7 +56,9 @@ class Comparison(Judged):
         rows.writerows(sorted(every, key=lambda row: row["n_facets"]))
         with made_aside(folder, PAGE) as aside:
             self._write(aside, "compare.json")
-            write_atomic(aside / "compare.csv", lambda p: p.write_text(text.getvalue(), "utf-8"))
+            write_atomic(
+                aside / "compare.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
+            )
         return folder
 
     def report(self, folder: str | Path) -> Path:

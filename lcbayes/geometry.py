@@ -155,8 +155,8 @@ class Times:
 
 def seconds_between(first_jd: float, second_jd: float) -> float:
     """Seconds from one UTC Julian date to another, leap seconds counted as readers of files do."""
-    first, second = (Times.of(jd, 0.0).tt for jd in (first_jd, second_jd))
-    return float(sum(b - a for a, b in zip(first, second, strict=True))[0] * 86400.0)
+    (a1, a2), (b1, b2) = (Times.of(jd, 0.0).tt for jd in (first_jd, second_jd))
+    return float(((b1 - a1) + (b2 - a2))[0] * 86400.0)
 
 
 def sun_position(time: Times) -> Floats:

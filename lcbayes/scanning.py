@@ -52,7 +52,9 @@ class Scan(Judged):
         writer.writerows([heads, *rows])
         with made_aside(folder, REPORT) as aside:
             self._write(aside, "summary.json")
-            write_atomic(aside / "hypotheses.csv", lambda p: p.write_text(text.getvalue(), "utf-8"))
+            write_atomic(
+                aside / "hypotheses.csv", lambda p: p.write_text(text.getvalue(), encoding="utf-8")
+            )
         return folder
 
     def report(self, folder: str | Path) -> Path:

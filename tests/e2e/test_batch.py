@@ -62,7 +62,7 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     read = list(csv.DictReader((out / "objects.csv").read_text().splitlines()))
     assert [r["status"] for r in read] == ["trusted", "failed", "trusted"]
     with xr.open_datatree(out / "objects/first/posterior.nc", engine="h5netcdf") as tree:
-        total = tree["posterior"]["albedo_area"].sum("facet")
+        total = tree["posterior"].to_dataset()["albedo_area"].sum("facet")
         assert float(read[0]["albedo_area_m2"]) == pytest.approx(float(total.mean()))
         assert float(read[0]["albedo_area_m2_sd"]) == pytest.approx(float(total.std()))
     assert "1.csv, line 10" in read[1]["reasons"]
