@@ -147,11 +147,14 @@ def _reasons(found: Compared, verdict: odds.Verdict) -> Iterator[str]:
         )
 
 
+TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+
+
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of the table that people read."""
     heads = [
         "facets", "ln Z (nat)", "spread", "probability", "5 % to 95 %", "elpd LOO (nat)",
-        "from best", "stacking", "max k", f"k > {BAD_K}", "chi2/dof",
+        "LOO from best", "stacking", "max k", f"k > {BAD_K}", "chi2/dof",
     ]  # fmt: skip
     rows = []
     ends = (summary["sparse"] or {}).get("n_facets")
@@ -214,12 +217,14 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def table(summary: Mapping[str, Any]) -> str:
-    """The table, its notes and the conclusion, for a terminal."""
+    """The table, its notes and the conclusion, for a terminal: of the columns, what it holds."""
     heads, rows = cells(summary)
-    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    shown = [heads.index(name) for name in TOLD]
+    told = [[line[i] for i in shown] for line in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*told, strict=True)]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in (heads, *rows)
+        for line in told
     ]
     said = summary["conclusion"]
     return "\n".join([*lines, *notes(summary), "", said[0].upper() + said[1:] + "."])

@@ -126,6 +126,8 @@ def test_the_table():
     lines = comparison.table(summary(dark, THREE[1], bad, path=path)).split("\n")
     assert lines[0].split()[:3] == ["facets", "ln", "Z"]
     assert len({len(line) for line in lines[:4]}) == 1
+    assert len(lines[0]) <= 80
+    assert "LOO from best" in lines[0]
     assert lines[1].rstrip().endswith("–")
     assert lines[2].strip().startswith("3 *")
     assert "sparse path from 6 facets ends (shares" in lines[4]
