@@ -170,6 +170,7 @@ def fit(
     with alone_in(out, WRITTEN) as folder:
         checkpoint = Checkpoint(folder and folder / "checkpoint", identity, progress.say)
         posterior = engine.run(curve, entry, checked, settings, checkpoint, progress, spins)
+        progress.say("judging the draws: predicted brightness, leave-one-out")
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
         tree.attrs = _attributes(curve, summary, entry, seed, checked)
@@ -177,6 +178,8 @@ def fit(
         run = record(curve, model, settings.as_dict() | begun, checked, reading)
         found = Fit(tree, summary, run)
         if folder is not None:
+            if report:
+                progress.say("drawing the report")
             found.report(folder) if report else found.save(folder)
             checkpoint.finish()
     return found
