@@ -1,25 +1,35 @@
 """The free rotation of a rigid body in closed form: no steps, and no error that grows with time.
 
 Euler's equations are solved by Jacobi's elliptic functions, and the precession about the angular
-momentum by the argument of a theta function. Their series in the nome converge like q^(n²), so a
-dozen terms serve every body and every energy, and an epoch costs the same however late it is.
+momentum by the argument of a theta function. Their series in the nome converge like q^(n²), and
+where q > e^(−π) those in its complement q' = e^(−πK/K'), of hyperbolic functions: four terms serve
+every body and every energy, and an epoch costs the same however late it is.
 
 With M the angular momentum in principal axes, moments of inertia J₁ ≤ J₂ ≤ J₃, and a = 1/J₂ − 1/J₃,
 b = 1/J₁ − 1/J₃, c = 1/J₁ − 1/J₂, M moves about axis 3 where c M₁² < a M₃², and about axis 1 where
 it is greater (then 1 and 3 change their parts, and a, b, c their signs):
 
-    M = (A₁ cn, A₂ sn, A₃ dn)(λt + u₀),   A₁² = M₁² + (a/b) M₂²,   A₂² = (b/a) A₁²,
-    A₃² = M₃² + (c/b) M₂²,   λ = √(ab) A₃,   m = c A₁²/(a A₃²).
+    M = (A₁ cn, A₂ sn, A₃ dn)(K + v),   v = λt + v₀,   A₁² = M₁² + (a/b) M₂²,   A₂² = (b/a) A₁²,
+    A₃² = M₃² + (c/b) M₂²,   λ = √(ab) A₃,   m = c A₁²/(a A₃²),   1 − m = (a M₃² − c M₁²)/(a A₃²).
 
 The azimuth ψ of the intermediate axis about M grows at L/J₂ − (a A₃² − c A₁²)/(L − (A₂²/L) sn²),
-L = |M|: an elliptic integral of the third kind, whose periodic part is −arg θ₃(π(λt + u₀)/2K + iy).
+L = |M|: an elliptic integral of the third kind, whose periodic part is −arg θ₄(z + iy), z = πv/2K.
 Intermediate axis, and not that about which M moves: this one M never reaches but on the separatrix,
-so that ψ has a meaning for a body that spins about an axis of largest or of smallest inertia.
+so that ψ has a meaning for a body that spins about an axis of largest or of smallest inertia. v = 0
+where M is next to the intermediate axis: there ψ has to have the direction in which M lies off it.
+
+With q' the same, by Jacobi's imaginary transformation, w = zK/K', y' = yK/K': θ₁, θ₂, θ₃, θ₄ of z
+are as −iθ₁, θ₄, θ₃, θ₂ of iw, and arg θ₄(z + iy) is arg θ₂(iw − y') − 2zy'/π, for |z| <= π/2; from
+one such stretch, a passage by the intermediate axis, to the next, ψ jumps by −2y'.
+
+Next to the separatrix a passage lasts as long as e, the part of M off the intermediate axis, takes
+to grow to 1 as e^(λt): an error of ω, J or their rounding grows so too, and none other does.
 
 References
 ----------
 Landau & Lifshitz, Mechanics, secs. 36, 37; van Zon & Schofield 2007, J. Comput. Phys. 225, 145;
-Whittaker & Watson, chs. 21, 22; Carlson 1995, Numer. Algorithms 10, 13 (elliptic integrals).
+Whittaker & Watson, chs. 21 (21.51: q'), 22; Carlson 1995, Numer. Algorithms 10, 13 (elliptic
+integrals).
 """
 
 from __future__ import annotations
@@ -34,12 +44,14 @@ from jax.custom_derivatives import SymbolicZero
 from lcbayes._jax import jax, jnp
 from lcbayes.physics import attitude
 
-TERMS = 12  # of a series in q^(n²): complete to 1e-16 up to q = 0.74, where 1 − m = 1e-13
-NEAREST = 1e-13  # 1 − m is not taken smaller: closer to the separatrix no time is long enough
-STEADY = 1e-10  # sine of the angle of M and ω below which the body spins about ω as if for good
+TERMS = 4  # of a series in q^(n²): complete to 1e-16 up to q = e^(−π)
+# Closer than these double precision cannot say when M flips.
+NEAREST = 1e-16  # 1 − m over dn² at t = 0: a difference of squares of M, whose rounding it is
+STEADY = 1e-14  # sine of the angle of M and ω below which ω stays; rounding of J makes it 1e-15
 DUPLICATIONS = 12
-N = np.arange(1, TERMS)
-FLIP = (-1.0) ** N
+ALL = np.arange(TERMS)
+N = ALL[1:]
+FLIP = (-1.0) ** ALL
 
 
 class Polhode(NamedTuple):
@@ -52,18 +64,23 @@ class Polhode(NamedTuple):
     momentum : (3,)
         M at t = 0 along them.
     amplitude : (3,)
-        A₁, A₂, A₃, the first and the last with the sign of M₃.
-    m : parameter of the elliptic functions
+        A₁, A₂, A₃, with the signs of M₂ M₃, M₂ and M₃.
+    m1 : 1 − m, m the parameter of the elliptic functions
+    near : m > ½, so that the series are those in q'
     speed, phase : rad/s, rad
-        x = speed · t + phase is π(λt + u₀)/2K.
-    outer, inner : e^(−2y) and q e^(2y), of which the nome q is the product
-    precession : mean dψ/dt, rad/s
+        speed · t + phase is z, of the module, or w where ``near``.
+    inner, outer : exponents
+        Of the nome q = e^(−2 (inner + outer)), outer = y; where ``near`` ½ ln 1/q' and π/2 − y'.
+        These, because 1 − q e^(2y) and cos y' may be as small as the rounding of 1.
+    precession : rad/s
+        Mean dψ/dt; where ``near`` without the jumps.
     """
 
     axes: jax.Array
     momentum: jax.Array
     amplitude: jax.Array
-    m: jax.Array
+    m1: jax.Array
+    near: jax.Array
     speed: jax.Array
     phase: jax.Array
     outer: jax.Array
@@ -84,8 +101,8 @@ class Motion(NamedTuple):
     axes : (3, 3)
         Rows: the axes in which the formulae are written, body frame.
     scale : (3,)
-        M/|M| along them over θ₂/θ₄, θ₁/θ₄, θ₃/θ₄.
-    inner, outer, speed, phase, precession : as of `Polhode`
+        M/|M| along them over θ₁/θ₃, θ₂/θ₃, θ₄/θ₃ of z, or their equals in w.
+    inner, outer, speed, phase, precession, near : as of `Polhode`
     """
 
     axes: jax.Array
@@ -95,6 +112,7 @@ class Motion(NamedTuple):
     speed: jax.Array
     phase: jax.Array
     precession: jax.Array
+    near: jax.Array
 
 
 def torque_free(t: jax.Array, omega: jax.Array, inertia: jax.Array) -> jax.Array:
@@ -102,7 +120,8 @@ def torque_free(t: jax.Array, omega: jax.Array, inertia: jax.Array) -> jax.Array
 
     Ȧ = A [ω_b×], J ω̇_b = J ω_b × ω_b; the angular momentum A J ω_b stays as it is, and so does the
     energy, to rounding. Differentiable in t, ω and J, but not in J where two moments of inertia
-    agree to rounding or where the spin is steady.
+    agree to rounding, and as a steady spin where the angle of M and ω is below `STEADY`; about the
+    intermediate axis such a spin stays for some 30/λ, λ the module's, and what follows is not told.
 
     Parameters
     ----------
@@ -163,11 +182,16 @@ def _motion(omega: jax.Array, inertia: jax.Array) -> tuple[jax.Array, Motion]:
     # what is not steady stands in for what is, so that no branch divides by zero
     some, other = jnp.array([1.0, 0.5, 0.7]), jnp.diag(jnp.array([1.0, 2.0, 3.0]))
     path = polhode(jnp.where(steady, some, omega), jnp.where(steady, other, inertia))
-    _, null2, null3, null4, *_ = jnp.sum(_terms(path.inner, path.outer), axis=1)
-    null = jnp.stack([null4 / null2, null3 / null2, null4 / null3])
+    terms, _ = _terms(path.inner, path.outer, path.near)
+    _, null2, null3, null4, *_ = jnp.sum(terms, axis=1)
+    # θ₂ is over 2 q^(1/4), and so is θ₁, whence √q' is left
+    root = 4.0 * jnp.exp(-path.inner)
+    low = jnp.where(path.near, root * null2, null4)
+    high = jnp.where(path.near, null4, null2)
+    null = jnp.stack([-low / high, null3 / high, low / null3])
     return steady, Motion(
         path.axes, path.amplitude / path.length * null, path.inner, path.outer, path.speed,
-        path.phase, path.precession,
+        path.phase, path.precession, path.near,
     )  # fmt: skip
 
 
@@ -176,8 +200,9 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     moments, principal = jnp.linalg.eigh(inertia)
     principal = principal * jnp.linalg.det(principal)  # right-handed
     momentum = principal.T @ (inertia @ omega)
-    by1, by2, by3 = 1.0 / moments
-    a, b, c = by2 - by3, by1 - by3, by1 - by2
+    j1, j2, j3 = moments
+    a, c = (j3 - j2) / (j2 * j3), (j2 - j1) / (j1 * j2)
+    b = a + c
     left, right = c * momentum[0] ** 2, a * momentum[2] ** 2
     about3 = (left < right) | ((left == right) & (a > c))
     swapped = jnp.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -191,27 +216,31 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     a1 = jnp.hypot(m1_, jnp.sqrt(ratio_a) * m2_)
     a2 = a1 / jnp.sqrt(ratio_a)
     a3 = jnp.sqrt(m3_**2 + ratio_c * m2_**2)
-    m1 = jnp.maximum((a * m3_**2 - c * m1_**2) / (a * a3**2), NEAREST)
-    speed = sign * jnp.sqrt(a * b) * a3
+    side, side2 = jnp.where(m3_ < 0.0, -1.0, 1.0), jnp.where(m2_ < 0.0, -1.0, 1.0)
+    sn, cn, dn = side2 * m2_ / a2, side * side2 * m1_ / a1, side * m3_ / a3  # at t = 0
+    # in factors, because 1 − m may be 10¹⁶ times less than either square
+    root_a, root_c = jnp.sqrt(a), jnp.sqrt(c)
+    off, other = root_a * m3_, root_c * m1_
+    m1 = jnp.maximum((off - other) * (off + other) / (a * a3**2), NEAREST * dn**2)
+    root = jnp.sqrt(m1)
+    near = m1 < 0.5
 
-    side = jnp.sign(m3_)
-    sn, cn, dn = m2_ / a2, side * m1_ / a1, side * m3_ / a3
     root_c = jnp.sqrt(ratio_c)
     zero, one = jnp.zeros(()), jnp.ones(())
-    quarter, from_zero, inner, outer = carlson(
-        jnp.stack([zero, jnp.abs(cn), a1, root_c]),
-        jnp.stack([jnp.sqrt(m1), dn, a2, root_c * length / a3]),
-        jnp.stack([one, one, length, one]),
-    ) * jnp.stack([one, sn, a3, jnp.sqrt(ratio_a)])
-    argument = jnp.where(cn >= 0.0, from_zero, 2.0 * quarter - from_zero)
-    to_x = jnp.pi / (2.0 * quarter)
-    inner, outer = jnp.exp(-2.0 * to_x * inner), jnp.exp(-2.0 * to_x * outer)
-    *_, real, imaginary = _terms(inner, outer)
-    slope = -2.0 * N @ imaginary[1:] / jnp.sum(real)  # d ln θ₃(iy)/dy
-    precession = length * by2 - sign * a * a3**2 * m1 / length - speed * to_x * slope
+    quarter, v, inner, outer = carlson(
+        jnp.stack([zero, root * sn, a1, root_c]),
+        jnp.stack([root, root, a2, root_c * length / a3]),
+        jnp.stack([one, dn, length, one]),
+    ) * jnp.stack([one, -cn, a3, jnp.sqrt(ratio_a)])
+    scale = jnp.pi / (2.0 * jnp.where(near, inner + outer, quarter))  # the sum is K'
+    inner, outer = (scale * jnp.where(near, *x) for x in ((quarter, inner), (inner, outer)))
+    speed = sign * jnp.sqrt(a * b) * a3 * scale
+    real, imaginary = _apart(inner, outer, near)
+    slope = -2.0 * N @ imaginary / (1.0 + jnp.sum(real))  # d ln θ₃/dy at iy, or by y' at y'
+    precession = length / j2 - sign * a * a3**2 * m1 / length - speed * slope
     return Polhode(
-        axes, momentum, jnp.stack([side * a1, a2, side * a3]), c * a1**2 / (a * a3**2),
-        to_x * speed, to_x * argument, outer, inner, precession,
+        axes, momentum, jnp.stack([side * side2 * a1, side2 * a2, side * a3]), m1, near,
+        speed, scale * v, outer, inner, precession,
     )  # fmt: skip
 
 
@@ -281,7 +310,7 @@ def _turned_jvp(primals, tangents):
     basis = jax.lax.optimization_barrier(basis)
     change = jnp.concatenate(
         [
-            *(jnp.ravel(_filled(x)) for x in changed[1:]),
+            *(jnp.ravel(_filled(x)) for x in changed[1:-1]),
             0.5 * jnp.sum(jnp.cross(motion.axes, _filled(changed.axes)), axis=0),
         ]
     )
@@ -307,11 +336,13 @@ def _turn(
     """The turned columns; M/|M| along the axes of the motion (3, T + 1) and `_triad`, body frame,
     (3, 3, T + 1), both with t = 0 for the last epoch."""
     since = _since(t)
-    ((theta1, theta2, theta3, theta4, real, imaginary),) = _sums(
-        _phase(since, motion), [_terms(motion.inner, motion.outer)]
+    phase, passages = _phase(since, motion)
+    ((*first, last, real, imaginary),) = _sums(
+        phase, [_terms(motion.inner, motion.outer, motion.near)], motion.near
     )
-    along = motion.scale[:, None] * jnp.stack([theta2, theta1, theta3]) / theta4
-    argument = jnp.arctan2(imaginary, real)
+    along = motion.scale[:, None] * _signed(first, passages) / last
+    jump = jnp.where(motion.near, jnp.pi - 2.0 * motion.outer, 0.0)
+    argument = jnp.arctan2(imaginary, real) + jump * passages
     azimuth = motion.precession * since - (argument - argument[-1])
     along, azimuth = jax.lax.optimization_barrier((along, azimuth))
     triad = _triad(along, *attitude.sin_cos(azimuth))
@@ -323,66 +354,114 @@ def _turn(
 
 def _slopes(since: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array, jax.Array]:
     """M/|M| over `Motion.scale` (3, T), and the derivatives by inner, outer and phase of M/|M|
-    (3, 3, T) and of arg θ₃(x + iy) (3, T)."""
-    terms, by_inner = jax.jvp(partial(_terms, outer=motion.outer), (motion.inner,), (jnp.ones(()),))
-    _, by_outer = jax.jvp(partial(_terms, motion.inner), (motion.outer,), (jnp.ones(()),))
-    sums, *by = _sums(_phase(since, motion), [terms, by_inner, by_outer], by_phase=True)
-    (*first, theta4, real, imaginary) = sums
-    first = jnp.stack([first[1], first[0], first[2]])
-    ratio, scale = first / theta4, motion.scale[:, None]
+    (3, 3, T) and of the argument of the theta function with its jumps (3, T)."""
+    near, unit = motion.near, jnp.ones(())
+    terms, by_inner = jax.jvp(lambda x: _terms(x, motion.outer, near), (motion.inner,), (unit,))
+    _, by_outer = jax.jvp(lambda x: _terms(motion.inner, x, near), (motion.outer,), (unit,))
+    phase, passages = _phase(since, motion)
+    sums, *by = _sums(phase, [terms, by_inner, by_outer], near, slope=True)
+    (*first, last, real, imaginary) = sums
+    ratio, scale = _signed(first, passages) / last, motion.scale[:, None]
     along, argument = [], []
     for d in by:
-        d_first = jnp.stack([d[1], d[0], d[2]])
-        along.append(scale * (d_first - ratio * d[3]) / theta4)
+        along.append(scale * (_signed(d[:3], passages) - ratio * d[3]) / last)
         argument.append((real * d[5] - imaginary * d[4]) / (real**2 + imaginary**2))
+    shift = jnp.where(near, -2.0 * passages, 0.0)  # of the phase by inner, and of ψ by outer
+    along[0] += shift * along[2]
+    argument[0] += shift * argument[2]
+    argument[1] += shift
     return ratio, jnp.stack(along), jnp.stack(argument)
 
 
-def _phase(t: jax.Array, motion: Motion) -> jax.Array:
+def _phase(t: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array]:
+    """z in (−π/2, π/2), or w in (−½, ½) ln 1/q', and how many such stretches were taken off."""
     x = motion.speed * t + motion.phase
-    return x - jax.lax.stop_gradient(2.0 * jnp.pi * jnp.round(x / (2.0 * jnp.pi)))
+    whole = jnp.where(motion.near, 2.0 * motion.inner, jnp.pi)
+    passages = jax.lax.stop_gradient(jnp.round(x / whole))
+    return x - whole * passages, passages
 
 
-def _terms(inner: jax.Array, outer: jax.Array) -> jax.Array:
-    """Coefficients of the six series of `_sums`, (6, TERMS)."""
-    q = inner * outer
-    power = q ** (N**2 - N)
-    even, odd = 2.0 * q ** (N**2), q ** (N**2 + N)
-    up, down = power * inner**N, power * (q * outer) ** N  # q^(n²) e^(2ny), q^(n²) e^(−2ny)
-    rows = jnp.stack([FLIP * odd, odd, even, FLIP * even, up + down, down - up])
-    return jnp.concatenate([jnp.array([[1.0]] * 5 + [[0.0]]), rows], axis=1)
+def _signed(first: Sequence[jax.Array], passages: jax.Array) -> jax.Array:
+    """The three (3, T), of which two change sign from one passage to the next."""
+    sign = 1.0 - 2.0 * jnp.abs(passages - 2.0 * jnp.round(0.5 * passages))
+    return jnp.stack([sign * first[0], sign * first[1], first[2]])
+
+
+def _apart(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """2 q^(n²) cosh 2ny and −2 q^(n²) sinh 2ny, n >= 1, or 2 q'^(n²) times cos and sin of 2ny'."""
+    half = jnp.where(near, inner, inner + outer)  # ½ ln 1/q or 1/q'
+    up = jnp.exp(-2.0 * N * ((N - 1.0) * half + inner))  # q^(n²) e^(2ny); q'^(n²) where near
+    down = jnp.exp(-2.0 * N * (N * half + outer))  # q^(n²) e^(−2ny)
+    angle = 2.0 * N * outer  # outer = π/2 − y'
+    return (
+        jnp.where(near, 2.0 * FLIP[1:] * up * jnp.cos(angle), up + down),
+        jnp.where(near, -2.0 * FLIP[1:] * up * jnp.sin(angle), down - up),
+    )
+
+
+def _terms(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Coefficients of the six series of `_sums`, (6, TERMS), and θ₄(iy)."""
+    half = jnp.where(near, inner, inner + outer)
+    odd = jnp.exp(-2.0 * (ALL**2 + ALL) * half)
+    even = jnp.where(ALL == 0, 1.0, 2.0) * jnp.exp(-2.0 * ALL**2 * half)
+    angle = (2.0 * ALL + 1.0) * outer
+    real, imaginary = (FLIP[1:] * x for x in _apart(inner, outer, near))
+    rest = jnp.append(jnp.cumsum(real[::-1])[::-1], 0.0)  # cos 2nx − cos (2n + 2)x has sin x
+    real = jnp.where(near, FLIP * odd * jnp.sin(angle), rest)
+    imaginary = jnp.where(near, FLIP * odd * jnp.cos(angle), jnp.append(0.0, imaginary))
+    pairs = -jnp.expm1(-2.0 * (2.0 * ALL + 1.0) * inner)  # n and −1 − n: they all but cancel
+    origin = jnp.sum(FLIP * jnp.exp(-2.0 * ALL * (ALL * half + outer)) * pairs)
+    return jnp.stack([FLIP * odd, odd, even, FLIP * even, real, imaginary]), origin
 
 
 def _sums(
-    x: jax.Array, terms: Sequence[jax.Array], by_phase: bool = False
+    x: jax.Array, terms: Sequence[tuple[jax.Array, jax.Array]], near: jax.Array, slope: bool = False
 ) -> list[tuple[jax.Array, ...]]:
-    """θ₁ and θ₂ over 2 q^(1/4), θ₃, θ₄, and Re and Im of θ₃(x + iy), (T,) each, of each array of
-    coefficients; with ``by_phase`` the derivatives by x of the first at the end.
+    """θ₁ and θ₂ over 2 q^(1/4), θ₄, θ₃, and Re and Im of θ₄(x + iy), (T,) each, of each of
+    ``terms``; with ``slope`` the derivatives by x of the first at the end. Where ``near`` −iθ₁, θ₄,
+    θ₂, θ₃ of ix and Re and Im of θ₂(ix − y'): each means what it does elsewhere.
 
-    θ₁ = Σ aₙ sin (2n + 1)x, θ₂ = Σ aₙ cos (2n + 1)x, the next three Σ aₙ cos 2nx, Im Σ aₙ sin 2nx,
-    by Clenshaw's recurrence in u = 2 cos 2x: an addition and a product for each term, where a table
-    of sines and cosines costs ten times as much.
+    θ₁ = Σ aₙ sin (2n + 1)x, θ₂ = Σ aₙ cos (2n + 1)x, θ₃ and θ₄ Σ aₙ cos 2nx, Im Σ aₙ sin 2nx, Re
+    θ₄(iy) − 2 sin x Σ aₙ sin (2n + 1)x, which is small without being a difference; where ``near``
+    sinh and cosh, Re Σ aₙ cosh (2n + 1)x and Im Σ aₙ sinh (2n + 1)x. By Clenshaw's recurrence in
+    u = 2 cos 2x: an addition and a product for each term, where a table of sines and cosines costs
+    ten times as much.
     """
-    if by_phase:
-        n = 2.0 * np.arange(TERMS)
-        terms = [*terms, jnp.stack([n + 1.0, n + 1.0, n, n, n, n]) * terms[0]]
-    rows = jnp.stack(list(terms))[..., None]
+    tables = [table for table, _ in terms]
+    if slope:
+        even, odd, table = 2.0 * ALL, 2.0 * ALL + 1.0, tables[0]
+        real = jnp.where(near, odd * table[4], even * (jnp.roll(table[4], 1) - table[4]))
+        imaginary = jnp.where(near, odd, even) * table[5]
+        by = jnp.stack([odd, odd, even, even]) * table[:4]
+        tables.append(jnp.concatenate([by, jnp.stack([real, imaginary])]))
+    rows = jnp.stack(tables)[..., None]
     # Barriers keep XLA from computing what comes before anew in every place that uses it.
-    sin, cos = jax.lax.optimization_barrier(attitude.sin_cos(x))
-    sin2, cos2 = jax.lax.optimization_barrier((2.0 * sin * cos, (cos - sin) * (cos + sin)))
+    sin, cos = attitude.sin_cos(x)
+    back, up = jnp.where(near, -1.0, 1.0), jnp.exp(x)
+    sin = jnp.where(near, 0.5 * (up - 1.0 / up), sin)
+    cos = jnp.where(near, 0.5 * (up + 1.0 / up), cos)
+    sin, cos = jax.lax.optimization_barrier((sin, cos))
+    sin2, cos2 = jax.lax.optimization_barrier((2.0 * sin * cos, cos**2 - back * sin**2))
     b0 = b1 = jnp.zeros((*rows.shape[:2], x.size))
     for n in range(TERMS - 1, -1, -1):
         b0, b1 = rows[:, :, n] + 2.0 * cos2 * b0 - b1, b0
     b0, b1 = jax.lax.optimization_barrier((b0, b1))
-    one, two = sin * (b0 + b1), cos * (b0 - b1)
-    whole, half = b0 - cos2 * b1, sin2 * b1
-    sums = [
-        (one[k, 0], two[k, 1], whole[k, 2], whole[k, 3], whole[k, 4], half[k, 5])
-        for k in range(len(rows) - by_phase)
-    ]
-    if by_phase:
-        one, two = cos * (b0[-1, 0] - b1[-1, 0]), -sin * (b0[-1, 1] + b1[-1, 1])
-        sums.append((one, two, -half[-1, 2], -half[-1, 3], -half[-1, 4], whole[-1, 5]))
+    odd_sin, odd_cos = sin * (b0 + b1), cos * (b0 - b1)
+    even_sin, even_cos = sin2 * b1, b0 - cos2 * b1
+    sums = []
+    for k, (_, origin) in enumerate(terms):
+        s, c, e = odd_sin[k], odd_cos[k], even_cos[k]
+        real = jnp.where(near, c[4], origin - 2.0 * sin * s[4])
+        imaginary = jnp.where(near, s[5], even_sin[k, 5])
+        second, third = jnp.where(near, e[3], c[1]), jnp.where(near, c[1], e[3])
+        sums.append((s[0], second, third, e[2], real, imaginary))
+    if slope:
+        s, c = -back * odd_sin[-1], odd_cos[-1]  # of cos, and of sin
+        e = -back * even_sin[-1]
+        real = jnp.where(near, s[4], e[4])
+        imaginary = jnp.where(near, c[5], even_cos[-1, 5])
+        second, third = jnp.where(near, e[3], s[1]), jnp.where(near, s[1], e[3])
+        sums.append((c[0], second, third, e[2], real, imaginary))
     return sums
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from numpyro import handlers
@@ -25,6 +27,7 @@ RATE = jax.jit(
     lambda t, w, j: jax.jvp(lambda t: torque_free(t, w, j), (t,), (jnp.ones_like(t),))[1]
 )
 TIMES = np.linspace(0.0, 200.0, 40)  # s; one number of them, one compilation
+FLIPS = 0.5 * np.arange(361)  # s, of flips at 1 rad/s; in the steps of `exact`
 PRINCIPAL = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
 PRINCIPAL *= np.linalg.det(PRINCIPAL)
 
@@ -53,6 +56,43 @@ def integrated(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarr
     return found.y[:9].T.reshape(-1, 3, 3)
 
 
+BITS = 140  # binary places of `exact`: 1e-42
+
+
+def exact(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarray:
+    """Body to inertial, t in steps of ½ s, by Taylor series of these equations in whole numbers.
+
+    Next to the separatrix every error grows as e^(λt), and DOP853's own reach 1 within a flip. The
+    terms fall as (0.5 s/2.7 s)ⁿ for principal moments 1, 2, 3 and 1 rad/s about the second.
+    """
+    half, order = 1 << (BITS - 1), 34
+
+    def fixed(x):
+        whole = [int(Fraction(float(v)) * 2**BITS) for v in np.ravel(x)]
+        return np.array(whole, dtype=object).reshape(np.shape(x))
+
+    j = [[Fraction(float(v)) for v in row] for row in tensor]
+    minors = [
+        [j[b - 2][a - 2] * j[b - 1][a - 1] - j[b - 2][a - 1] * j[b - 1][a - 2] for b in range(3)]
+        for a in range(3)
+    ]  # transposed, indices modulo 3
+    det = sum(j[0][k] * minors[k][0] for k in range(3))
+    inverse = np.array([[int(v / det * 2**BITS) for v in row] for row in minors], dtype=object)
+    momentum = (fixed(tensor) @ fixed(omega)) >> BITS
+    rows = np.vstack([fixed(np.eye(3)), momentum])  # each turns as ẋ = x × ω
+    found = []
+    for _ in t:
+        found.append([[v / (1 << BITS) for v in row] for row in rows[:3]])
+        x, w = np.zeros((order + 1, 4, 3), dtype=object), np.zeros((order, 3), dtype=object)
+        x[0] = rows
+        for n in range(order):
+            w[n] = (inverse @ x[n, 3]) >> BITS
+            product = np.sum(np.cross(x[: n + 1], w[n::-1, None]), axis=0) >> BITS
+            x[n + 1] = (product * half // (n + 1)) >> BITS
+        rows = np.sum(x, axis=0)
+    return np.array(found)
+
+
 MOTIONS = {
     "about the largest": (inertia(3, 2, 1), (0.02, -0.05, -0.1)),
     "about the smallest": (inertia(3, 2, 1), (-0.1, -0.05, 0.02)),
@@ -74,6 +114,47 @@ def test_as_an_integrator_finds_it(name):
     found = np.asarray(RUN(t, omega, tensor))
     np.testing.assert_allclose(found, integrated(t, omega, tensor), atol=3e-11)
     np.testing.assert_allclose(found[0], np.eye(3), atol=1e-13)
+
+
+@pytest.mark.parametrize("e", [1e-4, 1e-6, 1e-7, 1e-8, 1e-9, 1e-12])
+def test_flips_next_to_the_separatrix(e):
+    """Spin but for e about the intermediate axis, for two to six flips.
+
+    In principal axes rounding of ω and J, ε of each, moves no flip by more than some ε t. In axes
+    at odds with them it leaves e uncertain by some 10 ε, hence a passage by 10 ε/e of 1/λ = 1.7 s:
+    of six passages 100 ε/e, at 1 rad/s.
+    """
+    epsilon = np.finfo(float).eps
+    omega, tensor = np.array([e, 1.0, 0.5 * e]), np.diag([1.0, 2.0, 3.0])
+    found = RUN(FLIPS, omega, tensor)
+    np.testing.assert_allclose(found, exact(FLIPS, omega, tensor), atol=20 * epsilon * FLIPS[-1])
+    omega, tensor = turned(np.diag([3.0, 2.0, 1.0]), -omega)
+    tensor = 0.5 * (tensor + tensor.T)
+    found = RUN(FLIPS, omega, tensor)
+    allowed = epsilon * (20 * FLIPS[-1] + 100 / e)
+    np.testing.assert_allclose(found, exact(FLIPS, omega, tensor), atol=allowed)
+
+
+def test_flat_spin_however_flat():
+    for moments in ((1.0, 1.0, 2.0), (2.0, 2.0, 1.0)):
+        for along in (1e-5, 1e-9, 1e-13):
+            omega, tensor = np.array([0.0, 0.2, along]), np.diag(moments)
+            found = RUN(FLIPS[:41], omega, tensor)
+            np.testing.assert_allclose(found, exact(FLIPS[:41], omega, tensor), atol=1e-14)
+
+
+@pytest.mark.parametrize("e", [1e-4, 1e-8])
+def test_slopes_next_to_the_separatrix(e):
+    """By ω, against differences, for as long as the attitude hangs on e; and finite at rest."""
+    omega, tensor, t = np.array([e, 1.0, 0.5 * e]), np.diag([1.0, 2.0, 3.0]), FLIPS
+    slope = jax.jit(jax.jacrev(torque_free, 1))
+    found = np.asarray(slope(t, omega, tensor))
+    for k, step in enumerate(np.diag([1e-5 * e, 1e-8, 1e-5 * e])):
+        want = (RUN(t, omega + step, tensor) - RUN(t, omega - step, tensor)) / (2.0 * step[k])
+        np.testing.assert_allclose(found[..., k], want, atol=2e-6 * np.abs(want).max())
+    on_it = np.array([e, 1.0, e / np.sqrt(3.0)])  # to rounding
+    assert np.all(np.isfinite(slope(t, on_it, tensor)))
+    assert np.all(np.isfinite(slope(t, np.array([0.0, 1.0, 0.0]), tensor)))
 
 
 def test_energy_and_angular_momentum_are_kept_for_ten_thousand_seconds():
