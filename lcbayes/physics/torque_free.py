@@ -389,29 +389,28 @@ def _signed(first: Sequence[jax.Array], passages: jax.Array) -> jax.Array:
 
 def _apart(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Array, jax.Array]:
     """2 q^(n²) cosh 2ny and −2 q^(n²) sinh 2ny, n >= 1, or 2 q'^(n²) times cos and sin of 2ny'."""
-    first, second = jnp.exp(-2.0 * inner), jnp.exp(-2.0 * outer)
-    q = jnp.where(near, first, first * second)
-    power = q ** (N**2 - N)
-    up, down = power * first**N, power * (q * second) ** N  # q^(n²) e^(2ny), q^(n²) e^(−2ny)
-    even, angle = FLIP[1:] * 2.0 * q ** (N**2), 2.0 * N * outer  # outer = π/2 − y'
+    half = jnp.where(near, inner, inner + outer)  # ½ ln 1/q or 1/q'
+    up = jnp.exp(-2.0 * N * ((N - 1.0) * half + inner))  # q^(n²) e^(2ny); q'^(n²) where near
+    down = jnp.exp(-2.0 * N * (N * half + outer))  # q^(n²) e^(−2ny)
+    angle = 2.0 * N * outer  # outer = π/2 − y'
     return (
-        jnp.where(near, even * jnp.cos(angle), up + down),
-        jnp.where(near, -even * jnp.sin(angle), down - up),
+        jnp.where(near, 2.0 * FLIP[1:] * up * jnp.cos(angle), up + down),
+        jnp.where(near, -2.0 * FLIP[1:] * up * jnp.sin(angle), down - up),
     )
 
 
 def _terms(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Coefficients of the six series of `_sums`, (6, TERMS), and θ₄(iy)."""
-    first, second = jnp.exp(-2.0 * inner), jnp.exp(-2.0 * outer)
-    q = jnp.where(near, first, first * second)
-    odd, even = q ** (ALL**2 + ALL), jnp.where(ALL == 0, 1.0, 2.0 * q ** (ALL**2))
+    half = jnp.where(near, inner, inner + outer)
+    odd = jnp.exp(-2.0 * (ALL**2 + ALL) * half)
+    even = jnp.where(ALL == 0, 1.0, 2.0) * jnp.exp(-2.0 * ALL**2 * half)
     angle = (2.0 * ALL + 1.0) * outer
     real, imaginary = (FLIP[1:] * x for x in _apart(inner, outer, near))
     rest = jnp.append(jnp.cumsum(real[::-1])[::-1], 0.0)  # cos 2nx − cos (2n + 2)x has sin x
     real = jnp.where(near, FLIP * odd * jnp.sin(angle), rest)
     imaginary = jnp.where(near, FLIP * odd * jnp.cos(angle), jnp.append(0.0, imaginary))
     pairs = -jnp.expm1(-2.0 * (2.0 * ALL + 1.0) * inner)  # n and −1 − n: they all but cancel
-    origin = jnp.sum(FLIP * q ** (ALL**2) * second**ALL * pairs)
+    origin = jnp.sum(FLIP * jnp.exp(-2.0 * ALL * (ALL * half + outer)) * pairs)
     return jnp.stack([FLIP * odd, odd, even, FLIP * even, real, imaginary]), origin
 
 
