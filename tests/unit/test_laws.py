@@ -417,7 +417,7 @@ def test_a_scenario_with_an_articulated_array(tmp_path):
     mu0, mu = (np.maximum(np.sum(v * nadir, 1), 0.0) for v in (curve.sun, curve.obs))
     intensity = 455.0 * 0.3 / np.pi * (2.0 * panel + 3.0 * mu0 * mu)
     lit = penumbra.share(curve)  # the first points are past the Earth's edge
-    flux = lit * intensity / (1e3 * np.asarray(curve.range_km)) ** 2
+    flux = lit * penumbra.irradiance(curve) * intensity / (1e3 * np.asarray(curve.range_km)) ** 2
     np.testing.assert_allclose(curve.brightness, flux, rtol=1e-6)
     assert truth["attitude"]["law"] == "nadir-gimbal-array"
     assert [f["on_array"] for f in truth["facets"]] == [True, False]
