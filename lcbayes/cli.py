@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("\nlcbayes: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return EXIT_INTERRUPTED
     except OSError as fault:  # a disk that is full, a folder that was taken away
         said = f"{fault.filename}: {fault.strerror}" if fault.filename else str(fault)
@@ -92,7 +92,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             "was: make room, or choose another place, and give the same command again",
             file=sys.stderr,
         )
+        try:
+            sys.stdout.flush()
+        except OSError:  # it is the output that is full
+            _drop_output()
         return EXIT_BAD_INPUT
+
+
+def _drop_output() -> None:
+    """What is still to be written to standard output goes nowhere, lest Python fail at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import os
 import re
 import shlex
 import subprocess
@@ -68,10 +69,12 @@ def test_standard_output_that_is_closed_is_no_fault():
     assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
 
 
-def test_standard_output_that_is_full_is_told_of_in_a_line():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_standard_output_that_is_full_is_told_of_in_a_line(unbuffered):
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "lcbayes", "simulate", "--list"]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+        env = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, env=env)
     assert done.returncode == EXIT_BAD_INPUT
     assert done.stderr.count("\n") == 1
 
