@@ -40,6 +40,7 @@ apidoc_modules = [
     }
 ]
 autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_inherit_docstrings = False  # NumPyro's have formulae for a script from the network
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
@@ -51,6 +52,8 @@ default_role = "code"
 
 html_theme = "furo"
 html_title = "lcbayes"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 
