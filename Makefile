@@ -77,6 +77,9 @@ demo: $(VENV)/.installed
 	fi; \
 	exit $$status
 
+# The workers share the cores: a BLAS that takes all of them for each call of each worker is slower.
+test test-all: export OPENBLAS_NUM_THREADS = 1
+
 test: env
 	@$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
 

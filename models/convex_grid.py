@@ -5,6 +5,13 @@ from functools import lru_cache
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpyro.distributions import constraints
+from numpyro.distributions.transforms import (
+    AffineTransform,
+    ComposeTransform,
+    ExpTransform,
+    SoftplusTransform,
+)
 
 from lcbayes import noise, priors
 from lcbayes._jax import jax, jnp
@@ -19,6 +26,15 @@ SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0:
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
 LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
+LEAST_LAMBERT = 0.03
+LINEAR_LAMBERT = ComposeTransform(  # x to ln c; c = x where x is larger than the least, else e^x
+    [
+        AffineTransform(0.0, 1.0 / LEAST_LAMBERT),
+        SoftplusTransform(),
+        AffineTransform(0.0, LEAST_LAMBERT, domain=constraints.positive),
+        ExpTransform().inv,
+    ]
+)
 
 
 @lru_cache
@@ -46,7 +62,8 @@ def model(
     the surface closes, to the error of the grid.
 
     With relative curves alone neither size nor phase law is sought: Σα = 8, that of a sphere of
-    flux 1, and S = 1. With a calibrated curve ln(Σα/8) ~ Normal(ln mean calibrated flux, 1) and
+    flux 1, and S = 1. With a calibrated curve the flux of a sphere of these areas at zero phase,
+    F = Σα (1/8 + c/6), has ln F ~ Normal(ln mean calibrated flux, 1), and
     S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
     k ~ Normal(−0.5, 0.3), phase in rad. The body's axes at the middle of the data are
     `attitude.brought_to` of the pole: to turn the areas on the grid about it is the same thing.
@@ -83,7 +100,7 @@ def model(
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
-    size, surface = calibration(data) if data.calibrated else (1.0, 1.0)
+    size, surface = calibration(data, lambert) if data.calibrated else (1.0, 1.0)
     area = SPHERE * size * share
     numpyro.deterministic("albedo_area", area)
 
@@ -105,15 +122,19 @@ def typical(data: Epochs) -> jax.Array:
     return jnp.sum(jnp.where(known, linear / data.dilution, 0.0)) / jnp.sum(known)
 
 
-def calibration(data: Epochs) -> tuple[jax.Array, jax.Array]:
-    """Size of the body and S of each epoch (T,), which only calibrated curves can tell."""
-    size = jnp.exp(numpyro.sample("log_size", dist.Normal(jnp.log(typical(data)), 1.0)))
+def calibration(data: Epochs, lambert: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Σα/8 of the body and S of each epoch (T,), which only calibrated curves can tell.
+
+    The data see F = Σα (1/8 + c/6), and neither Σα nor c half as well: with Σα for a coordinate the
+    two would lie along a narrow bent ridge, on which chains hardly move.
+    """
+    flux = jnp.exp(numpyro.sample("log_sphere_flux", dist.Normal(jnp.log(typical(data)), 1.0)))
     a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
     d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5)))
     k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3)))
     numpyro.deterministic("phase_a", a)
     numpyro.deterministic("phase_d", d)
-    return size, photometry.phase_law(data.phase_angle, a, d, k)
+    return flux / (1.0 + 4.0 * lambert / 3.0), photometry.phase_law(data.phase_angle, a, d, k)
 
 
 def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
@@ -127,7 +148,7 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
         "noise_unit": jnp.zeros(len(data.free_scale)),
     }
     if data.calibrated:
-        sphere |= {"log_size": jnp.log(typical(data)), "phase_k": jnp.array(-0.5)}
+        sphere |= {"log_sphere_flux": jnp.log(typical(data)), "phase_k": jnp.array(-0.5)}
         sphere |= {"log_phase_a": jnp.log(0.5), "log_phase_d": jnp.log(0.1)}
     return [
         sphere | {"pole_base": jnp.asarray(pole)[None], "period_shift": jnp.array(shift)}
@@ -137,10 +158,15 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
 
 
 def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options):  # noqa: ARG001
-    """Moments of the shares up to degree 4, where the data are informative; see the class."""
+    """Moments of the shares up to degree 4, where the data are informative; see the class. And c
+    itself in place of ln c, from its prior's lower end on: brightness is linear in it, so that what
+    makes up for another c lies along a line that is five times straighter."""
     harmonics = grid(n_facets, degree)[1]
     low = min(degree, MOMENT_DEGREE)
-    return {"coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1)}
+    return {
+        "coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1),
+        "log_lambert_c": LINEAR_LAMBERT,
+    }
 
 
 def constants(data: Epochs, *, n_facets: int = 300, **options):  # noqa: ARG001

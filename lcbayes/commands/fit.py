@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 from lcbayes.recorded import read_config
 
+LISTED = 14  # quantities of a solution on the terminal, and values of one quantity
 HELP = "posterior over shape, spin and surface of one object, with a report"
 EPILOG = """\
 examples:
@@ -126,20 +128,24 @@ def _tell(summary: dict[str, Any], relative: bool) -> None:
         print(agreed([mode["weight"] for mode in modes]))
     else:
         print(told(summary["reasons"]))
+    print("(mean ± standard deviation, and the interval that holds 90 %)")
     unit_of_rms = summary["fit"]["rms_unit"]
     for i, mode in enumerate(modes):
         print(f"solution {i + 1}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit_of_rms}")
-        rows = [
-            (k, v)
-            for k, v in mode["parameters"].items()
-            if not k.startswith(("coefficients", "scale", "log_"))
-        ]
-        for name, row in rows[:14]:
-            base = name.partition("[")[0]
+        rows = {
+            name: row
+            for name, row in mode["parameters"].items()
+            if not name.startswith(("coefficients", "scale", "log_"))
+        }
+        entries = Counter(name.partition("[")[0] for name in rows)
+        # of areas on a grid or offsets of many satellites no few say anything
+        short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED]
+        for name in short[:LISTED]:
+            row, base = rows[name], name.partition("[")[0]
             unit = KNOWN.get(base, ("", "", 0.0))[1]
             if base == "albedo_area" and relative:
                 unit = ""
-            mean, sd = show(row["mean"], row["sd"]), show(row["sd"], row["sd"])
-            print(f"  {name:22s} {mean:>10s} ± {sd} {unit}".rstrip())
-        if len(rows) > 14:
-            print(f"  … and {len(rows) - 14} more in summary.json")
+            mean, sd, low, high = (show(row[k], row["sd"]) for k in ("mean", "sd", "q05", "q95"))
+            print(f"  {name:22s} {f'{mean:>10s} ± {sd} {unit}':32s} {low} to {high}")
+        if len(rows) > len(short[:LISTED]):
+            print(f"  … and {len(rows) - len(short[:LISTED])} more in summary.json")

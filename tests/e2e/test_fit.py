@@ -158,11 +158,16 @@ def test_the_terminal_says_what_is_known(good, capsys):
     """Verdict, digits that the uncertainty bears, units."""
     summary = json.loads((good[0] / "summary.json").read_text())
     fit_command._tell(summary, relative=False)
-    first, second, *rows = capsys.readouterr().out.splitlines()
+    first, _, second, *rows = capsys.readouterr().out.splitlines()
     assert first == "One solution explains the data; the chains agree on it."
     assert re.fullmatch(r"solution 1: weight 1, rms 0\.\d+ relative to the curve's mean", second)
     (area,) = [row for row in rows if "albedo_area" in row]
-    assert re.fullmatch(r"  albedo_area\[0\] +\d\.\d\d\d? ± 0\.0\d\d? m²", area)
+    number = r"\d\.\d\d\d?"
+    assert re.fullmatch(rf"  albedo_area\[0\] +{number} ± 0\.0\d\d? m² +{number} to {number}", area)
+    row = summary["modes"][0]["parameters"]["albedo_area[0]"]
+    low, high = (float(word) for word in area.split()[-3::2])
+    assert (low, high) == pytest.approx((row["q05"], row["q95"]), abs=row["sd"] / 10)
+    assert all(len(line) <= 80 for line in rows)
 
 
 def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):

@@ -142,15 +142,25 @@ def test_coordinates_leave_the_model_as_it_is():
 def test_calibrated_curves_bring_size_and_phase_law():
     relative = set(problem(observed())[0].names)
     built, data = problem(observed(free_scale=False))
-    assert set(built.names) - relative == {"log_size", "log_phase_a", "log_phase_d", "phase_k"}
+    calibrated = {"log_sphere_flux", "log_phase_a", "log_phase_d", "phase_k"}
+    assert set(built.names) - relative == calibrated
     sites = start(data)
-    assert {"log_size", "phase_k"} <= sites.keys()
-    found = built.constrain(built.ravel(sites), data)
+    assert calibrated <= sites.keys()
     s = 0.5 * np.exp(-data.phase_angle / 0.1) - 0.5 * data.phase_angle + 1
-    assert found["albedo_area"].sum() == pytest.approx(8 * np.mean(data.brightness))
     dark = sites | {"log_phase_a": jnp.array(-60.0), "phase_k": jnp.array(0.0)}
     ratio = built.flux(sites, data) / built.flux(dark, data)
     np.testing.assert_allclose(ratio, s, rtol=1e-12)
+
+
+@pytest.mark.parametrize("c", [1e-6, 0.1, 0.8])
+def test_flux_of_a_sphere_at_zero_phase_is_its_parameter(c):
+    built, data = problem(observed(free_scale=False))
+    sites = start(data, log_lambert_c=jnp.log(c))
+    area = np.asarray(built.constrain(built.ravel(sites), data)["albedo_area"])
+    normals = convex_grid.grid(len(area), 1)[0]
+    towards = jnp.array([[0.6, 0.0, 0.8]])
+    flux = brightness.flux(towards, towards, normals, area, convex_grid.LAW, c)
+    assert flux[0] == pytest.approx(float(np.mean(data.brightness)), rel=2e-3)
 
 
 def test_search_finds_a_known_ellipsoid():
