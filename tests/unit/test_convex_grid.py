@@ -156,8 +156,8 @@ def test_calibrated_curves_bring_size_and_phase_law():
 def test_flux_of_a_sphere_at_zero_phase_is_its_parameter(c):
     built, data = problem(observed(free_scale=False))
     sites = start(data, log_lambert_c=jnp.log(c))
-    area = np.asarray(built.constrain(built.ravel(sites), data)["albedo_area"])
-    normals = convex_grid.grid(len(area), 1)[0]
+    area = jnp.asarray(built.constrain(built.ravel(sites), data)["albedo_area"])
+    normals = jnp.asarray(convex_grid.grid(len(area), 1)[0])
     towards = jnp.array([[0.6, 0.0, 0.8]])
     flux = brightness.flux(towards, towards, normals, area, convex_grid.LAW, c)
     assert flux[0] == pytest.approx(float(np.mean(data.brightness)), rel=2e-3)
