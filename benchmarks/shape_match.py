@@ -26,7 +26,7 @@ from lcbayes.physics import catalogue
 from lcbayes.separated.shape_match import Surface, candidates, sent, shape_match, turned
 
 NOISE = (0.02, 0.2)
-POINTS, NULLS, LEVEL = 150, 39, 0.05
+POINTS, NULLS, LEVEL = 150, 40, 0.05
 
 
 def noisy(t, flux, sun, obs, noise: float, rng: np.random.Generator) -> LightCurve:
