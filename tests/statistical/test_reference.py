@@ -34,7 +34,7 @@ LONGER = {
     ("banana", "nuts"): 8000, ("banana", "hmc"): 12_000, ("glossy-facet", "hmc"): 5000,
     ("glossy-facet", "mh"): 40_000, ("turning-facet", "mh"): 60_000,
     ("two-turning-facets", "mh"): 120_000, ("turning-facet", "smc"): 1000,
-    ("two-turning-facets", "smc"): 600,
+    ("two-turning-facets", "smc"): 1000,
 }  # fmt: skip
 QUICK = {("banana", "ahmc"), ("banana", "hmc"), ("banana", "mh"), ("one-facet", "nuts")}
 PAIRS = [
