@@ -14,7 +14,7 @@ from lcbayes.commands.reading import add_reading_arguments, how_read, read_from
 from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 from lcbayes.recorded import read_config
 
-LISTED = 14  # quantities of a solution on the terminal, and values of one quantity
+LISTED = 24  # quantities of a solution on the terminal, and values of one quantity
 HELP = "posterior over shape, spin and surface of one object, with a report"
 EPILOG = """\
 examples:
