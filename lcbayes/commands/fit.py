@@ -139,13 +139,13 @@ def _tell(summary: dict[str, Any], relative: bool) -> None:
         }
         entries = Counter(name.partition("[")[0] for name in rows)
         # of areas on a grid or offsets of many satellites no few say anything
-        short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED]
-        for name in short[:LISTED]:
+        short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]
+        for name in short:
             row, base = rows[name], name.partition("[")[0]
             unit = KNOWN.get(base, ("", "", 0.0))[1]
             if base == "albedo_area" and relative:
                 unit = ""
             mean, sd, low, high = (show(row[k], row["sd"]) for k in ("mean", "sd", "q05", "q95"))
             print(f"  {name:22s} {f'{mean:>10s} ± {sd} {unit}':32s} {low} to {high}")
-        if len(rows) > len(short[:LISTED]):
-            print(f"  … and {len(rows) - len(short[:LISTED])} more in summary.json")
+        if len(rows) > len(short):
+            print(f"  … and {len(rows) - len(short)} more in summary.json")
