@@ -82,7 +82,7 @@ def provide(folder: Path, words: list[str]) -> None:
         r"(pass|passes|mine|tumbler|geo)\.csv": lambda p: with_elements(p) if tle else turning(p),
         r"(object|objects|geo)\.tle": lambda p: copy("box-wing.tle", p),
         r"(starlink|pomenis_observations)\.csv": many_nights,
-        r"tomorrow\.csv": turning,
+        r"tomorrow\.csv": lambda p: ranged(p) if (folder / "object.tle").exists() else turning(p),
         r"43_Ariadne\.lcs": asteroid,
         r"mine\.toml": scenario,
         r"tonight\.toml": three_facets,
@@ -106,6 +106,11 @@ def copy(name: str, to: Path) -> None:
 def with_elements(to: Path) -> None:
     """Times, sites and flux: directions follow from the elements."""
     copy("box-wing.csv", to)
+
+
+def ranged(to: Path) -> None:
+    """Directions and ranges are in the file."""
+    simulate("box-wing", to)
 
 
 def turning(to: Path) -> None:
