@@ -17,8 +17,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 2
 
-DEMO_CURVE ?= lcbayes/scenarios/box-wing.csv
-DEMO_ARGS ?= --tle lcbayes/scenarios/box-wing.tle --n-facets 6 --seed 1
+DEMO_CURVE ?= lcbayes/simulation/scenarios/box-wing.csv
+DEMO_ARGS ?= --tle lcbayes/simulation/scenarios/box-wing.tle --n-facets 6 --seed 1
 DEMO_DIR ?= demo
 
 # Without PYTHON= the first of these that starts and is new enough. Each is run, because a version

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import draw_line, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.inversion.albedo_area.inversion import Inversion
 
 Floats = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes.albedo_area.inversion import Inversion
 from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
-from lcbayes.lightcurve import LightCurve
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.inversion import Inversion
 
 NAME = "albedo_area"
 FINER = "as many facets as lower chi2 at all"

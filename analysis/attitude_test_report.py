@@ -11,7 +11,7 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.style import FAINT, Gallery, colour
-from lcbayes.separated.attitude_test import MIN_PAIRS, MIN_POINTS, AttitudeTest, Verdict
+from lcbayes.inversion.separated.attitude_test import MIN_PAIRS, MIN_POINTS, AttitudeTest, Verdict
 
 NAME = "attitude_test"
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from lcbayes._files import write_atomic
 from lcbayes.analysis import style
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.tables import three
-from lcbayes.batch_run.table import DOUBTED, FAILED, TRUSTED
+from lcbayes.core.files import write_atomic
+from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
 
 RATE, AREA = "rotation rate", "total albedo-area"
 COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes import comparison
-from lcbayes._files import write_atomic
 from lcbayes.analysis import style
 from lcbayes.analysis.pages import environment
+from lcbayes.core.files import write_atomic
+from lcbayes.results import comparison
 
 DEPTH = 12.0  # nats below the best that are drawn; what lies lower is marked by an arrow
 ALT = "Posterior probability, ln evidence and predictive density of each number of facets."

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from lcbayes.errors import InputError
-from lcbayes.recorded import open_posterior, read_json
+from lcbayes.core.errors import InputError
+from lcbayes.results.load import open_posterior, read_json
 
 Floats = NDArray[np.float64]
 

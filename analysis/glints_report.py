@@ -13,12 +13,12 @@ from lcbayes.analysis.numerals import digits, show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
-from lcbayes.geometry import Times
-from lcbayes.glints.attitude import Glints
-from lcbayes.glints.detect import Glint
-from lcbayes.glints.directions import CHI2_90, Direction
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.facets import across
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.times import Times
+from lcbayes.inversion.glints.attitude import Glints
+from lcbayes.inversion.glints.detect import Glint
+from lcbayes.inversion.glints.directions import CHI2_90, Direction
+from lcbayes.physics.bodies.facets import across
 
 NAME = "glints"
 REFUSED = "no direction found"

@@ -57,7 +57,8 @@ def sigmas(results: Results, best: Mode) -> Floats:
     """Standard deviation of each point: from the file, with what is inferred beyond it and what the
     points of its pass share, else the inferred one, else NaN.
 
-    An inferred level is relative to the mean of the curve for fluxes (see `lcbayes.noise`).
+    An inferred level is relative to the mean of the curve for fluxes
+    (see `lcbayes.modelling.likelihood`).
     """
     sigma = results.error.copy()
     unknown = ~np.isfinite(sigma)

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes._files import write_atomic
 from lcbayes.analysis import observability_plots as plots
 from lcbayes.analysis import style
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.pages import environment
-from lcbayes.folders import alone_in, installed_version
-from lcbayes.observability import summary
-from lcbayes.observability.summary import Findings
-from lcbayes.results import save_json
+from lcbayes.core.files import write_atomic
+from lcbayes.results.folder import alone_in, installed_version
+from lcbayes.results.posterior import save_json
+from lcbayes.simulation.observability import summary
+from lcbayes.simulation.observability.summary import Findings
 
 NUMBERS, PAGE, SCHEDULE = "observability.json", "observability.html", "schedule.csv"
 

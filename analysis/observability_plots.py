@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
-from lcbayes.observability.summary import Findings
+from lcbayes.simulation.observability.summary import Findings
 
 Floats = NDArray[np.float64]
 MOST_PARAMETERS = 36  # drawn one by one; of larger bodies those with the best and worst bounds

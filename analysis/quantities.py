@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.names import label, reported
-from lcbayes.noise import PASS_SPREADS
+from lcbayes.modelling.likelihood import PASS_SPREADS
+from lcbayes.modelling.variables import label, reported
 
 Floats = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
-from lcbayes.folders import REPORT, made_aside
-from lcbayes.verdict import agreed
+from lcbayes.results.folder import REPORT, made_aside
+from lcbayes.results.verdict import agreed
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
@@ -44,7 +44,7 @@ def write(folder: Path | str) -> Path:
 
     Raises
     ------
-    lcbayes.errors.InputError
+    lcbayes.core.errors.InputError
         If the folder is none of lcbayes, or is damaged.
     """
     folder = Path(folder)

@@ -14,12 +14,12 @@ from lcbayes.analysis import scan_plots, style
 from lcbayes.analysis.numerals import duration
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.sky_plots import FRAMES
-from lcbayes.attitude_scan.found import Found, written_period
-from lcbayes.errors import InputError
-from lcbayes.folders import put_in_place
-from lcbayes.physics.closure import close
-from lcbayes.polyhedron import Polyhedron
-from lcbayes.shape import minkowski
+from lcbayes.core.errors import InputError
+from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.physics.bodies.closure import close
+from lcbayes.physics.bodies.minkowski import minkowski
+from lcbayes.physics.bodies.polyhedron import Polyhedron
+from lcbayes.results.folder import put_in_place
 
 PAGE, BODY = "report.html", "shape.obj"
 FLAGS = {

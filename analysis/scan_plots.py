@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
-from lcbayes.attitude_scan.found import Found, Solution, lon_lat, readable_period
-from lcbayes.attitude_scan.grid import HOUR
-from lcbayes.polyhedron import Polyhedron
+from lcbayes.inversion.attitude_scan.grid import HOUR
+from lcbayes.inversion.attitude_scan.result import Found, Solution, lon_lat, readable_period
+from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 

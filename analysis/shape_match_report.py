@@ -10,7 +10,7 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.style import DATA, Gallery, colour
-from lcbayes.separated.shape_match import REACH_MAG, ShapeMatch
+from lcbayes.inversion.separated.shape_match import REACH_MAG, ShapeMatch
 
 NAME = "shape_match"
 PANELS = 8

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import FAINT, Gallery, Image, colour
-from lcbayes.errors import InputError
-from lcbayes.physics.closure import close, closure
-from lcbayes.polyhedron import Polyhedron
-from lcbayes.shape import minkowski
+from lcbayes.core.errors import InputError
+from lcbayes.physics.bodies.closure import close, closure
+from lcbayes.physics.bodies.minkowski import minkowski
+from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from lcbayes.analysis.light_curve_plots import runs
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
-from lcbayes.separated.single_facet import TOLD, SingleFacet
+from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
 NAME = "single_facet"
 SIDES = {  # of laws whose z is at nadir and whose x is along the flight

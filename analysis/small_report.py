@@ -12,9 +12,9 @@ from typing import Any
 
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.style import Gallery, drawing
-from lcbayes.errors import InputError
-from lcbayes.folders import installed_version, put_in_place
-from lcbayes.results import save_json
+from lcbayes.core.errors import InputError
+from lcbayes.results.folder import installed_version, put_in_place
+from lcbayes.results.posterior import save_json
 
 UNTRUSTED = "NOT to be trusted"
 

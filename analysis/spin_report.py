@@ -13,9 +13,9 @@ from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
-from lcbayes.lightcurve import LightCurve
-from lcbayes.spin.pole import azimuths
-from lcbayes.spin.sidereal import Solution, Spin
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.spin.pole import azimuths
+from lcbayes.inversion.spin.sidereal import Solution, Spin
 
 NAME = "spin"
 REFUSED = "no pole and no sidereal period"

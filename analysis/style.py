@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lcbayes._files import write_atomic
+from lcbayes.core.files import write_atomic
 
 # Okabe & Ito 2008, without the yellow that is lost on white; told apart by all eyes.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")

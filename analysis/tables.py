@@ -10,7 +10,7 @@ from lcbayes.analysis import quantities
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
-from lcbayes.stretches import GAP_S
+from lcbayes.data.segments import GAP_S
 
 LONG = 24  # rows from which a group is folded away
 

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes import gallery, io, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import information, search
-from lcbayes.inference.chains import Whitening
-from lcbayes.inference.problem import Problem, Sites
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.read import read
+from lcbayes.inference import correlation, search
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.samplers.chains import Whitening
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
 DATA = Path(os.environ.get("LCBAYES_DATA", HERE.parents[1] / "shared" / "data"))
@@ -107,7 +109,7 @@ def _simulated(what: scenario.Scenario, model: str, options: dict[str, Any]) -> 
     """The posterior of a simulated curve, at the solution next to the truth."""
     curve, truth = simulate(what, NOISE_SEED)
     data = Epochs.of(curve)
-    problem = Problem(gallery.find(model).bind(options), data)
+    problem = Problem(registry.find(model).bind(options), data)
     surfaces = [what.materials[label].parameters for label in what.body.labels]
     p = {k: jnp.array([s[k] for s in surfaces]) for k in surfaces[0]}
     shares = p["r_diff"] + p.get("r_spec", 0.0)
@@ -127,11 +129,11 @@ def ariadne() -> Posterior:
     path = DATA / "damit" / "43_Ariadne_rel.lcs"
     if not path.is_file():
         sys.exit(f"{path} is not there; set LCBAYES_DATA to the folder that holds damit/")
-    entry, options = gallery.find("convex-grid"), {"period": 5.762}
+    entry, options = registry.find("convex-grid"), {"period": 5.762}
     starts, coordinates = entry.hook("starts"), entry.hook("coordinates")
     assert starts is not None
     assert coordinates is not None
-    data = Epochs.of(io.read(path))
+    data = Epochs.of(read(path))
     model = entry.bind(options)
     plain = Problem(model, data)
     lon, lat = np.deg2rad([253.2, -17.2])
@@ -143,7 +145,7 @@ def ariadne() -> Posterior:
         "period_shift": (5.761980 - 5.762) * 3600.0 / period_sd,
     }
     z = _climb(plain, plain.ravel(sites), data)
-    data = information.weighed(plain, np.asarray(z), data)
+    data = correlation.weighed(plain, np.asarray(z), data)
     z = _climb(plain, z, data)
     problem = Problem(model, data, coordinates(data, **options))
     return _at(problem, problem.ravel(plain.constrain(z, data)), data)

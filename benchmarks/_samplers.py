@@ -21,9 +21,9 @@ from numpyro.distributions import constraints
 from numpyro.infer import NUTS
 from numpyro.infer.mcmc import MCMCKernel
 
-from lcbayes import kernels
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels.adaptation import INFORM_EVERY
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers import kernels
+from lcbayes.samplers.kernels.adaptation import INFORM_EVERY
 
 Floats = NDArray[np.float64]
 

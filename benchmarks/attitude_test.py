@@ -17,10 +17,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from passes import measured, passes
 
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue, shapes
-from lcbayes.separated import ensemble
-from lcbayes.separated.attitude_test import AttitudeTest, attitude_test
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated import ensemble
+from lcbayes.inversion.separated.attitude_test import AttitudeTest, attitude_test
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import shapes
 
 LAWS = ("lvlh", "yaw-steering", "sun-north", "inertial", "nadir-sun-array")
 NOISE = (0.02, 0.1)

@@ -19,14 +19,14 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes._jax import jnp
-from lcbayes.batch_run.objects import objects
-from lcbayes.batch_run.work import fit_object
-from lcbayes.folders import make_folder
-from lcbayes.lightcurve import LightCurve
+from lcbayes.core.cluster import crew
+from lcbayes.core.jax_setup import jnp
+from lcbayes.core.progress import Console
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.physics import brightness
-from lcbayes.progress import Console
-from lcbayes.workers import crew
+from lcbayes.results.folder import make_folder
+from lcbayes.tasks.batch.objects import objects
+from lcbayes.tasks.batch.worker import fit_object
 
 N_OBS, N_FACETS, NOISE = 40, 1, 0.02
 OPTIONS = {

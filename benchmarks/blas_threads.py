@@ -2,8 +2,8 @@
 
 python benchmarks/blas_threads.py        into RESULTS.md
 
-256 particles of the prior make one move each (`lcbayes.inference.moves`) on two threads, first as
-`concurrent.futures` gives them, then as `lcbayes.threads` does.
+256 particles of the prior make one move each (`lcbayes.samplers.moves`) on two threads, first as
+`concurrent.futures` gives them, then as `lcbayes.core.threads` does.
 """
 
 from __future__ import annotations
@@ -16,20 +16,22 @@ import numpy as np
 from _results import table, write_section
 from facet_count import turning
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import moves, path
-from lcbayes.inference.problem import Problem
-from lcbayes.threads import threads
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import threads
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import moves, tempering_path
 
 PARTICLES, REPEATS = 256, 5
 
 
 def measured(n_facets: int) -> list[str]:
     data = Epochs.of(turning())
-    problem = Problem(gallery.find("faceted").bind({"n_facets": n_facets}), data)
-    way = path.Path.of(data, problem.dim, path.turns(problem, data, jax.random.key(0)))
+    problem = Problem(registry.find("faceted").bind({"n_facets": n_facets}), data)
+    way = tempering_path.Path.of(
+        data, problem.dim, tempering_path.turns(problem, data, jax.random.key(0))
+    )
     keys = jax.random.split(jax.random.key(0), PARTICLES)
     z = jax.vmap(lambda key: problem.prior_draw(key, data))(keys)
     at = way.at(data, 0.9)

@@ -18,7 +18,7 @@ from _results import table, write_section
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import LAWS, geometry
 
 ROOT = Path(__file__).parents[1]

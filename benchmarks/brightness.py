@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 from _results import table, write_section
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.brightness import flux
 
 LAW = {10: "non-lambertian", 100: "non-lambertian", 500: "lommel-seeliger-lambert"}

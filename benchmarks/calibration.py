@@ -26,16 +26,17 @@ from _results import table, write_section
 from matplotlib.figure import Figure
 from scipy.stats import binom, chi2
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
-from lcbayes.inference import regions, smc
-from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import basins
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.population import DISAGREE
 from lcbayes.inference.prior_mass import accepted
-from lcbayes.inference.problem import Problem
-from lcbayes.lightcurve import LightCurve
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "calibration.png"
 COUNTS, EACH = (1, 2, 3, 4), 25
@@ -92,7 +93,7 @@ def main() -> None:
 
 def placed(n: int) -> Placed:
     data = Epochs.of(geometry())
-    problem = Problem(gallery.find("faceted").bind({"n_facets": n, "omega_sd": OMEGA_SD}), data)
+    problem = Problem(registry.find("faceted").bind({"n_facets": n, "omega_sd": OMEGA_SD}), data)
     told = jax.jit(lambda z, d: jax.lax.map(lambda r: quantities(problem.constrain(r, d)), z))
     truths = accepted(problem, data, jax.random.key(n), EACH)
     flux = jax.jit(lambda z, d: jax.lax.map(lambda r: problem.moments(r, d).mean, z))
@@ -119,8 +120,8 @@ def placed(n: int) -> Placed:
 def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
     """n draws as fits have them, a solution by its weight, then a particle of any run there; and
     whether the runs agree on the weights."""
-    order = FacetOrder(problem, gallery.find("faceted").facet_sites)
-    _, label, z, weighed = regions.measure(problem, data, found.runs, order)
+    order = FacetOrder(problem, registry.find("faceted").facet_sites)
+    _, label, z, weighed = basins.measure(problem, data, found.runs, order)
     told = weighed.reasons or any(r.reasons for r in found.runs)
     agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= DISAGREE))
     rng = np.random.default_rng(0)

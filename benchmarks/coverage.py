@@ -18,9 +18,9 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes import scenario
-from lcbayes.epochs import Epochs
-from lcbayes.simulate import simulate
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "analysis" / "papers"))
 SEEDS, MORE = range(20), range(200)

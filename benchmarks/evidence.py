@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from _results import table, write_section
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax
-from lcbayes.epochs import Epochs
-from lcbayes.inference import smc
-from lcbayes.inference.problem import Problem
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "analysis" / "papers"), str(HERE.parent / "tests")]
@@ -58,7 +59,7 @@ def compare(name: str) -> None:
     )  # fmt: skip
     data = Epochs.of(simulate(replace(what, body=first), NOISE_SEED)[0])
     options = {"n_facets": part.n_facets, "spin": "free" if part.spin else "none"}
-    problem = Problem(gallery.find("faceted").bind(options), data)
+    problem = Problem(registry.find("faceted").bind(options), data)
 
     begun = time.monotonic()
     runs = smc.replicate(problem, data, jax.random.key(0), PARTICLES, RUNS)

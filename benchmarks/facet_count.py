@@ -20,12 +20,12 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes import scenario
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Console
 from lcbayes.physics import brightness
-from lcbayes.progress import Console
-from lcbayes.scenarios.viewing import Planar
-from lcbayes.simulate import simulate
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.viewing import Planar
+from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
 TRUTHS, SEEDS = (1, 2, 3, 5), range(5)

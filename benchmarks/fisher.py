@@ -18,11 +18,11 @@ import numpy as np
 from _posteriors import POSTERIORS
 from _results import table, write_section
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.lightcurve import LightCurve
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 
 EPOCHS = 300
 REPEATED, TIMED = 200, 7
@@ -76,7 +76,7 @@ def main() -> None:
     rows = []
     data = Epochs.of(curve())
     for n_facets in (1, 2, 6, 10):
-        problem = Problem(gallery.find("faceted").bind({"n_facets": n_facets}), data)
+        problem = Problem(registry.find("faceted").bind({"n_facets": n_facets}), data)
         z = jax.jit(problem.prior_draw)(jax.random.key(0), data)
         took = [
             microseconds(f, z, data)

@@ -18,7 +18,7 @@ from typing import Any
 from _results import table, write_section
 
 ROOT = Path(__file__).parents[1]
-SCENARIOS = ROOT / "lcbayes" / "scenarios"
+SCENARIOS = ROOT / "lcbayes" / "simulation" / "scenarios"
 DATA = Path(os.environ.get("LCBAYES_DATA", ROOT.parent / "shared" / "data"))
 DEMO = ["box-wing.csv", "--tle", "box-wing.tle", "--n-facets", "6", "--seed", "1"]
 # name: file, period given (h), published pole (deg, ecliptic J2000) and period (h)

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from flashes import facet_flashes, no_flashes, panel_flashes, wire_flashes
 
-from lcbayes.glints import analyse
+from lcbayes.inversion.glints import analyse
 
 NOISES = (10.0, 50.0)  # median flux over the noise of a point
 LEVEL_90 = 1.645

@@ -20,17 +20,18 @@ from pathlib import Path
 import numpy as np
 from _results import table, write_section
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.kernels import AHMC
-from lcbayes.observability.campaign import campaign
-from lcbayes.observability.measurements import measure, over_directions
-from lcbayes.observability.parameters import Unknowns
-from lcbayes.physics.facets import grid
-from lcbayes.scenario import ConstantRate, Noise
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.physics.bodies.facets import grid
+from lcbayes.samplers.kernels import AHMC
+from lcbayes.simulation.observability.campaign import campaign
+from lcbayes.simulation.observability.measurements import measure, over_directions
+from lcbayes.simulation.observability.parameters import Unknowns
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.scenario import ConstantRate, Noise
+from lcbayes.simulation.simulate import simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "analysis" / "papers"))
 import many_chains
@@ -71,7 +72,7 @@ class Case:
         self.names, self.fisher = found.unknowns.names, found.fisher
         self.bound = found.bound
         spin = "free" if "omega_x" in self.names else "none"
-        self.model = gallery.find("faceted").bind({"n_facets": n_facets, "spin": spin})
+        self.model = registry.find("faceted").bind({"n_facets": n_facets, "spin": spin})
 
     def ratios(self, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Posterior sd over the bound, its standard error, and the effective draws."""

@@ -5,9 +5,9 @@ from typing import Literal
 import numpyro
 import numpyro.distributions as dist
 
-from lcbayes import noise, priors
-from lcbayes._jax import jnp
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jnp
+from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling.epochs import Epochs
 
 SUMMARY = "constant brightness and a phase law, with the noise of the stabilised model"
 NUM_STARTS = 8
@@ -19,7 +19,7 @@ def model(
     *,
     law: Literal["linear", "quadratic", "cubic", "lambert"] = "quadratic",
     individuals: bool = True,
-    noise_law: noise.Law = "mixture",
+    noise_law: likelihood.Law = "mixture",
     scatter: float = 0.3,
 ):
     """f = exp(s) Φ(α), s ~ Normal(1, 1.5): −2.5 log₁₀ Φ a polynomial in α, or a Lambert sphere.
@@ -40,4 +40,4 @@ def model(
     if individuals:
         fainter += priors.deviations("member", data.n_members, 0.2)[data.member]
     dimmed = size * share * 10.0 ** (-0.4 * fainter)
-    noise.observe(data, dimmed, noise_law, scatter, data.has_passes)
+    likelihood.observe(data, dimmed, noise_law, scatter, data.has_passes)

@@ -28,18 +28,19 @@ from _results import table, write_section
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from lcbayes import scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.observability import planning
-from lcbayes.observability.campaign import bound
-from lcbayes.observability.known import roots
-from lcbayes.observability.parameters import Unknowns
-from lcbayes.observability.targets import of_sites
-from lcbayes.physics import attitude, shapes
-from lcbayes.scenario import ConstantRate
-from lcbayes.scenarios.epochs import epochs
-from lcbayes.scenarios.viewing import Orbit
-from lcbayes.tle import parse_tle
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.geometry.tle import parse_tle
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import shapes
+from lcbayes.simulation.observability import planning
+from lcbayes.simulation.observability.campaign import bound
+from lcbayes.simulation.observability.parameters import Unknowns
+from lcbayes.simulation.observability.targets import of_sites
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.epochs import epochs
+from lcbayes.simulation.scenarios.scenario import ConstantRate
+from lcbayes.simulation.scenarios.viewing import Orbit
+from lcbayes.tasks.observability.known import roots
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -140,7 +141,7 @@ def directions(theta, truth):
     omega = truth[2] + jnp.stack([value[f"omega_{a}"] for a in "xyz"])
     n, u = truth[0][0], _axes(truth[0])[0]
     about = value["normal_0_u"] * jnp.cross(n, u) - value["normal_0_v"] * u
-    turn = attitude.constant_rate(jnp.ones(1), about)[0]
+    turn = rotations.constant_rate(jnp.ones(1), about)[0]
     return jnp.stack([omega / jnp.linalg.norm(omega), turn @ n])
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes.io import read
-from lcbayes.predict import predict
+from lcbayes.data.read import read
+from lcbayes.tasks.predict.run import predict
 
 FILE = Path("starlink-v1.5-pomenis") / "pomenis_observations.csv"
 GOAL, PUBLISHED = 0.64, (0.715, 0.775)

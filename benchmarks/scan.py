@@ -20,20 +20,20 @@ from pathlib import Path
 import numpy as np
 from _results import table, write_section
 
-from lcbayes._jax import jax
-from lcbayes.attitude_scan import search, solutions
-from lcbayes.attitude_scan.found import lon_lat
-from lcbayes.attitude_scan.grid import HOUR, Grid, grid
-from lcbayes.attitude_scan.points import Points
-from lcbayes.attitude_scan.smooth import SmoothBody
-from lcbayes.attitude_scan.spin import FREE, Ends, solve, spheres
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.io import read
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import facets
-from lcbayes.progress import Console, Silent
-from lcbayes.scanning import scan
-from lcbayes.workers import crew
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.cluster import crew
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Console, Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.read import read
+from lcbayes.inversion.attitude_scan import search, solutions
+from lcbayes.inversion.attitude_scan.grid import HOUR, Grid, grid
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.result import lon_lat
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody
+from lcbayes.inversion.attitude_scan.spin import FREE, Ends, solve, spheres
+from lcbayes.physics.bodies import facets
+from lcbayes.tasks.scan.run import scan
 
 LAW = "lommel-seeliger-lambert"
 ARIADNE, HERTHA = (253.2, -17.2), (272.0, 52.0)

@@ -23,16 +23,16 @@ from arviz_stats.base.array import array_stats
 from scipy import optimize, special, stats
 
 import lcbayes
-from lcbayes import gallery, passes
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Console, Silent
+from lcbayes.data.read import read
 from lcbayes.inference.loo import BAD_K
-from lcbayes.inference.posed import posed
-from lcbayes.inference.sample import Sampler, Timing
-from lcbayes.inference.settings import Settings
-from lcbayes.io import read
-from lcbayes.progress import Console, Silent
+from lcbayes.inference.problem_cache import posed
+from lcbayes.modelling import pass_effects, registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers.sampling import Sampler, Timing
+from lcbayes.samplers.settings import Settings
 
 FILE = Path("starlink-v2mini-score") / "v2mini.csv"
 SITE = "MMT9"
@@ -108,14 +108,14 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
     """Each pass predicted from the others: by importance weights, or where these cannot be relied
     on (Pareto k over 0.7) by a fit without it, the worst first."""
     model, options = CANDIDATES[name]
-    entry = gallery.find(model)
+    entry = registry.find(model)
     data = Epochs.of(curve)
     problem = posed(entry, entry.check(options), data)[1]
     count = kept.posterior.sizes["chain"] * kept.posterior.sizes["draw"]
     sites = {k: kept.posterior[k].values for k in problem.names}
     flat = {k: jnp.asarray(v.reshape(count, *v.shape[2:])) for k, v in sites.items()}
     z = np.asarray(jax.vmap(problem.ravel)(flat))
-    number = passes.numbers(curve)
+    number = pass_effects.numbers(curve)
     whole = np.stack([np.bincount(number, row) for row in kept.log_likelihood])
     power = kept.summary["fit"]["information_per_point"]
     weight, khat = array_stats.psislw(power * whole, axis=0)
@@ -192,7 +192,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
 
 def scored(curve: lcbayes.LightCurve, kept: Kept, found: Predicted) -> dict[str, Any]:
     """Of one model; means over passes have a standard error over passes."""
-    number = passes.numbers(curve)
+    number = pass_effects.numbers(curve)
     wrong = wrong_match(curve)
     right = ~np.isin(number, number[wrong])
     residual = curve.brightness - found.mean
@@ -290,7 +290,7 @@ def report(curve: lcbayes.LightCurve, fits: dict[str, Kept], scores: dict[str, A
 def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
     """Largest ln likelihood of phase laws without individuals, one point of each pass."""
     assert curve.range_km is not None
-    number = passes.numbers(curve)
+    number = pass_effects.numbers(curve)
     light = np.asarray(Epochs.of(curve).sunlight)
     rows = np.array([np.flatnonzero(number == k)[np.sum(number == k) // 2]
                      for k in range(number.max() + 1)])  # fmt: skip

@@ -15,17 +15,17 @@ import numpy as np
 from _results import table, write_section
 from scipy.spatial import ConvexHull
 
-from lcbayes._jax import jax, jnp
-from lcbayes.albedo_area import nnls
-from lcbayes.albedo_area.distribution import grid, solve
-from lcbayes.albedo_area.inversion import invert
-from lcbayes.albedo_area.kernel import columns
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import facets, shapes
-from lcbayes.physics.closure import close
-from lcbayes.polyhedron import Polyhedron
-from lcbayes.shape import minkowski
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area import nnls
+from lcbayes.inversion.albedo_area.distribution import grid, solve
+from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.kernel import columns
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies import facets, shapes
+from lcbayes.physics.bodies.closure import close
+from lcbayes.physics.bodies.minkowski import minkowski
+from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 NOISE = 0.01
 TIMED, BATCH = 3, 4

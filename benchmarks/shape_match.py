@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from passes import passes
 from scipy.spatial.transform import Rotation
 
-from lcbayes.ephemeris import frames
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue
-from lcbayes.separated.shape_match import Surface, candidates, sent, shape_match, turned
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated.shape_match import Surface, candidates, sent, shape_match, turned
+from lcbayes.modelling.ephemeris import frames
+from lcbayes.physics.attitude import catalogue
 
 NOISE = (0.02, 0.2)
 POINTS, NULLS, LEVEL = 150, 40, 0.05

@@ -19,9 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from facets_in_pass import body_directions, crossing, flux_of, one_pass, with_noise
 
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue, shapes
-from lcbayes.separated.single_facet import TOLD, SingleFacet, single_facet
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet, single_facet
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import shapes
 
 LVLH = catalogue.find("lvlh")
 NOISE = (0.01, 0.05)

@@ -26,9 +26,9 @@ from leo import spinner
 from passes import measured, passes
 
 import lcbayes
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue
-from lcbayes.separated import ensemble
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated import ensemble
+from lcbayes.physics.attitude import catalogue
 
 POINTS = 1000
 LVLH = catalogue.find("lvlh")

@@ -15,20 +15,22 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import regions, smc, symmetry
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem
-from lcbayes.progress import Console
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Console
+from lcbayes.inference import basins, symmetry
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "analysis" / "papers"))
 SEEDS = range(8)
 NOISE_SEED = 1
-ORDER_OF = gallery.find("faceted").facet_sites
+ORDER_OF = registry.find("faceted").facet_sites
 HEADS = ["seed", "ln Z of the way", "ln Z of the particles", "steps", "gradients", "wall (s)"]
 
 
@@ -40,7 +42,7 @@ class Run(NamedTuple):
 
 def posed(what: str | Path, **options: Any) -> tuple[Problem, Epochs]:
     data = Epochs.of(simulate(scenario.load(what), NOISE_SEED)[0])
-    return Problem(gallery.find("faceted").bind(options), data), data
+    return Problem(registry.find("faceted").bind(options), data), data
 
 
 def measured(
@@ -56,7 +58,7 @@ def measured(
         for reason in result.reasons:
             print(f"  {reason}", flush=True)
     order = FacetOrder(problem, ORDER_OF)
-    weighed = regions.measure(problem, data, [r for r, _ in found], order, workers=2).weighed
+    weighed = basins.measure(problem, data, [r for r, _ in found], order, workers=2).weighed
     return [
         Run(r, took, float(one))
         for (r, took), one in zip(found, weighed.log_evidences, strict=True)

@@ -26,9 +26,9 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from leo import spinner, steady  # noqa: E402
 
-from lcbayes.io import read  # noqa: E402
-from lcbayes.spin import Spin, estimate  # noqa: E402
-from lcbayes.spin.sidereal import MEASURABLE, REPEATS  # noqa: E402
+from lcbayes.data.read import read  # noqa: E402
+from lcbayes.inversion.spin import Spin, estimate  # noqa: E402
+from lcbayes.inversion.spin.sidereal import MEASURABLE, REPEATS  # noqa: E402
 
 PASSES = (2, 4, 6)
 NOISES = (20.0, 100.0)  # signal over noise of a point, of the mean flux

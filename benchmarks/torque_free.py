@@ -14,9 +14,9 @@ import numpy as np
 from _results import table, write_section
 from fisher import microseconds
 
-from lcbayes._jax import jax, jnp
-from lcbayes.physics import attitude
-from lcbayes.physics.torque_free import torque_free_to_body
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.torque_free import torque_free_to_body
 
 OMEGA_SD, SPAN, EPOCHS, BODIES = 0.01, 1200.0, 120, 9
 RIGHT = 1e-6  # rad
@@ -29,7 +29,7 @@ def bodies() -> list[jax.Array]:
 
 
 def tensor(x: jax.Array) -> jax.Array:
-    """As `lcbayes.priors.inertia` has it, of three diagonal and two other components of S."""
+    """As `lcbayes.modelling.priors.inertia` has it, from five components of S."""
     a, b, c, d, e = x[3:]
     s = jnp.array([[a, c, d], [c, b, e], [d, e, -a - b]])
     values, axes = jnp.linalg.eigh(0.7 * s)
@@ -82,7 +82,7 @@ def integrated(x: jax.Array, steps: int) -> jax.Array:
     ).reshape(-1, 3, 3)
     square = jnp.sum(v**2, axis=1)[:, None, None]
     rotation = (r**2 - square) * jnp.eye(3) + 2.0 * outer + 2.0 * r * cross
-    return jnp.stack([attitude.to_body(rotation, u) for u in (SUN, OBS)])
+    return jnp.stack([rotations.to_body(rotation, u) for u in (SUN, OBS)])
 
 
 def enough() -> int:

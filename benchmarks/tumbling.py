@@ -21,14 +21,14 @@ from _results import table, write_section
 from scipy.stats import binom, chi2
 
 import lcbayes
-from lcbayes import gallery
-from lcbayes._jax import jax
-from lcbayes.epochs import Epochs
-from lcbayes.inference.misfit import MIN_FIT
-from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import compiled
-from lcbayes.lightcurve import LightCurve
-from lcbayes.progress import Console
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Console
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference.goodness_of_fit import MIN_FIT
+from lcbayes.inference.problem_cache import posed
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import compiled
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import leo
@@ -74,7 +74,7 @@ def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
     and seen, which the prior forbids, and those that are dark for over half the time are drawn
     again."""
     rng = np.random.default_rng(seed)
-    entry = gallery.find("faceted")
+    entry = registry.find("faceted")
     while True:
         curve = geometry(rng)
         data = Epochs.of(curve)

@@ -22,15 +22,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binom, kstwo
 
-from lcbayes import scenario
 from lcbayes.analysis import style
-from lcbayes.calibration import Calibration, calibrate
-from lcbayes.checkpoint import write_atomic
-from lcbayes.inference import posed
-from lcbayes.inference.settings import PUBLISHED, WARMUP
-from lcbayes.lightcurve import LightCurve
-from lcbayes.progress import Console
-from lcbayes.simulate import simulate
+from lcbayes.core.checkpoint import write_atomic
+from lcbayes.core.progress import Console
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import problem_cache
+from lcbayes.samplers.settings import PUBLISHED, WARMUP
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
+from lcbayes.tasks.calibrate.run import Calibration, calibrate
 
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "build" / "calibration"
@@ -62,8 +62,8 @@ solutions and weights included. Where all is right, the place of the truth among
 uniform, and a 90 % interval holds the truth nine times in ten, whatever the quantity
 ([Talts et al. 2018](https://arxiv.org/abs/1804.06788)). The log-likelihood is one of the
 quantities, since a posterior that ignored the data would pass all the others
-([Modrák et al. 2023](https://arxiv.org/abs/2211.02383)). `lcbayes.calibration.calibrate` does the
-same for a model and a geometry of your own.
+([Modrák et al. 2023](https://arxiv.org/abs/2211.02383)). `lcbayes.tasks.calibrate.run.calibrate`
+does the same for a model and a geometry of your own.
 
 `make calibration` makes this page; this one is of {date} and has {done} of its {pairs} pairs of
 model and sampler: those that are not here have not been run. The least of all {tests} p-values
@@ -93,7 +93,7 @@ def main() -> None:
                 curve = in_magnitudes(curve)
             found = calibrate(curve, model, n=args.n, sampler=sampler, progress=console, **options)
             keep(case, sampler, found)
-            posed.forget()
+            problem_cache.forget()
             write()
     write()
 

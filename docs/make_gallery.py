@@ -181,7 +181,7 @@ def model_page(made: Scenario, folder: Path, files: set[str]) -> str:
     REPORTS.mkdir(parents=True, exist_ok=True)
     shutil.copy(out / "report.html", REPORTS / f"{made.model}.html")
     shutil.rmtree(out)
-    bundled = ROOT / "lcbayes" / "scenarios" / f"{made.scenario}.toml"
+    bundled = ROOT / "lcbayes" / "simulation" / "scenarios" / f"{made.scenario}.toml"
     scenario = bundled if bundled.is_file() else ROOT / made.scenario
     files |= {str(scenario.relative_to(ROOT)), str(source.relative_to(ROOT))}
     return f"""# {made.model}

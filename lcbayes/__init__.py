@@ -9,32 +9,32 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lcbayes.batching import Batch as Batch
-    from lcbayes.batching import batch as batch
-    from lcbayes.comparing import Comparison as Comparison
-    from lcbayes.comparing import compare as compare
-    from lcbayes.errors import InputError as InputError
-    from lcbayes.fitting import Fit as Fit
-    from lcbayes.fitting import fit as fit
-    from lcbayes.io import read as read
-    from lcbayes.io import write as write
-    from lcbayes.lightcurve import LightCurve as LightCurve
-    from lcbayes.scanning import Scan as Scan
-    from lcbayes.scanning import scan as scan
+    from lcbayes.core.errors import InputError as InputError
+    from lcbayes.data.lightcurve import LightCurve as LightCurve
+    from lcbayes.data.read import read as read
+    from lcbayes.data.write import write as write
+    from lcbayes.tasks.batch.run import Batch as Batch
+    from lcbayes.tasks.batch.run import batch as batch
+    from lcbayes.tasks.compare.run import Comparison as Comparison
+    from lcbayes.tasks.compare.run import compare as compare
+    from lcbayes.tasks.fit.run import Fit as Fit
+    from lcbayes.tasks.fit.run import fit as fit
+    from lcbayes.tasks.scan.run import Scan as Scan
+    from lcbayes.tasks.scan.run import scan as scan
 
 _HOMES = {
-    "Batch": "lcbayes.batching",
-    "Comparison": "lcbayes.comparing",
-    "Fit": "lcbayes.fitting",
-    "InputError": "lcbayes.errors",
-    "LightCurve": "lcbayes.lightcurve",
-    "Scan": "lcbayes.scanning",
-    "batch": "lcbayes.batching",
-    "compare": "lcbayes.comparing",
-    "fit": "lcbayes.fitting",
-    "read": "lcbayes.io",
-    "scan": "lcbayes.scanning",
-    "write": "lcbayes.io",
+    "Batch": "lcbayes.tasks.batch.run",
+    "Comparison": "lcbayes.tasks.compare.run",
+    "Fit": "lcbayes.tasks.fit.run",
+    "InputError": "lcbayes.core.errors",
+    "LightCurve": "lcbayes.data.lightcurve",
+    "Scan": "lcbayes.tasks.scan.run",
+    "batch": "lcbayes.tasks.batch.run",
+    "compare": "lcbayes.tasks.compare.run",
+    "fit": "lcbayes.tasks.fit.run",
+    "read": "lcbayes.data.read",
+    "scan": "lcbayes.tasks.scan.run",
+    "write": "lcbayes.data.write",
 }
 __all__ = [
     "Batch", "Comparison", "Fit", "InputError", "LightCurve", "Scan", "batch", "compare", "fit",

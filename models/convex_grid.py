@@ -13,11 +13,13 @@ from numpyro.distributions.transforms import (
     SoftplusTransform,
 )
 
-from lcbayes import noise, priors
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.moments import MomentCoordinates
-from lcbayes.physics import attitude, brightness, facets, photometry
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.moments import MomentCoordinates
+from lcbayes.physics import brightness, photometry
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
 HOUR = 3600.0
@@ -51,7 +53,7 @@ def model(
     period: float,
     n_facets: int = 300,
     degree: int = 6,
-    noise_law: noise.Law = "gaussian",
+    noise_law: likelihood.Law = "gaussian",
 ):
     """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
 
@@ -85,7 +87,7 @@ def model(
     """
     normals, harmonics, degrees = grid(n_facets, degree)
     pole = priors.directions("pole", 1)[0]
-    tilt = attitude.brought_to(pole)
+    tilt = rotations.brought_to(pole)
     lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
@@ -105,12 +107,14 @@ def model(
     numpyro.deterministic("albedo_area", area)
 
     def instantaneous(t):
-        rotation = attitude.spinning(t - data.t_middle, tilt, period_s)
-        sun, obs = attitude.to_body(rotation, data.sun), attitude.to_body(rotation, data.obs)
+        rotation = rotations.spinning(t - data.t_middle, tilt, period_s)
+        sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
         return brightness.flux(sun, obs, jnp.asarray(normals), area, LAW, lambert)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
-    noise.observe(data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law)
+    likelihood.observe(
+        data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law
+    )
 
 
 def typical(data: Epochs) -> jax.Array:

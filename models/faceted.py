@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from lcbayes import noise, priors
-from lcbayes.epochs import Epochs
+from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
@@ -21,7 +21,7 @@ def model(
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
-    noise_law: noise.Law = "gaussian",
+    noise_law: likelihood.Law = "gaussian",
 ):
     """Flux f(t) = Σ αᵢ K(μ₀ᵢ, μᵢ) with α log-normal, normals uniform, ω ~ N(0, omega_sd² I).
 
@@ -63,4 +63,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    noise.observe(data, mean, noise_law)
+    likelihood.observe(data, mean, noise_law)

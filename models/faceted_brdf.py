@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpyro
 
-from lcbayes import noise, priors
-from lcbayes.epochs import Epochs
+from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.reflectance import SatelliteLaw
 
@@ -26,7 +26,7 @@ def model(
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
-    noise_law: noise.Law = "gaussian",
+    noise_law: likelihood.Law = "gaussian",
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r of the law named and A = α / (sum of the reflectances).
 
@@ -77,4 +77,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    noise.observe(data, mean, noise_law)
+    likelihood.observe(data, mean, noise_law)

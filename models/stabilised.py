@@ -7,14 +7,15 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 
-from lcbayes import noise, priors
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.facet_list import ARRAY, facet_list
-from lcbayes.geometry import EARTH_KM
-from lcbayes.physics import attitude, brightness, catalogue, earthshine, photometry
-from lcbayes.physics import facets as directions
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.geometry.earth import EARTH_KM
+from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.facet_list import ARRAY, facet_list
+from lcbayes.physics import brightness, earthshine, photometry
+from lcbayes.physics.attitude import catalogue, rotations
+from lcbayes.physics.bodies import facets as directions
 from lcbayes.physics.reflectance import LAWS, SatelliteLaw
 
 SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
@@ -43,7 +44,7 @@ def model(
     earth_albedo: float = 0.0,
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.5,
-    noise_law: noise.Law = "student-t",
+    noise_law: likelihood.Law = "student-t",
     scatter: float = 0.3,
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ of facets in the axes of an attitude law, as it is observed.
@@ -108,16 +109,18 @@ def model(
             axes = jnp.asarray(made.array if name == ARRAY else made.body)
             mine = {k: jnp.broadcast_to(v, (total,))[here] for k, v in parameters.items()}
             sent = partial(
-                brightness.flux_brdf, obs_body=attitude.to_body(axes, data.obs),
+                brightness.flux_brdf, obs_body=rotations.to_body(axes, data.obs),
                 normals=normals[here], area=area[here], law=reflectance, params=mine,
             )  # fmt: skip
-            each = jax.vmap(lambda v, axes=axes, sent=sent: sent(attitude.to_body(axes, v)))(toward)
+            each = jax.vmap(lambda v, axes=axes, sent=sent: sent(rotations.to_body(axes, v)))(
+                toward
+            )
             flux += jnp.sum(strength * each, axis=0)
         return flux
 
     if free:
         axes = _law(law, "").frames(data.orbit).body
-        sun, obs = attitude.to_body(axes, data.sun), attitude.to_body(axes, data.obs)
+        sun, obs = rotations.to_body(axes, data.sun), rotations.to_body(axes, data.obs)
         priors.lit_and_seen(sun, obs, normals[len(listed) :])
     flux = (photometry.exposed(at, data.exposure_s) if data.has_exposure else at)(data.t)
     fainter = jnp.zeros(data.t.shape)  # mag
@@ -128,7 +131,9 @@ def model(
     if extinction:
         fainter += numpyro.sample("extinction", dist.Normal(0.2, 0.1)) * data.airmass
     dimmed = flux * 10.0 ** (-0.4 * fainter)
-    noise.observe(data, dimmed, noise_law, scatter, passes and data.has_passes and data.calibrated)
+    likelihood.observe(
+        data, dimmed, noise_law, scatter, passes and data.has_passes and data.calibrated
+    )
 
 
 def _law(law: str, where: str):

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 import lcbayes
-from lcbayes.lightcurve import LightCurve
+from lcbayes.data.lightcurve import LightCurve
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENARIOS = ROOT / "lcbayes" / "scenarios"
+SCENARIOS = ROOT / "lcbayes" / "simulation" / "scenarios"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LANGUAGES = {"sh", "python", "toml", "text"}
 
@@ -55,9 +55,9 @@ def blocks(page: Path) -> list[Block]:
 
 
 def simulate(scenario: Path | str, to: Path, seed: int = 1) -> None:
-    from lcbayes import cli
+    from lcbayes.cli import main
 
-    assert cli.main(["simulate", str(scenario), "-o", str(to), "--seed", str(seed)]) == 0
+    assert main.main(["simulate", str(scenario), "-o", str(to), "--seed", str(seed)]) == 0
 
 
 def damit(curve: LightCurve, to: Path) -> None:

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 from passes import DAY, passes, unit
 
-from lcbayes.ephemeris import ephemeris
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.laws import Attitude
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.physics.attitude.laws import Attitude
 
 MAUI, KAUAI = (20.708, -156.257), (22.126, -159.665)
 ALBEDO, REST_M = 0.3, 0.3  # of everything; radius of the sphere that is the rest

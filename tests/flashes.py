@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from leo import campaign, shine, tilted
 
-from lcbayes.albedo_area.observed import Attitude
-from lcbayes.glints.directions import bisector
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, shapes
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.observed import Attitude
+from lcbayes.inversion.glints.directions import bisector
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import shapes
 
 YEAR, DAY = 365.25 * 86400.0, 86164.1
 OBLIQUITY = np.radians(23.44)
@@ -30,9 +31,9 @@ def noisy(rng, t, flux, snr, sun, obs) -> LightCurve:
 
 def turned(t: np.ndarray, omega: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Body components under a constant rate, body axes the inertial ones at the first point."""
-    from lcbayes._jax import jnp
+    from lcbayes.core.jax_setup import jnp
 
-    rotation = np.asarray(attitude.constant_rate(jnp.asarray(t - t[0]), jnp.asarray(omega)))
+    rotation = np.asarray(rotations.constant_rate(jnp.asarray(t - t[0]), jnp.asarray(omega)))
     return np.einsum("tij,ti->tj", rotation, vectors)
 
 

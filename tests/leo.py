@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import shapes
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.physics.bodies import shapes
 
 EARTH_KM, MU, DAY = 6378.0, 398600.0, 86164.1
 STEP = 20.0

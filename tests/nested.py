@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.evidence import LogEvidence
-from lcbayes.inference.problem import Problem, Sites
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.samplers.bridge import LogEvidence
 
 LEFT = -5.0  # ln of the share of the evidence in the live points at which a run ends
 SLICES = 5  # for each dimension and new point

@@ -8,15 +8,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from lcbayes.batch_run.objects import objects
-from lcbayes.errors import InputError
-from lcbayes.io import read, read_geometry
-from lcbayes.physics import catalogue, shapes
-from lcbayes.recorded import read_config
-from lcbayes.scenario import load
-from lcbayes.tle import read_tle
+from lcbayes.core.errors import InputError
+from lcbayes.data.read import read, read_geometry
+from lcbayes.geometry.tle import read_tle
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import shapes
+from lcbayes.results.load import read_config
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.tasks.batch.objects import objects
 
-SCENARIOS = Path(__file__).resolve().parents[1] / "lcbayes" / "scenarios"
+SCENARIOS = Path(__file__).resolve().parents[1] / "lcbayes" / "simulation" / "scenarios"
 NAMED = ("one-facet", "two-facet-spin", "brick")
 VECTORS = (
     "# frame: icrs\nt,flux,flux_err,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z,range_km,curve,band,extra\n"

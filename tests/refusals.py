@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes import cli
-from lcbayes.errors import EXIT_BAD_INPUT
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT
 
 
 def assert_refused(
     argv: Sequence[str], out: Path, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The command ends with 2 and one line on standard error that holds the message."""
-    assert cli.main(list(argv)) == EXIT_BAD_INPUT
+    assert main.main(list(argv)) == EXIT_BAD_INPUT
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.count("\n") == 1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.shapes import Body
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.physics.bodies.shapes import Body
 
 
 def directions(rng: np.random.Generator, n: int) -> np.ndarray:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, brightness, photometry
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.physics import brightness, photometry
+from lcbayes.physics.attitude import rotations
 
 NORMALS = np.array([[0.8, 0.5, 0.33], [-0.1, 0.75, 0.65]])
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
@@ -43,11 +44,11 @@ def curve(
     if sun is None or obs is None:
         sun, obs = directions(n)
     t = np.linspace(0.0, 60.0, n)
-    rotation = attitude.constant_rate(jnp.asarray(t), jnp.asarray(OMEGA * spinning))
+    rotation = rotations.constant_rate(jnp.asarray(t), jnp.asarray(OMEGA * spinning))
     flux = np.asarray(
         brightness.flux(
-            attitude.to_body(rotation, jnp.asarray(sun)),
-            attitude.to_body(rotation, jnp.asarray(obs)),
+            rotations.to_body(rotation, jnp.asarray(sun)),
+            rotations.to_body(rotation, jnp.asarray(obs)),
             jnp.asarray(NORMALS[:n_facets]),
             jnp.asarray(AREAS[:n_facets]),
             "non-lambertian",
@@ -69,7 +70,7 @@ def curve(
 def posed(light: LightCurve, model: str = "faceted", **options: Any) -> tuple[Problem, Epochs]:
     """The posterior of a built-in model."""
     data = Epochs.of(light)
-    return Problem(gallery.find(model).bind(options), data), data
+    return Problem(registry.find(model).bind(options), data), data
 
 
 def truth(problem: Problem, data: Epochs, n_facets: int, **sites: Any) -> jax.Array:

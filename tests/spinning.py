@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
-from lcbayes.attitude_scan.points import Points
-from lcbayes.attitude_scan.smooth import SmoothBody, Spin, brightness
-from lcbayes.attitude_scan.spin import tilts
-from lcbayes.lightcurve import LightCurve
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody, Spin, brightness
+from lcbayes.inversion.attitude_scan.spin import tilts
 
 HOUR = 3600.0
 LAW = "lommel-seeliger-lambert"

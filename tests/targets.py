@@ -9,9 +9,9 @@ import numpy as np
 import one_facet
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.simulation.simulate import simulate
 
 Floats = NDArray[np.float64]
 

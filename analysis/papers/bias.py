@@ -21,9 +21,9 @@ from many_chains import Moments
 from one_facet import LABELS, NAMES, Quadrature, Truth
 
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
-from lcbayes.kernels import AHMC
-from lcbayes.simulate import simulate
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers.kernels import AHMC
+from lcbayes.simulation.simulate import simulate
 
 SIGMA, STEP = 0.7, 10.0  # m², s: noisy enough that the posterior is no Gaussian
 STEP_SIZE, STEPS = 0.4, (1, 2, 3, 5, 7, 10, 15, 20)

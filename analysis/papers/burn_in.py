@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from numpyro.infer import MCMC
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import smc, sparse
-from lcbayes.inference.problem import Problem
-from lcbayes.kernels import AHMC
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import sparse
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+from lcbayes.samplers.kernels import AHMC
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import one_facet
 from one_facet import LABELS, TRUTH, Floats, Quadrature
 
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
-from lcbayes.simulate import simulate
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.simulation.simulate import simulate
 
 # One window for both rows, so that what the second pass does can be seen; in α it reaches beyond
 # what is shown, because the left panels integrate over it.

@@ -15,11 +15,11 @@ from figure2 import outline
 from numpyro.infer import MCMC
 from one_facet import LABELS, MODEL, TRUTH, Floats, Quadrature
 
-from lcbayes._jax import jax
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
-from lcbayes.kernels import AHMC
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers.kernels import AHMC
+from lcbayes.simulation.simulate import simulate
 
 CHAINS, WARMUP = 8, 1000
 THINNING = 20  # one pass leaves a thin, bent ridge, along which a chain needs many transitions

@@ -14,12 +14,12 @@ from figure3 import CHAINS, THINNING, WARMUP
 from numpyro.infer import MCMC
 from one_facet import MODEL, Floats
 
-from lcbayes._jax import jax
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
-from lcbayes.kernels import AHMC
-from lcbayes.lightcurve import LightCurve
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers.kernels import AHMC
+from lcbayes.simulation.simulate import simulate
 
 QUANTILES = (0.05, 0.25, 0.75, 0.95)
 

@@ -11,8 +11,8 @@ import numpy as np
 import six_facets
 from figure4 import band
 
-from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
+from lcbayes.core.jax_setup import jax, jnp
 
 
 def main() -> None:

@@ -18,16 +18,17 @@ import six_facets
 from figure4 import band
 from six_facets import UPPER_BOUND
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import sparse
-from lcbayes.inference.problem import Problem
-from lcbayes.simulate import simulate
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 SCENARIO = Path(__file__).with_name("geo-glint.toml")
-ENTRY = gallery.find("faceted-brdf")
+ENTRY = registry.find("faceted-brdf")
 CHAINS, TRANSITIONS, PARTICLES, RUNS = 3, 200, 80, 2
 HOUR = 3600.0
 

@@ -15,15 +15,16 @@ from pathlib import Path
 import _script
 import numpy as np
 
-from lcbayes import scenario
-from lcbayes._jax import jnp
 from lcbayes.analysis import single_facet_report, style
-from lcbayes.ephemeris import ephemeris, frames
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import facets, photometry
-from lcbayes.scenarios.epochs import epochs
-from lcbayes.separated.single_facet import single_facet
-from lcbayes.simulate import flux_at, simulate
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated.single_facet import single_facet
+from lcbayes.modelling.ephemeris import ephemeris, frames
+from lcbayes.physics import photometry
+from lcbayes.physics.bodies import facets
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.epochs import epochs
+from lcbayes.simulation.simulate import flux_at, simulate
 
 SCENARIO = Path(__file__).with_name("hall-facet.toml")
 RANGE_M = 1e6

@@ -11,10 +11,11 @@ from __future__ import annotations
 import _script
 import numpy as np
 
-from lcbayes._jax import jnp
 from lcbayes.analysis import style
-from lcbayes.physics import photometry, shapes
-from lcbayes.separated.shape_match import Surface, sent, turned
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inversion.separated.shape_match import Surface, sent, turned
+from lcbayes.physics import photometry
+from lcbayes.physics.bodies import shapes
 
 RANGE_M = 1e6
 DIAMETER = 1.0

@@ -16,8 +16,8 @@ import _script
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
 from lcbayes.analysis import style
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics import photometry
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER, closed_form, magnitude_gradient
 

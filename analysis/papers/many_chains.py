@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels.numpyro_kernel import Kernel
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels.numpyro_kernel import Kernel
 
 Floats = NDArray[np.float64]
 

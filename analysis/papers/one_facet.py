@@ -18,18 +18,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.physics import brightness, facets
-from lcbayes.scenario import Scenario
-from lcbayes.scenarios.viewing import Planar
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.physics import brightness
+from lcbayes.physics.bodies import facets
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.scenario import Scenario
+from lcbayes.simulation.scenarios.viewing import Planar
 
 Floats = NDArray[np.float64]
 
 # The package's own model with one facet on a body that does not turn.
-MODEL = gallery.find("faceted").bind({"n_facets": 1, "spin": "none"})
+MODEL = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
 NAMES = ("log_albedo_area", "phi", "g")
 LABELS = {
     "log_albedo_area": r"log $\alpha$",
@@ -37,7 +39,7 @@ LABELS = {
     "phi": r"azimuth $\phi$ (rad)",
     "g": r"$g$ = cos(polar angle)",
 }
-SOFTNESS = 0.02  # of lcbayes.priors.lit_and_seen
+SOFTNESS = 0.02  # of lcbayes.modelling.priors.lit_and_seen
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ TRUTH = Truth()
 def experiment(
     n_passes: int, *, truth: Truth = TRUTH, sigma: float = 0.1, step: float = 2.0
 ) -> Scenario:
-    """One diffuse facet in one or two passes; `lcbayes.simulate` makes a light curve of it.
+    """One diffuse facet in one or two passes; for `lcbayes.simulation.simulate`.
 
     Parameters
     ----------

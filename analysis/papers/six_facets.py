@@ -17,17 +17,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
-from lcbayes.inference import smc, sparse
-from lcbayes.inference.independent import independent_runs
-from lcbayes.inference.problem import Problem
-from lcbayes.inference.regions import evenly
-from lcbayes.lightcurve import LightCurve
-from lcbayes.scenarios.epochs import epochs
-from lcbayes.simulate import flux_at
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import sparse
+from lcbayes.inference.basins import evenly
+from lcbayes.inference.replicates import independent_runs
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.epochs import epochs
+from lcbayes.simulation.simulate import flux_at
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +37,7 @@ SCENARIO = Path(__file__).with_name("six-facets.toml")
 UPPER_BOUND = 10
 AREA = 10.0  # m², of each facet
 PAUSE = 5.0  # s, between passes
-ENTRY = gallery.find("faceted")
+ENTRY = registry.find("faceted")
 SIDES = ("+x", "+y", "+z", "−x", "−y", "−z")
 PARTICLES, RUNS = 150, 2  # of the six facets of figures 6 and 7
 

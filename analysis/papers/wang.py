@@ -15,8 +15,8 @@ from hinks import LAW, write_table
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from lcbayes._jax import jnp
 from lcbayes.analysis import style
+from lcbayes.core.jax_setup import jnp
 from lcbayes.physics.sensitivity import closed_form
 
 Floats = NDArray[np.float64]

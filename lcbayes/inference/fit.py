@@ -13,27 +13,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.gallery import Entry
-from lcbayes.inference import evidence, information, population, search, solutions, symmetry
-from lcbayes.inference.chains import Whitening
-from lcbayes.inference.evidence import LogEvidence
-from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import correlation, population, search, solutions, symmetry
+from lcbayes.inference.basins import evenly
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
-from lcbayes.inference.path import in_time
-from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import Problem, Sites, compiled, prior_draws
-from lcbayes.inference.regions import evenly
-from lcbayes.inference.sample import BLOCK, Sampler, Timing
-from lcbayes.inference.settings import PARTICLES, Settings
+from lcbayes.inference.problem_cache import posed
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.start_from import placed
-from lcbayes.lightcurve import LightCurve
-from lcbayes.noise import FLUX, OUTLIER
-from lcbayes.progress import Silent
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.likelihood import FLUX, OUTLIER
+from lcbayes.modelling.problem import Problem, Sites, compiled, prior_draws
+from lcbayes.modelling.registry import Entry
+from lcbayes.samplers import bridge
+from lcbayes.samplers.bridge import LogEvidence
+from lcbayes.samplers.chains import Whitening
+from lcbayes.samplers.sampling import BLOCK, Sampler, Timing
+from lcbayes.samplers.settings import PARTICLES, Settings
+from lcbayes.samplers.tempering_path import in_time
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER)
@@ -176,7 +177,7 @@ class _Fit:
             found = solutions.worth_sampling(pooled, data, found)[:most]
             found = solutions.refined(pooled, plain, data, found)
             ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
-        data = information.weighed(plain, found[0].z, data)
+        data = correlation.weighed(plain, found[0].z, data)
         if data.information < 1.0 and pooled is plain:
             found = solutions.polished(plain, data, found[:most], workers)
         elif data.information < 1.0:
@@ -236,7 +237,7 @@ def _evidence(
     y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(flat.shape).T)
     reference = order.like(z0, flat.mean(axis=0))
     potential = _potential(problem, whitening, data, order, reference)
-    found = evidence.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng)
+    found = bridge.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng)
     shift = np.linalg.slogdet(whitening.factor)[1] + order.log_orders
     return LogEvidence(float(found.value + shift), found.se)
 

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import evidence, search, solutions
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import search, solutions
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import bridge
 
 Floats = NDArray[np.float64]
 OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
@@ -28,7 +29,7 @@ class Mode:
     solution: solutions.Solution
     z: Floats  # (C, S, D), facets in one order
     stats: dict[str, NDArray]
-    log_evidence: evidence.LogEvidence
+    log_evidence: bridge.LogEvidence
     weight: float = 0.0
     weight_sd: float = 0.0
     apart: float = 1.0  # R-hat between independent runs into this region, where there were several
@@ -167,7 +168,7 @@ def _translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> ja
     return jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), jnp.asarray(z))
 
 
-def weigh(modes: list[Mode]) -> evidence.LogEvidence:
+def weigh(modes: list[Mode]) -> bridge.LogEvidence:
     """Weights by evidence; their errors by propagation of the evidences' own, which are independent
     of each other. The evidence of all modes together."""
     log_z = np.array([m.log_evidence.value for m in modes])
@@ -179,4 +180,4 @@ def weigh(modes: list[Mode]) -> evidence.LogEvidence:
         mode.weight = float(w[i])
         slope = w[i] * (np.eye(len(modes))[i] - w)
         mode.weight_sd = float(np.sqrt(np.sum((slope * se) ** 2)))
-    return evidence.LogEvidence(total, float(np.linalg.norm(w * se)))
+    return bridge.LogEvidence(total, float(np.linalg.norm(w * se)))

@@ -1,6 +1,6 @@
 """Solutions from independent populations of particles: told apart, joined where one, weighed.
 
-`lcbayes.inference.smc` carries particles from the prior to the whole posterior, so that a solution
+`lcbayes.samplers.smc` carries particles from the prior to the whole posterior, so that a solution
 has as many of them as it has weight, whether or not a search found it. What several independent
 runs agree on is the result, what they differ by is its error.
 """
@@ -12,20 +12,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.inference import regions, smc, solutions
-from lcbayes.inference.evidence import LogEvidence
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.independent import independent_runs
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Silent
+from lcbayes.inference import basins, solutions
+from lcbayes.inference.basins import evenly
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import LOST, Mode, left_out
-from lcbayes.inference.problem import Problem
-from lcbayes.inference.regions import evenly
-from lcbayes.inference.sample import Timing
-from lcbayes.inference.settings import Settings
-from lcbayes.progress import Silent
+from lcbayes.inference.replicates import independent_runs
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+from lcbayes.samplers.bridge import LogEvidence
+from lcbayes.samplers.sampling import Timing
+from lcbayes.samplers.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def sample(
         Of the search, as centres to begin with.
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
-    by_optima, label, placed, weighed = regions.measure(
+    by_optima, label, placed, weighed = basins.measure(
         problem, data, runs, order, seed=settings.seed, most=4 * settings.max_modes,
         known=[s.z for s in found], workers=workers,
     )  # fmt: skip
@@ -133,6 +134,6 @@ def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]
     """What a chain would have recorded, as far as particles have it; (C, S) each."""
     flat = z.reshape(-1, z.shape[-1])
     return {
-        "potential_energy": regions.potentials(problem, flat, data).reshape(z.shape[:2]),
+        "potential_energy": basins.potentials(problem, flat, data).reshape(z.shape[:2]),
         "diverging": np.zeros(z.shape[:2], bool),
     }

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.inference.evidence import LogEvidence
-from lcbayes.inference.problem import Problem
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers.bridge import LogEvidence
 
 BATCH = 4096
 MAX_BATCHES = 64

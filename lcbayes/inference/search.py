@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.path import Path
-from lcbayes.inference.problem import Problem
-from lcbayes.progress import Silent
-from lcbayes.threads import threads
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.core.threads import threads
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers.tempering_path import Path
 
-# A race, round by round: where on the path (`lcbayes.inference.path`) the data are, damped steps
+# A race, round by round: where on the path (`samplers.tempering_path`) the data are, damped steps
 # for every start, then the share that goes on. Most starts show early that they lead nowhere; the
 # few that do not are run until they stall.
 RACE = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))

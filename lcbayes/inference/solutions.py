@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import search
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem, compiled
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.search import SearchState
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import smc
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
 
 Floats = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.priors import TRACELESS
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.priors import TRACELESS
+from lcbayes.modelling.problem import Problem
 
 FLAT = 1e-6  # rms distance of unit vectors from a plane that counts as none, rad
 

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 
 from jax.custom_derivatives import SymbolicZero
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
 
 DiffuseLaw = Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"]

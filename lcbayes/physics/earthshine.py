@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 
 RINGS, SECTORS = 4, 10
 

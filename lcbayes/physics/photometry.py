@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
-from lcbayes.errors import InputError
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
 
 SOLAR_FLUX_VISIBLE = 455.0  # W/m², Linares & Crassidis below eq. (5); Hinks et al. below eq. (3)
 

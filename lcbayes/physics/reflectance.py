@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.photometry import phase_law
 
 SatelliteLaw = Literal[

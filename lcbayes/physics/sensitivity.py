@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import geometry, log_over_sin2, shoulder
 
 MAGNITUDE_PER_NEPER = 2.5 / np.log(10.0)

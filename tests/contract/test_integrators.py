@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels import integrators, metric
-from lcbayes.kernels.trajectory import Dynamics, Point
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels import integrators, metric
+from lcbayes.samplers.kernels.trajectory import Dynamics, Point
 
 DIM = 3
 SHAPE = jnp.array([[2.0, 0.6, -0.3], [0.6, 1.0, 0.2], [-0.3, 0.2, 0.7]])

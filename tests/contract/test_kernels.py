@@ -19,11 +19,11 @@ import small
 from false_alarms import EACH, limit
 from numpyro.infer import MCMC
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.kernels import AHMC, HMC, RMHMC, MetropolisHastings
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers.kernels import AHMC, HMC, RMHMC, MetropolisHastings
 
 ROOT = Path(__file__).parents[2]
 COVARIANCE = np.array([[1.0, 0.5], [0.5, 0.8]])
@@ -237,8 +237,8 @@ PARALLEL = """
 import sys
 import numpy as np
 from numpyro.infer import MCMC
-from lcbayes._jax import jax, jnp
-from lcbayes import kernels
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers import kernels
 
 assert jax.local_device_count() == 2
 precision = jnp.asarray(np.load(sys.argv[1]))
@@ -304,7 +304,7 @@ def test_progress_bar_and_flat_vectors(capsys):
 @cache
 def posed():
     light = small.curve(20)
-    model = gallery.find("faceted").bind({"n_facets": 1, "spin": "none"})
+    model = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
     return model, Epochs.of(light)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import small
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 
 LIGHT = small.curve(24, 2, error=None, free_scale=np.array([True]))
 NEEDED = {
@@ -19,7 +19,7 @@ NEEDED = {
     "stabilised": {"law": "inertial"},  # the one that needs no orbit
 }
 OPTIONS = [
-    *[(name, NEEDED.get(name, {})) for name in gallery.BUILT_IN],
+    *[(name, NEEDED.get(name, {})) for name in registry.BUILT_IN],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
     ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
     ("faceted", {"spin": "torque-free"}),
@@ -29,15 +29,15 @@ OPTIONS = [
 @pytest.fixture(scope="module", params=OPTIONS, ids=lambda p: " ".join(map(str, p)))
 def posed(request):
     name, given = request.param
-    entry = gallery.find(name)
+    entry = registry.find(name)
     options = entry.check(given)
     data = Epochs.of(LIGHT)
     return entry, options, data, Problem(entry.bind(options), data)
 
 
-@pytest.mark.parametrize("name", gallery.BUILT_IN)
+@pytest.mark.parametrize("name", registry.BUILT_IN)
 def test_signature(name):
-    entry = gallery.find(name)
+    entry = registry.find(name)
     assert entry.summary
     assert len(entry.summary) < 90  # a line of `lcbayes models`
     assert inspect.getdoc(entry.model)
@@ -76,7 +76,7 @@ def test_records_what_the_report_knows(posed):
 
 def test_facets_have_no_order(posed):
     """Permuting the sites that the model calls the facets' leaves the posterior unchanged."""
-    from lcbayes.inference.facet_order import FacetOrder
+    from lcbayes.inference.label_switching import FacetOrder
 
     entry, _, data, problem = posed
     order = FacetOrder(problem, entry.facet_sites)

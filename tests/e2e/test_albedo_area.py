@@ -11,9 +11,9 @@ from refusals import assert_refused
 from seen import curve_of
 
 import lcbayes
-from lcbayes import cli
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.physics import shapes
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.physics.bodies import shapes
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 QUICK = ["--n-normals", "250", "--nulls", "19", "--bootstrap", "20"]
@@ -30,7 +30,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     (out / "figures").mkdir(parents=True)
     (out / "figures" / "stale.svg").write_text("")
     argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), *QUICK]
-    assert cli.main(argv) == EXIT_DONE
+    assert main.main(argv) == EXIT_DONE
     told = capsys.readouterr().out
     assert "6 flat facets at least" in told
     assert "of 3 angles between 3 axes of facets are 90 degrees" in told
@@ -58,7 +58,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert not list(out.glob(".*"))
     look(out / "albedo_area.html")
     # the same command gives the same numbers
-    assert cli.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
+    assert main.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
     assert json.loads(capsys.readouterr().out) == found
 
 
@@ -68,7 +68,7 @@ def test_relative_curves_have_proportions_alone(tmp_path, capsys):
     lcbayes.write(curve, tmp_path / "relative.csv")
     out = tmp_path / "out"
     argv = ["albedo-area", str(tmp_path / "relative.csv"), "--attitude", "none", "-o", str(out)]
-    assert cli.main([*argv, *QUICK, "--nulls", "0"]) == EXIT_DONE
+    assert main.main([*argv, *QUICK, "--nulls", "0"]) == EXIT_DONE
     told = capsys.readouterr().out
     assert "(size unknown)" in told
     assert len(re.findall(r"[\d.]+ ± [\d.]+ % towards", told)) == 6
@@ -82,7 +82,7 @@ def test_relative_curves_have_proportions_alone(tmp_path, capsys):
 def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
     out = tmp_path / "out"
     argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), "--nulls", "0"]
-    assert cli.main([*argv, "--smoothness", "0.1", "--bootstrap", "0"]) in (
+    assert main.main([*argv, "--smoothness", "0.1", "--bootstrap", "0"]) in (
         EXIT_DONE,
         EXIT_NOT_TRUSTED,
     )
@@ -94,7 +94,7 @@ def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
 
 def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):
     argv = ["albedo-area", str(brick), "--omega", "0.1,0.2,0.3", "-o", str(tmp_path / "out")]
-    assert cli.main([*argv, "--nulls", "0", "--bootstrap", "0"]) == EXIT_NOT_TRUSTED
+    assert main.main([*argv, "--nulls", "0", "--bootstrap", "0"]) == EXIT_NOT_TRUSTED
     assert capsys.readouterr().out.startswith("NOT to be trusted: chi2 is")
     assert not json.loads((tmp_path / "out" / "albedo_area.json").read_text())["trusted"]
 
@@ -123,5 +123,5 @@ def test_the_folder_of_a_fit_is_left_alone(brick, tmp_path, capsys):
     (tmp_path / "fit").mkdir()
     (tmp_path / "fit" / "posterior.nc").write_text("")
     argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(tmp_path / "fit")]
-    assert cli.main(argv) == EXIT_BAD_INPUT
+    assert main.main(argv) == EXIT_BAD_INPUT
     assert "holds a fit; give another folder" in capsys.readouterr().err

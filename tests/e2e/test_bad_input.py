@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.errors import EXIT_BAD_INPUT, InputError
-from lcbayes.io import read
+from lcbayes.core.errors import EXIT_BAD_INPUT, InputError
+from lcbayes.data.read import read
 
 HEADER = "t,flux,flux_err,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
 ROW = "{},1.5,0.1,1,0,0,0,1,0"
@@ -310,9 +310,9 @@ CASES = {
 
 def run_cli(argv: list[str]) -> int:
     """`lcbayes` in this process."""
-    if find_spec("lcbayes.cli") is not None:
-        return import_module("lcbayes.cli").main(argv)
-    from lcbayes.commands import convert
+    if find_spec("lcbayes.cli.main") is not None:
+        return import_module("lcbayes.cli.main").main(argv)
+    from lcbayes.cli.commands import convert
 
     parser = argparse.ArgumentParser()
     convert.add_arguments(parser)

@@ -10,11 +10,11 @@ import pytest
 import small
 import xarray as xr
 
-from lcbayes import batching
-from lcbayes.batch_run import work
-from lcbayes.cli import main
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED
-from lcbayes.io import write
+from lcbayes.cli.main import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED
+from lcbayes.data.write import write
+from lcbayes.tasks.batch import run as batching
+from lcbayes.tasks.batch import worker
 
 FEW = ("--n-facets", "1", "--spin", "none", "--num-starts", "8", "--num-chains", "2")
 
@@ -50,13 +50,13 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
         patch.setattr(batching, "crew", stopping)
         assert main(command) == EXIT_INTERRUPTED
     assert "2 of 3 objects were not done" in (out / "batch.json").read_text()
-    fit_object, done = work.fit_object, []
+    fit_object, done = worker.fit_object, []
 
     def counted(shared, one):
         done.append(one.name)
         return fit_object(shared, one)
 
-    monkeypatch.setattr(work, "fit_object", counted)
+    monkeypatch.setattr(worker, "fit_object", counted)
     assert main(command) == EXIT_NOT_TRUSTED
     assert sorted(done) == ["second", "third"]
     read = list(csv.DictReader((out / "objects.csv").read_text().splitlines()))

@@ -12,12 +12,18 @@ import small
 from refusals import assert_refused
 
 import lcbayes
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.cli import main
-from lcbayes.commands.compare import numbers
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED, InputError
-from lcbayes.inference import compare, hopeless
-from lcbayes.io import write
+from lcbayes.cli.commands.compare import numbers
+from lcbayes.cli.main import main
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_INTERRUPTED,
+    EXIT_NOT_TRUSTED,
+    InputError,
+)
+from lcbayes.data.write import write
+from lcbayes.inference import facet_count, screening
 
 FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
        "--num-starts", "8", "--seed", "1", "--sparse", "2")  # fmt: skip
@@ -80,7 +86,7 @@ def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30."""
     import one_facet
 
-    from lcbayes.epochs import Epochs
+    from lcbayes.modelling.epochs import Epochs
 
     row = json.loads((result[0] / "compare.json").read_text())["candidates"][0]
     data = Epochs.of(lcbayes.read(curve))
@@ -136,7 +142,7 @@ def test_numbers_of_facets():
 
 def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch):
     """Two facets include one: whatever the search found for two, it has a chance."""
-    search = compare._best_fit
+    search = facet_count._best_fit
 
     def poor_for_two(problem, data, key, n, *rest):
         z = search(problem, data, key, n, *rest)
@@ -145,8 +151,8 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
             z = problem.ravel({**sites, "log_albedo_area": sites["log_albedo_area"] - 5.0})
         return np.asarray(z)
 
-    monkeypatch.setattr(compare, "_best_fit", poor_for_two)
-    monkeypatch.setattr(hopeless, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
+    monkeypatch.setattr(facet_count, "_best_fit", poor_for_two)
+    monkeypatch.setattr(screening, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
     found = lcbayes.compare(
         small.curve(16), (1, 2), spin="none", num_particles=12, num_runs=2, num_starts=8
     )

@@ -12,8 +12,8 @@ import pytest
 from documented import PAGES, ROOT, Block
 
 import lcbayes
-from lcbayes import cli
-from lcbayes.scenario import load
+from lcbayes.cli import main
+from lcbayes.simulation.scenarios.scenario import load
 
 # Added to the commands of the pages, so that they end soon; the pages say what a user would give.
 FEW = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
@@ -58,7 +58,7 @@ def test_every_block_says_what_it_is_in():
 
 def test_every_command_of_the_pages_and_of_help_is_understood():
     """Names, options and values are those of the parser; nothing is run."""
-    parser = cli._parser()
+    parser = main._parser()
     makefile = (ROOT / "Makefile").read_text("utf-8")
     named = set()
     for block in SHELL:
@@ -76,15 +76,15 @@ def test_every_command_of_the_pages_and_of_help_is_understood():
         for page in PAGES
         for name in re.findall(r"`lcbayes ([a-z]+(?:-[a-z]+)*)\b", page.read_text("utf-8"))
     }
-    assert inline <= set(cli.COMMANDS), inline - set(cli.COMMANDS)
-    assert set(cli.COMMANDS) <= named | inline, "a command that no page shows"
+    assert inline <= set(main.COMMANDS), inline - set(main.COMMANDS)
+    assert set(main.COMMANDS) <= named | inline, "a command that no page shows"
 
 
 def run_page(page: str, folder: Path, first: int | None = None) -> None:
     for words in commands(page)[:first]:
         documented.provide(folder, words)
         sooner = SOONER.get(words[0], []) if "--config" not in words else []
-        status = cli.main([*words, *sooner])
+        status = main.main([*words, *sooner])
         assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
 
 

@@ -19,12 +19,12 @@ import results_folders
 import small
 from jax.experimental.compilation_cache import compilation_cache
 
-from lcbayes import cli
-from lcbayes._jax import jax
 from lcbayes.analysis import report
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.errors import EXIT_BAD_INPUT
-from lcbayes.io import write
+from lcbayes.cli import main
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import EXIT_BAD_INPUT
+from lcbayes.core.jax_setup import jax
+from lcbayes.data.write import write
 
 ROOT = Path(__file__).parents[2]
 FIT = ["--n-facets", "1", "--spin", "none", "--num-chains", "2", "--num-warmup", "50",
@@ -72,28 +72,28 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
     write(small.curve(40), tmp_path / "curve.csv")
     out = tmp_path / "out"
     fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT]
-    assert cli.main([*fit, "--seed", "1"]) in (0, 3)
+    assert main.main([*fit, "--seed", "1"]) in (0, 3)
     before = contents(out)
     assert {"posterior.nc", "summary.json", "run.toml"} <= set(before)
     # a checkpoint fits, the posterior does not
     largest = out / "posterior.nc"
     capsys.readouterr()
     with room_for(largest.stat().st_size // 2):
-        assert cli.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
+        assert main.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
     assert_told(capsys, "lcbayes fit: ", "same command again")
     assert contents(out) == before
-    assert cli.main([*fit, "--seed", "2"]) in (0, 3)
+    assert main.main([*fit, "--seed", "2"]) in (0, 3)
     assert "resuming" in capsys.readouterr().err
     assert set(contents(out)) == set(before)
     assert contents(out) != before
     with room_for(1000):  # not even a checkpoint
-        assert cli.main([*fit, "--seed", "3"]) == EXIT_BAD_INPUT
+        assert main.main([*fit, "--seed", "3"]) == EXIT_BAD_INPUT
     assert_told(capsys, "lcbayes fit: ")
     # another run is at work in the folder
     before = contents(out)
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert cli.main([*fit, "--seed", "4"]) == EXIT_BAD_INPUT
+        assert main.main([*fit, "--seed", "4"]) == EXIT_BAD_INPUT
     assert_told(capsys, "another run is writing into")
     assert contents(out) == before
 
@@ -103,17 +103,17 @@ def test_a_run_stopped_at_its_report_goes_on_to_it(tmp_path, capsys, monkeypatch
     write(small.curve(40), tmp_path / "curve.csv")
     out = tmp_path / "out"
     fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT[:-1]]
-    assert cli.main([*fit, "--seed", "1"]) in (0, 3)
+    assert main.main([*fit, "--seed", "1"]) in (0, 3)
     assert (out / "report.html").is_file()
     with monkeypatch.context() as patch:
         patch.setattr(report, "_compose", no_room)
-        assert cli.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
+        assert main.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
     assert_told(capsys, "No space left on device", "same command again")
     left = contents(out)
     assert set(left) == {"posterior.nc", "summary.json", "run.toml"}
     saved: list[str] = []
     monkeypatch.setattr(Checkpoint, "save", lambda _self, name, _arrays: saved.append(name))
-    assert cli.main([*fit, "--seed", "2"]) in (0, 3)
+    assert main.main([*fit, "--seed", "2"]) in (0, 3)
     assert "resuming" in capsys.readouterr().err
     assert not saved
     assert (out / "report.html").is_file()
@@ -132,7 +132,7 @@ def test_a_disk_that_fills_while_a_report_is_written(tmp_path, capsys):
         (folder / old).write_text("of an earlier run")
     before = contents(folder)
     with room_for(50_000):
-        assert cli.main(["report", str(folder)]) == EXIT_BAD_INPUT
+        assert main.main(["report", str(folder)]) == EXIT_BAD_INPUT
     assert_told(capsys, "lcbayes report: ")
     assert contents(folder) == before
 
@@ -148,7 +148,7 @@ def test_a_disk_that_fills_leaves_no_half_of_a_file(command, tmp_path, capsys):
         "observability": ["one-facet", "-o", str(out)],
     }[command]
     with room_for(1500):
-        assert cli.main([command, *words]) == EXIT_BAD_INPUT
+        assert main.main([command, *words]) == EXIT_BAD_INPUT
     assert_told(capsys, f"lcbayes {command}: ", "File too large")
     left = {p.name for p in tmp_path.rglob("*") if p.is_file() and p.stat().st_size}
     assert left == {"curve.csv"}
@@ -168,7 +168,7 @@ def test_a_place_that_cannot_be_written(command, tmp_path, capsys):
     }.get(command, [str(tmp_path / "curve.csv")])
     if command == "batch":
         words = [str(tmp_path / "*.csv")]
-    assert cli.main([command, *words, "-o", str(out)]) == EXIT_BAD_INPUT
+    assert main.main([command, *words, "-o", str(out)]) == EXIT_BAD_INPUT
     assert_told(capsys, f"lcbayes {command}: ", str(tmp_path / "file"))
     assert (tmp_path / "file").read_text() == "mine"
 

@@ -16,10 +16,10 @@ import small
 import xarray as xr
 from refusals import assert_refused
 
-from lcbayes.cli import main
-from lcbayes.commands import fit as fit_command
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.io import write
+from lcbayes.cli.commands import fit as fit_command
+from lcbayes.cli.main import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.data.write import write
 
 GOOD = ("--n-facets", "1", "--spin", "none", "--num-warmup", "200", "--num-samples", "250",
         "--num-starts", "16")  # fmt: skip
@@ -39,8 +39,8 @@ KEYS = {
 MINE = '''
 import numpyro
 import numpyro.distributions as dist
-from lcbayes import noise
-from lcbayes._jax import jnp
+from lcbayes.modelling import likelihood as noise
+from lcbayes.core.jax_setup import jnp
 
 SUMMARY = "a ball"
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from browsing import NARROW
 
-from lcbayes import cli
 from lcbayes.analysis import style
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def planned(tmp_path_factory):
     out = tmp_path_factory.mktemp("planned") / "out"
     argv = ["observability", "two-facet-spin", "-o", str(out), "--plan", "5", "--visit", "20"]
     with redirect_stdout(StringIO()) as said:
-        assert cli.main([*argv, "--json"]) == EXIT_DONE
+        assert main.main([*argv, "--json"]) == EXIT_DONE
     return out, json.loads(said.getvalue())
 
 
@@ -105,7 +105,7 @@ def test_names_on_the_sphere_do_not_overprint_each_other(browser):
 )
 def test_faults_are_said_in_one_line(options, message, tmp_path, capsys):
     out = tmp_path / "out"
-    assert cli.main(["observability", *options, "-o", str(out)]) == EXIT_BAD_INPUT
+    assert main.main(["observability", *options, "-o", str(out)]) == EXIT_BAD_INPUT
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.startswith("lcbayes observability: ")
     assert message in said

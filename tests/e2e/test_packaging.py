@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("pyproject.toml", "LICENSE", "README.md", "lcbayes", "models", "analysis")
-CLI_MISSING = not (ROOT / "lcbayes" / "cli.py").exists()
+CLI_MISSING = not (ROOT / "lcbayes" / "cli" / "main.py").exists()
 
 
 def _run(command: list[str | Path], cwd: Path, ok: tuple[int, ...] = (0,)) -> str:
@@ -108,18 +108,18 @@ def installed(wheel, tmp_path_factory) -> Path:
 
 
 def test_installed_modules_import(installed, tmp_path):
-    code = "import lcbayes.models, lcbayes.analysis, lcbayes.physics.brightness, lcbayes.scenarios"
+    code = "import lcbayes.models, lcbayes.analysis, lcbayes.physics.brightness, lcbayes.simulation"
     _run([installed / "python", "-c", code], cwd=tmp_path)
 
 
-@pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli.py is not there yet")
+@pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli/main.py is not there yet")
 def test_help_from_another_folder(installed, tmp_path):
     answer = _run([installed / "lcbayes", "--help"], cwd=tmp_path)
     for command in ("simulate", "fit", "doctor"):
         assert command in answer
 
 
-@pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli.py is not there yet")
+@pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli/main.py is not there yet")
 def test_a_tiny_fit_from_another_folder(installed, tmp_path):
     lcbayes = installed / "lcbayes"
     _run([lcbayes, "simulate", "one-facet", "-o", "c.csv", "--seed", "1"], cwd=tmp_path)

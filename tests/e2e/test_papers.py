@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import six_facets
 
-from lcbayes._jax import jnp
+from lcbayes.core.jax_setup import jnp
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = (

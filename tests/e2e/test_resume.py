@@ -15,7 +15,7 @@ import pytest
 import small
 import xarray as xr
 
-from lcbayes.io import write
+from lcbayes.data.write import write
 
 # Many blocks of a little work each, so that kills fall between and within them.
 FIT = ("--n-facets", "1", "--spin", "none", "--seed", "3", "--num-chains", "2",

@@ -10,10 +10,10 @@ import pytest
 import small
 import xarray as xr
 
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.cli import main
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
-from lcbayes.io import write
+from lcbayes.cli.main import main
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
+from lcbayes.data.write import write
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
 

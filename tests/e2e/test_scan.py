@@ -11,10 +11,10 @@ import spinning
 from refusals import assert_refused
 
 import lcbayes
-from lcbayes import cli
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
-from lcbayes.physics import shapes
-from lcbayes.results import save_json
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.physics.bodies import shapes
+from lcbayes.results.posterior import save_json
 
 POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
 QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
@@ -27,7 +27,7 @@ def asteroid(tmp_path_factory):
     curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE)
     lcbayes.write(curve, folder / "asteroid.csv")
     argv = ["scan", str(folder / "asteroid.csv"), "--period-range", "4.99,5.01", *QUICK]
-    return folder, argv, cli.main([*argv, "-o", str(folder / "out")])
+    return folder, argv, main.main([*argv, "-o", str(folder / "out")])
 
 
 def test_a_spin_from_file_to_page(asteroid, capsys, look):
@@ -67,24 +67,25 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert not list(out.glob(".report*"))
     # the same command gives the same numbers
     again = [*argv, "-o", str(folder / "again"), "--json", "--no-report"]
-    assert cli.main(again) == EXIT_DONE
+    assert main.main(again) == EXIT_DONE
     told = json.loads(capsys.readouterr().out)
     assert told["solutions"] == found["solutions"]
 
 
 def test_a_fit_starts_from_a_scan(asteroid):
     """Where the scan ended, in the model's own terms, is where the search begins."""
-    from lcbayes import gallery
-    from lcbayes._jax import jax, jnp
-    from lcbayes.epochs import Epochs
-    from lcbayes.inference.problem import Problem
-    from lcbayes.inference.start_from import placed, read_scan
+    from lcbayes.core.jax_setup import jax, jnp
+    from lcbayes.inference.start_from import placed
+    from lcbayes.modelling import registry
+    from lcbayes.modelling.epochs import Epochs
+    from lcbayes.modelling.problem import Problem
+    from lcbayes.results.scan_start import read_scan
 
     folder, _, _ = asteroid
     curve = lcbayes.read(folder / "asteroid.csv")
     spins = read_scan(folder / "out", curve)
     options = {"period": 5.0, "n_facets": 300, "degree": 4, "noise_law": "gaussian"}
-    entry, data = gallery.find("convex-grid"), Epochs.of(curve)
+    entry, data = registry.find("convex-grid"), Epochs.of(curve)
     problem = Problem(entry.bind(options), data)
     hook = entry.hook("starts")
     assert hook is not None
@@ -126,11 +127,11 @@ def test_faults_are_one_line(asteroid, tmp_path, capsys, options, message):
 def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
     folder, _, _ = asteroid
     fit = ["fit", str(folder / "asteroid.csv"), "--model", "convex-grid", "-o", str(tmp_path / "x")]
-    assert cli.main([*fit, "--start-from", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert main.main([*fit, "--start-from", str(tmp_path)]) == EXIT_BAD_INPUT
     assert "holds no scan" in capsys.readouterr().err
     lcbayes.write(spinning.geometry(2, 5), tmp_path / "other.csv")
     fit[1] = str(tmp_path / "other.csv")
-    assert cli.main([*fit, "--start-from", str(folder / "out")]) == EXIT_BAD_INPUT
+    assert main.main([*fit, "--start-from", str(folder / "out")]) == EXIT_BAD_INPUT
     assert "is of another light curve" in capsys.readouterr().err
 
 
@@ -138,6 +139,6 @@ def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
     (tmp_path / "posterior.nc").write_text("")
     save_json({"model": "faceted"}, tmp_path / "summary.json")
     _, argv, _ = asteroid
-    assert cli.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert main.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT
     assert "holds a fit; give another folder" in capsys.readouterr().err
     assert json.loads((tmp_path / "summary.json").read_text()) == {"model": "faceted"}

@@ -10,10 +10,10 @@ from facets_in_pass import crossing, flux_of, one_pass, with_noise
 from passes import measured, passes
 
 import lcbayes
-from lcbayes import cli
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.physics import catalogue
-from lcbayes.separated import ensemble
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.inversion.separated import ensemble
+from lcbayes.physics.attitude import catalogue
 
 LVLH = catalogue.find("lvlh")
 
@@ -36,7 +36,7 @@ def test_attitude_test(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["attitude-test", str(files / "weeks.csv"), "-o", str(out), "--bodies", "199",
             "--law", "lvlh", "--law", "sun-north", "--law", "polar-spin:period_s=40"]  # fmt: skip
-    assert cli.main(argv) == EXIT_DONE
+    assert main.main(argv) == EXIT_DONE
     told = capsys.readouterr().out
     assert "lvlh" in told.splitlines()[1]
     assert "consistent" in told.splitlines()[1]
@@ -45,16 +45,16 @@ def test_attitude_test(files, tmp_path, capsys, look):
     assert found["laws"][0]["name"] == "lvlh"
     assert {p.name for p in (out / "figures").iterdir()} == {"laws.svg", "pairs.svg"}
     look(out / "attitude_test.html")
-    assert cli.main(["attitude-test", "--list"]) == EXIT_DONE
+    assert main.main(["attitude-test", "--list"]) == EXIT_DONE
     assert "yaw-steering" in capsys.readouterr().out
-    assert cli.main(["attitude-test", "x.csv", "-o", "y", "--law", "hover"]) == EXIT_BAD_INPUT
+    assert main.main(["attitude-test", "x.csv", "-o", "y", "--law", "hover"]) == EXIT_BAD_INPUT
     assert "unknown attitude law 'hover'" in capsys.readouterr().err
 
 
 def test_single_facet(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["single-facet", str(files / "pass.csv"), "-o", str(out), "--json"]
-    assert cli.main(argv) == EXIT_DONE
+    assert main.main(argv) == EXIT_DONE
     found = json.loads(capsys.readouterr().out)
     assert found["trusted"]
     assert found["law"] == "lvlh"
@@ -67,11 +67,11 @@ def test_single_facet(files, tmp_path, capsys, look):
 def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["shape-match", str(files / "weeks.csv"), "-o", str(out), "--shape", "cube"]
-    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    assert main.main(argv) == EXIT_NOT_TRUSTED
     told = capsys.readouterr().out
     assert told.startswith("NOT to be trusted: ")
     assert "looks stabilised" in told or "independent" in told
     assert (out / "figures" / "distributions.svg").exists()
     look(out / "shape_match.html")
-    assert cli.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT
+    assert main.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT
     assert "unknown shape 'pyramid'; available: cube, " in capsys.readouterr().err

@@ -13,10 +13,10 @@ from leo import spinner, steady
 from refusals import assert_refused
 
 import lcbayes
-from lcbayes import cli
 from lcbayes.analysis import glints_report
-from lcbayes.errors import EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.glints import analyse
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.inversion.glints import analyse
 
 
 def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
@@ -24,7 +24,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     lcbayes.write(curve, tmp_path / "passes.csv")
     out = tmp_path / "out"
     argv = ["spin", str(tmp_path / "passes.csv"), "-o", str(out)]
-    assert cli.main(argv) == EXIT_DONE
+    assert main.main(argv) == EXIT_DONE
     told = capsys.readouterr().out
     assert "sidereal period" in told
     assert (out / "spin.txt").read_text().splitlines() == told.splitlines()[:-2]
@@ -46,7 +46,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
 def test_no_pole_where_there_is_none(tmp_path, capsys):
     lcbayes.write(steady(1, 50.0, spinning=False), tmp_path / "noise.csv")
     argv = ["spin", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "out"), "--json"]
-    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    assert main.main(argv) == EXIT_NOT_TRUSTED
     found = json.loads(capsys.readouterr().out)
     assert not found["trusted"]
     assert found["solutions"] == []
@@ -62,7 +62,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     out = tmp_path / "out"
     assert attitude.omega is not None
     omega = "--omega=" + ",".join(map(str, attitude.omega))
-    assert cli.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
+    assert main.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
     told = capsys.readouterr().out
     assert "cylinder: axis" in told
     assert max(map(len, told.splitlines()[:-2])) <= 100
@@ -73,7 +73,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     look(out / "glints.html")
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
-    assert cli.main(argv) == EXIT_NOT_TRUSTED
+    assert main.main(argv) == EXIT_NOT_TRUSTED
     assert capsys.readouterr().out.startswith("no direction found: no glint stands out")
     assert "No direction found.</h2>" in (tmp_path / "none" / "glints.html").read_text()
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from lcbayes.albedo_area.distribution import grid, solve
-from lcbayes.albedo_area.kernel import Material, columns
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.io import read
-from lcbayes.physics.closure import close, closure
-from lcbayes.shape import minkowski
+from lcbayes.data.read import read
+from lcbayes.inversion.albedo_area.distribution import grid, solve
+from lcbayes.inversion.albedo_area.kernel import Material, columns
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies.closure import close, closure
+from lcbayes.physics.bodies.minkowski import minkowski
 
 pytestmark = pytest.mark.real
 

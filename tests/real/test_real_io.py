@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from lcbayes.geometry import EARTH_GM
-from lcbayes.io import read, write
+from lcbayes.data.read import read
+from lcbayes.data.write import write
+from lcbayes.geometry.earth import EARTH_GM
 
 pytestmark = pytest.mark.real
 

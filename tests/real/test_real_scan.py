@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lcbayes
-from lcbayes.io import read
+from lcbayes.data.read import read
 
 pytestmark = [pytest.mark.real, pytest.mark.slow]
 

@@ -5,12 +5,12 @@ import pytest
 from false_alarms import EACH, counts
 
 import lcbayes
-from lcbayes import gallery, passes
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.io import read
-from lcbayes.predict import predict
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.read import read
+from lcbayes.modelling import pass_effects, registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.tasks.predict.run import predict
 
 pytestmark = pytest.mark.real
 FILE = "starlink-v1.5-pomenis/pomenis_observations.csv"
@@ -57,11 +57,11 @@ def test_the_wrong_match_is_an_outlier_of_the_model(data_dir):
     whole = read(data_dir / SCORE, error=0.02)
     curve = whole.select(np.char.endswith(whole.site, "MMT9"))
     data = Epochs.of(curve)
-    entry = gallery.find("stabilised")
+    entry = registry.find("stabilised")
     problem = Problem(entry.bind(entry.check(HELD)), data)
     z = problem.ravel({k: jnp.asarray(v) for k, v in MEANS.items()})
     outlier = np.asarray(jax.jit(problem.constrain)(z, data)["outlier"])
-    number = passes.numbers(curve)
+    number = pass_effects.numbers(curve)
     assert number.max() + 1 == 320
     assert curve.range_km is not None
     wrong = curve.range_km > 2300

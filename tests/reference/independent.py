@@ -16,7 +16,7 @@ from reference.agreement import Moments
 from reference.problems import Reference, Sites
 from scipy.special import logsumexp
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 
 Floats = NDArray[np.float64]
 

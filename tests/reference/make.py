@@ -28,7 +28,7 @@ from reference.problems import ALL, Reference  # noqa: E402
 from reference.stored import WRITTEN, identity  # noqa: E402
 
 import lcbayes  # noqa: E402
-from lcbayes.checkpoint import write_atomic  # noqa: E402
+from lcbayes.core.checkpoint import write_atomic  # noqa: E402
 
 COMMAND = "python tests/reference/make.py"
 SEED = 20

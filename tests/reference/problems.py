@@ -14,15 +14,15 @@ import small
 from numpy.typing import NDArray
 from numpyro import handlers
 
-from lcbayes import gallery
-from lcbayes._jax import jnp
-from lcbayes.epochs import Epochs
-from lcbayes.fitting import Fit
-from lcbayes.gallery import Entry
-from lcbayes.geometry import EARTH_KM
-from lcbayes.lightcurve import LightCurve
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.earth import EARTH_KM
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.registry import Entry
 from lcbayes.physics import brightness
-from lcbayes.simulate import simulate
+from lcbayes.simulation.simulate import simulate
+from lcbayes.tasks.fit.run import Fit
 
 Floats = NDArray[np.float64]
 Sites = Mapping[str, Floats]
@@ -60,7 +60,7 @@ class Reference:
 
     @cached_property
     def entry(self) -> Entry:
-        return gallery.find(self.model)
+        return registry.find(self.model)
 
     def draws(self, found: Fit) -> tuple[tuple[str, ...], Floats, Sites]:
         """Names, the quantities (C, S, Q) of a fit's draws, and its sites (C S, …)."""
@@ -151,7 +151,7 @@ def _dusk() -> LightCurve:
         frame="icrs",
     )  # fmt: skip
     truth = {"log_albedo_area_held": jnp.log(jnp.array([3.0, 8.0])), "log_sigma": jnp.log(0.2)}
-    model = handlers.seed(gallery.find("stabilised").bind(TWO_PANELS), 0)
+    model = handlers.seed(registry.find("stabilised").bind(TWO_PANELS), 0)
     trace = handlers.trace(handlers.substitute(model, truth)).get_trace(Epochs.of(light))
     noisy = np.asarray(trace["expected"]["value"]) + 0.2 * rng.standard_t(4, n)
     return replace(light, brightness=noisy)

@@ -7,12 +7,12 @@ import pytest
 from false_alarms import EACH, squares
 from seen import curve_of
 
-from lcbayes.albedo_area import bootstrap
-from lcbayes.albedo_area.distribution import grid, solve
-from lcbayes.albedo_area.facets import few, refine
-from lcbayes.albedo_area.kernel import LAMBERTIAN, columns
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.physics import shapes
+from lcbayes.inversion.albedo_area import bootstrap
+from lcbayes.inversion.albedo_area.distribution import grid, solve
+from lcbayes.inversion.albedo_area.facets import few, refine
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies import shapes
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)

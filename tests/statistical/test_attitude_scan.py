@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import spinning
 
-from lcbayes import workers
-from lcbayes.attitude_scan import search
-from lcbayes.attitude_scan.grid import grid
-from lcbayes.attitude_scan.points import Points
-from lcbayes.attitude_scan.smooth import SmoothBody
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.progress import Silent
+from lcbayes.core import cluster as workers
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.progress import Silent
+from lcbayes.inversion.attitude_scan import search
+from lcbayes.inversion.attitude_scan.grid import grid
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 
 POLE = np.array([0.48, -0.6, 0.64])
 NOTHING = Checkpoint(None, {})
@@ -64,7 +64,7 @@ def test_a_killed_worker_loses_no_hypothesis():
 @pytest.mark.slow
 def test_an_empty_address_is_said(monkeypatch):
     pytest.importorskip("distributed")
-    from lcbayes.errors import InputError
+    from lcbayes.core.errors import InputError
 
     monkeypatch.setattr(workers, "WAIT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers at tcp://127"):

@@ -10,9 +10,9 @@ import pytest
 import small
 from false_alarms import EACH
 
-from lcbayes import calibration
-from lcbayes.calibration import Calibration, calibrate
-from lcbayes.errors import InputError
+from lcbayes.core.errors import InputError
+from lcbayes.tasks.calibrate import run as calibration
+from lcbayes.tasks.calibrate.run import Calibration, calibrate
 
 OPTIONS: dict[str, Any] = {"n_facets": 1, "spin": "none", "log_area_mean": 1.5, "log_area_sd": 0.5}
 SHORT: dict[str, Any] = {"num_warmup": 100, "num_samples": 250, "num_chains": 2, "num_starts": 24}
@@ -62,7 +62,7 @@ def test_scatter_in_units_of_the_mean_flux_has_no_prior_to_draw_from(tmp_path):
     """A model that adds scatter to the errors, in units of what the curve itself is bright."""
     (tmp_path / "loose.py").write_text(
         """
-from lcbayes import noise, priors
+from lcbayes.modelling import likelihood as noise, priors
 from lcbayes.physics import brightness
 
 SUMMARY = "one facet, scatter beyond the errors"

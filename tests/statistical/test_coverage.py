@@ -13,17 +13,18 @@ import one_facet
 import pytest
 from false_alarms import EACH, counts, limit
 
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Silent
 from lcbayes.inference import search, solutions
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.problem import Problem
-from lcbayes.inference.sample import Sampler, Timing
-from lcbayes.inference.settings import Settings
-from lcbayes.progress import Silent
-from lcbayes.simulate import simulate
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers.sampling import Sampler, Timing
+from lcbayes.samplers.settings import Settings
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 TRUTH = {"log_albedo_area": np.log(10.0), "phi": 0.8, "g": 0.15}
 SAMPLED = range(20)
@@ -54,7 +55,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
     The parts of `fit.run` on one posterior that is compiled once: what takes the time of a fit
     this small is tracing, 2 s for each, where the chains take 0.1 s.
     """
-    entry = gallery.find("faceted")
+    entry = registry.find("faceted")
     settings = Settings(num_warmup=200, num_samples=250)
     problem = Problem(entry.bind({"n_facets": 1, "spin": "none"}), observed(0))
     order = FacetOrder(problem, entry.facet_sites)

@@ -15,8 +15,8 @@ import targets
 from false_alarms import EACH, limit
 from numpyro.infer import MCMC
 
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels import AHMC, HMC, RMHMC, MetropolisHastings
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels import AHMC, HMC, RMHMC, MetropolisHastings
 
 CHAINS = 500
 

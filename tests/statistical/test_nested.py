@@ -6,8 +6,8 @@ import pytest
 import small
 from false_alarms import EACH, limit
 
-from lcbayes._jax import jax
-from lcbayes.inference import smc
+from lcbayes.core.jax_setup import jax
+from lcbayes.samplers import smc
 
 RUNS = 16
 

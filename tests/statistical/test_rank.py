@@ -28,13 +28,13 @@ import pytest
 from false_alarms import EACH, limit
 from scipy import stats
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference.problem import Problem
-from lcbayes.kernels import ahmc, hmc, metric, mh, rmhmc
-from lcbayes.kernels.adaptation import Params
-from lcbayes.physics import facets
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.physics.bodies import facets
+from lcbayes.samplers.kernels import ahmc, hmc, metric, mh, rmhmc
+from lcbayes.samplers.kernels.adaptation import Params
+from lcbayes.simulation.simulate import simulate
 
 STATES = 8
 REPEATS = 16_000

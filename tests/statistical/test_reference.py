@@ -17,7 +17,7 @@ from reference import agreement, problems, stored
 from scipy import stats
 
 import lcbayes
-from lcbayes.inference.settings import PUBLISHED, WARMUP
+from lcbayes.samplers.settings import PUBLISHED, WARMUP
 
 SHIFT, NARROW = 0.2, -np.log(0.85)  # found out, posterior sd and ln of the width
 # Chains, draws of each, stretches it is cut into: runs of particles are independent, what is in one

@@ -9,12 +9,14 @@ import small
 from false_alarms import EACH, limit
 
 import lcbayes
-from lcbayes import gallery, scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import regions, smc, symmetry
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.simulate import simulate
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import basins, symmetry
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers import smc
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
 
 N_MIRRORED = 8
 N_RUNS = 24  # degrees of freedom of an error that is told by their scatter: 23
@@ -113,8 +115,8 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
         num_warmup=200, num_starts=48,
     )  # fmt: skip
     (mode,) = fitted.summary()["modes"]
-    order = FacetOrder(problem, gallery.find("faceted").facet_sites)
-    bridged = regions.measure(problem, data, runs.runs, order).weighed.log_evidence
+    order = FacetOrder(problem, registry.find("faceted").facet_sites)
+    bridged = basins.measure(problem, data, runs.runs, order).weighed.log_evidence
     for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):
         bound = limit(2, N_RUNS - 1) * np.hypot(runs.se, se)
         assert bound < 0.6

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from seen import curve_of, directions, lambertian
 
-from lcbayes._jax import jnp
-from lcbayes.albedo_area import nnls
-from lcbayes.albedo_area.distribution import grid, smooth, solve, typical
-from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, brightness, facets, photometry, shapes
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area import nnls
+from lcbayes.inversion.albedo_area.distribution import grid, smooth, solve, typical
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics import brightness, photometry
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets, shapes
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 LAWS = (
@@ -116,10 +118,10 @@ def test_attitudes_turn_directions_as_the_models_do():
     curve = curve_of(BRICK, 50)
     middle = 0.5 * np.ptp(curve.t)
     spin = Attitude(pole_lon_deg=40.0, pole_lat_deg=-30.0, period_h=0.01)
-    turn = attitude.principal_axis(
+    turn = rotations.principal_axis(
         jnp.asarray(curve.t - middle), np.radians(40.0), np.radians(-30.0), 36.0, 0.0
     )
-    expected = np.asarray(attitude.to_body(turn, jnp.asarray(curve.sun)))
+    expected = np.asarray(rotations.to_body(turn, jnp.asarray(curve.sun)))
     assert Observed.of(curve, spin).sun[0] == pytest.approx(expected, abs=1e-12)
     omega = Attitude(omega=(0.0, 0.0, 0.01))
     found = Observed.of(curve, omega).obs[0][30]
@@ -134,9 +136,9 @@ def test_exposures_are_averaged():
     found = columns(Observed.of(curve, spin), BRICK.normals, np.zeros(6, int))
     many = []
     for shift in (np.arange(200) + 0.5) / 200 - 0.5:
-        turn = attitude.constant_rate(jnp.asarray(curve.t + 30.0 * shift), jnp.asarray(spin.omega))
+        turn = rotations.constant_rate(jnp.asarray(curve.t + 30.0 * shift), jnp.asarray(spin.omega))
         sun, obs = (
-            np.asarray(attitude.to_body(turn, jnp.asarray(v))) for v in (curve.sun, curve.obs)
+            np.asarray(rotations.to_body(turn, jnp.asarray(v))) for v in (curve.sun, curve.obs)
         )
         many.append(np.maximum(sun @ BRICK.normals.T, 0) * np.maximum(obs @ BRICK.normals.T, 0))
     # facets that turn on or off within an exposure are not smooth, hence the tolerance

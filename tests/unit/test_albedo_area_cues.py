@@ -8,16 +8,16 @@ from false_alarms import EACH, counts
 from scipy.stats import kstest
 from seen import curve_of, directions
 
-from lcbayes.albedo_area import cues, nulls
-from lcbayes.albedo_area.cues import Cue
-from lcbayes.albedo_area.distribution import Distribution, grid, solve
-from lcbayes.albedo_area.facets import few, refine
-from lcbayes.albedo_area.kernel import LAMBERTIAN, columns
-from lcbayes.albedo_area.maps import Maps
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.physics import facets, shapes
-from lcbayes.physics.closure import close
-from lcbayes.progress import Silent
+from lcbayes.core.progress import Silent
+from lcbayes.inversion.albedo_area import cues, nulls
+from lcbayes.inversion.albedo_area.cues import Cue
+from lcbayes.inversion.albedo_area.distribution import Distribution, grid, solve
+from lcbayes.inversion.albedo_area.facets import few, refine
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
+from lcbayes.inversion.albedo_area.maps import Maps
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies import facets, shapes
+from lcbayes.physics.bodies.closure import close
 
 ONE = (LAMBERTIAN,)
 NO_ARC = Cue("arc", 0.0, 1.0, "", "")

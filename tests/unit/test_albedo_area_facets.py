@@ -9,18 +9,18 @@ import pytest
 from false_alarms import EACH, limit, squares
 from seen import curve_of, directions, lambertian
 
-from lcbayes.albedo_area import bootstrap
-from lcbayes.albedo_area.distribution import Distribution, grid, smooth, solve, typical
-from lcbayes.albedo_area.facets import Facets, explain, few, linear, refine
-from lcbayes.albedo_area.inversion import invert
-from lcbayes.albedo_area.kernel import LAMBERTIAN, Material, columns
-from lcbayes.albedo_area.observed import Attitude, Observed
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.penumbra import fully_lit
-from lcbayes.physics import shapes
-from lcbayes.scenario import load
-from lcbayes.simulate import simulate
+from lcbayes.core.errors import InputError
+from lcbayes.data.earth_shadow import fully_lit
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area import bootstrap
+from lcbayes.inversion.albedo_area.distribution import Distribution, grid, smooth, solve, typical
+from lcbayes.inversion.albedo_area.facets import Facets, explain, few, linear, refine
+from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies import shapes
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.simulation.simulate import simulate
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)

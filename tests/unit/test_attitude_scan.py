@@ -8,23 +8,24 @@ import numpy as np
 import pytest
 import spinning
 
-from lcbayes._jax import jax, jnp
-from lcbayes.attitude_scan import grid, search, solutions
-from lcbayes.attitude_scan.points import Points
-from lcbayes.attitude_scan.smooth import (
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.cluster import crew
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.inversion.attitude_scan import grid, search, solutions
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.smooth import (
     SmoothBody,
     Spin,
     brightness,
     fitted,
     normal_equations,
 )
-from lcbayes.attitude_scan.spin import Ends, in_convention, tilts
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.errors import InputError
-from lcbayes.physics import attitude, facets
+from lcbayes.inversion.attitude_scan.spin import Ends, in_convention, tilts
 from lcbayes.physics import brightness as physics
-from lcbayes.progress import Silent
-from lcbayes.workers import crew
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
 
 POLE = np.array([0.48, -0.6, 0.64])
 UNIT = 1e-7
@@ -72,10 +73,10 @@ def test_jacobian_is_that_of_automatic_differentiation(curve, law, exposure_s):
 def test_brightness_is_that_of_the_models(curve):
     """Against `brightness.flux` under the model's attitude, an independent path."""
     body, points, spin = SmoothBody.of(150, 3, spinning.LAW), points_of(curve), a_spin()
-    turned = attitude.spinning(points.t[0], attitude.brought_to(jnp.asarray(POLE)), 1.0 / 5e-5)
+    turned = rotations.spinning(points.t[0], rotations.brought_to(jnp.asarray(POLE)), 1.0 / 5e-5)
     share = jax.nn.softmax(body.harmonics @ spin.coefficients)
     expected = physics.flux(
-        attitude.to_body(turned, points.sun), attitude.to_body(turned, points.obs),
+        rotations.to_body(turned, points.sun), rotations.to_body(turned, points.obs),
         body.normals, share, spinning.LAW,
     )  # fmt: skip
     np.testing.assert_allclose(brightness(body, points, spin).flux, expected, rtol=1e-11)
@@ -138,7 +139,7 @@ def test_a_body_is_the_same_in_the_models_convention():
     tilt[:, 0] *= np.sign(np.linalg.det(tilt))
     shape = rng.normal(size=15)
     lon, lat, turned = in_convention(tilt, shape)
-    own = np.asarray(attitude.brought_to(jnp.asarray(tilt[:, 2])))
+    own = np.asarray(rotations.brought_to(jnp.asarray(tilt[:, 2])))
     axis = [np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)]
     np.testing.assert_allclose(axis, tilt[:, 2], atol=1e-12)
     faced = spinning.directions(rng, 40)
@@ -155,8 +156,8 @@ def test_backward_spins_are_turned_over():
     faced = spinning.directions(rng, 30)
     for i, f in enumerate(frequency):
         for t in (0.0, 123.0):
-            before = attitude.principal_axis(jnp.array([t]), 0.0, np.pi / 2, 1.0 / f, 0.0)[0]
-            after = attitude.principal_axis(jnp.array([t]), 0.0, np.pi / 2, 1.0 / abs(f), 0.0)[0]
+            before = rotations.principal_axis(jnp.array([t]), 0.0, np.pi / 2, 1.0 / f, 0.0)[0]
+            after = rotations.principal_axis(jnp.array([t]), 0.0, np.pi / 2, 1.0 / abs(f), 0.0)[0]
             np.testing.assert_allclose(
                 log_areas(shape[i], faced @ ends.tilt[i] @ np.asarray(before)),
                 log_areas(over.coefficients[i], faced @ over.tilt[i] @ np.asarray(after)),

@@ -10,19 +10,21 @@ from false_alarms import EACH, counts
 from scipy import stats
 
 import lcbayes
-from lcbayes._jax import jnp
-from lcbayes.albedo_area.kernel import Material
 from lcbayes.analysis import scan_plots, style
-from lcbayes.attitude_scan import engine, equal, faceted, stabilised
-from lcbayes.attitude_scan.found import Found, Solution, Table
-from lcbayes.attitude_scan.spin import tilts
-from lcbayes.attitude_scan.verdict import summarise
-from lcbayes.ephemeris import frames
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, brightness, catalogue, facets, shapes
-from lcbayes.progress import Silent
-from lcbayes.workers import crew
+from lcbayes.core.cluster import crew
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.kernel import Material
+from lcbayes.inversion.attitude_scan import engine, equivalence, faceted, stabilised
+from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
+from lcbayes.inversion.attitude_scan.spin import tilts
+from lcbayes.inversion.attitude_scan.verdict import summarise
+from lcbayes.modelling.ephemeris import frames
+from lcbayes.physics import brightness
+from lcbayes.physics.attitude import catalogue, rotations
+from lcbayes.physics.bodies import facets, shapes
 
 LAW = "lambertian"
 RADIUS_KM, GM = 7000.0, 398600.4418
@@ -54,7 +56,7 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
     areas = body.areas * np.array([0.3, 0.5, 0.2, 0.4, 0.6, 0.3])
 
     def flux_of(turned, normals, areas):
-        sun, obs = (attitude.to_body(turned, jnp.asarray(v)) for v in (curve.sun, curve.obs))
+        sun, obs = (rotations.to_body(turned, jnp.asarray(v)) for v in (curve.sun, curve.obs))
         return np.asarray(brightness.flux(sun, obs, jnp.asarray(normals), jnp.asarray(areas), LAW))
 
     flux = flux_of(rotation, body.normals, areas)
@@ -175,7 +177,7 @@ def test_of_a_sphere_no_law_is_named():
         noisy = flux + error * np.random.default_rng(seed).normal(size=n)
         found = lcbayes.scan(replace(curve, brightness=noisy, error=error), laws=LAWS)
         named += sum(s["near_equal"] for s in found.solutions) == 1
-    assert named <= counts(runs, equal.MISSED)[1]
+    assert named <= counts(runs, equivalence.MISSED)[1]
 
 
 def judged_by_hand(chi2, used, n_obs, *, error_known=True):
@@ -197,11 +199,11 @@ def test_what_noise_may_do_fits_as_well():
     chi2, used = [150.0, 175.0, 195.0], [6, 15, 10]
     by_noise = stats.chi2.isf(0.05 / 3, 15)
     assert 25.0 < by_noise < 45.0
-    assert equal.limit(judged_by_hand(chi2, used, 200)) == pytest.approx(150.0 + by_noise)
+    assert equivalence.limit(judged_by_hand(chi2, used, 200)) == pytest.approx(150.0 + by_noise)
     # χ² of many: 5 % of the residuals are more
-    assert equal.limit(judged_by_hand([2000.0], [6], 2000)) == pytest.approx(2205.0)
+    assert equivalence.limit(judged_by_hand([2000.0], [6], 2000)) == pytest.approx(2205.0)
     # what the noise is, is known from the residuals alone
-    free = equal.limit(judged_by_hand(chi2, used, 30, error_known=False))
+    free = equivalence.limit(judged_by_hand(chi2, used, 30, error_known=False))
     assert free == pytest.approx(150.0 * (1.0 + 15 / 23 * stats.f.isf(0.05 / 3, 15, 23)))
     assert list(_reasons(judged_by_hand(chi2, used, 200))) == [
         "the attitude is not unique: 1 fits as well"

@@ -11,13 +11,13 @@ from passes import measured, passes
 from scipy import stats
 
 from lcbayes.analysis.attitude_test_report import words
-from lcbayes.ephemeris import ephemeris
-from lcbayes.errors import InputError
-from lcbayes.physics import catalogue
-from lcbayes.separated import attitude_test as module
-from lcbayes.separated import ensemble
-from lcbayes.separated.attitude_test import attitude_test, glints
-from lcbayes.separated.reduced import in_body, reduce, turns
+from lcbayes.core.errors import InputError
+from lcbayes.inversion.separated import attitude_test as module
+from lcbayes.inversion.separated import ensemble
+from lcbayes.inversion.separated.attitude_test import attitude_test, glints
+from lcbayes.inversion.separated.reduced import in_body, reduce, turns
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.physics.attitude import catalogue
 
 LVLH, SUN, INERTIAL = (catalogue.find(n) for n in ("lvlh", "sun-north", "inertial"))
 

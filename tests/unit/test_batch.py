@@ -8,10 +8,10 @@ import browsing
 import pytest
 
 from lcbayes.analysis import batch_page, style
-from lcbayes.batch_run import table
-from lcbayes.batch_run.objects import Object, objects
-from lcbayes.batch_run.work import failed, fit_object, identity
-from lcbayes.errors import InputError
+from lcbayes.core.errors import InputError
+from lcbayes.results import catalogue
+from lcbayes.tasks.batch.objects import Object, objects
+from lcbayes.tasks.batch.worker import failed, fit_object, identity
 
 
 def test_a_csv_catalogue_names_curves_options_and_settings(tmp_path):
@@ -89,7 +89,7 @@ def test_an_object_is_another_when_the_scan_it_starts_from_is(tmp_path):
 
 
 def test_an_unforeseen_fault_is_told_in_words(tmp_path, monkeypatch):
-    monkeypatch.setattr("lcbayes.io.read", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("lcbayes.data.read.read", lambda *_, **__: 1 / 0)
     row = fit_object((str(tmp_path), False), Object("a", "a.csv"))
     assert row["reasons"] == [
         f"ZeroDivisionError: division by zero; see {tmp_path / 'a' / 'error.txt'}"
@@ -114,14 +114,14 @@ def rows() -> list[dict]:
 
 
 def test_table_and_summary_count_and_name():
-    said = table.summarise("c.csv", rows(), 4, 1, 10.0, "2 processes")
+    said = catalogue.summarise("c.csv", rows(), 4, 1, 10.0, "2 processes")
     assert not said["converged"]
     assert said["reasons"] == [
         "1 of 4 objects failed: c", "1 of 4 results must not be trusted: b",
         "1 of 4 objects were not done",
     ]  # fmt: skip
     assert said["objects_per_hour"] == 720.0  # two were done now, one before
-    read = list(csv.DictReader(table.to_csv(rows()).splitlines()))
+    read = list(csv.DictReader(catalogue.to_csv(rows()).splitlines()))
     assert [r["status"] for r in read] == ["trusted", "not trusted", "failed"]
     assert read[1]["reasons"] == "one; two"
     assert float(read[0]["omega_x_rad_s_sd"]) == 0.001
@@ -130,7 +130,7 @@ def test_table_and_summary_count_and_name():
 
 def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
     run = {"catalogue": "/somewhere/night.csv", "version": "0"}
-    said = table.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
+    said = catalogue.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
     page = batch_page.write(tmp_path, said, run).read_text()
     assert "1 of 3 objects have a result that is trusted" in page
     assert "Right: total albedo-area against rotation rate" in page

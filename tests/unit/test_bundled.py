@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import lcbayes.scenarios
-from lcbayes.io import read
-from lcbayes.scenario import load
-from lcbayes.scenarios.viewing import Orbit
-from lcbayes.simulate import simulate
+import lcbayes.simulation.scenarios
+from lcbayes.data.read import read
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.simulation.scenarios.viewing import Orbit
+from lcbayes.simulation.simulate import simulate
 
-FOLDER = Path(lcbayes.scenarios.__file__).parent
+FOLDER = Path(lcbayes.simulation.scenarios.__file__).parent
 SEED = 20260415
 HEADER = "utc,flux,flux_err,site,site_lat_deg,site_lon_deg,site_height_m"
 
@@ -56,7 +56,7 @@ def test_the_demo_curve_is_its_scenario_s():
     assert list(shipped.site) == list(made.site)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("name", sorted(lcbayes.scenarios.bundled()))
+@pytest.mark.parametrize("name", sorted(lcbayes.simulation.scenarios.bundled()))
 def test_bundled_scenarios_simulate(name):
     curve, truth = simulate(load(name), 1)
     assert curve.n_obs >= 100

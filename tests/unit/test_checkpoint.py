@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lcbayes._files import write_atomic
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.errors import InputError
-from lcbayes.folders import REPORT, alone_in, made_aside, to_toml
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import write_atomic
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import digest
-from lcbayes.lightcurve import LightCurve
+from lcbayes.results.folder import REPORT, alone_in, made_aside, to_toml
 
 IDENTITY = {"seed": 1, "model": "faceted"}
 
@@ -170,7 +170,7 @@ def test_leftovers_of_a_kill_are_swept(tmp_path):
 
 
 def test_toml_comes_back(tmp_path):
-    from lcbayes._toml import read_toml
+    from lcbayes.core.toml import read_toml
 
     content = {
         "curve": 'a "quoted" \\ näme\n.csv', "n": 3, "yes": True, "x": 1e-300, "inf": float("inf"),

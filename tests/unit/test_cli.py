@@ -13,9 +13,10 @@ from importlib.metadata import PackageNotFoundError
 
 import pytest
 
-from lcbayes import cli, folders
 from lcbayes.analysis import scan_page
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.results import folder
 
 
 def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
@@ -23,15 +24,15 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr("importlib.metadata.version", absent)
-    monkeypatch.setattr(folders, "version", absent)
-    assert cli.main(["--version"]) == EXIT_DONE
+    monkeypatch.setattr(folder, "version", absent)
+    assert main.main(["--version"]) == EXIT_DONE
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
 
 
 def test_names_that_a_terminal_cannot_show_are_escaped(monkeypatch):
     shown = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii"))
-    assert cli.main(["--version"]) == EXIT_DONE
+    assert main.main(["--version"]) == EXIT_DONE
     print("caf\udce9 é", flush=True)
     assert shown.getvalue().endswith(b"caf\\udce9 \\xe9\n")
 
@@ -44,21 +45,21 @@ def test_names_that_a_terminal_cannot_show_are_escaped(monkeypatch):
     ],
 )
 def test_a_negative_seed_is_refused_first(words, tmp_path, capsys):
-    assert cli.main([word.format(tmp_path) for word in words]) == EXIT_BAD_INPUT
+    assert main.main([word.format(tmp_path) for word in words]) == EXIT_BAD_INPUT
     assert "--seed is -1; expected a whole number >= 0" in capsys.readouterr().err
 
 
 def test_examples_of_help_can_be_pasted():
     """Each by itself, as a shell would split it; nothing is run."""
     pasted = 0
-    for name in cli.COMMANDS:
-        epilog = importlib.import_module(f"lcbayes.commands.{name.replace('-', '_')}").EPILOG
+    for name in main.COMMANDS:
+        epilog = importlib.import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}").EPILOG
         assert all(len(line) <= 100 for line in epilog.splitlines()), name
         joined = re.split("examples?:\n", epilog)[1].split("\n\n")[0].replace("\\\n", " ")
         for line in joined.splitlines():
             words = shlex.split(line, comments=True)
             assert words[0] == "lcbayes", line
-            assert cli._parser().parse_args(words[1:]).command == words[1]
+            assert main._parser().parse_args(words[1:]).command == words[1]
             pasted += 1
     assert pasted >= 40
 
@@ -83,4 +84,4 @@ def test_a_page_prints_the_laws_that_were_scanned():
     given = ["lvlh:yaw_deg=4,pitch_deg=3", "sun-north", "all"]
     run = {"curve": "a.csv", "options": {"laws": ",".join(given)}, "reading": {}}
     words = shlex.split(scan_page._command(run))
-    assert cli._parser().parse_args(words[1:]).law == given
+    assert main._parser().parse_args(words[1:]).law == given

@@ -9,14 +9,14 @@ import browsing
 import numpy as np
 import pytest
 
-from lcbayes import comparison
 from lcbayes.analysis import comparison_page
-from lcbayes.comparing import Comparison
-from lcbayes.inference.compare import Candidate, Compared
-from lcbayes.inference.hopeless import RuledOut
+from lcbayes.inference.facet_count import Candidate, Compared
+from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.loo import Loo
-from lcbayes.inference.misfit import Misfit
+from lcbayes.inference.screening import RuledOut
 from lcbayes.inference.sparse import SparsePath
+from lcbayes.results import comparison
+from lcbayes.tasks.compare.run import Comparison
 
 T = 40
 UNKNOWN = Misfit(None, 28.4, "gaussian")  # errors

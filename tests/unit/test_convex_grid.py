@@ -7,18 +7,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.attitude_scan.spin import in_convention
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import fit, search
-from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import Problem
+from lcbayes.inference.problem_cache import posed
 from lcbayes.inference.solutions import Solution
-from lcbayes.lightcurve import LightCurve
+from lcbayes.inversion.attitude_scan.spin import in_convention
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 from lcbayes.models import convex_grid
-from lcbayes.physics import attitude, brightness, facets
-from lcbayes.progress import Silent
+from lcbayes.physics import brightness
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
 
 PERIOD_H, POLE_DEG, AXES = 6.0003, (60.0, 40.0), (1.6, 1.15, 1.0)
 SMALL = {"period": 6.0, "n_facets": 100, "degree": 3}
@@ -41,8 +43,8 @@ def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
     normals = facets.grid(2000)
     density = 1.0 / (normals**2 @ np.square(AXES)) ** 2  # of the area by solid angle
     lon, lat = np.radians(POLE_DEG)
-    turn = attitude.principal_axis(jnp.asarray(t), lon, lat, PERIOD_H * 3600, 0.3)
-    sun_body, obs_body = (attitude.to_body(turn, jnp.asarray(v)) for v in (sun, obs))
+    turn = rotations.principal_axis(jnp.asarray(t), lon, lat, PERIOD_H * 3600, 0.3)
+    sun_body, obs_body = (rotations.to_body(turn, jnp.asarray(v)) for v in (sun, obs))
     area = jnp.asarray(density / density.sum())
     law = "lommel-seeliger-lambert"
     flux = np.asarray(brightness.flux(sun_body, obs_body, jnp.asarray(normals), area, law))
@@ -93,7 +95,7 @@ def test_turning_the_frame_changes_nothing():
     turned = replace(curve, sun=curve.sun @ turn.T, obs=curve.obs @ turn.T)
     shape = 0.3 * np.asarray(jax.random.normal(jax.random.key(1), (15,)))
     pole = unit(40.0, 55.0)
-    tilt = np.asarray(attitude.brought_to(jnp.asarray(pole)))
+    tilt = np.asarray(rotations.brought_to(jnp.asarray(pole)))
     built, data = problem(curve, n_facets=3000)
     other, turned_data = problem(turned, n_facets=3000)
     sites = {"coefficients": jnp.asarray(shape), "pole_base": jnp.asarray(pole)[None]}
@@ -179,7 +181,7 @@ def test_search_finds_a_known_ellipsoid():
 def test_moments_are_left_where_they_do_not_give_a_body_back(size, holds):
     """Nearly all area in a few places, as of a brick: the plain coordinates are sampled there."""
     data = Epochs.of(observed())
-    plain, own = posed(gallery.find("convex-grid"), SMALL, data)
+    plain, own = posed(registry.find("convex-grid"), SMALL, data)
     drawn = plain.constrain(plain.prior_draw(jax.random.key(0), data), data)
     sites = {name: drawn[name] for name in plain.names}
     rng = np.random.default_rng(0)

@@ -9,9 +9,9 @@ import pytest
 import small
 
 import lcbayes
-from lcbayes.inference.enough import MIN_ESS, wanted, worth
-from lcbayes.inference.settings import MOST_DRAWS, Settings
-from lcbayes.progress import Silent
+from lcbayes.core.progress import Silent
+from lcbayes.samplers.convergence import MIN_ESS, wanted, worth
+from lcbayes.samplers.settings import MOST_DRAWS, Settings
 
 
 def autoregressive(memory: float, n: int = 750, chains: int = 4) -> np.ndarray:
@@ -88,7 +88,7 @@ class Cut(Silent):
 
 def test_a_fit_goes_on_until_it_has_enough_and_so_it_does_when_resumed(tmp_path, monkeypatch):
     """Begun with 100 draws a chain, which no posterior has 400 independent ones of."""
-    monkeypatch.setattr("lcbayes.inference.settings.DRAWS", 100)
+    monkeypatch.setattr("lcbayes.samplers.settings.DRAWS", 100)
     curve = small.curve(20, noise=0.1)
     asked = {"n_facets": 1, "spin": "none", "num_warmup": 100, "num_starts": 24, "seed": 3}
     whole = lcbayes.fit(curve, **asked)

@@ -8,7 +8,7 @@ import numpy as np
 import small
 
 import lcbayes
-from lcbayes.epochs import Epochs
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import photometry
 
 

@@ -7,15 +7,16 @@ import pytest
 import small
 from false_alarms import EACH, limit, squares
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.inference import evidence, fit
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.inference import fit
 from lcbayes.inference.modes import unsampled
 from lcbayes.inference.search import SearchState
-from lcbayes.inference.settings import Settings
 from lcbayes.inference.solutions import Solution
-from lcbayes.progress import Silent
+from lcbayes.modelling import registry
+from lcbayes.samplers import bridge
+from lcbayes.samplers.settings import Settings
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -25,7 +26,7 @@ def test_gaussian(dim):
     rng = np.random.default_rng(dim)
     a = rng.standard_normal((dim, dim)) + 3 * np.eye(dim)
     draws = rng.multivariate_normal(np.zeros(dim), np.linalg.inv(a @ a.T), (4, 500))
-    found = evidence.bridge(
+    found = bridge.bridge(
         draws, lambda x: 0.5 * np.sum((x @ a) ** 2, axis=1) + 7.0, draws[..., 0].size, rng
     )
     want = 0.5 * dim * np.log(2 * np.pi) - np.linalg.slogdet(a)[1] - 7.0
@@ -43,7 +44,7 @@ def test_skewed():
     for seed in range(120):
         rng = np.random.default_rng(seed)
         draws = np.log(rng.gamma(k, size=(2, 400, 1)))
-        found = evidence.bridge(draws, lambda x: np.exp(x[:, 0]) - k * x[:, 0], 800.0, rng)
+        found = bridge.bridge(draws, lambda x: np.exp(x[:, 0]) - k * x[:, 0], 800.0, rng)
         pulls.append((found.value - gammaln(k)) / found.se)
     low, high = squares(120)
     assert low < np.sum(np.square(pulls)) < high
@@ -54,7 +55,7 @@ def test_a_proposal_without_density_counts_as_none():
     """Half of a Gaussian: points beyond the edge have an infinite potential."""
     rng = np.random.default_rng(0)
     draws = np.abs(rng.standard_normal((2, 2000, 1)))
-    found = evidence.bridge(
+    found = bridge.bridge(
         draws, lambda x: np.where(x[:, 0] > 0, 0.5 * x[:, 0] ** 2, np.nan), 4000.0, rng
     )
     assert abs(found.value - np.log(np.sqrt(np.pi / 2))) < limit() * found.se
@@ -71,11 +72,11 @@ def test_halves_that_do_not_overlap_leave_the_weight_open(away):
         near, far = (np.sum((x - at) ** 2, axis=1) for at in (0.0, away))
         return 0.5 * np.minimum(near, far) + np.log(2.0) + np.log(2 * np.pi)
 
-    found = evidence.bridge(draws, potential, 200.0, rng)
+    found = bridge.bridge(draws, potential, 200.0, rng)
     assert np.isfinite(found).all()
     assert found.value > -np.log(2.0) - 0.1  # a lower bound: one of the two at least
     assert found.se > 0.5
-    nowhere = evidence.bridge(
+    nowhere = bridge.bridge(
         draws, lambda x: np.where(x[:, 0] > 0.5 * away, 1.0, np.inf), 200.0, rng
     )
     assert np.isfinite(nowhere).all()
@@ -88,7 +89,7 @@ def one_facet():
     options = {"n_facets": 1, "spin": "none"}
     settings = Settings(num_warmup=200, num_samples=400, num_starts=32)
     found = fit.run(
-        light, gallery.find("faceted"), options, settings, Checkpoint(None, {}), Silent()
+        light, registry.find("faceted"), options, settings, Checkpoint(None, {}), Silent()
     )
     return found
 
@@ -155,9 +156,9 @@ def test_hits_are_counted_along_a_ridge(one_facet):
         jnp.ones(len(inside) + 1), jnp.zeros(len(inside) + 1, int),
     )  # fmt: skip
     mode = fit.Mode(
-        Solution(flat.mean(0), 0.0, 0.0, 1.0, 1), stretched, {}, evidence.LogEvidence(0.0, 0.1)
+        Solution(flat.mean(0), 0.0, 0.0, 1.0, 1), stretched, {}, bridge.LogEvidence(0.0, 0.1)
     )
-    order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
+    order = fit.FacetOrder(problem, registry.find("faceted").facet_sites)
     fit.recount([mode], problem, problem, ends, order, data)
     assert 0.9 * len(inside) <= mode.solution.hits <= len(inside)
 
@@ -172,7 +173,7 @@ def test_mixture_takes_modes_by_weight(lengths):
             Solution(np.zeros(4), 0.0, 0.0, 1.0, 1),
             rng.standard_normal((2, lengths[i], 4)) + 100 * i,
             {},
-            evidence.LogEvidence(np.log(w), 0.1),
+            bridge.LogEvidence(np.log(w), 0.1),
         )
         for i, w in enumerate((3.0, 1.0))
     ]
@@ -190,9 +191,9 @@ def test_mixture_takes_modes_by_weight(lengths):
 
 def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mode():
     problem, data = small.posed(small.curve(8), n_facets=1, spin="none")
-    order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
+    order = fit.FacetOrder(problem, registry.find("faceted").facet_sites)
     z = np.random.default_rng(3).standard_normal((2, 500, 4))
-    mode = fit.Mode(Solution(np.zeros(4), 0.0, 0.0, 1.0, 1), z, {}, evidence.LogEvidence(5.0, 0.1))
+    mode = fit.Mode(Solution(np.zeros(4), 0.0, 0.0, 1.0, 1), z, {}, bridge.LogEvidence(5.0, 0.1))
 
     def told(*rest: tuple[float, float]) -> list[str]:
         left = [Solution(np.full(4, x), 0.0, log_z, 1.0, 1) for x, log_z in rest]
@@ -208,11 +209,11 @@ def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mo
 
 def test_two_runs_into_one_region_are_one_mode_whatever_their_lengths():
     problem, _ = small.posed(small.curve(8), n_facets=1, spin="none")
-    order = fit.FacetOrder(problem, gallery.find("faceted").facet_sites)
+    order = fit.FacetOrder(problem, registry.find("faceted").facet_sites)
     rng = np.random.default_rng(2)
     solution = Solution(np.zeros(4), 0.0, 0.0, 1.0, 1)
     long, short, away = (
-        fit.Mode(solution, z, {}, evidence.LogEvidence(log_z, 0.1))
+        fit.Mode(solution, z, {}, bridge.LogEvidence(log_z, 0.1))
         for z, log_z in (
             (rng.standard_normal((2, 1000, 4)), 0.0),
             (rng.standard_normal((2, 400, 4)), 1.0),

@@ -8,15 +8,15 @@ import numpyro.distributions as dist
 import pytest
 import small
 
-from lcbayes import noise
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
-from lcbayes.inference import sample
-from lcbayes.inference.enough import MAX_DIVERGING
-from lcbayes.inference.problem import Problem
-from lcbayes.inference.settings import Settings
-from lcbayes.progress import Silent
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import sampling
+from lcbayes.samplers.convergence import MAX_DIVERGING
+from lcbayes.samplers.settings import Settings
 
 
 def funnel(data: Epochs) -> None:
@@ -24,7 +24,7 @@ def funnel(data: Epochs) -> None:
     that its mouth asks for."""
     width = numpyro.sample("log_width", dist.Normal(0.0, 1.5))
     inside = numpyro.sample("inside", dist.Normal(0.0, jnp.exp(width)).expand([4]).to_event(1))
-    noise.observe(data, jnp.full(data.t.shape, 1.0) + 0.0 * jnp.sum(jnp.asarray(inside)))
+    likelihood.observe(data, jnp.full(data.t.shape, 1.0) + 0.0 * jnp.sum(jnp.asarray(inside)))
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def problem():
 def run(problem, data, checkpoint=None, sampler="nuts"):
     settings = Settings(sampler=sampler, num_warmup=100, num_samples=500, num_chains=2)
     with Silent().stage("sampling", 1, "draws") as track:
-        return sample.Sampler(problem, settings, 1).run(
+        return sampling.Sampler(problem, settings, 1).run(
             "mode-0", np.zeros(problem.dim), data, jax.random.key(0),
-            checkpoint or Checkpoint(None, {}), sample.Timing(), track,
+            checkpoint or Checkpoint(None, {}), sampling.Timing(), track,
         )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_draws_begin_anew_with_half_the_step_where_too_many_diverge(problem, mon
     z, stats, _ = run(*problem)
     assert z.shape == (2, 500, 5)
     assert stats["diverging"].shape == (2, 500)
-    monkeypatch.setattr(sample, "HALVINGS", 0)
+    monkeypatch.setattr(sampling, "HALVINGS", 0)
     _, before, _ = run(*problem)
     assert share(before) > MAX_DIVERGING
     assert share(stats) < 0.5 * share(before)

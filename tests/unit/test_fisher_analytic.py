@@ -13,7 +13,7 @@ import small
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 
 Floats = NDArray[np.float64]
 

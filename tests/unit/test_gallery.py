@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from lcbayes import gallery
-from lcbayes.errors import InputError
-from lcbayes.inference.settings import Settings
+from lcbayes.core.errors import InputError
+from lcbayes.modelling import registry
+from lcbayes.samplers.settings import Settings
 
 GOOD = """
 SUMMARY = "mine"
@@ -29,7 +29,7 @@ def mine(tmp_path):
 
 
 def test_a_users_file(mine):
-    entry = gallery.find(mine(GOOD))
+    entry = registry.find(mine(GOOD))
     assert (entry.summary, entry.facet_sites, entry.hook("starts")) == ("mine", ("a",), None)
     assert {k: (o.type, o.required) for k, o in entry.options.items()} == {
         "depth": (float, True), "count": (int, False), "dark": (bool, False), "law": (str, False),
@@ -53,7 +53,7 @@ def test_a_users_file(mine):
 )
 def test_options_are_checked(mine, given, says):
     with pytest.raises(InputError, match=says) as fault:
-        gallery.find(mine(GOOD)).check(given)
+        registry.find(mine(GOOD)).check(given)
     assert "\n" not in str(fault.value)
 
 
@@ -77,28 +77,28 @@ def test_options_are_checked(mine, given, says):
 )
 def test_a_file_that_breaks_the_contract(mine, text, says):
     with pytest.raises(InputError, match=says) as fault:
-        gallery.find(mine(text))
+        registry.find(mine(text))
     assert "\n" not in str(fault.value)
     assert "mine.py" in str(fault.value)
 
 
 def test_names_and_paths_that_are_none(tmp_path):
     with pytest.raises(InputError, match="unknown model 'convex'; available: faceted, "):
-        gallery.find("convex")
+        registry.find("convex")
     with pytest.raises(InputError, match="does not exist"):
-        gallery.find(str(tmp_path / "none.py"))
+        registry.find(str(tmp_path / "none.py"))
     with pytest.raises(InputError, match="does not exist"):
-        gallery.find(str(tmp_path))
+        registry.find(str(tmp_path))
     (tmp_path / "notes.txt").write_text("no Python")
     with pytest.raises(InputError, match="no Python file; give one"):
-        gallery.find(str(tmp_path / "notes.txt"))
+        registry.find(str(tmp_path / "notes.txt"))
 
 
 def test_faults_while_it_runs_name_file_and_line(mine):
-    entry = gallery.find(mine("def model(data):\n    x = 1\n    return data.nonsense\n"))
+    entry = registry.find(mine("def model(data):\n    x = 1\n    return data.nonsense\n"))
     with pytest.raises(InputError, match=r"mine\.py, line 3: AttributeError"), entry.blamed():
         entry.bind({})(object())
-    entry = gallery.find(mine("import sys\ndef model(data):\n    sys.exit(0)\n"))
+    entry = registry.find(mine("import sys\ndef model(data):\n    sys.exit(0)\n"))
     with pytest.raises(InputError, match=r"mine\.py, line 3: SystemExit"), entry.blamed():
         entry.bind({})(object())
     with pytest.raises(InputError, match="as it is"), entry.blamed():
@@ -106,7 +106,7 @@ def test_faults_while_it_runs_name_file_and_line(mine):
 
 
 def test_faults_of_a_built_in_model_are_not_the_users():
-    entry = gallery.find("faceted")
+    entry = registry.find("faceted")
     with pytest.raises(InputError, match="unknown law"), entry.blamed():
         raise ValueError("unknown law")
     with pytest.raises(ZeroDivisionError), entry.blamed():

@@ -11,18 +11,12 @@ import pytest
 import sgp4
 from sgp4.api import Satrec
 
-from lcbayes.errors import InputError
-from lcbayes.geometry import (
-    Earth,
-    Site,
-    Times,
-    from_altaz,
-    from_radec,
-    from_tle,
-    sun_position,
-    sunlit,
-)
-from lcbayes.tle import Tle, parse_tle
+from lcbayes.core.errors import InputError
+from lcbayes.geometry.directions import from_altaz, from_radec, from_tle
+from lcbayes.geometry.earth import Earth, sun_position, sunlit
+from lcbayes.geometry.sites import Site
+from lcbayes.geometry.times import Times
+from lcbayes.geometry.tle import Tle, parse_tle
 
 ISS = """ISS (ZARYA)
 1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927

@@ -13,11 +13,12 @@ from flashes import (
     wire_flashes,
 )
 
-from lcbayes.albedo_area.observed import Attitude
-from lcbayes.errors import InputError
-from lcbayes.glints import analyse
-from lcbayes.glints.detect import detect
-from lcbayes.glints.directions import (
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.observed import Attitude
+from lcbayes.inversion.glints import analyse
+from lcbayes.inversion.glints.detect import detect
+from lcbayes.inversion.glints.directions import (
     CHI2_90,
     SUN_RADIUS,
     Sighting,
@@ -27,9 +28,8 @@ from lcbayes.glints.directions import (
     facets,
     tracking,
 )
-from lcbayes.glints.instants import instants, rounding
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics.facets import across as axes_across
+from lcbayes.inversion.glints.instants import instants, rounding
+from lcbayes.physics.bodies.facets import across as axes_across
 
 T = np.arange(0.0, 300.0, 0.5)
 ONE = np.zeros(T.size, int)

@@ -8,18 +8,18 @@ import numpyro.distributions as dist
 import pytest
 import small
 
-from lcbayes import noise
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.epochs import Epochs
-from lcbayes.inference import smc
-from lcbayes.inference.independent import independent_runs
-from lcbayes.inference.problem import Problem
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference.replicates import independent_runs
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
 
 
 def level(data):
     x = jnp.asarray(numpyro.sample("x", dist.Normal()))
-    noise.observe(data, x * jnp.ones_like(data.t))
+    likelihood.observe(data, x * jnp.ones_like(data.t))
 
 
 @pytest.mark.slow

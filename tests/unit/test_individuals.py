@@ -10,14 +10,14 @@ import pytest
 from false_alarms import EACH, counts, limit
 
 import lcbayes
-from lcbayes import gallery
-from lcbayes._jax import jnp
-from lcbayes.epochs import Epochs
-from lcbayes.geometry import EARTH_KM
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.earth import EARTH_KM
 from lcbayes.inference import solutions
-from lcbayes.inference.problem import Problem, compiled
 from lcbayes.inference.solutions import Solution
-from lcbayes.lightcurve import LightCurve
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
 
 OPTIONS: dict[str, Any] = {
     "facets": "+z@3,+x@11",
@@ -66,7 +66,7 @@ def offsets(n: int, seed: int) -> np.ndarray:
 
 def posed(light: LightCurve, **more):
     data = Epochs.of(light)
-    entry = gallery.find("stabilised")
+    entry = registry.find("stabilised")
     return Problem(entry.bind(entry.check(OPTIONS | more)), data), data
 
 

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from lcbayes.errors import InputError
-from lcbayes.geometry import Site, Times, from_tle
-from lcbayes.io import read, read_geometry
-from lcbayes.tle import parse_tle
+from lcbayes.core.errors import InputError
+from lcbayes.data.read import read, read_geometry
+from lcbayes.geometry.directions import from_tle
+from lcbayes.geometry.sites import Site
+from lcbayes.geometry.times import Times
+from lcbayes.geometry.tle import parse_tle
 
 ISS = """ISS (ZARYA)
 1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927

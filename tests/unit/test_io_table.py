@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lcbayes.errors import InputError
-from lcbayes.folders import to_toml
-from lcbayes.io import read, read_geometry, write
-from lcbayes.lightcurve import LightCurve
-from lcbayes.scenario import load
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.read import read, read_geometry
+from lcbayes.data.write import write
+from lcbayes.results.folder import to_toml
+from lcbayes.simulation.scenarios.scenario import load
 
 HEADER = "t,flux,flux_err,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
 ROWS = ["0,1.5,0.1,2,0,0,0,3,0", "10,1.6,0.1,2,0,0,0,3,0", "20.5,1.4,0.2,0,0,-5,0.6,0.8,0"]
@@ -242,7 +243,7 @@ def test_geometry_alone(tmp_path):
 
 
 def test_more_rows_than_one_chunk_keep_their_line_numbers(tmp_path, monkeypatch):
-    monkeypatch.setattr("lcbayes.io._table.CHUNK", 7)
+    monkeypatch.setattr("lcbayes.data.formats.table.CHUNK", 7)
     rows = [f"{i},1,0.1,1,0,0,0,1,0" for i in range(50)]
     assert read_text(tmp_path, "\n".join([HEADER, *rows])).t.tolist() == list(range(50))
     rows[30] = rows[30].replace("0.1", "zero")
@@ -255,8 +256,8 @@ def test_more_rows_than_one_chunk_keep_their_line_numbers(tmp_path, monkeypatch)
 
 def test_text_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     """Each cell of a column of text takes as much as its longest."""
-    monkeypatch.setattr("lcbayes.io._table.CHUNK", 7)
-    monkeypatch.setattr("lcbayes.io._table.MAX_TEXT", 4 * 50 * 40)
+    monkeypatch.setattr("lcbayes.data.formats.table.CHUNK", 7)
+    monkeypatch.setattr("lcbayes.data.formats.table.MAX_TEXT", 4 * 50 * 40)
     rows = [f"{i},1,0.1,1,0,0,0,1,0,{'x' * (40 if i == 20 else 1)}" for i in range(50)]
     text = "\n".join([HEADER + ",note", *rows])
     assert read_text(tmp_path, text).extra["note"][20] == "x" * 40
@@ -421,7 +422,9 @@ def test_extra_columns_may_not_pose_as_others(tmp_path):
 
 
 def test_reading_vectors_needs_neither_astropy_nor_jax():
-    script = "import sys, lcbayes.io; print({'jax', 'astropy', 'sgp4', 'erfa'} & set(sys.modules))"
+    script = (
+        "import sys, lcbayes.data; print({'jax', 'astropy', 'sgp4', 'erfa'} & set(sys.modules))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )

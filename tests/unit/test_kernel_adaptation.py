@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 from false_alarms import EACH, limit
 
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels import HMC, adaptation, trajectory
-from lcbayes.kernels.adaptation import COMPARE, EDGES, NARROW, SETTLE, Haario, Tuner, Tuning
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels import HMC, adaptation, trajectory
+from lcbayes.samplers.kernels.adaptation import (
+    COMPARE,
+    EDGES,
+    NARROW,
+    SETTLE,
+    Haario,
+    Tuner,
+    Tuning,
+)
 
 # ------------------------------------------------------------------------ step size
 

@@ -7,8 +7,8 @@ import pytest
 from false_alarms import EACH, limit
 from scipy import stats
 
-from lcbayes._jax import jax, jnp
-from lcbayes.kernels import integrators, metric
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels import integrators, metric
 
 DIMS = (1, 3, 7)
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from lcbayes import scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.errors import InputError
-from lcbayes.observability import known
-from lcbayes.observability.targets import of_sites
-from lcbayes.predict import Foretold, noise_free
-from lcbayes.recorded import Config
-from lcbayes.simulate import simulate
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.results.load import Config
+from lcbayes.simulation.observability.targets import of_sites
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.simulate import simulate
+from lcbayes.tasks.observability import known
+from lcbayes.tasks.predict.run import Foretold, noise_free
 
 NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 

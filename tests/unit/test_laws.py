@@ -10,17 +10,19 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from lcbayes import io, penumbra
-from lcbayes._jax import jax, jnp
-from lcbayes.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
-from lcbayes.errors import InputError
-from lcbayes.geometry import Times
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue, laws
-from lcbayes.physics.laws import TARGETS, ConstantRate, Ephemeris, Fixed, PrincipalAxis
-from lcbayes.scenario import load
-from lcbayes.simulate import simulate
-from lcbayes.tle import parse_tle
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data import earth_shadow
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.read import read
+from lcbayes.data.write import write
+from lcbayes.geometry.times import Times
+from lcbayes.geometry.tle import parse_tle
+from lcbayes.modelling.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
+from lcbayes.physics.attitude import catalogue, laws
+from lcbayes.physics.attitude.laws import TARGETS, ConstantRate, Ephemeris, Fixed, PrincipalAxis
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.simulation.simulate import simulate
 
 RATE = 0.00105  # rad/s, of a low orbit
 INCLINED = Rotation.from_euler("ZXZ", [40.0, 63.0, 15.0], degrees=True).as_matrix()
@@ -406,7 +408,7 @@ snr = 1e9
 
 def test_a_scenario_with_an_articulated_array(tmp_path):
     """A panel that faces the Sun and a plate that faces the Earth, by hand; through a file too."""
-    elements = files("lcbayes.scenarios") / "box-wing.tle"
+    elements = files("lcbayes.simulation.scenarios") / "box-wing.tle"
     (tmp_path / "box-wing.tle").write_text(elements.read_text())
     path = tmp_path / "s.toml"
     path.write_text(SCENARIO)
@@ -416,14 +418,16 @@ def test_a_scenario_with_an_articulated_array(tmp_path):
     panel = np.maximum(np.sum(curve.sun * curve.obs, 1), 0.0)
     mu0, mu = (np.maximum(np.sum(v * nadir, 1), 0.0) for v in (curve.sun, curve.obs))
     intensity = 455.0 * 0.3 / np.pi * (2.0 * panel + 3.0 * mu0 * mu)
-    lit = penumbra.share(curve)  # the first points are past the Earth's edge
-    flux = lit * penumbra.irradiance(curve) * intensity / (1e3 * np.asarray(curve.range_km)) ** 2
+    lit = earth_shadow.share(curve)  # the first points are past the Earth's edge
+    flux = (
+        lit * earth_shadow.irradiance(curve) * intensity / (1e3 * np.asarray(curve.range_km)) ** 2
+    )
     np.testing.assert_allclose(curve.brightness, flux, rtol=1e-6)
     assert truth["attitude"]["law"] == "nadir-gimbal-array"
     assert [f["on_array"] for f in truth["facets"]] == [True, False]
     for name in ("c.csv", "c.ecsv"):
-        io.write(curve, tmp_path / name)
-        again = io.read(tmp_path / name)
+        write(curve, tmp_path / name)
+        again = read(tmp_path / name)
         np.testing.assert_array_equal(again.position_km, curve.position_km)
         np.testing.assert_array_equal(again.velocity_km_s, curve.velocity_km_s)
     path.write_text(SCENARIO.replace("on_array = true", "on_array = false"))
@@ -436,8 +440,8 @@ def test_a_scenario_with_an_articulated_array(tmp_path):
 
 def test_elements_give_an_orbit():
     """Read from a file with elements, the velocity is the derivative of the place."""
-    bundled = files("lcbayes.scenarios")
-    curve = io.read(str(bundled / "box-wing.csv"), tle=str(bundled / "box-wing.tle"))
+    bundled = files("lcbayes.simulation.scenarios")
+    curve = read(str(bundled / "box-wing.csv"), tle=str(bundled / "box-wing.tle"))
     assert curve.velocity_km_s is not None
     turned = velocity_from_places(curve.t, np.asarray(curve.position_km), curve.curve)
     assert turned is None or np.max(np.abs(turned - curve.velocity_km_s)) < 1e-3

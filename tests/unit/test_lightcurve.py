@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve, RowError
+from lcbayes.core.errors import InputError, RowError
+from lcbayes.data.lightcurve import LightCurve
 
 
 def parts(n=4, **changes):

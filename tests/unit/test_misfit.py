@@ -13,12 +13,12 @@ import small
 from false_alarms import EACH, counts
 from scipy import special, stats
 
-from lcbayes import noise
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import misfit, search
-from lcbayes.inference.misfit import Misfit
-from lcbayes.inference.problem import Problem
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import goodness_of_fit, search
+from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 
 N = 100
 LAWS = ("gaussian", "student-t", "mixture")
@@ -35,7 +35,7 @@ def linear(law: str, told: int = 6, held: int = 0, n: int = N, condition: bool =
         c = jnp.asarray(numpyro.sample("c", dist.Normal(0.0, sd).to_event(1)))
         if condition:
             numpyro.sample("sum", dist.Normal(jnp.sum(c), 1e-6), obs=0.0)
-        noise.observe(data, 10.0 + basis @ c, law)  # pyright: ignore[reportArgumentType]
+        likelihood.observe(data, 10.0 + basis @ c, law)  # pyright: ignore[reportArgumentType]
 
     data = Epochs.of(small.curve(n, brightness=np.full(n, 10.0), error=np.full(n, 0.01)))
     return Problem(model, data), data
@@ -53,7 +53,7 @@ def test_chi2_is_of_normal_quantiles(law):
     z = at_zero(problem)
     for r in (0.0, 0.3, -2.5, 7.0, -60.0, 400.0):
         far = jnp.asarray(np.r_[10.0 + 0.01 * r, np.full(N - 1, 10.0)])
-        found = misfit.chi2(problem, z, replace(data, brightness=far))
+        found = goodness_of_fit.chi2(problem, z, replace(data, brightness=far))
         e = special.expit(-3.4)
         tail = {
             "gaussian": stats.norm.logsf(abs(r)),
@@ -67,13 +67,15 @@ def test_chi2_is_of_normal_quantiles(law):
 @pytest.mark.parametrize("law", LAWS)
 def test_parameters_that_the_prior_holds_take_no_freedom(law):
     problem, data = linear(law, told=4, held=30)
-    assert misfit.degrees_of_freedom(problem, at_zero(problem), data) == pytest.approx(96, abs=0.01)
+    assert goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data) == pytest.approx(
+        96, abs=0.01
+    )
 
 
 def test_only_the_brightness_takes_freedom():
     """A sum of the parameters that is conditioned on leaves the data one fewer to set."""
     problem, data = linear("gaussian", told=4, condition=True)
-    found = misfit.degrees_of_freedom(problem, at_zero(problem), data)
+    found = goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data)
     assert found == pytest.approx(97, abs=0.01)
 
 
@@ -81,23 +83,25 @@ def test_a_direction_is_two_parameters_and_an_area_one():
     problem, data = small.posed(small.curve(60, 2, noise=0.01), n_facets=2, spin="none")
     z = np.asarray(small.truth(problem, data, 2))
     assert (problem.dim, problem.n_parameters) == (8, 6)
-    assert misfit.measure(problem, data, z[None]).dof == pytest.approx(60 - 6, abs=0.1)
+    assert goodness_of_fit.measure(problem, data, z[None]).dof == pytest.approx(60 - 6, abs=0.1)
 
 
 def test_misfit_is_seen_where_no_freedom_is_left():
     problem, data = linear("gaussian", told=12, n=8)
     z = at_zero(problem)
-    assert misfit.degrees_of_freedom(problem, z, data) == 8.0
+    assert goodness_of_fit.degrees_of_freedom(problem, z, data) == 8.0
     poor = replace(data, brightness=data.brightness.at[2].add(0.13))
-    assert misfit.measure(problem, data, z[None]).explained
-    assert not misfit.measure(problem, poor, z[None]).explained
+    assert goodness_of_fit.measure(problem, data, z[None]).explained
+    assert not goodness_of_fit.measure(problem, poor, z[None]).explained
 
 
 def test_the_row_that_fits_best_counts():
     problem, data = linear("gaussian")
     z = at_zero(problem)
     rows = np.stack([z + 1.0, z, z - 1.0, np.full_like(z, np.nan)])
-    assert misfit.measure(problem, data, rows).chi2 == misfit.chi2(problem, z, data)
+    assert goodness_of_fit.measure(problem, data, rows).chi2 == goodness_of_fit.chi2(
+        problem, z, data
+    )
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -118,10 +122,10 @@ def test_the_truth_is_rejected_as_often_as_it_should_be(law):
 
     seen, z = jax.jit(jax.vmap(fitted))(jax.random.split(jax.random.key(1), n))
     chi2 = [
-        misfit.chi2(problem, best, replace(data, brightness=y))
+        goodness_of_fit.chi2(problem, best, replace(data, brightness=y))
         for y, best in zip(seen, np.asarray(z), strict=True)
     ]
-    dof = misfit.degrees_of_freedom(problem, np.asarray(z[0]), data)  # the same for all
+    dof = goodness_of_fit.degrees_of_freedom(problem, np.asarray(z[0]), data)  # the same for all
     assert dof == pytest.approx(N - 6, abs=0.1)
     assert all(Misfit(one, dof, law).explained for one in chi2)
     least, most = counts(n, 0.05)

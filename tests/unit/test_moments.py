@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
-from lcbayes.inference.moments import MomentCoordinates
-from lcbayes.physics import facets
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.moments import MomentCoordinates
+from lcbayes.physics.bodies import facets
 
 N_MOMENTS, N_BASIS = 8, 15  # degrees up to 2 as moments, degree 3 as it is
 BASIS = facets.spherical_harmonics(facets.grid(120), 3)[:, 1:]

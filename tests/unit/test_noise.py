@@ -10,14 +10,14 @@ import small
 from numpyro import handlers
 from scipy import stats
 
-from lcbayes import noise
-from lcbayes._jax import jnp
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jnp
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import photometry
 
 
 def log_joint(data: Epochs, flux, law: str = "gaussian", **sites) -> float:
-    model = handlers.substitute(handlers.seed(noise.observe, 0), sites)
+    model = handlers.substitute(handlers.seed(likelihood.observe, 0), sites)
     trace = handlers.trace(model).get_trace(data, flux, law)
     return float(
         sum(jnp.sum(s["fn"].log_prob(s["value"])) for s in trace.values() if s["type"] == "sample")
@@ -37,14 +37,14 @@ def two_curves(free: bool) -> tuple[Epochs, np.ndarray]:
 def test_flux_without_ranges_is_the_flux():
     light = small.curve(6)
     flux = jnp.linspace(0.1, 1.0, 6)
-    np.testing.assert_array_equal(noise.expected(Epochs.of(light), flux, jnp.ones(1)), flux)
+    np.testing.assert_array_equal(likelihood.expected(Epochs.of(light), flux, jnp.ones(1)), flux)
 
 
 def test_flux_with_ranges_is_irradiance():
     light = small.curve(6, range_km=np.linspace(500.0, 900.0, 6))
     flux = jnp.linspace(0.1, 1.0, 6)
     watts = np.asarray(flux) * 455.0 / (1e3 * np.linspace(500.0, 900.0, 6)) ** 2
-    np.testing.assert_allclose(noise.expected(Epochs.of(light), flux, jnp.ones(1)), watts)
+    np.testing.assert_allclose(likelihood.expected(Epochs.of(light), flux, jnp.ones(1)), watts)
 
 
 def test_magnitudes_are_those_of_photometry():
@@ -55,9 +55,9 @@ def test_magnitudes_are_those_of_photometry():
     )  # fmt: skip
     flux = jnp.linspace(0.1, 1.0, 6)
     want = photometry.magnitude(flux, jnp.asarray(1e3 * r), photometry.sun_magnitude("V"))
-    found = noise.expected(Epochs.of(light), flux, jnp.ones(1))
+    found = likelihood.expected(Epochs.of(light), flux, jnp.ones(1))
     np.testing.assert_allclose(found, want, atol=1e-10)
-    dark = noise.expected(Epochs.of(light), jnp.zeros(6), jnp.ones(1))
+    dark = likelihood.expected(Epochs.of(light), jnp.zeros(6), jnp.ones(1))
     assert np.all(np.isfinite(dark))
     assert np.all(dark - found > 20)
 
@@ -91,7 +91,7 @@ def test_a_common_factor_of_the_flux_does_not_matter_where_the_scale_is_free():
 
 def test_known_scales_are_one():
     data, flux = two_curves(free=False)
-    np.testing.assert_array_equal(noise.curve_scales(data, jnp.asarray(flux)), np.ones(2))
+    np.testing.assert_array_equal(likelihood.curve_scales(data, jnp.asarray(flux)), np.ones(2))
     np.testing.assert_allclose(
         log_joint(data, flux),
         stats.norm.logpdf(np.asarray(data.brightness), flux, np.asarray(data.error)).sum(),
@@ -102,7 +102,7 @@ def test_only_the_free_curves_are_scaled():
     data, flux = two_curves(free=True)
     data = replace(data, free_scale=(False, True), level=data.level.at[0].set(1.0))
     with handlers.seed(rng_seed=0), handlers.substitute(data={"log_level": jnp.array([0.3])}):
-        scale = np.asarray(noise.curve_scales(data, jnp.asarray(flux)))
+        scale = np.asarray(likelihood.curve_scales(data, jnp.asarray(flux)))
     np.testing.assert_allclose(scale, [1.0, np.exp(0.3) / flux[4:].mean()])
 
 
@@ -120,7 +120,7 @@ def test_unknown_noise_is_relative_to_each_curve():
     data, flux = Epochs.of(light), np.linspace(0.5, 1.5, 8)
     y = np.asarray(data.brightness)
     unit = np.array([0.4, -1.2])  # how far each curve's noise is from the typical one
-    levels = 0.05 * np.exp(noise.NOISE_SPREAD * unit) * np.abs(y).reshape(2, 4).mean(1)
+    levels = 0.05 * np.exp(likelihood.NOISE_SPREAD * unit) * np.abs(y).reshape(2, 4).mean(1)
     want = stats.norm.logpdf(y, flux, np.repeat(levels, 4)).sum()
     want += stats.norm.logpdf(np.log(0.05), np.log(0.03), 1.0) + stats.norm.logpdf(unit).sum()
     got = log_joint(data, flux, log_sigma=jnp.log(0.05), noise_unit=jnp.asarray(unit))

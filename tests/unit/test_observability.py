@@ -8,22 +8,28 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from lcbayes import scenario
-from lcbayes._jax import jax, jnp
-from lcbayes.commands.observability import wrapped
-from lcbayes.errors import InputError
-from lcbayes.observability import campaign_plan, planning, summary
-from lcbayes.observability.campaign import Campaign, bound, campaign, flux_weight, jacobian
-from lcbayes.observability.linearity import LINEAR, nonlinearity
-from lcbayes.observability.measurements import measure, over_directions
-from lcbayes.observability.parameters import GROUPS, USUAL, Unknowns
-from lcbayes.observability.targets import of_unknowns
-from lcbayes.observability.trades import Trade, trades, varimax
-from lcbayes.physics.laws import Ephemeris
-from lcbayes.scenario import ConstantRate, Noise, PrincipalAxis
-from lcbayes.scenarios.epochs import epochs
-from lcbayes.scenarios.viewing import Planar
-from lcbayes.simulate import flux_at
+from lcbayes.cli.commands.observability import wrapped
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.attitude.laws import Ephemeris
+from lcbayes.simulation.observability import campaign_plan, planning, summary
+from lcbayes.simulation.observability.campaign import (
+    Campaign,
+    bound,
+    campaign,
+    flux_weight,
+    jacobian,
+)
+from lcbayes.simulation.observability.linearity import LINEAR, nonlinearity
+from lcbayes.simulation.observability.measurements import measure, over_directions
+from lcbayes.simulation.observability.parameters import GROUPS, USUAL, Unknowns
+from lcbayes.simulation.observability.targets import of_unknowns
+from lcbayes.simulation.observability.trades import Trade, trades, varimax
+from lcbayes.simulation.scenarios import scenario
+from lcbayes.simulation.scenarios.epochs import epochs
+from lcbayes.simulation.scenarios.scenario import ConstantRate, Noise, PrincipalAxis
+from lcbayes.simulation.scenarios.viewing import Planar
+from lcbayes.simulation.simulate import flux_at
 
 PANEL = """
 [[body.facets]]

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from scipy import integrate, optimize
 
-from lcbayes import penumbra, scenarios
-from lcbayes._jax import jnp
-from lcbayes.commands.reading import asked, read_from, read_lit
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.geometry import AU_KM, EARTH_KM, SUN_KM, Times, airmass, sun_position
-from lcbayes.lightcurve import LightCurve
+from lcbayes.cli.commands.reading import asked, read_from, read_lit
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data import earth_shadow
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.earth import AU_KM, EARTH_KM, SUN_KM, airmass, sun_position
+from lcbayes.geometry.times import Times
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics.earthshine import RINGS, SECTORS, glow
+from lcbayes.simulation import scenarios
 
 SUN = np.array([1.0, 0.0, 0.0])
 RADIUS = EARTH_KM + 550.0
@@ -47,7 +49,7 @@ def overlap(place: np.ndarray) -> float:
 def test_without_air_it_is_the_share_of_the_disc_that_is_seen():
     """The limb is taken for straight: the Earth is 250 times as wide as the Sun."""
     where = places(np.linspace(-15.0, 15.0, 13))
-    found = penumbra.sunlight(where, np.tile(SUN, (13, 1)), air=False)
+    found = earth_shadow.sunlight(where, np.tile(SUN, (13, 1)), air=False)
     np.testing.assert_allclose(found, [overlap(p) for p in where], atol=2e-3)
     assert found[0] == 0.0
     assert found[-1] == 1.0
@@ -55,8 +57,8 @@ def test_without_air_it_is_the_share_of_the_disc_that_is_seen():
 
 def test_all_light_arrives_high_above_the_air_and_on_the_day_side():
     high = np.array([[-3000.0, EARTH_KM + 300.0, 0.0], [7000.0, 0.0, 0.0], [0.0, 7000.0, 0.0]])
-    np.testing.assert_allclose(penumbra.sunlight(high, np.tile(SUN, (3, 1))), 1.0, atol=1e-9)
-    assert penumbra.sunlight(np.array([[-7000.0, 0.0, 0.0]]), SUN[None])[0] == 0.0
+    np.testing.assert_allclose(earth_shadow.sunlight(high, np.tile(SUN, (3, 1))), 1.0, atol=1e-9)
+    assert earth_shadow.sunlight(np.array([[-7000.0, 0.0, 0.0]]), SUN[None])[0] == 0.0
 
 
 @pytest.mark.parametrize("height", [25.0, 5.0, -20.0])
@@ -67,19 +69,19 @@ def test_with_air_by_rays_one_at_a_time(height):
     radius = SUN_KM / AU_KM * behind
 
     def bent(h):
-        return h - behind * penumbra.BENDING * np.exp(-h / penumbra.SCALE_KM)
+        return h - behind * earth_shadow.BENDING * np.exp(-h / earth_shadow.SCALE_KM)
 
     def strip(g):
         h = optimize.root_scalar(lambda h: bent(h) - g, bracket=(0.0, 200.0)).root
-        dilution = 1.0 + behind * penumbra.BENDING / penumbra.SCALE_KM * np.exp(
-            -h / penumbra.SCALE_KM
+        dilution = 1.0 + behind * earth_shadow.BENDING / earth_shadow.SCALE_KM * np.exp(
+            -h / earth_shadow.SCALE_KM
         )
         chord = 2.0 * np.sqrt(max(radius**2 - (g - height) ** 2, 0.0)) / (np.pi * radius**2)
-        return chord * np.exp(-penumbra.extinction(np.array([h]))[0]) / dilution
+        return chord * np.exp(-earth_shadow.extinction(np.array([h]))[0]) / dilution
 
     low = max(height - radius, bent(0.0))
     want = integrate.quad(strip, low, height + radius, limit=200)[0]
-    got = penumbra.sunlight(place[None], SUN[None])[0]
+    got = earth_shadow.sunlight(place[None], SUN[None])[0]
     assert got == pytest.approx(want, rel=1e-4)
 
 
@@ -87,8 +89,8 @@ def test_the_limb_is_that_of_the_ellipsoid():
     """Over a pole the ground is 21 km lower: as much light arrives from rays so much lower."""
     equator = places(np.array([20.0]))
     pole = equator[:, [0, 2, 1]]
-    lower = pole * [1.0, 1.0, (EARTH_KM * (1 - penumbra.FLATTENING) + 20.0) / pole[0, 2]]
-    found = penumbra.sunlight(np.concatenate([equator, pole, lower]), np.tile(SUN, (3, 1)))
+    lower = pole * [1.0, 1.0, (EARTH_KM * (1 - earth_shadow.FLATTENING) + 20.0) / pole[0, 2]]
+    found = earth_shadow.sunlight(np.concatenate([equator, pole, lower]), np.tile(SUN, (3, 1)))
     assert found[1] > found[0] + 0.3
     assert found[2] == pytest.approx(found[0], abs=2e-3)
 
@@ -97,15 +99,19 @@ def test_extinction_along_a_ray_by_quadrature():
     """Of the ozone alone, over the length of the ray; toward the zenith it is 0.03."""
 
     def density(r):
-        z = (r - EARTH_KM - penumbra.OZONE_KM) / penumbra.OZONE_WIDTH_KM
-        return penumbra.OZONE / (np.sqrt(2 * np.pi) * penumbra.OZONE_WIDTH_KM) * np.exp(-(z**2) / 2)
+        z = (r - EARTH_KM - earth_shadow.OZONE_KM) / earth_shadow.OZONE_WIDTH_KM
+        return (
+            earth_shadow.OZONE
+            / (np.sqrt(2 * np.pi) * earth_shadow.OZONE_WIDTH_KM)
+            * np.exp(-(z**2) / 2)
+        )
 
     for h in (5.0, 20.0, 30.0):
         along = lambda s, h=h: density(np.hypot(EARTH_KM + h, s))  # noqa: E731
         ozone = 2.0 * integrate.quad(along, 0.0, 1500.0, limit=200)[0]
-        air = penumbra.RAYLEIGH * np.sqrt(2 * np.pi * EARTH_KM / penumbra.SCALE_KM)
-        want = ozone + air * np.exp(-h / penumbra.SCALE_KM)
-        assert penumbra.extinction(np.array([h]))[0] == pytest.approx(want, rel=2e-3)
+        air = earth_shadow.RAYLEIGH * np.sqrt(2 * np.pi * EARTH_KM / earth_shadow.SCALE_KM)
+        want = ozone + air * np.exp(-h / earth_shadow.SCALE_KM)
+        assert earth_shadow.extinction(np.array([h]))[0] == pytest.approx(want, rel=2e-3)
 
 
 def test_airmass_is_that_of_air_in_spherical_layers():
@@ -171,14 +177,14 @@ def asked_for() -> Namespace:
 def test_methods_that_know_of_no_penumbra_leave_its_points_out_and_say_so(asked_for, capsys):
     """The demo's satellite comes out of the shadow in its first points."""
     whole, lit = read_from(asked_for), read_lit(asked_for)
-    share = penumbra.share(whole)
+    share = earth_shadow.share(whole)
     assert 0 < whole.n_obs - lit.n_obs == np.sum(share <= 0.99) < 20
     np.testing.assert_array_equal(lit.brightness, whole.brightness[share > 0.99])
     assert f"note: {whole.n_obs - lit.n_obs} points" in capsys.readouterr().err
     assert asked(asked_for, lit)["points_in_penumbra_left_out"] == whole.n_obs - lit.n_obs
-    assert penumbra.fully_lit(lit) is lit
+    assert earth_shadow.fully_lit(lit) is lit
     with pytest.raises(InputError, match="shadow at all points"):
-        penumbra.fully_lit(whole.select(share < 0.9))
+        earth_shadow.fully_lit(whole.select(share < 0.9))
 
 
 def test_sunlight_follows_the_seasons():
@@ -188,14 +194,14 @@ def test_sunlight_follows_the_seasons():
     curve = seen(days, far)
     g = np.radians(357.528 + 0.9856003 * (2461041.5 - 2451545.0 + days))
     earth = 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
-    found = penumbra.irradiance(curve)
+    found = earth_shadow.irradiance(curve)
     np.testing.assert_allclose(found, earth**-2, rtol=4e-4)  # 1e-4 and the Earth's centre, 5e-5
     assert (found.min(), found.max()) == pytest.approx((0.967, 1.034), abs=1e-3)
     # 1 au behind the observer as the Sun sees it, and where nothing is known
-    beyond = penumbra.irradiance(seen(days, np.full(days.size, AU_KM)))
+    beyond = earth_shadow.irradiance(seen(days, np.full(days.size, AU_KM)))
     np.testing.assert_allclose(beyond, (1 + earth) ** -2, rtol=4e-4)
     for unknown in ({"epoch_jd": None}, {"range_km": None}, {"frame": "inertial"}):
-        assert np.all(penumbra.irradiance(replace(curve, **unknown)) == 1.0)
+        assert np.all(earth_shadow.irradiance(replace(curve, **unknown)) == 1.0)
 
 
 def seen(days: np.ndarray, range_km: np.ndarray) -> LightCurve:
@@ -213,7 +219,7 @@ def test_brightness_follows_the_sunlight():
     """What is simulated and what a fit expects of it are as bright as the Sun is near."""
     days = np.array([0.0, 180.0])
     curve = seen(days, np.full(2, 700.0))
-    ratio = penumbra.irradiance(curve)
+    ratio = earth_shadow.irradiance(curve)
     dilution = np.asarray(Epochs.of(curve).dilution)
     np.testing.assert_allclose(dilution, 455.0 * ratio / 7e5**2)
     mags = replace(curve, kind="mag")

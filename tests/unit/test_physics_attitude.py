@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lcbayes._jax import jax, jnp
-from lcbayes.physics import attitude
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.attitude import rotations
 
 
 def cross_matrix(w):
@@ -20,7 +20,7 @@ def cross_matrix(w):
 )
 def test_constant_rate_is_the_rotation_vector_omega_t(omega):
     t = np.array([-50.0, 0.0, 1e-3, 1.0, 100.0, 4000.0])
-    found = attitude.constant_rate(jnp.asarray(t), jnp.asarray(omega))
+    found = rotations.constant_rate(jnp.asarray(t), jnp.asarray(omega))
     expected = Rotation.from_rotvec(t[:, None] * np.array(omega)).as_matrix()
     np.testing.assert_allclose(found, expected, atol=2e-12)
 
@@ -30,7 +30,7 @@ def test_constant_rate_obeys_its_kinematics(omega):
     """Ȧ = [ω×]A, A(0) = I."""
 
     def at(t):
-        return attitude.constant_rate(t[None], jnp.asarray(omega))[0]
+        return rotations.constant_rate(t[None], jnp.asarray(omega))[0]
 
     np.testing.assert_array_equal(at(jnp.float64(0.0)), np.eye(3))
     for t in (0.0, 0.3, 7.0, -20.0):
@@ -45,11 +45,11 @@ def carried():
     sun, obs = np.random.default_rng(0).normal(size=(2, 5, 3))
 
     def directly(w):
-        return jnp.stack(attitude.constant_rate_to_body(t, w, sun, obs))
+        return jnp.stack(rotations.constant_rate_to_body(t, w, sun, obs))
 
     def by_matrices(w):
-        turn = attitude.constant_rate(t, w)
-        return jnp.stack([attitude.to_body(turn, jnp.asarray(v)) for v in (sun, obs)])
+        turn = rotations.constant_rate(t, w)
+        return jnp.stack([rotations.to_body(turn, jnp.asarray(v)) for v in (sun, obs)])
 
     kinds = (lambda f: f, jax.jacfwd, jax.jacrev, jax.hessian)
     return [(jax.jit(kind(directly)), jax.jit(kind(by_matrices))) for kind in kinds]
@@ -72,7 +72,7 @@ def test_constant_rate_is_smooth_at_rest_and_across_the_series():
     t = jnp.array([0.0, 1.0, 40.0])
 
     def entries(w):
-        return attitude.constant_rate(t, w)
+        return rotations.constant_rate(t, w)
 
     at_rest = jax.jacrev(entries)(jnp.zeros(3))  # dA/dω_k = t [e_k×]
     expected = np.stack(
@@ -83,7 +83,7 @@ def test_constant_rate_is_smooth_at_rest_and_across_the_series():
         w = size * jnp.array([0.6, 0.0, 0.8])
 
         def after_a_second(w):
-            return attitude.constant_rate(jnp.ones(1), w)
+            return rotations.constant_rate(jnp.ones(1), w)
 
         steps = 1e-6 * jnp.eye(3)
         numeric = [(after_a_second(w + e) - after_a_second(w - e)) / 2e-6 for e in steps]
@@ -94,7 +94,7 @@ def test_constant_rate_is_smooth_at_rest_and_across_the_series():
 def test_principal_axis_is_the_three_rotations():
     t = np.linspace(-1e5, 1e5, 11)
     lon, lat, period, phase0 = 1.2, -0.4, 20_744.0, 0.7
-    found = attitude.principal_axis(jnp.asarray(t), lon, lat, period, phase0)
+    found = rotations.principal_axis(jnp.asarray(t), lon, lat, period, phase0)
     expected = (
         Rotation.from_euler("z", lon)
         * Rotation.from_euler("y", np.pi / 2 - lat)
@@ -118,11 +118,11 @@ def test_axes_are_brought_to_the_pole_by_the_least_turn():
         size = np.linalg.norm(about)
         angle = np.arctan2(size, pole[0])
         least = Rotation.from_rotvec(about * (angle / size if size else 0.0)).as_matrix()
-        found = np.asarray(attitude.brought_to(jnp.asarray(pole)))
+        found = np.asarray(rotations.brought_to(jnp.asarray(pole)))
         np.testing.assert_allclose(found, least @ np.eye(3)[:, [1, 2, 0]], atol=1e-12)
         np.testing.assert_allclose(found[:, 2], pole, atol=1e-15)
     for pole in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
-        slope = jax.jacfwd(attitude.brought_to)(jnp.asarray(pole))
+        slope = jax.jacfwd(rotations.brought_to)(jnp.asarray(pole))
         assert np.max(np.abs(slope)) < 3.0
 
 
@@ -130,7 +130,7 @@ def test_principal_axis_spins_about_its_pole():
     lon, lat, period = 0.3, 0.9, 30.0
 
     def at(t):
-        return attitude.principal_axis(t[None], lon, lat, period, 0.1)[0]
+        return rotations.principal_axis(t[None], lon, lat, period, 0.1)[0]
 
     pole = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
     t = jnp.float64(12.3)
@@ -142,16 +142,16 @@ def test_principal_axis_keeps_its_phase_over_decades():
     """25 years of a 5.76 h period: 4·10⁴ turns; the phase stays exact to 1e-10."""
     period = 5.761980 * 3600.0
     turns = 38_000
-    late = attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, period, 0.0)
-    first = attitude.principal_axis(jnp.array([0.0]), 1.0, 0.2, period, 0.0)
+    late = rotations.principal_axis(jnp.array([turns * period]), 1.0, 0.2, period, 0.0)
+    first = rotations.principal_axis(jnp.array([0.0]), 1.0, 0.2, period, 0.0)
     np.testing.assert_allclose(late, first, atol=1e-10)
     slope = jax.grad(
-        lambda p: attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 0]
+        lambda p: rotations.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 0]
     )(period)
     # d(phase)/dP = −2πt/P²; R_zx = −cos β cos(phase): at whole turns its slope is 0 to first order
     assert abs(slope) < 1e-9
     slope = jax.grad(
-        lambda p: attitude.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 1]
+        lambda p: rotations.principal_axis(jnp.array([turns * period]), 1.0, 0.2, p, 0.0)[0, 2, 1]
     )(period)
     assert slope == pytest.approx(-np.cos(0.2) * 2 * np.pi * turns / period, rel=1e-9)
 
@@ -159,7 +159,7 @@ def test_principal_axis_keeps_its_phase_over_decades():
 def test_to_body_undoes_the_attitude_and_fixed_does_nothing():
     rng = np.random.default_rng(2)
     t, v = jnp.linspace(0, 9, 7), jnp.asarray(rng.normal(size=(7, 3)))
-    a = attitude.constant_rate(t, jnp.array([0.3, -0.2, 0.9]))
+    a = rotations.constant_rate(t, jnp.array([0.3, -0.2, 0.9]))
     there = jnp.einsum("tij,tj->ti", a, v)
-    np.testing.assert_allclose(attitude.to_body(a, there), v, atol=1e-14)
-    np.testing.assert_array_equal(attitude.to_body(attitude.fixed(t), v), v)
+    np.testing.assert_allclose(rotations.to_body(a, there), v, atol=1e-14)
+    np.testing.assert_array_equal(rotations.to_body(rotations.fixed(t), v), v)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics import brightness
-from lcbayes.physics.attitude import constant_rate, to_body
+from lcbayes.physics.attitude.rotations import constant_rate, to_body
+from lcbayes.physics.bodies.facets import normal
 from lcbayes.physics.brightness import DIFFUSE_LAWS, flux
-from lcbayes.physics.facets import normal
 
 
 def unit(rng, n):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
-from lcbayes.errors import InputError
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics import photometry as ph
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics import reflectance
 from lcbayes.physics.brightness import flux, flux_brdf
 from lcbayes.physics.reflectance import LAWS, Geometry, geometry

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import scipy.special
 
-from lcbayes._jax import jax, jnp
-from lcbayes.errors import InputError
-from lcbayes.physics import facets, shapes
-from lcbayes.physics.closure import closure
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies import facets, shapes
+from lcbayes.physics.bodies.closure import closure
 
 CUBE = """# a unit cube
 o box

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from lcbayes.observability import planning
+from lcbayes.simulation.observability import planning
 
 
 def conditioned(measured, targets, visits):

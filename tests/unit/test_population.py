@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import small
 
-from lcbayes._jax import jax, jnp
-from lcbayes.checkpoint import Checkpoint
-from lcbayes.inference import population, regions, smc
-from lcbayes.inference.chains import Whitening
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.sample import Timing
-from lcbayes.inference.settings import Settings
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.inference import basins, population
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.solutions import Solution
-from lcbayes.progress import Silent
+from lcbayes.samplers import smc
+from lcbayes.samplers.chains import Whitening
+from lcbayes.samplers.sampling import Timing
+from lcbayes.samplers.settings import Settings
 
 SITES = ("normals_base", "log_albedo_area")
 N_RUNS, N = 3, 1200
@@ -62,8 +63,8 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
         for z, one in zip(clouds, log_z, strict=True)
     ]
     monkeypatch.setattr(population, "_runs", lambda *_: runs)
-    monkeypatch.setattr(regions, "optima", lambda *_: [solution(z) for z in at])
-    monkeypatch.setattr(regions.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
+    monkeypatch.setattr(basins, "optima", lambda *_: [solution(z) for z in at])
+    monkeypatch.setattr(basins.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
     return population.sample(
         problem, data, [], order, settings, jax.random.key(0), 1, Checkpoint(None, {}),

@@ -13,15 +13,16 @@ import numpyro.distributions as dist
 import pytest
 import small
 
-from lcbayes import gallery, noise
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.inference import chains, search
-from lcbayes.inference import posed as keeping
-from lcbayes.inference.moments import MomentCoordinates
-from lcbayes.inference.posed import forget, posed, structures
-from lcbayes.inference.problem import Problem, compiled
-from lcbayes.progress import Silent
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.inference import problem_cache as keeping
+from lcbayes.inference import search
+from lcbayes.inference.problem_cache import forget, posed, structures
+from lcbayes.modelling import likelihood, registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.moments import MomentCoordinates
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.samplers import chains
 
 TRACED = []
 
@@ -30,14 +31,14 @@ def model(data: Epochs, *, level: float = 0.0):
     """A constant, that counts how often it is traced."""
     TRACED.append(data.t.shape)
     x = jnp.exp(level + numpyro.sample("x", dist.Normal(0.0, 1.0)))
-    noise.observe(data, x * jnp.ones_like(data.t))
+    likelihood.observe(data, x * jnp.ones_like(data.t))
 
 
-def entry(**hooks) -> gallery.Entry:
+def entry(**hooks) -> registry.Entry:
     module = ModuleType("counted")
     vars(module).update({"model": model} | hooks)
     sys.modules["counted"] = module
-    return gallery.Entry("counted", module)
+    return registry.Entry("counted", module)
 
 
 def test_same_structure_same_problem_other_structure_other_problem():
@@ -81,7 +82,7 @@ def slow(data: Epochs):
     time.sleep(0.02)
     x = numpyro.sample("x", dist.Normal(0.0, 1.0))
     time.sleep(0.02)
-    noise.observe(data, jnp.exp(x) * jnp.ones_like(data.t))
+    likelihood.observe(data, jnp.exp(x) * jnp.ones_like(data.t))
 
 
 def test_threads_trace_beside_each_other_while_programs_are_let_go_of(monkeypatch):

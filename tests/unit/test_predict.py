@@ -12,14 +12,14 @@ import results_folders
 import small
 from false_alarms import EACH, counts
 
-from lcbayes._jax import jax, jnp
-from lcbayes.cli import main
-from lcbayes.errors import InputError
-from lcbayes.io import write
-from lcbayes.lightcurve import LightCurve
-from lcbayes.predict import fitted_curve, load, predict
-from lcbayes.recorded import Config
-from lcbayes.results import dataset
+from lcbayes.cli.main import main
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.write import write
+from lcbayes.results.load import Config
+from lcbayes.results.posterior import dataset
+from lcbayes.tasks.predict.run import fitted_curve, load, predict
 
 ONE = {"n_facets": 1, "spin": "none"}
 
@@ -188,8 +188,8 @@ def test_a_curve_of_any_name_stays_in_its_column(tmp_path, light, draws, monkeyp
     later = replace(light, curve_names=(name,))
     write(later, tmp_path / "later.csv")
     config = Config({"model": "faceted"}, ONE, None, "", {})
-    monkeypatch.setattr("lcbayes.predict.load", lambda _: (draws, config))
-    monkeypatch.setattr("lcbayes.predict.fitted_curve", lambda *_: light)
+    monkeypatch.setattr("lcbayes.tasks.predict.run.load", lambda _: (draws, config))
+    monkeypatch.setattr("lcbayes.tasks.predict.run.fitted_curve", lambda *_: light)
     out = tmp_path / "out.csv"
     assert main(["predict", "fit", str(tmp_path / "later.csv"), "-o", str(out)]) == 0
     with out.open() as file:

@@ -9,11 +9,11 @@ import pytest
 import small
 from false_alarms import EACH, limit
 
-from lcbayes import noise
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference.prior_mass import log_prior_mass
-from lcbayes.inference.problem import Problem
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 
 EDGE = 0.02 * np.sqrt(np.pi) / 2  # what the soft edge of `priors.lit_and_seen` adds, rad
 
@@ -22,7 +22,7 @@ def test_a_constant_factor():
     def model(data):
         x = jnp.asarray(numpyro.sample("x", dist.Normal()))
         numpyro.factor("less", -2.0)
-        noise.observe(data, x * jnp.ones_like(data.t))
+        likelihood.observe(data, x * jnp.ones_like(data.t))
 
     data = Epochs.of(small.curve(10))
     found = log_prior_mass(Problem(model, data), data, jax.random.key(0))
@@ -37,7 +37,7 @@ def test_a_gaussian_factor():
     def model(data):
         x = jnp.asarray(numpyro.sample("x", dist.Normal()))
         numpyro.factor("narrow", -4.0 * x**2)
-        noise.observe(data, x * jnp.ones_like(data.t))
+        likelihood.observe(data, x * jnp.ones_like(data.t))
 
     data = Epochs.of(small.curve(10))
     found = log_prior_mass(Problem(model, data), data, jax.random.key(0))

@@ -8,8 +8,8 @@ from false_alarms import EACH
 from numpyro import handlers
 from scipy import integrate, stats
 
-from lcbayes import priors
-from lcbayes._jax import jax, jnp
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import priors
 
 
 def factor_of(call) -> float:

@@ -10,10 +10,10 @@ import small
 from false_alarms import EACH, limit
 from numpyro.infer.util import potential_energy
 
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.inference.problem import Problem
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
 
 CASES = {
     "one facet": ({}, {"n_facets": 1, "spin": "none"}),
@@ -159,7 +159,7 @@ def discrete(data):
 @pytest.mark.parametrize(
     ("model", "says"),
     [
-        (no_observation, "end it with lcbayes.noise.observe"),
+        (no_observation, "end it with lcbayes.modelling.likelihood.observe"),
         (poisson, "expected Normal or StudentT"),
         (discrete, "'k' is discrete"),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lcbayes.progress import Console, Parts
+from lcbayes.core.progress import Console, Parts
 
 
 class Noted:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from false_alarms import EACH, limit, squares
 
-from lcbayes._jax import jax, jnp
-from lcbayes.inference import regions
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.regions import Regions
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import basins
+from lcbayes.inference.basins import Regions
+from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.solutions import Solution
 
 FACETS, COORDINATES = 3, 2
@@ -60,9 +60,9 @@ def cut() -> Regions:
     return Regions(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
 
 
-def weighed(cut: Regions, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> regions.Weighed:
+def weighed(cut: Regions, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> basins.Weighed:
     label, rows = cut.place(z)
-    return regions.weigh(cut, label, rows, path, n_chains, rng)
+    return basins.weigh(cut, label, rows, path, n_chains, rng)
 
 
 @pytest.mark.statistical(false_alarm=EACH)

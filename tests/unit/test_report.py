@@ -21,8 +21,8 @@ from lcbayes.analysis import (
     tables,
 )
 from lcbayes.analysis.numerals import date, duration, show
-from lcbayes.commands import report as command
-from lcbayes.errors import InputError
+from lcbayes.cli.commands import report as command
+from lcbayes.core.errors import InputError
 
 
 class Page(HTMLParser):
@@ -207,7 +207,7 @@ def test_command_prints_where_the_page_is(monkeypatch, capsys, tmp_path):
 
 
 def test_command_is_imported_without_the_heavy_libraries():
-    code = "import sys, lcbayes.commands.report; print(*sys.modules)"
+    code = "import sys, lcbayes.cli.commands.report; print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"matplotlib", "jax", "arviz", "xarray", "numpy"} & set(out.stdout.split())
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from readers import TLE
 
-from lcbayes.errors import InputError
-from lcbayes.scenario import ConstantRate, Fixed, PrincipalAxis, load
-from lcbayes.scenarios.viewing import Orbit, Planar, Vectors
+from lcbayes.core.errors import InputError
+from lcbayes.simulation.scenarios.scenario import ConstantRate, Fixed, PrincipalAxis, load
+from lcbayes.simulation.scenarios.viewing import Orbit, Planar, Vectors
 
 DESIGN = """\
 [[body.facets]]

@@ -9,18 +9,18 @@ import pytest
 import small
 from scipy.optimize import minimize
 
-from lcbayes import gallery
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
 from lcbayes.inference import search, solutions
-from lcbayes.inference.facet_order import FacetOrder
-from lcbayes.inference.path import in_time
-from lcbayes.inference.posed import posed
-from lcbayes.inference.problem import prior_draws
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.problem_cache import posed
 from lcbayes.inference.search import SearchState
-from lcbayes.progress import Silent
-from lcbayes.scenario import load
-from lcbayes.simulate import simulate
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import prior_draws
+from lcbayes.samplers.tempering_path import in_time
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.simulation.simulate import simulate
 
 SITES = ("normals_base", "log_albedo_area")
 
@@ -177,7 +177,7 @@ def test_points_of_less_weight_move_the_optimum_towards_the_prior(one):
 def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_solution():
     """Two facets that turn, 120 of the usual 423 starts: over six draws of them."""
     data = Epochs.of(simulate(load("two-facet-spin"), 1)[0])
-    entry = gallery.find("faceted")
+    entry = registry.find("faceted")
     problem, _ = posed(entry, entry.check({"n_facets": 2}), data)
     way = in_time(problem, data)
     assert way is not None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcbayes._jax import jax, jnp
-from lcbayes.physics import attitude
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.attitude import rotations
 from lcbayes.physics.brightness import flux_brdf
 from lcbayes.physics.sensitivity import (
     CLOSED_FORMS,
@@ -62,7 +62,7 @@ def by_autodiff(law, sun, obs, normals, area, params, u):
     """Flux, ∂/∂δα with a finite rotation inside, ∂/∂parameters; of one body."""
 
     def flux(delta, params):
-        turn = attitude.constant_rate(jnp.ones(1), delta)[0]
+        turn = rotations.constant_rate(jnp.ones(1), delta)[0]
         return flux_brdf((turn @ sun)[None], (turn @ obs)[None], normals, area, law, params, u)[0]
 
     value = flux(jnp.zeros(3), params)

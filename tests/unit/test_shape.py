@@ -6,10 +6,10 @@ from results_folders import fibonacci
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, KDTree
 
-from lcbayes.errors import InputError
-from lcbayes.physics import shapes
-from lcbayes.physics.closure import close, closure
-from lcbayes.shape import minkowski
+from lcbayes.core.errors import InputError
+from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies.closure import close, closure
+from lcbayes.physics.bodies.minkowski import minkowski
 
 
 def polygon_area(points: np.ndarray) -> float:

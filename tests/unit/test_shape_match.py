@@ -11,12 +11,11 @@ from passes import measured, passes
 from scipy import stats
 from scipy.integrate import quad
 
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import catalogue, shapes
-from lcbayes.separated import ensemble
-from lcbayes.separated.reduced import reduce
-from lcbayes.separated.shape_match import (
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated import ensemble
+from lcbayes.inversion.separated.reduced import reduce
+from lcbayes.inversion.separated.shape_match import (
     Cast,
     Surface,
     candidates,
@@ -25,7 +24,9 @@ from lcbayes.separated.shape_match import (
     shape_match,
     turned,
 )
-from lcbayes.separated.two_samples import Reference
+from lcbayes.inversion.separated.two_samples import Reference
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import shapes
 
 FEW = ("cube", "plate", "tetrahedron")
 

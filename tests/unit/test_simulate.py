@@ -12,21 +12,28 @@ import pytest
 from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
-from lcbayes import penumbra
-from lcbayes import simulate as module
-from lcbayes._jax import jnp
-from lcbayes.commands import doctor
-from lcbayes.commands import simulate as command
-from lcbayes.epochs import Epochs
-from lcbayes.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
-from lcbayes.io import read
+from lcbayes.cli.commands import doctor
+from lcbayes.cli.commands import simulate as command
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data import earth_shadow
+from lcbayes.data.read import read
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.models import faceted
-from lcbayes.physics import shapes
-from lcbayes.scenario import ConstantRate, Fixed, Noise, PrincipalAxis, Scenario, load
-from lcbayes.scenarios.body import Material
-from lcbayes.scenarios.epochs import epochs
-from lcbayes.scenarios.viewing import Orbit, Planar, PlanarPass, Vectors
-from lcbayes.simulate import flux_at, simulate
+from lcbayes.physics.bodies import shapes
+from lcbayes.simulation import simulate as module
+from lcbayes.simulation.scenarios.body import Material
+from lcbayes.simulation.scenarios.epochs import epochs
+from lcbayes.simulation.scenarios.scenario import (
+    ConstantRate,
+    Fixed,
+    Noise,
+    PrincipalAxis,
+    Scenario,
+    load,
+)
+from lcbayes.simulation.scenarios.viewing import Orbit, Planar, PlanarPass, Vectors
+from lcbayes.simulation.simulate import flux_at, simulate
 
 PASS = PlanarPass(0.0, 60.0, 0.5, 0.02, 0.1, 0.001, 0.6, "xy")
 WHITE = {"body": Material("lambertian", {"r_diff": 0.8})}
@@ -280,4 +287,4 @@ def test_a_model_given_the_truth_explains_the_curve(name):
     found = handlers.trace(seeded).get_trace(Epochs.of(curve))["expected"]["value"]
     np.testing.assert_allclose(found, made["flux"], rtol=1e-9, atol=1e-12 * max(made["flux"]))
     if name == "box-wing":
-        assert penumbra.share(curve).min() < 0.6  # it comes out of the Earth's shadow
+        assert earth_shadow.share(curve).min() < 0.6  # it comes out of the Earth's shadow

@@ -11,11 +11,12 @@ from false_alarms import EACH
 
 from lcbayes.analysis.single_facet_report import draw
 from lcbayes.analysis.style import Gallery, drawing
-from lcbayes.errors import InputError
-from lcbayes.physics import catalogue, facets
-from lcbayes.separated import single_facet as module
-from lcbayes.separated.reduced import reduce
-from lcbayes.separated.single_facet import single_facet
+from lcbayes.core.errors import InputError
+from lcbayes.inversion.separated import single_facet as module
+from lcbayes.inversion.separated.reduced import reduce
+from lcbayes.inversion.separated.single_facet import single_facet
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import facets
 
 LVLH = catalogue.find("lvlh")
 

@@ -8,7 +8,7 @@ import browsing
 import pytest
 
 from lcbayes.analysis import small_report
-from lcbayes.errors import InputError
+from lcbayes.core.errors import InputError
 
 
 def draw(gallery) -> None:

@@ -11,13 +11,13 @@ import pytest
 import small
 from false_alarms import EACH, limit
 
-from lcbayes import noise
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.inference import moves, path, smc, tempering
-from lcbayes.inference.path import Path
-from lcbayes.inference.problem import Problem
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import likelihood
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import moves, smc, tempering, tempering_path
+from lcbayes.samplers.tempering_path import Path
 
 N, RUNS = 200, 8
 PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
@@ -26,7 +26,7 @@ PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 def linear(data):
     """Flux a polynomial in time with standard normal coefficients: everything is Gaussian."""
     x = jnp.asarray(numpyro.sample("x", dist.Normal(0.0, 1.0).expand([3]).to_event(1)))
-    noise.observe(data, _basis(data.t) @ x)
+    likelihood.observe(data, _basis(data.t) @ x)
 
 
 def _basis(t):
@@ -195,16 +195,16 @@ def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
 def test_points_come_in_together_where_nothing_turns():
     """A flux that depends on time by itself turns; facets do if they have a spin."""
     problem, data = small.posed(small.curve(12), spin="none")
-    assert not path.turns(problem, data, jax.random.key(0))
+    assert not tempering_path.turns(problem, data, jax.random.key(0))
     together = Path.of(data, problem.dim, in_time=False)
     for s in np.linspace(0, 1, 11):
         assert np.ptp(together.powers(s)) == 0.0
     in_time = Path.of(data, problem.dim)
     for s in (0.0, 0.5, 0.7, 1.0):
         np.testing.assert_allclose(together.powers(s), in_time.powers(s))
-    assert path.turns(*small.posed(small.curve(12), spin="free"), jax.random.key(0))
+    assert tempering_path.turns(*small.posed(small.curve(12), spin="free"), jax.random.key(0))
     epochs = Epochs.of(small.curve(20))
-    assert path.turns(Problem(linear, epochs), epochs, jax.random.key(0))
+    assert tempering_path.turns(Problem(linear, epochs), epochs, jax.random.key(0))
 
 
 def test_systematic_choice_keeps_to_the_weights():
@@ -223,7 +223,7 @@ def test_collapse_is_told_in_words():
 
     def broken(data):
         x = jnp.asarray(numpyro.sample("x", dist.Normal()))
-        noise.observe(data, x + jnp.sqrt(0.0 * x) + jnp.zeros_like(data.t))
+        likelihood.observe(data, x + jnp.sqrt(0.0 * x) + jnp.zeros_like(data.t))
 
     data = Epochs.of(small.curve(10))
     with pytest.raises(smc.Collapse, match=r"0\.0% of the moves are accepted") as told:
@@ -246,7 +246,7 @@ def test_a_prior_without_density_is_refused():
     def nowhere(data):
         x = jnp.asarray(numpyro.sample("x", dist.Normal()))
         numpyro.factor("far", -jnp.inf * jnp.ones(()))
-        noise.observe(data, x * jnp.ones_like(data.t))
+        likelihood.observe(data, x * jnp.ones_like(data.t))
 
     data = Epochs.of(small.curve(10))
     with pytest.raises(InputError, match="of 80 draws from the prior"):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import small
 
-from lcbayes._jax import jnp
-from lcbayes.inference import smc, sparse
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inference import sparse
+from lcbayes.samplers import smc
 
 AXES = np.eye(3)
 SD = 0.02

@@ -7,16 +7,16 @@ import pytest
 from false_alarms import EACH, counts, squares
 from leo import shine, spinner, spun, steady, triad
 
-from lcbayes.errors import InputError
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import shapes
-from lcbayes.spin import estimate, passes, periods, pole, windows
-from lcbayes.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.spin import detrended, estimate, periods, pole, windows
+from lcbayes.inversion.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE
+from lcbayes.physics.bodies import shapes
 
 
 def one_pass(t, y, error, name="a"):
     still = np.tile([0.0, 0.0, 1.0], (t.size, 1))
-    return passes.Pass(name, t, y, np.broadcast_to(error, t.shape).copy(), still, still)
+    return detrended.Pass(name, t, y, np.broadcast_to(error, t.shape).copy(), still, still)
 
 
 def directions(rng, n):

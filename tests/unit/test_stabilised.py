@@ -10,18 +10,19 @@ from false_alarms import EACH, limit, squares
 from numpyro import handlers
 from scipy import integrate, stats
 
-from lcbayes import gallery, noise
-from lcbayes._jax import jax, jnp
-from lcbayes.ephemeris import frames
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.facet_list import Facet, facet_list
-from lcbayes.geometry import EARTH_KM
-from lcbayes.inference.problem import Problem
-from lcbayes.lightcurve import LightCurve
-from lcbayes.physics import attitude, catalogue, photometry
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.earth import EARTH_KM
+from lcbayes.modelling import likelihood, registry
+from lcbayes.modelling.ephemeris import frames
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.facet_list import Facet, facet_list
+from lcbayes.modelling.problem import Problem
+from lcbayes.physics import photometry
+from lcbayes.physics.attitude import catalogue, rotations
+from lcbayes.physics.bodies.facets import across
 from lcbayes.physics.earthshine import glow
-from lcbayes.physics.facets import across
 
 N = 40
 
@@ -51,7 +52,7 @@ def sky(n: int = N, seed: int = 0, velocity: bool = True) -> LightCurve:
 
 def traced(curve: LightCurve, **options):
     """Values of every site at a draw from the prior."""
-    entry = gallery.find("stabilised")
+    entry = registry.find("stabilised")
     model = handlers.seed(entry.bind(entry.check(options)), 1)
     trace = handlers.trace(model).get_trace(Epochs.of(curve))
     return {k: v["value"] for k, v in trace.items()}
@@ -120,7 +121,7 @@ def test_flux_is_the_sum_over_the_frames_of_its_facets():
 def test_unlisted_facets_point_anywhere_and_partly_known_ones_about_where_they_are_said():
     data = Epochs.of(sky(8))
     options = {"facets": "+z@1, +x~5", "n_facets": 3, "reflectance": "lambertian"}
-    problem = Problem(gallery.find("stabilised").bind(options), data)
+    problem = Problem(registry.find("stabilised").bind(options), data)
 
     @jax.jit
     def drawn(keys):
@@ -247,7 +248,7 @@ def test_extinction_is_linear_in_airmass():
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_the_mixture_is_a_density_whose_outliers_are_bayes():
-    law = noise.Contaminated(1.0, 0.5, 0.1, 6.0)
+    law = likelihood.Contaminated(1.0, 0.5, 0.1, 6.0)
     total = integrate.quad(lambda y: float(jnp.exp(law.log_prob(y))), -20, 20, points=[1.0])[0]
     assert total == pytest.approx(1.0, abs=1e-8)
     near = 0.9 * stats.norm.pdf(3.0, 1.0, 0.5)
@@ -257,14 +258,14 @@ def test_the_mixture_is_a_density_whose_outliers_are_bayes():
     # variance σ²(1 − ε + ε κ²) = 1.125; its standard error from the fourth moment
     fourth = 3 * 0.5**4 * (0.9 + 0.1 * 6.0**4)
     assert drawn.var() == pytest.approx(1.125, abs=limit() * np.sqrt((fourth - 1.125**2) / 2e5))
-    sane = noise.Contaminated(1.0, 0.5, 1e-12, 6.0)
+    sane = likelihood.Contaminated(1.0, 0.5, 1e-12, 6.0)
     assert float(sane.log_prob(1.2)) == pytest.approx(stats.norm.logpdf(1.2, 1.0, 0.5), abs=1e-9)
 
 
 def test_scatter_adds_to_the_errors_of_the_file():
     curve = replace(sky(8), error=np.full(8, 0.2))
     data = Epochs.of(curve)
-    problem = Problem(gallery.find("stabilised").bind({"facets": "+z@3,+x@5"}), data)
+    problem = Problem(registry.find("stabilised").bind({"facets": "+z@3,+x@5"}), data)
     z = problem.prior_draw(jax.random.key(0), data)
     sigma = float(problem.constrain(z, data)["sigma"])
     np.testing.assert_allclose(problem.moments(z, data).sd, np.hypot(0.2, sigma), rtol=1e-12)
@@ -276,7 +277,7 @@ def test_gradients_are_those_of_differences():
     options = {"n_facets": 2, "facets": "+x~5", "extinction": True, "noise_law": "mixture",
                "law": "lvlh"}  # fmt: skip
     data = Epochs.of(curve)
-    problem = Problem(gallery.find("stabilised").bind(options), data)
+    problem = Problem(registry.find("stabilised").bind(options), data)
     z = problem.prior_draw(jax.random.key(4), data)
     potential = jax.jit(problem.potential)
     slope = jax.jit(jax.grad(problem.potential))(z, data)
@@ -291,5 +292,5 @@ def test_directions_turn_with_the_body():
     one = traced(sky(), law="lvlh", facets="+z@2", reflectance="non-lambertian")
     other = traced(sky(), law="zenith", facets="-z@2", reflectance="non-lambertian")
     np.testing.assert_allclose(one["flux"], other["flux"], rtol=1e-12)
-    axes = attitude.to_body(frames(catalogue.find("lvlh"), sky()).body, jnp.asarray(sky().sun))
+    axes = rotations.to_body(frames(catalogue.find("lvlh"), sky()).body, jnp.asarray(sky().sun))
     assert axes.shape == (N, 3)

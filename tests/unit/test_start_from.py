@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import small
 
-from lcbayes.errors import InputError
-from lcbayes.inference.start_from import read_scan
-from lcbayes.names import SPIN
+from lcbayes.core.errors import InputError
+from lcbayes.modelling.variables import SPIN
+from lcbayes.results.scan_start import read_scan
 
 SOLUTION = dict.fromkeys(SPIN, 1.0) | {"near_equal": True}
 INPUT = '[input]\nsha256 = "0"\n'

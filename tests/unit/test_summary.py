@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lcbayes import summary
-from lcbayes.inference.evidence import LogEvidence
 from lcbayes.inference.fit import Mode
-from lcbayes.inference.misfit import Misfit
+from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.solutions import Solution
+from lcbayes.results import summary
+from lcbayes.samplers.bridge import LogEvidence
 
 
 @pytest.mark.parametrize(("name", "turn"), [("phi", 2 * np.pi), ("pole_lon_deg", 360.0)])

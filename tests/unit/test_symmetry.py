@@ -12,9 +12,10 @@ from false_alarms import EACH, limit
 from jax.flatten_util import ravel_pytree
 
 import lcbayes
-from lcbayes._jax import jax, jnp
-from lcbayes.inference import search, smc, solutions, symmetry
-from lcbayes.inference.facet_order import FacetOrder
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import search, solutions, symmetry
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.samplers import smc
 
 
 def in_plane(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -134,8 +135,8 @@ def test_mirror_of_what_is_not_symmetric_still_leaves_the_posterior():
 
     Two comparisons, 4000 particles.
     """
-    from lcbayes.inference import moves
-    from lcbayes.kernels.trajectory import State
+    from lcbayes.samplers import moves
+    from lcbayes.samplers.kernels.trajectory import State
 
     class Shifted:
         def potential(self, z, data):  # noqa: ARG002

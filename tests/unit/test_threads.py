@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from lcbayes.threads import threads
+from lcbayes.core.threads import threads
 
 
 def blas_threads() -> set[int]:

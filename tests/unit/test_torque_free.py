@@ -10,17 +10,17 @@ from numpyro import handlers
 from scipy.integrate import solve_ivp
 from scipy.special import elliprf
 
-from lcbayes import gallery, priors
-from lcbayes._jax import jax, jnp
-from lcbayes.epochs import Epochs
-from lcbayes.errors import InputError
-from lcbayes.inference.problem import Problem, compiled
-from lcbayes.observability.parameters import Unknowns
-from lcbayes.physics import attitude
-from lcbayes.physics.laws import Ephemeris, TorqueFree
-from lcbayes.physics.torque_free import carlson, polhode, torque_free, torque_free_to_body
-from lcbayes.scenario import load
-from lcbayes.simulate import simulate
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import priors, registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.laws import Ephemeris, TorqueFree
+from lcbayes.physics.attitude.torque_free import carlson, polhode, torque_free, torque_free_to_body
+from lcbayes.simulation.observability.parameters import Unknowns
+from lcbayes.simulation.scenarios.scenario import load
+from lcbayes.simulation.simulate import simulate
 
 RUN = jax.jit(torque_free)
 RATE = jax.jit(
@@ -181,9 +181,9 @@ def test_symmetric_top_precesses_and_spins():
         momentum, axis = tensor @ omega, PRINCIPAL[:, 2]
         along = momentum / moments[0]
         spin = 0.06 * (1.0 - moments[2] / moments[0]) * axis
-        want = attitude.constant_rate(jnp.asarray(t), jnp.asarray(along)) @ attitude.constant_rate(
-            jnp.asarray(t), jnp.asarray(spin)
-        )
+        want = rotations.constant_rate(
+            jnp.asarray(t), jnp.asarray(along)
+        ) @ rotations.constant_rate(jnp.asarray(t), jnp.asarray(spin))
         np.testing.assert_allclose(RUN(t, omega, tensor), want, atol=1e-12)
 
 
@@ -313,7 +313,7 @@ def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
     curve, truth = simulate(what, 0)
     assert np.ptp(curve.brightness) > 0.1 * curve.brightness.mean()
     spin, data = truth["attitude"], Epochs.of(curve)
-    entry = gallery.find("faceted")
+    entry = registry.find("faceted")
     options = entry.check({"n_facets": 6, "spin": "torque-free"})
     problem = Problem(entry.bind(options), data)
     tensor = np.array(spin["inertia_at_t_ref"])

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.errors import InputError
-from lcbayes.workers import crew
+from lcbayes.core.cluster import crew
+from lcbayes.core.errors import InputError
 
 
 def halve(shared: float, x: int) -> float:
@@ -77,7 +77,7 @@ def test_workers_without_lcbayes_are_told_of():
 def saved(folder: str, name: str) -> str:
     import xarray as xr
 
-    from lcbayes.results import save_tree
+    from lcbayes.results.posterior import save_tree
 
     save_tree(xr.DataTree(xr.Dataset({"x": ("draw", [1.0, 2.0])})), Path(folder) / name)
     return name

@@ -1,1 +1,0 @@
-"""Many objects, one fit each: `objects` reads what is asked, `work` does one, `table` tells."""

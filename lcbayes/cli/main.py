@@ -1,0 +1,108 @@
+"""The command `lcbayes`: subcommands, exit status, and faults in one line."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
+
+COMMANDS = (
+    "simulate", "fit", "compare", "albedo-area", "scan", "spin", "glints", "single-facet",
+    "attitude-test", "shape-match", "observability", "predict", "batch", "report", "convert",
+    "models", "doctor",
+)  # fmt: skip
+
+EPILOG = """\
+examples:
+  lcbayes fit pass.csv -o out --n-facets 3
+  lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
+  lcbayes predict out tomorrow.csv -o brightness.csv
+
+exit status: 0 done; 2 the input is at fault; 3 done, but the result must not be
+trusted (the report says why); 130 interrupted
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="lcbayes",
+        description="Facets, spin and surface of an unresolved space object from its light curve.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    for name in COMMANDS:
+        module = import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}")
+        sub = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.HELP[0].upper() + module.HELP[1:] + ".",
+            epilog=module.EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(sub)
+        sub.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit status."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by whoever called: nobody wants to hear it
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
+        elif isinstance(stream, io.TextIOWrapper):  # a name may hold what a terminal cannot show
+            stream.reconfigure(errors="backslashreplace")
+    parser = _parser()
+    try:
+        args = parser.parse_args(argv)
+    except SystemExit as stop:  # argparse has said what is wrong
+        return int(stop.code or 0)
+    if args.version:
+        from lcbayes.results.folder import installed_version
+
+        print(f"lcbayes {installed_version()}")
+        return 0
+    if args.command is None:
+        parser.print_help()
+        return EXIT_BAD_INPUT
+    try:
+        status = args.run(args)
+        sys.stdout.flush()  # here, where it may fail in a line
+        return status
+    except InputError as fault:
+        print(f"lcbayes {args.command}: {fault}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("\nlcbayes: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
+        _drop_output()
+        return EXIT_INTERRUPTED
+    except OSError as fault:  # a disk that is full, a folder that was taken away
+        said = f"{fault.filename}: {fault.strerror}" if fault.filename else str(fault)
+        print(
+            f"lcbayes {args.command}: {' '.join(said.split())}; what was there before is as it "
+            "was: make room, or choose another place, and give the same command again",
+            file=sys.stderr,
+        )
+        try:
+            sys.stdout.flush()
+        except OSError:  # it is the output that is full
+            _drop_output()
+        return EXIT_BAD_INPUT
+
+
+def _drop_output() -> None:
+    """What is still to be written to standard output goes nowhere, lest Python fail at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

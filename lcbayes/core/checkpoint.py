@@ -1,0 +1,73 @@
+"""What a run has done so far, on disk, so that a killed one goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from lcbayes.core.files import write_atomic
+
+Arrays = dict[str, np.ndarray]
+IDENTITY = "identity.json"
+
+
+class Checkpoint:
+    """Named sets of arrays in a folder that belongs to one exact run.
+
+    ``identity`` is what decides the numbers: data, model, options, seed, versions. A folder left
+    by another identity, or by a run that ended, is emptied first. Without a folder nothing is
+    stored. ``say`` is told what a user should know.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None,
+        identity: dict[str, Any],
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.folder, self._say = folder, say
+        if folder is None:
+            return
+        stamp = folder / IDENTITY
+        text = json.dumps(identity, sort_keys=True, indent=1).encode()
+        if not (stamp.is_file() and stamp.read_bytes() == text):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            write_atomic(stamp, lambda p: p.write_bytes(text))
+        if self.resumed:
+            say(f"resuming the run that stopped in {folder.parent}")
+
+    @property
+    def resumed(self) -> bool:
+        """Whether an earlier run left something to go on from."""
+        return self.folder is not None and any(self.folder.glob("*.npz"))
+
+    def load(self, name: str) -> Arrays | None:
+        """What was saved by that name; None where nothing was, or nothing that can be read."""
+        if self.folder is None or not (path := self.folder / f"{name}.npz").is_file():
+            return None
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                return dict(stored)
+        except (OSError, EOFError, ValueError, RuntimeError, BadZipFile, zlib.error):
+            self._say(f"{path} is damaged; that part is done again")
+            return None
+
+    def save(self, name: str, arrays: Arrays) -> None:
+        if self.folder is not None:
+            write_atomic(
+                self.folder / f"{name}.npz", lambda p: np.savez(p, allow_pickle=False, **arrays)
+            )
+
+    def finish(self) -> None:
+        """The results are written: the next run starts afresh."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder.mkdir(parents=True, exist_ok=True)

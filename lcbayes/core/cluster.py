@@ -1,0 +1,192 @@
+"""Who does the work: this process's cores, or the workers of a Dask cluster.
+
+Tasks are pure functions of their arguments, so that a task whose worker was lost is simply done
+again, and the numbers depend neither on who did it nor on how many there are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, as_completed
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pkgutil import resolve_name
+from typing import Any
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.threads import threads
+
+TRIES = 5  # of a task whose workers die
+LITTLE = 10_000  # bytes that go with each task
+DEATHS = 100  # of workers that a task may see before it is blamed for them
+WAIT_S = 30.0  # for the first worker of a cluster
+
+# A function, what all its tasks share, and one task's own arguments -> its result
+type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[int, Any]]]
+
+
+@contextmanager
+def crew(
+    scheduler: str | None = None,
+    n_workers: int | None = None,
+    *,
+    deaths: int = DEATHS,
+    keep_going: bool = False,
+) -> Iterator[Run]:
+    """A function ``run(function, shared, tasks)`` that yields (index, function(shared, *task)) as
+    tasks are done, in whatever order.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a Dask scheduler, ``tcp://host:8786``; its workers need lcbayes.
+    n_workers : int, optional
+        Start a local Dask cluster of so many processes. With neither, threads of this process.
+    deaths : int
+        Workers of a local cluster that may die of a task before it is given up. A task that dies
+        with its worker is done again by another; one that was there by chance must not be blamed.
+    keep_going : bool
+        Yield the exception of a task that fails in the place of its result, instead of raising it.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or nobody answers.
+    """
+    if scheduler is None and n_workers is None:
+        yield lambda function, shared, tasks: _threads(function, shared, tasks, keep_going)
+        return
+    if scheduler is not None and n_workers is not None:
+        raise InputError("--scheduler and --workers are both given; a cluster has its own workers")
+    if n_workers is not None and n_workers < 1:
+        raise InputError(f"--workers is {n_workers}; give a whole number >= 1")
+    with _client(scheduler, n_workers, deaths) as client:
+        yield lambda function, shared, tasks: _dask(client, function, shared, tasks, keep_going)
+
+
+def _threads(
+    function: Callable[..., Any], shared: Any, tasks: Sequence[tuple], keep_going: bool
+) -> Iterator[tuple[int, Any]]:
+    with threads(os.cpu_count() or 1) as pool:
+        waiting = {pool.submit(function, shared, *task): i for i, task in enumerate(tasks)}
+        try:
+            for done in as_completed(waiting):
+                fault = done.exception() if keep_going else None
+                yield waiting[done], done.result() if fault is None else fault
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterator[Any]:
+    try:
+        distributed = import_module("distributed")  # not in every environment
+        configured = import_module("dask.config").set
+    except ImportError:
+        raise InputError(
+            "Dask is not installed; it comes with pip install 'lcbayes[dask]'"
+        ) from None
+    # one task at a time to a worker, so that none is blamed for a death beside it
+    settings = {
+        "distributed.scheduler.allowed-failures": deaths,
+        "distributed.scheduler.worker-saturation": 1.0,
+    }
+    with configured(settings):
+        if scheduler is None:
+            with (
+                distributed.LocalCluster(
+                    n_workers=n_workers, threads_per_worker=1, processes=True,
+                    dashboard_address=":0", silence_logs=50,
+                ) as cluster,
+                distributed.Client(cluster) as client,
+            ):  # fmt: skip
+                yield client
+            return
+        try:
+            client = distributed.Client(scheduler, timeout=WAIT_S)
+        except (OSError, ValueError, TimeoutError) as fault:
+            raise InputError(
+                f"no Dask scheduler answers at {scheduler} ({str(fault) or 'timeout'}); start one "
+                "with dask scheduler, or leave --scheduler out"
+            ) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=WAIT_S)
+            except TimeoutError:
+                raise InputError(
+                    f"the Dask scheduler at {scheduler} has no workers; start one with "
+                    f"dask worker {scheduler}"
+                ) from None
+            _knows_lcbayes(client)
+            yield client
+
+
+def _knows_lcbayes(client: Any) -> None:
+    """A task that a worker cannot even read is never done, and nobody is told."""
+    found = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
+    without = [address for address, what in found.items() if what is not InputError]
+    if without:
+        raise InputError(
+            f"{len(without)} of the {len(found)} Dask workers cannot import lcbayes "
+            f"({without[0]}); install it in their environment"
+        )
+
+
+def _dask(
+    client: Any,
+    function: Callable[..., Any],
+    shared: Any,
+    tasks: Sequence[tuple],
+    keep_going: bool,
+) -> Iterator[tuple[int, Any]]:
+    """Tasks on a cluster. What they share is sent once to every worker, unless it is little; where
+    a loss of workers took the last copy with it, or a result, it is sent again with the tasks that
+    are left, as long as there is a scheduler."""
+    done_by_dask = import_module("distributed").as_completed
+    gone = (import_module("distributed.client").ClosedClientError, OSError)
+    little = import_module("dask.sizeof").sizeof(shared) < LITTLE
+    left = dict(enumerate(tasks))
+    for attempt in range(TRIES):
+        try:
+            common = (
+                shared
+                if little
+                else client.scatter(shared, broadcast=True, direct=False, hash=False)
+            )
+            # earlier tasks first: what is drawn while they run comes in order
+            waiting = {
+                client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
+                for i, task in left.items()
+            }
+        except gone:
+            break
+        try:
+            for done in done_by_dask(waiting):
+                i = waiting[done]
+                if done.status == "error" and (keep_going or attempt == TRIES - 1):
+                    if not keep_going:
+                        done.result()
+                    found = done.exception()
+                elif done.status == "finished":
+                    try:
+                        found = done.result()
+                    except (CancelledError, *gone):  # it went with its worker, or with all
+                        continue
+                else:
+                    continue
+                del left[i]
+                yield i, found
+        finally:
+            with suppress(*gone):
+                client.cancel(list(waiting))
+        if not left:
+            return
+    lost = "lost its workers again and again" if client.status == "running" else "has gone"
+    fault = InputError(
+        f"{len(left)} tasks were not done: the Dask cluster {lost}; start it again, or do without, "
+        "and give the same command again"
+    )
+    if not keep_going:
+        raise fault
+    yield from ((i, fault) for i in left)

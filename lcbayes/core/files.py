@@ -1,0 +1,154 @@
+"""Bytes in, bytes out: a text file whatever its encoding; written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from lcbayes.core.errors import InputError
+
+MOST_BYTES = 512 << 20
+PIECE = 1 << 20  # bytes to look at before more are read
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """A file's text, with line ends as \\n, and where it came from."""
+
+    path: Path
+    text: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The path as the user gave it, as text."""
+        return printable(self.path)
+
+    def at(self, line: int) -> str:
+        """A place in this file, for messages."""
+        return f"{self.name}, line {line}"
+
+
+def printable(path: str | os.PathLike[str]) -> str:
+    """A path as text that any file can hold; what is not UTF-8 in it is escaped as in ``\\xe9``."""
+    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+    """What a file of text holds; what its size or its beginning rules out is not read.
+
+    Raises
+    ------
+    InputError
+        The file is missing, a folder, unreadable, binary, or has over ``most`` bytes.
+    """
+    name = printable(path)
+    try:
+        with Path(path).open("rb") as file:
+            size, pieces = os.fstat(file.fileno()).st_size, [b""]
+            while size <= most and not _control(pieces[-1]) and (piece := file.read(PIECE)):
+                pieces.append(piece)
+                size = max(size, sum(map(len, pieces)))  # a pipe's or device's is 0
+    except FileNotFoundError:
+        raise InputError(f"{name} does not exist; check the path") from None
+    except IsADirectoryError:
+        raise InputError(f"{name} is a folder; give a file") from None
+    except OSError as fault:
+        raise InputError(f"{name} cannot be read ({fault.strerror}); check its rights") from None
+    except ValueError as fault:
+        raise InputError(f"{name!r} can name no file ({fault}); correct the path") from None
+    if size > most:
+        raise InputError(
+            f"{name} has over {most >> 20} MiB, the most that is read; keep what is needed of it"
+        )
+    return b"".join(pieces)
+
+
+def _control(data: bytes) -> bytes:
+    """The bytes that no text holds."""
+    return data.translate(None, delete=_TEXT_BYTES)
+
+
+def read_text(path: str | os.PathLike[str]) -> TextFile:
+    """Read a text file: UTF-8, or Latin-1 where the bytes allow no other reading.
+
+    Raises
+    ------
+    InputError
+        The file is missing, a folder, unreadable, empty, or not text.
+    """
+    data = read_bytes(path)
+    text, notes = _decode(printable(path), data)
+    if not text.strip():
+        raise InputError(f"{printable(path)} is empty; check that it was saved, or give another")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return TextFile(Path(path), text, hashlib.sha256(data).hexdigest(), notes)
+
+
+def _decode(path: str, data: bytes) -> tuple[str, tuple[str, ...]]:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(f"{path} is UTF-16 text; save it as UTF-8")
+    if control := _control(data):
+        where = data.index(control[:1])
+        line = data.count(b"\n", 0, where) + 1
+        raise InputError(
+            f"{path}, line {line}: byte {control[0]:#04x} at offset {where} is not text, so this "
+            "is a binary file; export it as CSV"
+        )
+    try:
+        return data.decode("utf-8-sig"), ()
+    except UnicodeDecodeError as fault:
+        line = data.count(b"\n", 0, fault.start) + 1
+        if any(0x80 <= byte < 0xA0 for byte in set(data)):
+            raise InputError(
+                f"{path}, line {line}: byte {data[fault.start]:#04x} is neither UTF-8 nor "
+                "Latin-1; save the file as UTF-8"
+            ) from None
+        return data.decode("latin-1"), (f"read as Latin-1 (line {line} is not UTF-8)",)
+
+
+_TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
+
+
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` make a file beside ``path``, then put it in its place in one step.
+
+    Of a link it is the file pointed to that is replaced. A device or a pipe is written into.
+    """
+    if path.exists() and not path.is_file():
+        write(path)
+        return
+    target = Path(os.path.realpath(path))
+    scratch = target.with_name(f".{target.name}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        write(scratch)
+        with scratch.open("rb") as made:  # or a power cut may leave the name of an empty file
+            os.fsync(made.fileno())
+        os.replace(scratch, target)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def write_text(text: str, path: str | os.PathLike[str]) -> None:
+    """Write a text file atomically, with \\n for line ends: it is there whole, or as it was before.
+
+    Raises
+    ------
+    InputError
+        The folder is missing or cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file to write")
+    try:
+        write_atomic(path, lambda p: p.write_text(text, encoding="utf-8", newline="\n"))
+    except OSError as fault:
+        raise InputError(
+            f"{path} cannot be written ({fault.strerror}); give a path in a folder that exists "
+            "and may be written to"
+        ) from None

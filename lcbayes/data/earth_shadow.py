@@ -1,0 +1,155 @@
+"""Sunlight that reaches a body: from how far, and past the Earth's limb and the air there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.earth import AU_KM, EARTH_KM, SUN_KM, sun_position
+from lcbayes.geometry.times import Times
+
+Floats = NDArray[np.float64]
+
+FLATTENING = 1.0 / 298.257223563  # WGS84
+SCALE_KM = 7.6  # of the density of the lower 40 km of air
+BENDING = np.radians(1.18)  # of a ray that grazes the ground: twice the horizon's 35.4'
+RAYLEIGH = 0.098  # optical depth of the air toward the zenith, 550 nm
+OZONE, OZONE_KM, OZONE_WIDTH_KM = 0.030, 22.0, 5.0  # the same of its ozone, a layer of this height
+TOP_KM = 100.0
+FULL = 0.99
+NODES = 200  # of the integral over heights
+UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
+
+
+def irradiance(curve: LightCurve) -> Floats:
+    """(1 au / d)² at the points of a light curve, (T,), d the body's distance from the Sun.
+
+    It runs from 0.967 in July to 1.034 in January near the Earth. 1 where the date, the axes or the
+    distance are not known; fluxes that are reduced to unit distance have it taken out already.
+    """
+    if curve.epoch_jd is None or curve.range_km is None or curve.frame != "icrs":
+        return np.ones(curve.n_obs)
+    # the observer's place on the Earth would matter in the fourth digit of what is in the third
+    body = -curve.range_km[:, None] * curve.obs
+    away = np.linalg.norm(sun_position(Times.of(curve.epoch_jd, curve.t)) - body, axis=1)
+    return (AU_KM / away) ** 2
+
+
+def share(curve: LightCurve) -> Floats:
+    """`sunlight` at the points of a light curve, (T,), at least `UMBRA`; 1 where the body's place
+    is not known."""
+    if curve.position_km is None:
+        return np.ones(curve.n_obs)
+    return np.maximum(sunlight(curve.position_km, curve.sun), UMBRA)
+
+
+def fully_lit(curve: LightCurve) -> LightCurve:
+    """The points that `FULL` of the sunlight reaches, for methods that know of no penumbra.
+
+    ``source`` says under "in_penumbra" how many were left out, if any.
+
+    Raises
+    ------
+    InputError
+        No point is left.
+    """
+    lit = share(curve) > FULL
+    if lit.all():
+        return curve
+    if not lit.any():
+        raise InputError(
+            "by its orbit the object is in the Earth's shadow at all points; check the elements "
+            "and the times"
+        )
+    kept = curve.select(lit)
+    return replace(kept, source={**kept.source, "in_penumbra": str(np.sum(~lit))})
+
+
+def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:
+    """Share of the Sun's light that arrives past the Earth, (T,): 1 high above it.
+
+    A ray that passes the ground at the height h is bent by α(h) = α₀ exp(−h/H) and reaches, at the
+    distance d behind, where a straight one of height g = h − d α(h) would. So from a strip of the
+    Sun's disc at straight height g comes the light of the strip dh of air: with w(x) the share of
+    the disc's chord at x km from its centre, and g₀ the height of the line to the Sun's centre,
+
+        share = ∫₀ w(g(h) − g₀) exp(−τ(h)) dh,
+
+    τ the extinction along the ray by air and ozone at 550 nm. Without air that is the share of the
+    disc that is seen. The limb is that of the ellipsoid, straight over the width of the disc;
+    clouds, aerosols and limb darkening are left out.
+
+    Parameters
+    ----------
+    position_km : (T, 3)
+        Geocentric, ICRS axes.
+    sun : (T, 3)
+        Unit vectors to the Sun.
+    air : bool
+        Without it the ellipsoid is bare.
+
+    References
+    ----------
+    Link 1969, Eclipse Phenomena in Astronomy, ch. 2 (bending and its dilution of light);
+    Vokrouhlický, Farinella & Mignard 1993, A&A 280, 295 (of satellites).
+    """
+    behind = -np.sum(position_km * sun, axis=-1)  # km from where the ray is lowest
+    foot = position_km + behind[:, None] * sun
+    low = np.linalg.norm(foot, axis=-1)
+    height = low - EARTH_KM * (1.0 - FLATTENING * (foot[:, 2] / np.maximum(low, 1e-9)) ** 2)
+    radius = SUN_KM / AU_KM * np.maximum(behind, 0.0)  # of the Sun's disc at the limb
+    share = np.where((behind > 0.0) & (height < -radius - BENDING * behind), 0.0, 1.0)
+    near = np.flatnonzero((behind > 0.0) & (height < TOP_KM + radius) & (share > 0.0))
+    for rows in np.array_split(near, max(1, near.size // 4096)):
+        share[rows] = _through(height[rows], behind[rows], radius[rows], air)
+    return share
+
+
+def _through(height: Floats, behind: Floats, radius: Floats, air: bool) -> Floats:
+    """The integral, for lines to the Sun's centre at these heights (T,), km."""
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    # The heights of rays that the disc reaches: g(h) rises, so that its ends bracket them.
+    ends = [
+        _ray(height + sign * radius, behind) if air else np.maximum(height + sign * radius, 0.0)
+        for sign in (-1.0, 1.0)
+    ]
+    half = 0.5 * (ends[1] - ends[0])[:, None]
+    h = ends[0][:, None] + half * (1.0 + node)
+    straight = h - behind[:, None] * BENDING * np.exp(-h / SCALE_KM) if air else h
+    x = (straight - height[:, None]) / radius[:, None]
+    chord = 2.0 / np.pi * np.sqrt(np.maximum(1.0 - x**2, 0.0)) / radius[:, None]
+    passed = np.exp(-extinction(h)) if air else 1.0
+    return np.minimum(np.sum(half * weight * chord * passed, axis=1), 1.0)
+
+
+def _ray(straight: Floats, behind: Floats) -> Floats:
+    """Height h ≥ 0 of the bent ray that arrives where a straight one of height g does, km."""
+    low, high = np.zeros_like(straight), np.maximum(straight, 0.0) + BENDING * behind
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = middle - behind * BENDING * np.exp(-middle / SCALE_KM) > straight
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return high
+
+
+def extinction(height_km: Floats) -> Floats:
+    """Optical depth at 550 nm along a ray through the whole air, lowest at this height.
+
+    Of air in proportion to its density, τ_z √(2πR/H) exp(−h/H); of ozone in a Gaussian layer,
+    ∫ n(r) 2r dr/√(r² − (R + h)²), by quadrature in √(r − R − h), which has no pole.
+    """
+    h = np.asarray(height_km)[..., None]
+    rayleigh = RAYLEIGH * np.sqrt(2.0 * np.pi * EARTH_KM / SCALE_KM) * np.exp(-h[..., 0] / SCALE_KM)
+    node, weight = np.polynomial.legendre.leggauss(24)
+    top = np.sqrt(np.maximum(OZONE_KM + 5.0 * OZONE_WIDTH_KM - h, 0.0))
+    root = 0.5 * top * (1.0 + node)
+    r = EARTH_KM + h + root**2
+    density = np.exp(-0.5 * ((h + root**2 - OZONE_KM) / OZONE_WIDTH_KM) ** 2)
+    density *= OZONE / (np.sqrt(2.0 * np.pi) * OZONE_WIDTH_KM)
+    # r² − (R + h)² = root² (2(R + h) + root²), and dr = 2 root d(root)
+    path = 4.0 * r / np.sqrt(2.0 * (EARTH_KM + h) + root**2)
+    return rayleigh + np.sum(0.5 * top * weight * density * path, axis=-1)

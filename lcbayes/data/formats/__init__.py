@@ -1,0 +1,1 @@
+"""File formats of light curves, one module each."""

@@ -1,0 +1,337 @@
+"""From a table with our column names to a light curve: the one way for every delimited format."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError, RowError
+from lcbayes.data.formats.columns import (
+    ALTAZ,
+    BRIGHTNESS,
+    PLACE,
+    RADEC,
+    TIMES,
+    VECTORS,
+    VELOCITY,
+    Options,
+    need,
+)
+from lcbayes.data.formats.sky import computed_geometry
+from lcbayes.data.formats.table import Table
+from lcbayes.data.formats.times import seconds_from_jd, seconds_from_utc, utc_days_to_seconds
+from lcbayes.data.lightcurve import FRAMES, LightCurve
+
+Floats = NDArray[np.float64]
+
+KEPT_UNIT = 1e-14  # a length this near one is left alone, so that rewriting loses nothing
+
+
+def build(
+    table: Table, options: Options, file_format: str, notes: tuple[str, ...] = ()
+) -> LightCurve:
+    """The light curve a table describes.
+
+    Raises
+    ------
+    InputError
+        Naming file, line, column and remedy.
+    """
+    used: set[str] = set()
+    t, epoch_jd, time_name = _times(table, used)
+    kind, brightness, error, labels = _brightness(table, options, used)
+    curve, names = _curves(table, used)
+    optional: dict[str, Any] = {
+        name: table.texts[name] for name in ("band", "site") if name in table
+    }
+    if "exposure_s" in table:
+        optional["exposure_s"] = table.number("exposure_s")
+    used |= {*optional}
+    _check_order(table, t, curve, time_name)
+    directions, more, extra = _geometry(table, options, t, epoch_jd, used)
+    absolute = kind == "flux" or directions.get("range_km") is not None
+    free_scale, unknown = _free_scale(table, used, curve, len(names), absolute)
+    columns = table.texts | table.numbers
+    kept = {table.label(name): columns[name] for name in columns if name not in used}
+    try:
+        return LightCurve(
+            t=t,
+            brightness=brightness,
+            error=error,
+            kind=kind,
+            curve=curve,
+            free_scale=free_scale,
+            curve_names=names,
+            epoch_jd=epoch_jd,
+            extra=kept | extra,
+            source=source_of(table, file_format, (*notes, *more, *unknown)),
+            **optional,
+            **directions,
+        )
+    except RowError as fault:
+        label = {"t": time_name, **labels}.get(fault.name, fault.name)
+        raise fault.located(table.label(label), table.at(fault.row)) from None
+
+
+def source_of(table: Table, file_format: str, notes: tuple[str, ...]) -> dict[str, str]:
+    """Where a curve came from."""
+    notes = table.file.notes + notes
+    return {
+        "file": table.file.name,
+        "format": file_format,
+        "sha256": table.file.sha256,
+        **({"notes": "; ".join(notes)} if notes else {}),
+    }
+
+
+def _one_column(table: Table, names: tuple[str, ...], what: str) -> str | None:
+    found = [name for name in names if name in table]
+    if len(found) > 1:
+        raise InputError(
+            f"{table.file.name} gives {what} more than once ({', '.join(found)}); keep one of "
+            "these columns"
+        )
+    return found[0] if found else None
+
+
+def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
+    name = _one_column(table, TIMES, "the time")
+    if name is None:
+        raise InputError(
+            f"{table.file.name} has no column of times; expected one of: utc, jd, t (found: "
+            f"{_shown(table)})"
+        )
+    used.add(name)
+    if name == "utc":
+        return *seconds_from_utc(table, name), name
+    values = table.number(name)
+    if name == "jd":
+        table.reject("jd", (values < 2415020.0) | (values > 2488070.0), *_JD_RANGE)
+        t, epoch = seconds_from_jd(values)
+        return utc_days_to_seconds(t, epoch), epoch, name
+    if "epoch_jd" not in table.meta:
+        return values, None, name
+    text, line = table.meta["epoch_jd"]
+    try:
+        epoch_jd = float(text)
+    except ValueError:
+        epoch_jd = np.nan
+    if not 2.3e6 < epoch_jd < 2.6e6:  # a date in days of another origin makes another Sun
+        raise InputError(
+            f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date of the years "
+            "1585 .. 2406 (MJD + 2400000.5)"
+        )
+    return values, epoch_jd, name
+
+
+_JD_RANGE = (
+    "outside the years 1900 .. 2099",
+    "give full Julian dates (MJD + 2400000.5), UTC",
+)
+
+
+def _shown(table: Table) -> str:
+    names = [table.label(name) for name in (*table.numbers, *table.texts)]
+    return ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+
+
+def _brightness(
+    table: Table, options: Options, used: set[str]
+) -> tuple[str, Floats, Floats | None, dict[str, str]]:
+    kind = _one_column(table, BRIGHTNESS, "the brightness")
+    if options.geometry_only:
+        kind = kind or "mag"
+        used |= {kind, f"{kind}_err"}
+        return kind, np.full(len(table), np.nan), None, {}
+    if kind is None:
+        raise InputError(
+            f"{table.file.name} has no column of brightness; expected flux or mag (found: "
+            f"{_shown(table)})"
+        )
+    err = f"{kind}_err"
+    other = "mag_err" if kind == "flux" else "flux_err"
+    if other in table:
+        raise InputError(
+            f"{table.file.name} has {kind} with {table.label(other)}; expected {err}: the "
+            "error in the unit of the brightness"
+        )
+    used |= {kind, err}
+    values = table.number(kind)
+    given = table.numbers.get(err)
+    if given is not None and options.error is None and options.error_floor is not None:
+        given = table.number(err)  # before a floor hides what is not a number
+    error = options.errors(given, len(table), table.file.name)
+    return kind, values, error, {"brightness": kind, "error": err}
+
+
+def _curves(table: Table, used: set[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Group of each point, and names by first appearance."""
+    used.add("curve")
+    if "curve" not in table:
+        return np.zeros(len(table), np.int64), ("0",)
+    column = table.texts["curve"]
+    table.reject("curve", column == "", "empty", "name the curve of each row")
+    found, first, inverse = np.unique(column, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    return rank[inverse], tuple(found[order].tolist())
+
+
+def _free_scale(
+    table: Table, used: set[str], curve: NDArray[np.int64], n_curves: int, absolute: bool
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Which groups have a free scale, and what a reader must know of it.
+
+    A magnitude without a distance says nothing of the size of the body (``absolute`` is false).
+    """
+    used.add("calibrated")
+    if "calibrated" not in table:
+        free = np.full(n_curves, "curve" in table or not absolute)
+        unknown = not absolute and "curve" not in table
+        return free, (NO_RANGE,) if unknown else ()
+    column = np.char.lower(table.texts["calibrated"])
+    yes, no = np.isin(column, ("1", "true")), np.isin(column, ("0", "false"))
+    table.reject("calibrated", ~(yes | no), "other than 0 or 1", "write 0 or 1")
+    if not absolute:
+        table.reject("calibrated", yes, "1 without range_km", RANGE)
+    free = np.zeros(n_curves, bool)
+    free[curve] = no
+    table.reject("calibrated", no != free[curve], "differing within a curve", "give each curve one")
+    return free, ()
+
+
+NO_RANGE = "magnitudes without range_km are relative: they say nothing of the body's size"
+RANGE = (
+    "give the distance to which the magnitudes belong: of each row, or the one distance to which "
+    "they were reduced"
+)
+
+
+def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -> None:
+    """Unsorted or repeated times are faults of a file, unless it says the repeats are meant."""
+    order = np.argsort(curve, kind="stable")
+    before, after = order[:-1], order[1:]
+    same = curve[before] == curve[after]
+    back, again = np.zeros(t.size, bool), np.zeros(t.size, bool)
+    back[after] = same & (t[after] < t[before])
+    again[after] = same & (t[after] == t[before])
+    table.reject(name, back, "earlier than the row before in the same curve", _SORT)
+    if table.meta.get("repeated_times", ("",))[0] != "allowed":
+        table.reject(name, again, "equal to the row before in the same curve", _REPEATS)
+
+
+_SORT = "sort the rows by time"
+_REPEATS = (
+    "drop the repeats, or, if each is a measurement, add the line '# repeated_times: allowed' "
+    "above the header"
+)
+
+
+def _geometry(
+    table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
+) -> tuple[dict[str, Any], tuple[str, ...], dict[str, Any]]:
+    """Directions to Sun and observer by the one way the file and the options give, as fields of
+    the light curve; notes; columns to add to `extra`."""
+    given = [
+        what
+        for what, here in (
+            ("sun_x .. obs_z", any(name in table for name in VECTORS)),
+            ("a TLE", options.tle is not None),
+            ("ra_deg, dec_deg", any(name in table for name in RADEC[:2])),
+            ("altitude_deg, azimuth_deg", any(name in table for name in ALTAZ)),
+        )
+        if here
+    ]
+    name = table.file.name
+    if len(given) > 1:
+        raise InputError(
+            f"{name} with its options gives the geometry more than once ({' and '.join(given)}), "
+            "perhaps in different frames; keep one"
+        )
+    if not given:
+        raise InputError(
+            f"{name} has no geometry; expected sun_x sun_y sun_z obs_x obs_y obs_z, or a site with "
+            "one of: --tle FILE, columns ra_deg dec_deg range_km, columns altitude_deg "
+            "azimuth_deg height_km"
+        )
+    frame = _declared_frame(table, used)
+    if given[0].startswith("sun"):
+        need(table, VECTORS)
+        if options.site is not None:
+            raise InputError(f"{name} has directions of its own; leave out --site")
+        used |= {*VECTORS, "range_km"}
+        found = {name: _directions(table, name) for name in ("sun", "obs")}
+        found |= {"range_km": table.numbers.get("range_km"), "frame": frame or "inertial"}
+        return found | _given_orbit(table, used), (), {}
+    if frame not in (None, "icrs"):
+        raise InputError(
+            f"{name} says its frame is {frame!r}, but directions computed from {given[0]} are in "
+            "icrs; remove the frame, or give vectors"
+        )
+    if any(column in table for column in (*PLACE, *VELOCITY)):
+        raise InputError(
+            f"{name} has columns {PLACE[0]} …, and the satellite's place is computed from "
+            f"{given[0]} as well; remove those columns"
+        )
+    seen, notes, extra = computed_geometry(table, options, t, epoch_jd, used)
+    fields = ("sun", "obs", "range_km", "position_km", "velocity_km_s")
+    return {name: getattr(seen, name) for name in fields} | {"frame": "icrs"}, notes, extra
+
+
+def _given_orbit(table: Table, used: set[str]) -> dict[str, Floats]:
+    """Place and velocity of the satellite, where the file has them."""
+    found = {}
+    for field, names in (("position_km", PLACE), ("velocity_km_s", VELOCITY)):
+        if any(name in table for name in names):
+            need(table, names)
+            used |= {*names}
+            found[field] = np.stack([table.number(name) for name in names], axis=1)
+    return found
+
+
+def _declared_frame(table: Table, used: set[str]) -> str | None:
+    """The frame a comment or a column names; both must agree, and all rows."""
+    said = table.meta["frame"][0].strip("'\"").lower() if "frame" in table.meta else None
+    where = table.file.at(table.meta["frame"][1]) if said else ""
+    if "frame" in table:
+        used.add("frame")
+        column = table.texts["frame"]
+        said = said or str(column[0]).lower()
+        where = where or table.at(0)
+        mixed = np.char.lower(column) != said
+        table.reject("frame", mixed, f"other than {said!r}, as {where} says", "use one frame")
+    said = _SAME_AXES.get(said, said) if said else None
+    if said is not None and said not in FRAMES:
+        raise InputError(
+            f"{where}: frame is {said!r}; expected one of: {', '.join(FRAMES)} (rotate the "
+            "vectors of other frames first)"
+        )
+    return said
+
+
+# axes that differ from ICRS by 0.02" or less
+_SAME_AXES = {"gcrs": "icrs", "icrf": "icrs", "j2000": "icrs", "eme2000": "icrs"}
+
+
+def _directions(table: Table, name: str) -> Floats:
+    """Unit vectors from three columns of any length."""
+    parts = [table.number(f"{name}_{axis}") for axis in "xyz"]
+    vectors = np.stack(parts, axis=1)
+    zero = ~np.any(vectors != 0, axis=1)
+    table.reject(
+        f"{name}_x .. {name}_z", zero, "with a direction of length zero", "drop those rows"
+    )
+    return unit(vectors)
+
+
+def unit(vectors: Floats) -> Floats:
+    """(T, 3) vectors of any length but zero, made unit vectors where they are not."""
+    size = np.max(np.abs(vectors), axis=1)
+    with np.errstate(under="ignore"):
+        scaled = vectors / size[:, None]  # so that no square over- or underflows
+        length = np.linalg.norm(scaled, axis=1)
+    keep = np.abs(length * np.minimum(size, 2.0) - 1.0) <= KEPT_UNIT
+    return np.where(keep[:, None], vectors, scaled / length[:, None])

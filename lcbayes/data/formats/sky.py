@@ -1,0 +1,100 @@
+"""Geometry of a table whose directions must be computed: from a site and a place in the sky."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError, RowError
+from lcbayes.data.formats.columns import ALTAZ, RADEC, SITE, Options, need
+from lcbayes.data.formats.table import Table
+from lcbayes.geometry.directions import Geometry, from_altaz, from_radec, from_tle
+from lcbayes.geometry.sites import Site
+from lcbayes.geometry.times import Times
+from lcbayes.geometry.tle import read_tle
+
+Floats = NDArray[np.float64]
+
+RANGE_TOLERANCE = 0.05  # of a range the file gives, against the one its elements give
+
+
+def computed_geometry(
+    table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
+) -> tuple[Geometry, tuple[str, ...], dict[str, Any]]:
+    """Directions and ranges in icrs axes, notes, and columns to add to `extra`.
+
+    Points in the Earth's shadow or penumbra are kept, noted and marked: models dim them
+    (`lcbayes.data.earth_shadow`), methods without one take them for fully lit.
+    """
+    if epoch_jd is None:
+        raise InputError(
+            f"{table.file.name} gives seconds without a date, so the Sun cannot be placed; give "
+            "utc or jd, or the line '# epoch_jd: …' above the header"
+        )
+    try:
+        site = _site(table, options)
+        found = _place(table, options, site, t, epoch_jd, used)
+        low = found.altitude_deg < 0.0
+        if low.any():
+            row, worst = int(np.argmax(low)), float(found.altitude_deg[low][0])
+            what = f"has {int(low.sum())} of {low.size} points below the horizon"
+            remedy = "check the site, the times and that the elements are of this object"
+            raise RowError("the satellite", what, row, f"altitude {worst:.1f} deg", remedy)
+    except RowError as fault:
+        raise fault.located(table.label(fault.name), table.at(fault.row)) from None
+    notes, extra = found.notes, {}
+    dark = int(np.count_nonzero(~found.sunlit))
+    if dark == t.size and not options.geometry_only:
+        raise InputError(
+            f"{table.file.name}: all {dark} points lie in the Earth's shadow, where nothing is "
+            "seen; check the times and that the places or elements are of this object"
+        )
+    if dark:
+        extra["sunlit"] = found.sunlit.astype(int)
+        notes += (f"{dark} points lie in the Earth's shadow or penumbra (column sunlit is 0)",)
+    return found, notes, extra
+
+
+def _place(
+    table: Table, options: Options, site: Site, t: Floats, epoch_jd: float, used: set[str]
+) -> Geometry:
+    time = Times.of(epoch_jd, t)
+    if options.tle is not None:
+        found = from_tle(time, site, read_tle(options.tle))
+        if "range_km" in table:
+            used.add("range_km")
+            given = table.number("range_km")
+            off = np.abs(found.range_km - given) > RANGE_TOLERANCE * given
+            remedy = f"check that {options.tle} is of this object and date"
+            table.reject("range_km", off, "that the elements contradict by over 5 %", remedy)
+        return found
+    if "ra_deg" in table or "dec_deg" in table:
+        need(table, RADEC)
+        used |= {*RADEC}
+        ra = table.number("ra_deg", -360.0, 360.0)
+        dec = table.number("dec_deg", -90.0, 90.0)
+        return from_radec(time, site, ra, dec, table.number("range_km", low=1e-6))
+    need(table, ALTAZ)
+    used |= {*ALTAZ}
+    altitude = table.number("altitude_deg", 0.0, 90.0, "drop points below the horizon")
+    azimuth = table.number("azimuth_deg", -360.0, 360.0)
+    return from_altaz(time, site, altitude, azimuth, table.number("height_km", 1.0, 1e6))
+
+
+def _site(table: Table, options: Options) -> Site:
+    """The site of the option or of the columns, which stay in `extra`."""
+    in_table = any(name in table for name in SITE)
+    if options.site is not None and in_table:
+        raise InputError(
+            f"{table.file.name} has columns {SITE[0]} …, and a site is given as well; keep one"
+        )
+    if options.site is not None:
+        return Site.parse(options.site)
+    if not in_table:
+        raise InputError(
+            f"{table.file.name} names no site; give columns {' '.join(SITE)}, or --site LAT,LON,H"
+        )
+    need(table, SITE)
+    return Site(*(table.number(name) for name in SITE))

@@ -1,0 +1,339 @@
+"""Delimited text with a header: parsed in one pass, every value traceable to its line and column.
+
+Numbers are turned into arrays chunk by chunk, so that a million rows take seconds and little
+memory; only when a chunk fails is it searched for the cell at fault.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import TextFile
+
+Floats = NDArray[np.float64]
+
+CHUNK = 1 << 16
+MAX_COLUMNS = 1000
+MAX_CELL = 1000  # characters
+MAX_TEXT = 1 << 31  # bytes of all columns of text, of which every cell takes what the longest needs
+_META = re.compile(r"#\s*([A-Za-z_]\w*)\s*[:=]\s*(\S.*)")
+_NAMES = {"\t": "tab", ",": "comma", ";": "semicolon", " ": "space"}
+
+
+@dataclass
+class Table:
+    """Columns of a delimited file.
+
+    Attributes
+    ----------
+    file : TextFile
+    numbers : column name → (T,) floats
+    texts : column name → (T,) strings
+    lines : (T,) int, line of the file each row stands on, from 1
+    labels : name used here → name in the file, where they differ
+    meta : `# key: value` lines, key → (value, line)
+    """
+
+    file: TextFile
+    numbers: dict[str, Floats]
+    texts: dict[str, NDArray[np.str_]]
+    lines: NDArray[np.int64]
+    labels: dict[str, str] = field(default_factory=dict)
+    meta: dict[str, tuple[str, int]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return self.lines.size
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.numbers or name in self.texts
+
+    def label(self, name: str) -> str:
+        """The column's name in the file."""
+        return self.labels.get(name, name)
+
+    def at(self, row: int) -> str:
+        """Where a row stands, for messages."""
+        return self.file.at(int(self.lines[row]))
+
+    def reject(self, name: str, bad: NDArray[np.bool_], what: str, remedy: str) -> None:
+        """Raise InputError, naming the first line, if `bad` holds anywhere."""
+        count = int(np.count_nonzero(bad))
+        if not count:
+            return
+        row = int(np.argmax(bad))
+        column = self.numbers.get(name, self.texts.get(name))
+        value = "" if column is None else f": {column[row]}"
+        raise InputError(
+            f"{self.label(name)} has {count} {'value' if count == 1 else 'values'} {what} "
+            f"(first in {self.at(row)}{value}); {remedy}"
+        )
+
+    def number(
+        self, name: str, low: float = -np.inf, high: float = np.inf, remedy: str = ""
+    ) -> Floats:
+        """A numeric column, all of it finite and between two limits."""
+        values = self.numbers[name]
+        self.reject(name, ~np.isfinite(values), "not finite", "drop those rows")
+        outside = (values < low) | (values > high)
+        self.reject(name, outside, f"outside {low:g} .. {high:g}", remedy or "correct those rows")
+        return values
+
+    def drop(self, bad: NDArray[np.bool_]) -> Table:
+        """The table without the rows where `bad` holds."""
+        return self.take(np.flatnonzero(~bad))
+
+    def take(self, rows: NDArray[np.int64]) -> Table:
+        """The rows asked for, in that order."""
+        return Table(
+            self.file,
+            {name: column[rows] for name, column in self.numbers.items()},
+            {name: column[rows] for name, column in self.texts.items()},
+            self.lines[rows],
+            self.labels,
+            self.meta,
+        )
+
+
+def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
+    """The `# key: value` lines above the header; a key given twice must say the same."""
+    meta: dict[str, tuple[str, int]] = {}
+    for number, line in enumerate(file.text.split("\n"), 1):
+        if not line.strip():
+            continue
+        if not line.startswith("#"):
+            break
+        found = _META.match(line)
+        if found is None:
+            continue
+        key, value = found[1].lower(), found[2].rstrip()
+        if key in meta and meta[key][0] != value and key in ("frame", "epoch_jd"):
+            raise InputError(
+                f"{file.at(number)}: {key} is {value!r}, but line {meta[key][1]} says "
+                f"{meta[key][0]!r}; give one"
+            )
+        meta[key] = (value, number)
+    return meta
+
+
+def delimiter_of(header: str) -> str:
+    """The delimiter of a header line: tab, semicolon or comma, else runs of spaces."""
+    bare = re.sub(r'"[^"]*"', "", header)
+    return next((mark for mark in "\t;," if mark in bare), " ")
+
+
+def header_of(text: str) -> tuple[int, str]:
+    """Line number (from 1) and text of the first line that is neither blank nor a comment."""
+    for number, line in enumerate(_lines(text), 1):
+        if line.strip() and not line.startswith("#"):
+            return number, line.strip("\n")
+    return 0, ""
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Lines with their \\n, without splitting at the other characters str.splitlines knows."""
+    return iter(io.StringIO(text, newline="\n"))
+
+
+def parse(
+    file: TextFile,
+    numeric: Collection[str],
+    rename: dict[str, str] | None = None,
+    delimiter: str | None = None,
+    header: list[str] | None = None,
+    may_be_empty: Collection[str] = (),
+) -> Table:
+    """Parse delimited text.
+
+    Parameters
+    ----------
+    file : TextFile
+    numeric : names (after renaming) of the columns that must hold numbers
+    rename : name in the file → name used here
+    delimiter : found from the header when None
+    header : names of the columns when the file's first row is data
+    may_be_empty : names (after renaming) of numeric columns whose empty cells are NaN
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column.
+    """
+    rename = rename or {}
+    skipped, line = header_of(file.text)
+    if not line:
+        raise InputError(f"{file.name} holds only comments; expected a header and rows")
+    if header is None:
+        delimiter = delimiter or delimiter_of(line)
+        labels = [cell.strip() for cell in _cells(file, skipped, line, delimiter)]
+    else:
+        labels, skipped = header, skipped - 1
+    lines = islice(_lines(file.text), skipped, None)
+    if delimiter == " ":  # where a quote in a later comment would start a cell
+        lines = ("\n" if line.startswith("#") else line for line in lines)
+    names = [rename.get(label, label.lower()) for label in labels]
+    names = [
+        name if name in numeric or label in rename or name in _KNOWN_TEXT else label
+        for name, label in zip(names, labels, strict=True)
+    ]
+    _check_header(file, skipped, labels, names)
+    columns: list[list] = [[] for _ in names]
+    numbers_of_lines: list[NDArray[np.int64]] = []
+    is_number = [name in numeric for name in names]
+    widths, n_rows = [0] * len(names), 0
+    for rows, at in _chunks(file, lines, delimiter or " ", skipped, len(names)):
+        numbers_of_lines.append(at)
+        n_rows += at.size
+        for i, column in enumerate(zip(*rows, strict=True)):
+            if is_number[i]:
+                if names[i] in may_be_empty:
+                    column = [cell if cell.strip() else "nan" for cell in column]
+                columns[i].append(_floats(file, labels[i], column, at))
+            else:
+                cells = [cell.strip() for cell in column]
+                widths[i] = max(widths[i], _longest(file, f"column {labels[i]!r}", cells, at))
+                _check_memory(file, widths, n_rows)
+                columns[i].append(np.array(cells, dtype=np.str_))
+    if not numbers_of_lines:
+        raise InputError(f"{file.name} has a header but no rows; give one row per point")
+    joined = {name: np.concatenate(parts) for name, parts in zip(names, columns, strict=True)}
+    return Table(
+        file,
+        {name: joined[name] for name in names if name in numeric},
+        {name: joined[name] for name in names if name not in numeric},
+        np.concatenate(numbers_of_lines),
+        {name: label for name, label in zip(names, labels, strict=True) if name != label},
+    )
+
+
+_KNOWN_TEXT = ("utc", "curve", "band", "site", "frame", "calibrated")
+
+
+def _check_header(file: TextFile, line: int, labels: list[str], names: list[str]) -> None:
+    where = file.at(line)
+    if len(labels) > MAX_COLUMNS:
+        raise InputError(
+            f"{where} names {len(labels)} columns; at most {MAX_COLUMNS} are read: drop those that "
+            "are not needed"
+        )
+    _longest(file, "the header", labels, np.full(len(labels), line))
+    if all(_is_number(label) for label in labels):
+        raise InputError(f"{where} holds numbers where names of columns are expected; add a header")
+    first: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if not name:
+            raise InputError(f"{where}: column {i + 1} has no name; name it or remove it")
+        if first.setdefault(name, i) != i:
+            raise InputError(
+                f"{where}: {labels[i]!r} names both column {first[name] + 1} and column {i + 1}; "
+                "rename or remove one"
+            )
+
+
+def _longest(file: TextFile, where: str, cells: Sequence[str], at: NDArray[np.int64]) -> int:
+    """Characters of the longest cell; an InputError where that is longer than a cell may be."""
+    longest = max(map(len, cells))
+    if longest > MAX_CELL:
+        line = next(line for cell, line in zip(cells, at, strict=True) if len(cell) > MAX_CELL)
+        raise InputError(
+            f"{file.at(line)}, {where} holds a cell of {longest} characters; at most "
+            f"{MAX_CELL} are read: shorten it, or close the quotes"
+        )
+    return longest
+
+
+def _check_memory(file: TextFile, widths: Sequence[int], n_rows: int) -> None:
+    """An InputError before the columns of text take more memory than `MAX_TEXT`."""
+    if 4 * n_rows * sum(widths) > MAX_TEXT:
+        raise InputError(
+            f"{file.name}: its columns of text, of up to {max(widths)} characters in each of "
+            f"{n_rows} rows or more, need over {MAX_TEXT >> 20} MiB; shorten or drop them"
+        )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _cells(file: TextFile, number: int, line: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader([line], **_dialect(delimiter)))
+    except csv.Error as fault:
+        raise InputError(f"{file.at(number)}: {fault}; close the quotes") from None
+
+
+def _dialect(delimiter: str) -> dict:
+    return {"delimiter": delimiter, "skipinitialspace": True, "strict": True}
+
+
+def _chunks(
+    file: TextFile, lines: Iterator[str], delimiter: str, skipped: int, width: int
+) -> Iterator[tuple[list[list[str]], NDArray[np.int64]]]:
+    """Rows of exactly `width` cells and their lines, some ten thousand at a time."""
+    reader = csv.reader(lines, **_dialect(delimiter))
+    rows: list[list[str]] = []
+    at: list[int] = []
+    last = skipped
+    try:
+        for row in reader:
+            last = reader.line_num + skipped
+            if len(row) != width:
+                if not any(cell.strip() for cell in row) or row[0].startswith("#"):
+                    continue
+                if delimiter == " " and len(row) == width + 1 and not row[-1]:
+                    row.pop()  # a space at the end of the line
+                else:
+                    raise InputError(
+                        f"{file.at(last)} has {len(row)} {_NAMES[delimiter]}-separated cells; "
+                        f"the header names {width}; correct the row, or quote cells that hold a "
+                        f"{_NAMES[delimiter]}"
+                    )
+            elif row[0].startswith("#"):
+                continue
+            rows.append(row)
+            at.append(last)
+            if len(rows) == CHUNK:
+                yield rows, np.array(at)
+                rows, at = [], []
+    except csv.Error as fault:
+        raise InputError(
+            f"{file.at(last + 1)}: {fault}; close the quotes, or double those inside a cell"
+        ) from None
+    if rows:
+        yield rows, np.array(at)
+
+
+def _floats(
+    file: TextFile, label: str, column: Sequence[str], at: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    try:
+        values = np.fromiter(map(float, column), float, len(column))
+    except ValueError:
+        values = None
+    joined = "".join(column)
+    if values is not None and joined.isascii() and "_" not in joined:
+        return values
+    for cell, line in zip(column, at, strict=True):
+        if not _is_number(cell) or not cell.isascii() or "_" in cell:
+            _longest(file, f"column {label!r}", [cell], np.array([line]))
+            if not cell.strip():
+                raise InputError(
+                    f"{file.at(line)}, column {label!r} is empty; give a number or drop the row"
+                )
+            hint = "use a decimal point" if "," in cell else "give a number or drop the row"
+            raise InputError(
+                f"{file.at(line)}, column {label!r} holds {cell!r}; expected a number; {hint}"
+            )
+    raise AssertionError("unreachable")

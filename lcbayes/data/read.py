@@ -1,0 +1,107 @@
+"""`read`: a light curve from a file, whose format its content tells."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import TextFile, read_text
+from lcbayes.data.formats import satellites
+from lcbayes.data.formats.build import build
+from lcbayes.data.formats.columns import NUMERIC, Options
+from lcbayes.data.formats.damit import is_damit, read_damit
+from lcbayes.data.formats.ecsv import is_ecsv, read_ecsv
+from lcbayes.data.formats.table import comment_values, parse
+from lcbayes.data.lightcurve import LightCurve
+
+
+def _read_csv(file: TextFile, options: Options) -> LightCurve:
+    meta = comment_values(file)
+    table = parse(file, NUMERIC)
+    table.meta = meta
+    return build(table, options, "csv")
+
+
+_READERS: dict[str, Callable[[TextFile, Options], LightCurve]] = {
+    "csv": _read_csv,
+    "ecsv": read_ecsv,
+    "damit": read_damit,
+    "mmt9": satellites.read_mmt9,
+    "score": satellites.read_score,
+    "pomenis": satellites.read_pomenis,
+}
+FORMATS = tuple(_READERS)
+
+
+def recognise(file: TextFile) -> str:
+    """The format of a file, from its content (`.lcs` helps where that is damaged)."""
+    if is_ecsv(file.text):
+        return "ecsv"
+    if is_damit(file.text) or file.path.suffix.lower() == ".lcs":
+        return "damit"
+    return satellites.dialect_of(file.text) or "csv"
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    tle: str | os.PathLike[str] | None = None,
+    site: str | None = None,
+    error_floor: float | None = None,
+    error: float | None = None,
+) -> LightCurve:
+    """Read a light curve.
+
+    Parameters
+    ----------
+    path : file
+    format : one of `FORMATS`; recognised from the content when None
+    tle : file of two-line elements of the object, for data that lack its directions
+    site : "latitude,longitude,height" of the observer in degrees (north, east) and metres, for
+        files that do not give it
+    error_floor : smallest standard deviation to admit, in the unit of the brightness; smaller
+        ones are raised to it
+    error : one standard deviation for all points, instead of any the file gives
+
+    Returns
+    -------
+    LightCurve
+        ``source["notes"]`` says what was left out or assumed.
+
+    Raises
+    ------
+    InputError
+        One line: what is at fault, in which file and line, and what to do.
+    """
+    curve = _read(path, format, Options(_path(tle), site, error, error_floor))
+    if curve.n_obs < 2:
+        raise InputError(f"{path} holds one point; a light curve needs at least two")
+    return curve
+
+
+def read_geometry(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    tle: str | os.PathLike[str] | None = None,
+    site: str | None = None,
+) -> LightCurve:
+    """Read epochs and geometry alone, to predict brightness for: as `read`, brightness all NaN.
+
+    Columns of brightness and its error are not needed and, where present, ignored; their kind is
+    kept ("mag" when there are none).
+    """
+    return _read(path, format, Options(_path(tle), site, geometry_only=True))
+
+
+def _path(path: str | os.PathLike[str] | None) -> str | None:
+    return None if path is None else os.fspath(path)
+
+
+def _read(path: str | os.PathLike[str], format: str | None, options: Options) -> LightCurve:
+    if format is not None and format not in _READERS:
+        raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
+    file = read_text(path)
+    return _READERS[format or recognise(file)](file, options)

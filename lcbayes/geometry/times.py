@@ -1,0 +1,49 @@
+"""Moments as two-part Julian dates, leap seconds counted."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Times:
+    """Moments as two-part Julian dates (T,), whose sum is the date, in the scales used here."""
+
+    utc: tuple[Floats, Floats]
+    tt: tuple[Floats, Floats]
+
+    @classmethod
+    def of(cls, epoch_jd: float, t: ArrayLike) -> Times:
+        """Seconds elapsed since a UTC Julian date, leap seconds counted."""
+        import erfa
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erfa.ErfaWarning)  # years whose leap seconds are open
+            whole = np.floor(epoch_jd)
+            tai1, tai2 = erfa.utctai(whole, epoch_jd - whole)
+            days, rest = np.divmod(np.atleast_1d(np.asarray(t, dtype=float)), 86400.0)
+            tai = tai1 + days, tai2 + rest / 86400.0
+            return cls(erfa.taiutc(*tai), erfa.taitt(*tai))
+
+    def text(self, row: int, decimals: int = 0) -> str:
+        """One of them in ISO 8601, UTC, to the second or to decimals of it."""
+        import erfa
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erfa.ErfaWarning)
+            year, month, day, clock = erfa.d2dtf("UTC", decimals, *(x[row] for x in self.utc))
+        h, m, s, rest = clock.tolist()
+        part = f".{rest:0{decimals}d}" if decimals else ""
+        return f"{year:04d}-{month:02d}-{day:02d}T{h:02d}:{m:02d}:{s:02d}{part}Z"
+
+
+def seconds_between(first_jd: float, second_jd: float) -> float:
+    """Seconds from one UTC Julian date to another, leap seconds counted as readers of files do."""
+    (a1, a2), (b1, b2) = (Times.of(jd, 0.0).tt for jd in (first_jd, second_jd))
+    return float(((b1 - a1) + (b2 - a2))[0] * 86400.0)

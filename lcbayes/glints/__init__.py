@@ -1,5 +1,0 @@
-"""Glints: found in a light curve, and turned into directions of facets, cylinders and panels."""
-
-from lcbayes.glints.attitude import Glints, analyse
-
-__all__ = ["Glints", "analyse"]

@@ -1,0 +1,337 @@
+"""Where particles lie: near which optimum, with their facets in one order, and how much posterior
+each such region holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import search, solutions
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.modes import OVERLAP, overlap
+from lcbayes.inference.solutions import Solution
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.samplers import bridge, smc
+from lcbayes.samplers.bridge import LogEvidence
+from lcbayes.samplers.tempering import log_sum
+
+Floats = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+POINTS = 8  # of each particle's chain that are looked at
+CLIMBERS = 32  # particles of each run that climb to the optimum they are near
+MOST = 24  # optima
+LEAST = 4  # points of a region for each parameter, below which it is not measured ...
+MEASURED = 0.5  # ... and the share of all points that must lie in those that are
+GOOD = 0.3  # error of a bridged evidence, in nats, above which it is not taken
+ASTRAY, LIKELY = 6.0, 0.5  # errors of the way's evidence, and of one run's at least, to be told of
+ROWS = 256  # evaluated at a time
+
+
+class Regions:
+    """The posterior's space cut up by its optima.
+
+    A point belongs to the optimum that is nearest in the metric of the information there, its
+    facets matched to that optimum's. So every body, in whatever order its facets come, has one
+    region and one place in it: the regions are disjoint, and together they hold every body once.
+
+    Parameters
+    ----------
+    optima : sequence of Solution
+        The best first.
+    """
+
+    def __init__(
+        self, problem: Problem, data: Epochs, optima: Sequence[Solution], order: FacetOrder
+    ) -> None:
+        self.problem, self.data, self.order, self.optima = problem, data, order, list(optima)
+        self.centres = np.stack([s.z for s in optima])
+        fisher = compiled(problem.fisher)
+        self.metrics = [np.asarray(fisher(jnp.asarray(z), data)) for z in self.centres]
+        self.stands_for = np.arange(len(self.centres))  # the centre whose region each is part of
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        data: Epochs,
+        z: Floats,
+        order: FacetOrder,
+        *,
+        most: int = MOST,
+        known: Sequence[Floats] = (),
+        workers: int = 1,
+    ) -> Regions:
+        """Those of the optima that particles of each run, z (C, N, D), climb to, or known points
+        (D,) do; ``most`` at most. Those whose particles lie among each other are one."""
+        climbers = np.concatenate(
+            [*(row[None] for row in known), *(evenly(r, CLIMBERS) for r in z)]
+        )
+        found = optima(problem, data, climbers, order, most, workers)
+        regions = cls(problem, data, found, order)
+        regions.join(z.reshape(-1, problem.dim))
+        return regions
+
+    def place(self, z: Floats) -> tuple[Labels, Floats]:
+        """Region of each point (..., D), by the index of its centre, and the points with their
+        facets in that centre's order."""
+        nearest, matched = self._nearest(z.reshape(-1, z.shape[-1]))
+        label = self.stands_for[nearest]
+        rows = matched[label, np.arange(len(label))]
+        return label.reshape(z.shape[:-1]), rows.reshape(z.shape)
+
+    def join(self, z: Floats) -> None:
+        """Make one of those regions whose particles, among z (n, D), lie among each other.
+
+        A ridge has many optima along it, and the nearest of them says little of a particle.
+        """
+        nearest, matched = self._nearest(z)
+        label = self.stands_for[nearest]
+        present = [int(k) for k in np.unique(label)]
+        few = 2 * z.shape[-1]  # points that have no region of their own
+        again = True
+        while again:
+            again = False
+            for a, b in ((a, b) for i, a in enumerate(present) for b in present[i + 1 :]):
+                one, other = matched[a][label == a], matched[b][label == b]
+                if min(len(one), len(other)) < few:
+                    continue
+                if overlap(one, other, self.order)[0] > OVERLAP:
+                    label[label == b] = a
+                    self.stands_for[self.stands_for == b] = a
+                    present.remove(b)
+                    again = True
+                    break
+
+    def _nearest(self, z: Floats) -> tuple[Labels, Floats]:
+        """Nearest centre of each point (n,), the points in the order of each centre (K, n, D)."""
+        matched = np.stack([self.order.like_all(z, centre) for centre in self.centres])
+        distance = [
+            np.einsum("ni,ij,nj->n", rows - centre, metric, rows - centre)
+            for rows, centre, metric in zip(matched, self.centres, self.metrics, strict=True)
+        ]
+        # argmin takes a NaN for the least
+        return np.argmin(np.nan_to_num(distance, nan=np.inf), axis=0), matched
+
+    def evidence(
+        self, label: Labels, rows: Floats, n_chains: int, rng: np.random.Generator
+    ) -> dict[int, LogEvidence]:
+        """ln ∫ exp(−U) over each region that has points enough, all orders of facets counted.
+
+        By bridge sampling from the particles there. It asks of them where the region is and how it
+        is shaped, not how many they are: what chance made of the shares of the regions, and of the
+        evidence, on the way from the prior does not enter.
+
+        Parameters
+        ----------
+        label, rows : (N,), (N, D)
+            Particles, chain by chain, as `place` has them.
+        n_chains : int
+            Of which they are points, equally many each.
+        """
+        chain = np.arange(len(rows)) * n_chains // len(rows)
+        shuffled = np.argsort(rng.permutation(n_chains)[chain], kind="stable")
+        found = {}
+        for k in np.unique(label):
+            own = shuffled[label[shuffled] == k]
+            if len(own) >= LEAST * self.problem.dim:
+                found[int(k)] = self._bridged(int(k), rows[own], len(np.unique(chain[own])), rng)
+        return found
+
+    def _bridged(
+        self, k: int, rows: Floats, n_chains: int, rng: np.random.Generator
+    ) -> LogEvidence:
+        centre, width = rows.mean(axis=0), rows.std(axis=0) + 1e-300
+
+        def potential(y: Floats) -> Floats:
+            z = centre + width * y
+            label, placed = self.place(z)
+            inside = (label == k) & np.all(placed == z, axis=1)
+            return np.where(inside, potentials(self.problem, z, self.data), np.inf)
+
+        value, se = bridge.bridge(((rows - centre) / width)[None], potential, n_chains, rng)
+        return LogEvidence(value + float(np.log(width).sum()) + self.order.log_orders, se)
+
+
+class Weighed(NamedTuple):
+    """What particles say of each region and of all of them.
+
+    Attributes
+    ----------
+    weight, weight_sd : (K,)
+        Of the regions, and its standard error.
+    log_evidence : LogEvidence
+        Of all together.
+    by_run : (C, K)
+        Weights by each run alone.
+    log_evidences : (C,)
+        Of each run.
+    reasons : list of str
+        Why not to trust it.
+    """
+
+    weight: Floats
+    weight_sd: Floats
+    log_evidence: LogEvidence
+    by_run: Floats
+    log_evidences: Floats
+    reasons: list[str]
+
+
+class Measured(NamedTuple):
+    """Runs of particles cut into regions.
+
+    Attributes
+    ----------
+    regions : Regions
+    label, z : (C, N), (C, N, D)
+        The points of each run that were looked at, as `Regions.place` has them.
+    weighed : Weighed
+    """
+
+    regions: Regions
+    label: Labels
+    z: Floats
+    weighed: Weighed
+
+
+def measure(
+    problem: Problem,
+    data: Epochs,
+    runs: Sequence[smc.Result],
+    order: FacetOrder,
+    *,
+    seed: int = 0,
+    most: int = MOST,
+    known: Sequence[Floats] = (),
+    workers: int = 1,
+) -> Measured:
+    """Regions of independent runs with as many particles each, and what they say of each region;
+    ``most`` and ``known`` as in `Regions.of`, ``seed`` of the bridges."""
+    n_chains = len(runs[0].z) // runs[0].points
+    z = np.stack([evenly(r.z, POINTS * n_chains) for r in runs])
+    regions = Regions.of(problem, data, z, order, most=most, known=known, workers=workers)
+    label, rows = regions.place(z)
+    path = np.array([r.log_evidence for r in runs])
+    rng = np.random.default_rng(seed)
+    return Measured(regions, label, rows, weigh(regions, label, rows, path, n_chains, rng))
+
+
+def weigh(
+    regions: Regions,
+    label: Labels,
+    z: Floats,
+    path: Floats,
+    n_chains: int,
+    rng: np.random.Generator,
+) -> Weighed:
+    """Weights of regions and the evidence from runs of particles.
+
+    By bridge sampling region by region where that succeeds for all particles together and for
+    those of each run; else by the shares of the particles, and the evidences of the runs' ways.
+
+    Parameters
+    ----------
+    label, z : (C, N), (C, N, D)
+        Particles of each run, chain by chain, as `Regions.place` has them.
+    path : (C,)
+        ln Z of each run as it came from the prior.
+    n_chains : int
+        Of each run.
+    """
+    n_runs = len(z)
+    shares = np.array([[np.mean(row == k) for k in range(len(regions.centres))] for row in label])
+    of_run = np.exp(path - log_sum(path))
+    weight = of_run @ shares
+    spread = shares.std(axis=0, ddof=1) / np.sqrt(n_runs)
+    by_path = smc.mean_evidence(path)
+    counted = Weighed(weight, spread, by_path, shares, path, [])
+
+    flat = z.reshape(-1, z.shape[-1])
+    pooled = _bridged(regions, label.ravel(), flat, n_runs * n_chains, weight, rng)
+    if pooled is None:
+        return counted
+    each = [
+        _bridged(regions, here, rows, n_chains, own, rng)
+        for here, rows, own in zip(label, z, shares, strict=True)
+    ]
+    found = [one for one in each if one is not None]
+    if len(found) < n_runs:
+        return counted
+    (weight, weight_sd, total), by_run = pooled, np.stack([one[0] for one in found])
+    log_evidences = np.array([one[2].value for one in found])
+    between, apart = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
+    reasons = []
+    off = total.value - by_path.value
+    if abs(off) > ASTRAY * max(path.std(ddof=1), LIKELY) / np.sqrt(n_runs):
+        reasons.append(
+            f"the evidence of the particles' way from the prior is off by {abs(off):.1f} nats from "
+            "that of where they ended: take more particles"
+        )
+    return Weighed(
+        weight,
+        np.maximum(weight_sd, apart / np.sqrt(n_runs)),
+        LogEvidence(total.value, float(max(total.se, between / np.sqrt(n_runs)))),
+        by_run, log_evidences, reasons,
+    )  # fmt: skip
+
+
+def _bridged(
+    regions: Regions,
+    label: Labels,
+    z: Floats,
+    n_chains: int,
+    shares: Floats,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats, LogEvidence] | None:
+    """Weights, their errors, and the evidence of all; None where bridges do not bear it."""
+    found = regions.evidence(label, z, n_chains, rng)
+    measured = np.array(sorted(found), int)
+    share = float(shares[measured].sum())
+    if share < MEASURED:
+        return None
+    values, errors = np.array([found[k] for k in measured]).T
+    inside = log_sum(values)
+    part = np.exp(values - inside)
+    se = float(np.linalg.norm(part * errors))
+    if se > GOOD:
+        return None
+    weight, weight_sd = shares.copy(), np.zeros(len(shares))
+    weight[measured] = share * part
+    slope = np.diag(part) - np.outer(part, part)
+    weight_sd[measured] = share * np.linalg.norm(slope * errors, axis=1)
+    return weight, weight_sd, LogEvidence(inside - float(np.log(share)), se)
+
+
+def optima(
+    problem: Problem, data: Epochs, rows: Floats, order: FacetOrder, most: int, workers: int
+) -> list[Solution]:
+    """The different optima near points (n, D), best first."""
+    ends = search.polish(problem, data, rows, workers)
+    best_first = np.argsort(ends.potential, kind="stable")
+    ends = jax.tree.map(lambda x: x[best_first], ends)
+    return solutions.distinct(problem, data, ends, order, most)
+
+
+def evenly(rows: NDArray, n: int) -> NDArray:
+    """n of the rows, or each several times where there are fewer."""
+    return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
+
+
+def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
+    """−ln p(y, z) of rows (n, D), (n,); compiled once, however many they are."""
+    n = len(z)
+    padded = np.resize(z, (-(-n // ROWS) * ROWS, z.shape[1]))
+    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, ROWS, z.shape[1])]
+    return np.concatenate([np.asarray(p) for p in parts])[:n]
+
+
+@partial(jax.jit, static_argnums=0)
+def _potentials(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda row: problem.potential(row, data), rows)

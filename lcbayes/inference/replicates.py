@@ -1,0 +1,58 @@
+"""Independent runs of tempered particles, each kept on disk as soon as it is done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax
+from lcbayes.inference import symmetry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import smc
+
+
+def independent_runs(
+    problem: Problem,
+    data: Epochs,
+    key: jax.Array,
+    n_particles: int,
+    n_runs: int,
+    *,
+    name: str,
+    checkpoint: Checkpoint,
+    **options: Any,
+) -> list[smc.Result]:
+    """As `smc.replicate`: the runs that the checkpoint holds under ``name``, and the rest.
+
+    Runs from the checkpoint have no ``stages``.
+
+    Raises
+    ------
+    smc.Collapse, InputError
+        From `smc.run`.
+    """
+    mirror = symmetry.plane_mirror(problem, data)
+    runs = []
+    for i, own in enumerate(jax.random.split(key, n_runs)):
+        stored = checkpoint.load(f"{name}-{i}")
+        if stored is None:
+            result = smc.run(problem, data, own, n_particles, mirror=mirror, **options)
+            stored = {
+                "z": result.z,
+                "log_likelihood": result.log_likelihood,
+                "numbers": np.array([result.log_evidence, result.gradients, result.seconds]),
+                "points": np.array(result.points),
+                "reasons": np.array(result.reasons, dtype=str),
+            }
+            checkpoint.save(f"{name}-{i}", stored)
+        log_evidence, gradients, seconds = stored["numbers"]
+        runs.append(
+            smc.Result(
+                stored["z"], stored["log_likelihood"], float(log_evidence), [],
+                int(stored["points"]), int(gradients), float(seconds), stored["reasons"].tolist(),
+            )
+        )  # fmt: skip
+    return runs

@@ -1,0 +1,122 @@
+"""Numbers of facets whose best fit is already too poor: no particles are spent on them.
+
+Z = ∫ L dp₀ cannot exceed the largest likelihood, nor can ∫ L f dp₀ / ∫ f dp₀ with the factors f of
+the prior. Where ln max L of N facets lies far below the ln Z
+of another number, N is out, however its prior is laid out. And of all numbers these are the dearest
+to follow from the prior: a body that cannot explain the data has a posterior as narrow as a
+needle, in a place that no other step of the path foretells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations, islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import search
+from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+
+Floats = NDArray[np.float64]
+
+MARGIN = 30.0  # nats, for what a search may leave of the largest likelihood
+MOST_WAYS = 64  # to leave out facets that are tried
+
+
+@dataclass(frozen=True)
+class RuledOut:
+    """A number of facets that the data exclude by their best fit alone.
+
+    Attributes
+    ----------
+    n_facets, n_parameters : int
+    below : float
+        ln of the largest likelihood, above which the ln evidence cannot be, under the prior given
+        that every facet is seen.
+    misfit : Misfit
+        Of the best fit.
+    """
+
+    n_facets: int
+    n_parameters: int
+    below: float
+    misfit: Misfit
+
+
+def largest_likelihood(
+    problem: Problem, data: Epochs, starts: Floats, workers: int
+) -> tuple[float, Floats]:
+    """What ln Z cannot exceed, and z (D,) of the best fit that is reached from ``starts`` (S, D).
+
+    Starts are followed to the posterior's optimum, whose likelihood is the largest but for what
+    the prior pulls.
+    """
+    ends = search.polish(problem, data, starts, workers)
+    reached = np.asarray(_log_likelihoods(problem, jnp.asarray(ends.z), data))
+    reached = np.nan_to_num(reached, nan=-np.inf)
+    best = int(np.argmax(reached))
+    return float(reached[best]), ends.z[best]
+
+
+@partial(jax.jit, static_argnums=0)
+def _log_likelihoods(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    """Of all points, to the power of their information, at rows (n, D)."""
+    return jax.lax.map(lambda z: jnp.sum(data.information * problem.log_likelihood(z, data)), rows)
+
+
+def with_fewer(
+    larger: Problem, z: Floats, smaller: Problem, facet_sites: Sequence[str], data: Epochs
+) -> Floats:
+    """Bodies (S, D) of the smaller problem: z of the larger one with facets left out.
+
+    Every way to leave them out, up to `MOST_WAYS`, so that a fit with more facets, whose spin was
+    harder to miss, also serves those with fewer. None where the problems differ in more than the
+    number of facets.
+    """
+    sites = larger.constrain(jnp.asarray(z), data)
+    want = jax.eval_shape(lambda z: smaller.constrain(z, data), jnp.zeros(smaller.dim))
+    sites = {k: np.asarray(sites[k]) for k in smaller.names if k in sites}
+    n_larger, n_smaller = _facets(sites, facet_sites), _facets(want, facet_sites)
+    rows = []
+    for kept in islice(combinations(range(n_larger), n_smaller), MOST_WAYS):
+        part = {k: v[list(kept)] if k in facet_sites else v for k, v in sites.items()}
+        if any(k not in part or part[k].shape != want[k].shape for k in smaller.names):
+            break
+        rows.append(np.asarray(smaller.ravel({k: jnp.asarray(v) for k, v in part.items()})))
+    return np.array(rows).reshape(-1, smaller.dim)
+
+
+def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
+    """Numbers of facets whose particles are not where the posterior is, and why.
+
+    A body of N facets is one of N + 1, with one cut in two: more facets fit at least as well. Where
+    the best particle of a larger number fits worse by more than `MARGIN`, the evidence there is
+    that of some other place, and says nothing of the number.
+
+    Parameters
+    ----------
+    best : number of facets -> ln likelihood of its best particle, each point taken whole
+    information : float
+        Power to which the likelihood of a point is raised.
+    """
+    told = {}
+    for n in sorted(best):
+        fewer = max((k for k in best if k < n), key=lambda k: best[k], default=n)
+        behind = information * (best[fewer] - best[n])
+        if behind > MARGIN:
+            told[n] = (
+                f"{n} facets: the particles lost their way, they fit by {behind:.0f} nats worse "
+                f"than with {fewer}, which {n} include; take more with --num-particles"
+            )
+    return told
+
+
+def _facets(sites: Mapping[str, Any], facet_sites: Sequence[str]) -> int:
+    return next((sites[k].shape[0] for k in facet_sites if k in sites), 0)

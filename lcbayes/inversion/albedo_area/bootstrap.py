@@ -1,0 +1,129 @@
+"""How well a distribution is known: solved again from resampled curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inversion.albedo_area import nnls
+from lcbayes.inversion.albedo_area.distribution import Distribution, Rows, linearised
+from lcbayes.inversion.albedo_area.facets import Facets, held, linear
+from lcbayes.inversion.albedo_area.kernel import Material
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.bodies.closure import close
+from lcbayes.physics.bodies.minkowski import minkowski
+
+Floats = NDArray[np.float64]
+
+ENOUGH_CURVES = 10  # below, blocks within curves are resampled instead
+CHUNK_BYTES = 2**28
+
+
+def weights(seen: Observed, n: int, seed: int) -> Floats:
+    """How often each point counts in each of n resampled data sets, (n, T).
+
+    With at least ten curves whole curves are drawn with replacement, so that what is common to a
+    curve's points is taken into account. With fewer, blocks of about T_c^(1/3) consecutive points
+    of each curve are.
+
+    References
+    ----------
+    Efron & Tibshirani 1993, *An Introduction to the Bootstrap*; Künsch 1989, Ann. Stat. 17, 1217
+    (blocks; their length: Hall, Horowitz & Jing 1995, Biometrika 82, 561).
+    """
+    rng = np.random.default_rng(seed)
+    count = len(seen.free)
+    if count >= ENOUGH_CURVES:
+        drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=n)
+        return drawn[:, seen.curve].astype(float)
+    out = np.zeros((n, len(seen.flux)))
+    for c in range(count):
+        here = np.flatnonzero(seen.curve == c)
+        blocks = max(1, round(len(here) / len(here) ** (1 / 3)))
+        block = np.arange(len(here)) * blocks // len(here)
+        drawn = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=n)
+        out[:, here] = drawn[:, block]
+    return out
+
+
+def distributions(
+    seen: Observed,
+    found: Distribution,
+    matrix: Floats,
+    weight: Floats,
+    penalties: Sequence[Rows] = (),
+) -> Floats:
+    """Areas (B, n) of a distribution on given normals, one for each set of weights (B, T).
+
+    Free scales are solved for with the areas, linearised about the solution. An area that data put
+    at zero stays there in most draws: its spread says how far noise lifts it, and is no interval.
+    """
+    extra = Rows(
+        np.concatenate([p.matrix for p in penalties] or [np.zeros((0, len(found.areas)))]),
+        np.concatenate([p.target for p in penalties] or [np.zeros(0)]),
+    )
+    rows, target = linearised(seen, matrix, found, extra)
+    always = np.ones((len(weight), len(target) - len(seen.flux)))
+    chunk = max(1, int(CHUNK_BYTES // (8 * rows.shape[1] ** 2)))
+    draws = nnls.weighted(
+        jnp.asarray(rows), jnp.asarray(target), jnp.asarray(np.hstack([weight, always])), chunk
+    )
+    return np.asarray(draws)[:, : len(found.areas)]
+
+
+@dataclass(frozen=True)
+class FacetDraws:
+    """Resampled facets and the bodies they make.
+
+    Attributes
+    ----------
+    vectors : (B, n, 3) m²
+        Area vectors αn.
+    volumes : (B',) m³
+    dimensions : (B', 3) m
+        Longest, middle, shortest; for those of the B draws that make a body.
+    """
+
+    vectors: Floats
+    volumes: Floats
+    dimensions: Floats
+
+
+def facets(
+    seen: Observed,
+    found: Facets,
+    materials: Sequence[Material],
+    weight: Floats,
+    albedo: float = 1.0,
+) -> FacetDraws:
+    """Few facets once more for each set of weights (B, T), by one Gauss-Newton step.
+
+    Which facets there are is taken as given, and the ``albedo`` that areas are divided by for the
+    bodies.
+    """
+    n = len(found.areas)
+    vectors = found.areas[:, None] * found.normals
+    _, jacobian, residual = linear(seen, vectors, found.which, found.scale, materials)
+    row = held(seen, jacobian.shape[1])
+    draws = np.empty((len(weight), n, 3))
+    for b, w in enumerate(weight):
+        normal = (jacobian * w[:, None]).T @ jacobian
+        normal += np.outer(row, row) * np.trace(normal) / len(row)
+        step = np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ (jacobian.T @ (w * residual))
+        draws[b] = vectors + step[: 3 * n].reshape(n, 3)
+    volumes, dimensions = [], []
+    for draw in draws:
+        areas = np.linalg.norm(draw, axis=1)
+        normals = draw / areas[:, None]
+        try:
+            body = minkowski(normals, close(normals, areas) / albedo)
+        except InputError:
+            continue
+        volumes.append(body.volume)
+        dimensions.append(np.sort(body.dimensions)[::-1])
+    return FacetDraws(draws, np.array(volumes), np.array(dimensions).reshape(-1, 3))

@@ -1,0 +1,331 @@
+"""From a grid to the few facets that explain a light curve: refine, merge, leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.inversion.albedo_area.distribution import GAUGE, Distribution, solve
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.bodies.facets import across
+
+Floats = NDArray[np.float64]
+
+LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees to 0.15
+RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
+NEIGHBOURS = 6
+MAX_STEPS = 60
+SETTLED = 1e-3  # gain in χ² of two steps in a row that ends a descent; light worth less is none
+ROUGHLY = 0.02  # the same over the cost of a facet, where facets are only being chosen
+LEAST = 1e-14  # of the largest eigenvalue, what is no rounding
+TRIED = 5  # of the weakest facets, before all are kept
+
+
+@dataclass(frozen=True)
+class Facets(Distribution):
+    """A distribution of few facets, with what the noise leaves open.
+
+    Attributes
+    ----------
+    covariance : (n, 3, n, 3) m⁴
+        Of the area vectors αᵢ nᵢ, from the curvature of χ²; scales are marginalised.
+    """
+
+    covariance: Floats
+
+    @property
+    def area_sd(self) -> Floats:
+        """Standard deviation of each albedo-area, (n,) m²."""
+        own = np.einsum("iaib->iab", self.covariance)
+        return np.sqrt(np.einsum("ia,iab,ib->i", self.normals, own, self.normals))
+
+    @property
+    def direction_sd(self) -> Floats:
+        """Standard deviation of each normal in one of the two ways across it, (n,) rad."""
+        own = np.einsum("iaia->i", self.covariance)
+        return np.sqrt(np.maximum(own - self.area_sd**2, 0.0) / 2.0) / self.areas
+
+
+def explain(
+    seen: Observed,
+    coarse: Distribution,
+    matrix: Floats,
+    materials: Sequence[Material],
+    cost: float | None = None,
+) -> tuple[Distribution, Facets]:
+    """The refined distribution and the few facets of a light curve, from that on a grid.
+
+    With several materials each is tried alone as well, and the cheapest explanation kept: where
+    columns of two can stand for one another, leaving out one after the other does not get there.
+
+    Returns
+    -------
+    fine : Distribution
+        From `refine`.
+    few : Facets
+        From `few`.
+    """
+    cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
+    found = []
+    alone = range(len(materials)) if len(materials) > 1 else ()
+    for only in (None, *alone):
+        start, part = coarse, matrix
+        if only is not None:
+            here = coarse.which == only
+            part = matrix[:, here]
+            if not np.any(part):
+                continue
+            start = solve(seen, coarse.normals[here], coarse.which[here], part)
+            if not np.any(start.areas > 0):
+                continue
+        fine = refine(seen, start, part, materials)
+        found.append((fine, few(seen, fine, materials, cost)))
+    return min(found, key=lambda pair: pair[1].chi2 + cost * len(pair[1].areas))
+
+
+def refine(
+    seen: Observed,
+    coarse: Distribution,
+    matrix: Floats,
+    materials: Sequence[Material],
+    still: int = 0,
+) -> Distribution:
+    """The distribution on normals that are free to move: the grid, made finer where needed.
+
+    Six candidates about each normal that carries area are added to the grid, at 0.6 of its
+    spacing, and all is solved again; then at half the distance about what carries area then, and so
+    on. Each step is the same convex problem on more columns, so that χ² falls, and no start of a
+    search has to be right.
+
+    Parameters
+    ----------
+    coarse : Distribution
+        On the grid, with ``matrix`` (T, n) its columns.
+    still : int
+        So many of the last of them are no part of the grid and stay as they are.
+    """
+    spacing = float(np.sqrt(4.0 * np.pi / np.bincount(coarse.which).max()))
+    found = coarse
+    for level in range(LEVELS):
+        kept = found.areas > 0
+        kept[len(coarse.areas) - still : len(coarse.areas)] = False
+        around = _around(found.normals[kept], 0.6 * spacing / 2**level)
+        normals = np.concatenate([found.normals[kept], around])
+        which = np.concatenate([found.which[kept], np.repeat(found.which[kept], NEIGHBOURS)])
+        more = columns(seen, normals, which, materials)
+        found = solve(
+            seen,
+            np.concatenate([coarse.normals, normals]),
+            np.concatenate([coarse.which, which]),
+            np.hstack([matrix, more]),
+            start=found,
+        )
+    light = found.scale[seen.curve, None] * np.hstack([matrix, more]) * found.areas
+    worth = np.sum((light / seen.error[:, None]) ** 2, axis=0)
+    kept = worth > min(SETTLED, 0.5 * worth.max())
+    kept[len(coarse.areas) - still : len(coarse.areas)] = still > 0
+    return Distribution(
+        found.normals[kept], found.which[kept], found.areas[kept],
+        found.scale, found.flux, found.chi2,
+    )  # fmt: skip
+
+
+def _around(normals: Floats, angle: float) -> Floats:
+    """Six directions about each, (6n, 3): those of one normal follow each other."""
+    u, v = across(normals)
+    turn = 2.0 * np.pi * np.arange(NEIGHBOURS)[:, None] / NEIGHBOURS
+    ring = np.cos(turn) * u[:, None] + np.sin(turn) * v[:, None]
+    return (np.cos(angle) * normals[:, None] + np.sin(angle) * ring).reshape(-1, 3)
+
+
+def few(
+    seen: Observed,
+    fine: Distribution,
+    materials: Sequence[Material] = (LAMBERTIAN,),
+    cost: float | None = None,
+) -> Facets:
+    """The facets worth their cost: those that are close merge, those that add little go.
+
+    Minimises χ² + cost × number of facets, over merging all of one material within each of `RADII`
+    (average linkage), each time moving normals and areas to the least χ² (Levenberg-Marquardt in
+    the area vectors αn); then a facet whose loss would raise χ² little goes, as long as the sum
+    falls.
+
+    Parameters
+    ----------
+    fine : Distribution
+        From `refine`, or on a grid.
+    cost : float
+        What a facet must lower χ² by. Default: 3 ln T, that of three parameters by the Bayesian
+        information criterion (Schwarz 1978).
+
+    Returns
+    -------
+    Facets
+    """
+    cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
+    roughly = max(SETTLED, ROUGHLY * cost)
+    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials, roughly) for r in RADII]
+    best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
+    for enough in (roughly, SETTLED):
+        vectors = best.areas[:, None] * best.normals
+        best = _settle(seen, vectors, best.which, best.scale, materials, enough)
+        while (found := _without_one(seen, best, cost, materials, enough)) is not None:
+            best = found
+    return best
+
+
+def _without_one(
+    seen: Observed, best: Facets, cost: float, materials: Sequence[Material], enough: float
+) -> Facets | None:
+    """A facet fewer at a lower cost in all, if one of the weakest can be spared."""
+    value = best.chi2 + cost * len(best.areas)
+    vectors = best.areas[:, None] * best.normals
+    for weakest in np.argsort(_loss(best))[:TRIED]:
+        kept = np.arange(len(vectors)) != weakest
+        if not np.any(kept):
+            break
+        found = _settle(seen, vectors[kept], best.which[kept], best.scale, materials, enough)
+        if found.chi2 + cost * len(found.areas) < value:
+            return found
+    return None
+
+
+def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.integer]]:
+    """Area vectors of facets merged within an angle, and their materials."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    vectors, which = [], []
+    for m in np.unique(fine.which):
+        here = fine.which == m
+        normals, areas = fine.normals[here], fine.areas[here]
+        group = np.ones(len(areas), int)
+        if len(areas) > 1:
+            reach = 2.0 * np.sin(np.radians(degrees) / 2.0)
+            group = fcluster(linkage(normals, "average"), reach, "distance")
+        for g in np.unique(group):
+            total = areas[group == g] @ normals[group == g]
+            vectors.append(areas[group == g].sum() * total / np.linalg.norm(total))
+            which.append(m)
+    return np.array(vectors), np.array(which)
+
+
+def _loss(found: Facets) -> Floats:
+    """What χ² would rise by without each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
+    vectors = found.areas[:, None] * found.normals
+    own = np.einsum("iaib->iab", found.covariance)
+    return np.einsum("ia,iab,ib->i", vectors, np.linalg.pinv(own, hermitian=True), vectors)
+
+
+def _settle(
+    seen: Observed,
+    vectors: Floats,
+    which: NDArray[np.integer],
+    scale: Floats,
+    materials: Sequence[Material],
+    enough: float,
+) -> Facets:
+    """The least χ² near these area vectors, by Levenberg-Marquardt, until two steps in a row gain
+    less than ``enough``."""
+    n, small = len(vectors), 0
+
+    def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
+        every = np.ones(len(seen.free))
+        every[seen.free] = parameters[3 * n :]
+        return linear(seen, parameters[: 3 * n].reshape(n, 3), which, every, materials)
+
+    here = np.concatenate([vectors.ravel(), scale[seen.free]])
+    found, jacobian, residual = evaluated(here)
+    damping = 1e-3
+    for _ in range(MAX_STEPS):
+        normal = jacobian.T @ jacobian
+        size = _sizes(normal)
+        ridge = damping * np.eye(len(here))  # where all is in its own unit, never singular
+        step = np.linalg.solve(normal / np.outer(size, size) + ridge, jacobian.T @ residual / size)
+        step /= size
+        new = evaluated(here + step)
+        if new[0].chi2 < found.chi2:
+            small = small + 1 if found.chi2 - new[0].chi2 < enough else 0
+            here = here + step
+            found, jacobian, residual = new
+            damping = max(damping / 5.0, 1e-9)
+            if small == 2:
+                break
+        else:
+            damping *= 4.0
+            if damping > 1e6:
+                break
+    vectors = found.areas[:, None] * found.normals
+    # a step may carry a facet to where nothing lights or shows it, and no slope leads back
+    light = np.einsum("tia,ia->ti", jacobian[:, : 3 * n].reshape(-1, n, 3), vectors)
+    kept = np.sum(light**2, axis=0) > SETTLED
+    if np.any(kept) and not np.all(kept):
+        return _settle(seen, vectors[kept], which[kept], found.scale, materials, enough)
+    return _with_covariance(seen, found, jacobian)
+
+
+def _sizes(normal: Floats) -> Floats:
+    """Units in which all parameters of a normal matrix weigh about the same."""
+    own = np.diag(normal)
+    return np.sqrt(np.maximum(own, max(1e-12 * own.mean(), 1e-300)))
+
+
+def linear(
+    seen: Observed,
+    vectors: Floats,
+    which: NDArray[np.integer],
+    scale: Floats,
+    materials: Sequence[Material],
+) -> tuple[Distribution, Floats, Floats]:
+    """Model, Jacobian and residual, in units of the errors, at area vectors w = αn (n, 3).
+
+    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]: smooth without bounds, as an area that
+    shrinks to nothing has no direction. Free scales follow the area vectors as parameters.
+
+    Returns
+    -------
+    Distribution
+    jacobian : (T, 3n + free scales)
+    residual : (T,)
+        (f − model)/σ.
+    """
+    areas = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
+    normals = vectors / areas[:, None]
+    value, slope = slopes(seen, normals, which, materials)
+    by = value[:, :, None] * normals + slope
+    by -= np.sum(slope * normals, axis=2, keepdims=True) * normals
+    of, model = scale[seen.curve], value @ areas
+    by_scale = np.where(seen.curve[:, None] == np.flatnonzero(seen.free), model[:, None], 0.0)
+    jacobian = np.hstack([of[:, None] * by.reshape(len(model), -1), by_scale])
+    residual = (seen.flux - of * model) / seen.error
+    chi2 = float(residual @ residual)
+    found = Distribution(normals, which, areas, scale, of * model, chi2)
+    return found, jacobian / seen.error[:, None], residual
+
+
+def held(seen: Observed, count: int) -> Floats:
+    """Row (count,) that holds the mean of the scales where all are free, as only αs is known."""
+    row = np.zeros(count)
+    if np.all(seen.free):
+        row[-len(seen.free) :] = GAUGE / len(seen.free)
+    return row
+
+
+def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> Facets:
+    n, count = len(found.areas), jacobian.shape[1]
+    areas, scale = found.areas, found.scale
+    normal = jacobian.T @ jacobian
+    row = held(seen, count)
+    normal += np.outer(row, row) * np.trace(normal) / count
+    if np.all(seen.free):
+        areas, scale = areas * scale.mean(), scale / scale.mean()
+    size = _sizes(normal)
+    value, vector = np.linalg.eigh(normal / np.outer(size, size))
+    vector /= size[:, None]  # what the data leave open has a large variance, not none
+    covariance = (vector / np.maximum(value, LEAST * value[-1])) @ vector.T
+    covariance = covariance[: 3 * n, : 3 * n].reshape(n, 3, n, 3)
+    return Facets(found.normals, found.which, areas, scale, found.flux, found.chi2, covariance)

@@ -1,0 +1,287 @@
+"""From a light curve of known attitude to its albedo-area distribution, shape cues and shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area import bootstrap, cues
+from lcbayes.inversion.albedo_area.distribution import (
+    Distribution,
+    Rows,
+    grid,
+    smooth,
+    solve,
+    typical,
+)
+from lcbayes.inversion.albedo_area.facets import Facets, explain
+from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.bodies.closure import close, closure
+from lcbayes.physics.bodies.minkowski import minkowski
+from lcbayes.physics.bodies.polyhedron import Polyhedron
+
+Floats = NDArray[np.float64]
+
+OPEN = 0.1  # gap |Σ α n|/Σα up to which facets are taken for those of a closed body
+POOR = 2.0  # χ² per degree of freedom, with errors known, from which the attitude is in doubt
+LOOSE = 0.2  # rms residual over mean flux from which it is, with errors unknown
+CHANGED = 0.1  # part of all area that was changed to close it from which the shape is in doubt
+FEWEST = 10  # points
+VAGUE = 0.5  # standard deviation over area from which a facet's area is in doubt
+UNSEEN = 0.1  # part of all directions never lit and seen from which the shape is in doubt
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """What `invert` finds.
+
+    Attributes
+    ----------
+    seen : Observed
+        With errors as estimated, where the data carry none.
+    materials : sequence of Material
+    on_grid : Distribution
+        On the equal-area grid, once for each material, with the penalty asked for.
+    grid_sd : (n,) m² or None
+        Standard deviation of its areas under resampling.
+    facets : Facets or None
+        The few facets worth their cost; None where the distribution was smoothed.
+    draws : FacetDraws or None
+        The same, resampled.
+    cues : list of Cue
+    gap : float
+        |Σ α n|/Σα of what the shape is made from.
+    changed : float
+        Σ |change|/Σα that closes it.
+    shape : Polyhedron or None
+        The convex body, for one albedo.
+    finer_volume : float or None
+        Volume of the body of the refined distribution, before facets merged: how far it is from
+        that of ``shape`` is what the choice of few facets may do. None where smoothed or open.
+    no_shape : str
+        Why there is none.
+    unseen : float
+        Part of all directions that were never lit and seen at once.
+    dof : int
+        Points less what was fitted.
+    reasons : list of str
+        Why the result must not be trusted; empty where it may be.
+    """
+
+    seen: Observed
+    materials: Sequence[Material]
+    on_grid: Distribution
+    grid_sd: Floats | None
+    facets: Facets | None
+    draws: bootstrap.FacetDraws | None
+    cues: list[cues.Cue]
+    gap: float
+    changed: float
+    shape: Polyhedron | None
+    finer_volume: float | None
+    no_shape: str
+    unseen: float
+    dof: int
+    reasons: list[str] = field(default_factory=list)
+
+    @property
+    def best(self) -> Distribution:
+        """What fits: the few facets, or the smooth distribution."""
+        return self.on_grid if self.facets is None else self.facets
+
+    @property
+    def rms(self) -> float:
+        """Rms residual over the mean flux, curve by curve."""
+        mean = np.bincount(self.seen.curve, self.seen.flux) / np.bincount(self.seen.curve)
+        mean = np.where(mean > 0, mean, np.mean(self.seen.flux))
+        residual = (self.seen.flux - self.best.flux) / mean[self.seen.curve]
+        return float(np.sqrt(np.mean(residual**2)))
+
+
+def invert(
+    curve: LightCurve,
+    attitude: Attitude,
+    materials: Sequence[Material] = (LAMBERTIAN,),
+    *,
+    n_normals: int = 400,
+    smoothness: float = 0.0,
+    cost: float | None = None,
+    albedo: float = 1.0,
+    n_bootstrap: int = 100,
+    n_null: int = 199,
+    seed: int = 0,
+    progress: Silent | None = None,
+) -> Inversion:
+    """Albedo-area distribution, shape cues and convex shape of a light curve.
+
+    Without smoothing, the distribution on the grid is refined to the few facets that explain the
+    data, and the shape is the convex body of these. With it, the shape is that of the smooth
+    distribution on the grid.
+
+    Parameters
+    ----------
+    curve : LightCurve
+    attitude : Attitude
+        Taken as known: a wrong one gives a wrong body, which a poor fit betrays only mostly.
+    materials : sequence of Material
+        Columns of Hall's eq. (11), for instance one diffuse and one specular.
+    n_normals : int
+        Of the grid.
+    smoothness : float
+        λ of `distribution.smooth`; 0 for bodies with edges, about 1 for asteroids.
+    cost : float, optional
+        What a facet must lower χ² by; see `facets.few`. 0 keeps every one.
+    albedo : float
+        Common to all facets: areas of the shape are albedo-areas over it.
+    n_bootstrap, n_null : int
+        Resampled data sets, and simulated bodies for each null of the cues; 0 leaves them out.
+    seed : int
+    progress : Silent or Console
+
+    Raises
+    ------
+    InputError
+
+    References
+    ----------
+    Hall et al. 2007, sec. 3.
+    """
+    if not (n_normals >= 50 and smoothness >= 0.0 and albedo > 0.0):
+        raise InputError(
+            "give at least 50 normals, a smoothness that is not negative and a positive albedo"
+        )
+    if cost is not None and not cost >= 0.0:
+        raise InputError(f"--facet-cost is {cost:g}; give a chi2 of 0 or more")
+    if curve.n_obs < FEWEST:
+        raise InputError(
+            f"the light curve has {curve.n_obs} point(s); an albedo-area distribution needs at "
+            f"least {FEWEST}, and a shape many more"
+        )
+    progress = progress or Silent()
+    seen = Observed.of(curve, attitude)
+    normals, which = grid(n_normals, materials)
+    matrix = columns(seen, normals, which, materials)
+    plain = solve(seen, normals, which, matrix)
+    _check_lit(plain)
+    if not seen.error_known:  # the fit tells what the errors are
+        used = np.sum(plain.areas > 0) + np.sum(seen.free)
+        dof = max(len(seen.flux) - used, len(seen.flux) // 2)
+        seen = seen.with_error(seen.error * np.sqrt(max(plain.chi2, 1e-20) / dof))
+        plain = solve(seen, normals, which, matrix, start=plain)
+    penalties: list[Rows] = []
+    on_grid = plain
+    if smoothness > 0:
+        penalties = [smooth(normals, which, smoothness, typical(seen, matrix))]
+        on_grid = solve(seen, normals, which, matrix, penalties, start=plain)
+    found = fine = None
+    if smoothness == 0 or n_null > 0:
+        progress.say("refining the grid to few facets")
+        fine, found = explain(seen, plain, matrix, materials, cost)
+    found_cues = []
+    if found is not None and n_null > 0:
+        with progress.stage("shape cues", 2 * n_null, "bodies") as track:
+            found_cues = cues.find(seen, plain, matrix, found, materials, n_null, seed, track)
+    if smoothness > 0:
+        found = fine = None
+    grid_sd = draws = None
+    if n_bootstrap > 0:
+        progress.say(f"resampling the data {n_bootstrap} times")
+        weight = bootstrap.weights(seen, n_bootstrap, seed + 3)
+        grid_sd = bootstrap.distributions(seen, on_grid, matrix, weight, penalties).std(axis=0)
+        if found is not None:
+            draws = bootstrap.facets(seen, found, materials, weight, albedo)
+    best = on_grid if found is None else found
+    gap = closure(best.normals, best.areas)
+    lit = matrix.reshape(len(matrix), -1, n_normals).sum(axis=(0, 1)) > 0
+    unseen = float(1.0 - lit.mean())
+    shape, changed, no_shape = _shape(best, albedo, unseen)
+    finer = None if fine is None else _shape(fine, albedo, unseen)[0]
+    parameters = np.sum(best.areas > 0) * (1 if found is None else 3) + np.sum(seen.free)
+    result = Inversion(
+        seen, materials, on_grid, grid_sd, found, draws, found_cues, gap, changed, shape,
+        None if finer is None else finer.volume, no_shape,
+        unseen, max(int(len(seen.flux) - parameters), 1),
+    )  # fmt: skip
+    result.reasons.extend(_doubts(result))
+    return result
+
+
+def _check_lit(plain: Distribution) -> None:
+    if not plain.areas.sum() > 0:
+        raise InputError(
+            "no facet, whatever way it faces, lowers the residuals: the flux is not positive"
+        )
+
+
+def _shape(
+    best: Distribution, albedo: float, unseen: float
+) -> tuple[Polyhedron | None, float, str]:
+    """The body, by how much areas were changed to close it, and why there is none."""
+    gap = closure(best.normals, best.areas)
+    if gap > OPEN:
+        why = "so no convex body of one albedo has them"
+        if unseen > 0:
+            why = f"so albedos differ, or facets are missing: {_dark(unseen)}"
+        return None, 0.0, (
+            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2f} exceeds {OPEN}, {why}"
+        )  # fmt: skip
+    try:
+        closed = close(best.normals, best.areas)
+        body = minkowski(best.normals, closed / albedo)
+    except InputError as fault:
+        return None, 0.0, str(fault)
+    return body, float(np.sum(np.abs(closed - best.areas)) / best.areas.sum()), ""
+
+
+def _dark(unseen: float) -> str:
+    return f"{100 * unseen:.0f} % of all directions were never lit and seen at once"
+
+
+def _doubts(result: Inversion) -> list[str]:
+    reasons = []
+    reduced = result.best.chi2 / result.dof
+    names = " and ".join(map(str, result.materials))
+    body = f"no convex body of material {names} with this attitude"
+    other = ""
+    if tuple(result.materials) == (LAMBERTIAN,):
+        other = "; another law may (--material non-lambertian, the one that fit takes by default)"
+    if result.seen.error_known and reduced > POOR:
+        reasons.append(
+            f"chi2 is {reduced:.1f} per degree of freedom: {body} gives this light curve to its "
+            f"errors{other}"
+        )
+    if not result.seen.error_known and result.rms > LOOSE:
+        reasons.append(
+            f"residuals are {100 * result.rms:.0f} % of the mean flux: {body} gives this light "
+            f"curve{other}"
+        )
+    used = len(result.seen.flux) - result.dof
+    if result.facets is not None and used > result.dof:
+        reasons.append(
+            f"{used} numbers were fitted to {len(result.seen.flux)} points: other facets would do "
+            "as well"
+        )
+    if result.facets is not None:
+        vague = int(np.sum(result.facets.area_sd > VAGUE * result.facets.areas))
+        if vague:
+            reasons.append(
+                f"the flux does not constrain the areas of {vague} of {len(result.facets.areas)} "
+                f"facets: their standard deviations exceed {100 * VAGUE:.0f} %"
+            )
+    if result.changed > CHANGED:
+        reasons.append(
+            f"areas had to be changed by {100 * result.changed:.0f} % of their sum to close: "
+            "albedos differ, or facets are missing, and the shape is not the body's"
+        )
+    if result.unseen > UNSEEN:
+        reasons.append(
+            f"{_dark(result.unseen)}: what faces there is unknown, and the shape with it"
+        )
+    return reasons

@@ -1,0 +1,109 @@
+"""Distributions as they come out for bodies without the feature that a cue looks for.
+
+Non-negative least squares makes spikes of anything, so what counts as a spike, an arc or an even
+region can only be told by comparison: bodies of known make are seen at the same epochs with the
+same errors, and solved for in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.progress import Track
+from lcbayes.inversion.albedo_area.distribution import Distribution, solve, typical
+from lcbayes.inversion.albedo_area.kernel import Material, columns
+from lcbayes.inversion.albedo_area.observed import Observed
+
+Floats = NDArray[np.float64]
+
+
+def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
+    """Albedo-areas (n,) of the ellipsoid of one albedo that fits best, on the same normals.
+
+    An ellipsoid {x: |D⁻¹x| = 1} has the area (det D)² |D n|⁻⁴ per solid angle of normals, so that
+    α ∝ (nᵀ Q n)⁻² with Q positive definite: Q = L Lᵀ, six parameters, by Levenberg-Marquardt. Each
+    material of the distribution keeps its share. Scales are taken from ``found``.
+
+    References
+    ----------
+    Schneider, *Convex Bodies*, sec. 2.5 (surface area measure and curvature).
+    """
+    from scipy.optimize import least_squares
+
+    total = found.areas.sum() or 1.0
+    share = np.bincount(found.which, found.areas / total)[found.which]
+    rows = found.scale[seen.curve][:, None] * matrix * share / seen.error[:, None]
+    target = seen.flux / seen.error
+    n, lower = found.normals, np.tril_indices(3)
+
+    def factors(parameters: Floats) -> tuple[Floats, Floats]:
+        half = np.zeros((3, 3))
+        half[lower] = parameters
+        across = n @ half
+        return across, np.sum(across**2, axis=1) ** -2.0
+
+    def residual(parameters: Floats) -> Floats:
+        return rows @ factors(parameters)[1] - target
+
+    def jacobian(parameters: Floats) -> Floats:
+        across, areas = factors(parameters)
+        by = -4.0 * areas**1.5  # of (|Lᵀn|²)⁻² by half of |Lᵀn|²
+        return rows @ np.stack(
+            [by * across[:, j] * n[:, i] for i, j in zip(*lower, strict=True)], axis=1
+        )
+
+    unit = typical(seen, matrix) * len(np.unique(found.which))
+    start = unit**-0.25 * np.eye(3)[lower]
+    best = least_squares(residual, start, jac=jacobian, x_scale=unit**-0.25, max_nfev=200)  # pyright: ignore
+    return share * factors(best.x)[1]
+
+
+def smooth_bodies(
+    seen: Observed, found: Distribution, matrix: Floats, n: int, seed: int, track: Track
+) -> Floats:
+    """Areas (n, N) solved from n noisy light curves of the best-fitting ellipsoid."""
+    areas = ellipsoid(seen, found, matrix)
+    flux = matrix @ areas
+    rng = np.random.default_rng(seed)
+    return np.array([_again(seen, found, matrix, flux, rng, track) for _ in range(n)])
+
+
+def scattered_facets(
+    seen: Observed,
+    found: Distribution,
+    matrix: Floats,
+    few: Distribution,
+    materials: Sequence[Material],
+    n: int,
+    seed: int,
+    track: Track,
+) -> Floats:
+    """Areas (n, N) solved from n noisy light curves of the same facets, each facing at random."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for _ in range(n):
+        normals = rng.normal(size=few.normals.shape)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        flux = columns(seen, normals, few.which, materials) @ few.areas
+        out.append(_again(seen, found, matrix, flux, rng, track))
+    return np.array(out)
+
+
+def _again(
+    seen: Observed,
+    found: Distribution,
+    matrix: Floats,
+    model: Floats,
+    rng: np.random.Generator,
+    track: Track,
+) -> Floats:
+    """Areas solved from a light curve of this flux before scales, with new noise."""
+    flux = found.scale[seen.curve] * model
+    simulated = seen.with_flux(flux + seen.error * rng.normal(size=len(flux)))
+    about = Distribution(found.normals, found.which, found.areas, found.scale, flux, np.inf)
+    again = solve(simulated, found.normals, found.which, matrix, start=about)
+    track.advance(1)
+    return again.areas

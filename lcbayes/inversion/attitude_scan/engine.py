@@ -1,0 +1,319 @@
+"""A scan from a light curve to its solutions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.cluster import Run, crew
+from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.kernel import Material
+from lcbayes.inversion.albedo_area.observed import linear_flux
+from lcbayes.inversion.attitude_scan import search, stabilised
+from lcbayes.inversion.attitude_scan.faceted import Spinning, polish
+from lcbayes.inversion.attitude_scan.grid import HOUR, Grid, grid
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody
+from lcbayes.inversion.attitude_scan.solutions import Geometry, counted, distinct
+from lcbayes.inversion.attitude_scan.spin import Ends, in_convention
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.physics.bodies import facets
+from lcbayes.physics.brightness import DIFFUSE_LAWS
+
+Floats = NDArray[np.float64]
+
+COARSE_FACETS, COARSE_DEGREE = 150, 4  # of the body that hypotheses are screened with
+SMOOTH_LAW = "lommel-seeliger-lambert"  # bodies of regolith, without edges
+FROM_MAP = 3  # poles of the map that are refined as well
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What was asked for; see `lcbayes.scan`."""
+
+    period_h: float | None
+    period_range_h: tuple[float, float] | None
+    laws: tuple[str, ...]
+    reflectance: str
+    n_poles: int
+    period_step: float
+    n_facets: int
+    degree: int
+    keep: int
+    n_sky: int
+    common_noise: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """By name; sequences as the command line has them."""
+        joined = {
+            k: ",".join(map(str, v)) if isinstance(v, tuple) else v for k, v in asdict(self).items()
+        }
+        return {k: v for k, v in joined.items() if v not in (None, "")}
+
+    @property
+    def smooth(self) -> bool:
+        """Whether solutions are bodies without edges."""
+        return self.reflectance == SMOOTH_LAW
+
+
+def run(
+    curve: LightCurve,
+    settings: Settings,
+    scheduler: str | None,
+    n_workers: int | None,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Found:
+    """Screen every hypothesis, refine the best, relate them, and map the sky about the first.
+
+    Raises
+    ------
+    InputError
+    """
+    if settings.reflectance not in DIFFUSE_LAWS:
+        raise InputError(
+            f"unknown law of reflection {settings.reflectance!r}; available: "
+            f"{', '.join(DIFFUSE_LAWS)}"
+        )
+    spins = settings.period_h is not None or settings.period_range_h is not None
+    if not (spins or settings.laws):
+        raise InputError(
+            "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME "
+            "(--law all for the catalogue of stabilised attitudes)"
+        )
+    points = Points.of(
+        curve, phase_law_known=not settings.smooth, common_noise=settings.common_noise
+    )
+    flux = relative(curve)
+    found = Found(
+        settings, [], curve.n_obs, 0, points.error_known, curve.frame, curve.t, curve.curve, flux
+    )
+    chosen, found.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
+    found.n_laws = len(chosen)
+    with crew(scheduler, n_workers) as workers:
+        if spins:
+            _spins(curve, points, settings, found, workers, checkpoint, progress)
+        if chosen:
+            with _timed(found, "laws_s"), progress.stage("laws", len(chosen), "laws") as track:
+                judged, dark = stabilised.judge(curve, chosen, settings.reflectance, workers, track)
+                found.solutions += judged
+                found.left_out |= dark
+    found.solutions.sort(key=lambda s: s.chi2)
+    best = found.solutions[0]
+    found.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
+    if not points.error_known and best.coefficients is None:
+        _rescaled(found)
+    _relate(found, Geometry.of(points))
+    return found
+
+
+def _spins(
+    curve: LightCurve,
+    points: Points,
+    settings: Settings,
+    found: Found,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> None:
+    """Constant spins into ``found``: screened, the sky about the best, and the best refined."""
+    span = float(points.span)
+    closed = settings.smooth
+    tried = grid(
+        settings.n_poles, span, settings.period_h, settings.period_range_h, settings.period_step
+    )
+    found.n_periods = len(tried.frequencies)
+    coarse = SmoothBody.of(
+        COARSE_FACETS, min(COARSE_DEGREE, settings.degree), settings.reflectance, closed=closed,
+        dtype=np.float32,
+    )  # fmt: skip
+    fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance, closed=closed)
+    with (
+        _timed(found, "screen_s"),
+        progress.stage("scanning", tried.size, "hypotheses") as track,
+    ):
+        ends = search.screen(points, coarse, tried, run, checkpoint, "screen", track)
+        others = _aliases(tried, float(ends.frequency[np.argmin(ends.value)]), span)
+    with (
+        _timed(found, "aliases_s"),
+        progress.stage("period aliases", others.size, "hypotheses") as track,
+    ):
+        more = search.screen(points, coarse, others, run, checkpoint, "alias", track)
+    rows = [np.concatenate(x) for x in zip(tried.rows(), others.rows(), strict=True)]
+    ends = Ends.joined([ends, more])
+    least = ends.squares[np.argmin(ends.value)]
+    found.screened = Table(
+        rows[0], rows[1], ends.pole, ends.frequency, search.misfit(points, ends.squares, least),
+        ends.steps,
+    )  # fmt: skip
+    kept, _ = distinct(ends, span, settings.keep)
+    if settings.n_sky > 0:
+        # where few poles were tried, the map may know better ones
+        with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
+            poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
+            held = search.sky(points, coarse, poles, best, run, checkpoint, track)
+            found.sky = poles, search.misfit(points, held.squares, least)
+        kept = Ends.joined([kept, distinct(held, span, FROM_MAP)[0]])
+    hits = counted(ends, kept, span)
+    if not len(hits):
+        raise InputError(
+            "no hypothesis explains anything of the light curve; check its errors and geometry"
+        )
+    with (
+        _timed(found, "refine_s"),
+        progress.stage("refining", len(hits), "solutions") as track,
+    ):
+        better = search.refine(points, fine, kept, run, checkpoint, "refine", track)
+    if closed:
+        found.solutions += _smooth_solutions(points, fine, better, hits, span)
+    else:
+        with (
+            _timed(found, "facets_s"),
+            progress.stage("facets", len(hits), "solutions") as track,
+        ):
+            found.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+
+
+@contextmanager
+def _timed(found: Found, name: str) -> Iterator[None]:
+    begun = time.monotonic()
+    yield
+    found.timing[name] = time.monotonic() - begun
+
+
+def _aliases(tried: Grid, best: float, span: float) -> Grid:
+    """Twice and half the best frequency, and, where one period alone was tried, those half a
+    turn off over the data."""
+    others = [2.0 * best, 0.5 * best]
+    if len(tried.frequencies) == 1:
+        others += [f for k in (-0.5, 0.5) if (f := best + k / span) > 0]
+    return Grid(tried.poles, np.array(others))
+
+
+def _smooth_solutions(
+    points: Points, body: SmoothBody, ends: Ends, hits: NDArray, span: float
+) -> list[Solution]:
+    ends, hits = _merged(ends, hits, span)
+    chi2 = search.misfit(points, ends.squares, ends.squares[0])
+    residual = search.residuals(points, body, ends)
+    normals = facets.grid(body.normals.shape[0])
+    out = []
+    for i in range(len(hits)):
+        _, _, shape = in_convention(ends.tilt[i], ends.coefficients[i])
+        log_area = np.asarray(body.harmonics, float) @ shape
+        areas = np.exp(log_area - log_area.max())
+        out.append(
+            Solution(
+                "constant-rate",
+                float(chi2[i]),
+                _rms(residual[i]),
+                residual[i],
+                normals,
+                areas / areas.sum(),
+                int(hits[i]),
+                ends.pole[i],
+                float(ends.frequency[i]),
+                shape,
+            )
+        )
+    return out
+
+
+def _merged(ends: Ends, hits: NDArray, span: float) -> tuple[Ends, NDArray]:
+    """Ends of which some came to the same solution, with the hits of all that did."""
+    unique, _ = distinct(ends, span, len(hits))
+    return unique, counted(ends, unique, span, hits)
+
+
+def _faceted_solutions(
+    curve: LightCurve,
+    settings: Settings,
+    ends: Ends,
+    hits: NDArray,
+    span: float,
+    run: Run,
+    track: Any,
+) -> list[Solution]:
+    """The spins once more with free facets, each polished, those that came together merged."""
+    rows = [(ends.tilt[i], float(ends.frequency[i])) for i in range(len(hits))]
+    done: dict[int, tuple] = {}
+    for i, found in run(_polished, (curve, span, settings.reflectance), rows):
+        done[i] = found
+        track.advance(1)
+    turned = [done[i][0] for i in range(len(rows))]
+    ends = Ends(
+        np.array([s.tilt for s in turned]), np.array([s.frequency for s in turned]),
+        ends.coefficients, np.array([0.5 * done[i][1].chi2 for i in range(len(rows))]),
+        ends.squares, np.arange(len(rows)),
+    ).forward()  # fmt: skip
+    merged, hits = _merged(ends, hits, span)
+    out = []
+    for k, i in enumerate(merged.steps):  # the row it was
+        body = done[int(i)][1]
+        residual = relative(curve) - relative(curve, body.flux)
+        out.append(
+            Solution(
+                "constant-rate",
+                body.chi2,
+                _rms(residual),
+                residual,
+                body.normals,
+                body.areas / body.areas.sum(),
+                int(hits[k]),
+                merged.pole[k],
+                float(merged.frequency[k]),
+            )
+        )
+    return out
+
+
+def _polished(shared: tuple, tilt: Floats, frequency: float) -> tuple:
+    curve, span, law = shared
+    return polish(curve, Spinning(tilt, frequency), span, Material.parse(law))
+
+
+def relative(curve: LightCurve, flux: Floats | None = None) -> Floats:
+    """Observed flux, or another, over the observed mean of its curve, (T,)."""
+    observed, _ = linear_flux(curve, Epochs.of(curve))
+    mean = np.bincount(curve.curve, np.abs(observed)) / np.bincount(curve.curve)
+    return (observed if flux is None else flux) / mean[curve.curve]
+
+
+def _rms(residual: Floats) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
+
+
+def _rescaled(found: Found) -> None:
+    """χ² at the noise level that the best solution gives, where errors are unknown."""
+    by = found.dof / max(found.solutions[0].chi2, 1e-20)
+    found.solutions = [replace(s, chi2=s.chi2 * by) for s in found.solutions]
+
+
+def _relate(found: Found, geometry: Geometry) -> None:
+    """Name what each solution is to the best."""
+    best = found.solutions[0]
+    related = []
+    for s in found.solutions:
+        if s is best:
+            name, words = "best", "the best"
+        elif s.pole is None or best.pole is None:
+            name, words = "law", "another law"
+        else:
+            assert s.frequency is not None
+            assert best.frequency is not None
+            name, words = geometry.relation(s.pole, s.frequency, best.pole, best.frequency)
+        related.append(replace(s, relation=name, words=words))
+    found.solutions = related
+
+
+__all__ = ["HOUR", "Settings", "run"]

@@ -1,0 +1,137 @@
+"""Attitudes judged with free facets: polished spins, and the catalogue of stabilised laws.
+
+A smooth body finds the basin of a spin; a satellite has edges, and only a body that may have any
+facets says how well an attitude explains its light curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.distribution import Distribution, grid, solve
+from lcbayes.inversion.albedo_area.facets import refine
+from lcbayes.inversion.albedo_area.kernel import Material, columns
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude import rotations
+
+Floats = NDArray[np.float64]
+
+N_NORMALS = 400
+FRONT_AND_BACK = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # of an array, in its own axes
+MOST_STEPS = 15
+ROUNDS = 3  # of finding the spin for given normals, and the normals for a given spin
+NUDGE = 1e-3  # rad, and turns over the data, of the differences that stand for derivatives
+
+
+@dataclass(frozen=True)
+class Spinning:
+    """A constant spin: ``tilt`` (3, 3) is the attitude at the middle of the data, ``frequency`` the
+    turns per second about the body's z axis."""
+
+    tilt: Floats
+    frequency: float
+
+    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
+        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
+        return rotations.spinning(t - t_middle, jnp.asarray(self.tilt), 1.0 / self.frequency)
+
+    def moved(self, step: Floats, span: float) -> Spinning:
+        """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
+        small = rotations.constant_rate(jnp.ones(1), jnp.array([step[0], step[1], 0.0]))[0]
+        return Spinning(self.tilt @ np.asarray(small), self.frequency + step[2] / span)
+
+
+@dataclass(frozen=True)
+class Given:
+    """An attitude known at the points themselves, (T, 3, 3); exposures are taken for instants."""
+
+    frames: Floats
+
+    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:  # noqa: ARG002
+        """A (T, 3, 3), body to inertial."""
+        return jnp.asarray(self.frames)
+
+
+def best_body(
+    curve: LightCurve,
+    turning: Spinning | Given,
+    material: Material,
+    n_normals: int = N_NORMALS,
+    array: Given | None = None,
+) -> Distribution:
+    """The facets, facing anywhere and none negative, that fit best under an attitude.
+
+    They are found on an equal-area grid, made finer where there is area.
+
+    Parameters
+    ----------
+    curve : LightCurve
+    turning : Spinning or Given
+    material : Material
+    n_normals : int
+        Of the grid.
+    array : Given, optional
+        How a solar array is turned that the body carries: its front and back are two more facets.
+
+    Returns
+    -------
+    Distribution
+        The array's front and back come last, with ``which`` 1 and normals in the array's axes.
+    """
+    normals, which = grid(n_normals, (material,))
+    seen = Observed.of(curve, turning)
+    matrix = columns(seen, normals, which, (material,))
+    if array is not None:
+        own = columns(Observed.of(curve, array), FRONT_AND_BACK, np.zeros(2, int), (material,))
+        normals, matrix = np.vstack([normals, FRONT_AND_BACK]), np.hstack([matrix, own])
+        which = np.concatenate([which, [1, 1]])
+    coarse = solve(seen, normals, which, matrix)
+    fine = refine(seen, coarse, matrix, (material,), still=len(normals) - n_normals)
+    order = np.argsort(fine.which, kind="stable")
+    return replace(
+        fine, normals=fine.normals[order], which=fine.which[order], areas=fine.areas[order]
+    )
+
+
+def polish(
+    curve: LightCurve, start: Spinning, span: float, material: Material, n_normals: int = N_NORMALS
+) -> tuple[Spinning, Distribution]:
+    """The spin near ``start`` whose best body fits best.
+
+    With the normals of a body held, and all its areas solved for at each step (variable
+    projection), three numbers are sought by scipy's trust-region least squares with differences for
+    derivatives: first with a whole grid of normals, then with those of the best body, found anew.
+    """
+    normals = grid(n_normals)[0]
+    spin = start
+    for _ in range(ROUNDS):
+        spin = _nearest(curve, spin, span, material, normals)
+        body = best_body(curve, spin, material, n_normals)
+        normals = body.normals
+    return spin, body
+
+
+def _nearest(
+    curve: LightCurve, start: Spinning, span: float, material: Material, normals: Floats
+) -> Spinning:
+    """The spin near ``start`` that fits best with facets of these normals."""
+    from scipy.optimize import least_squares
+
+    which = np.zeros(len(normals), int)
+
+    # about one, as the differences are relative
+    def residual(x: Floats) -> Floats:
+        seen = Observed.of(curve, start.moved(x - 1.0, span))
+        body = solve(seen, normals, which, columns(seen, normals, which, (material,)))
+        return (seen.flux - body.flux) / seen.error
+
+    end = least_squares(
+        residual, np.ones(3), diff_step=NUDGE, x_scale=[0.05, 0.05, 0.1],
+        max_nfev=MOST_STEPS, xtol=1e-6, ftol=1e-5,
+    )  # fmt: skip
+    return start.moved(end.x - 1.0, span)

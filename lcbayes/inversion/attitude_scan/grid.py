@@ -1,0 +1,98 @@
+"""The hypotheses of a scan: poles all over the sky, periods a step apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.physics.bodies import facets
+
+Floats = NDArray[np.float64]
+
+HOUR = 3600.0
+STEP = 0.8  # of half a turn over the data, as the usual period scans of asteroids have it
+MOST = 5_000_000  # hypotheses; a guard against slips
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Poles and frequencies, each with each.
+
+    Attributes
+    ----------
+    poles : (N, 3)
+    frequencies : (M,) Hz, rising
+    """
+
+    poles: Floats
+    frequencies: Floats
+
+    @property
+    def size(self) -> int:
+        return len(self.poles) * len(self.frequencies)
+
+    def rows(self) -> tuple[Floats, Floats]:
+        """Poles and frequencies of all hypotheses; those of one frequency follow each other."""
+        n, m = len(self.poles), len(self.frequencies)
+        return np.tile(self.poles, (m, 1)), np.repeat(self.frequencies, n)
+
+
+def grid(
+    n_poles: int,
+    span: float,
+    period_h: float | None = None,
+    range_h: tuple[float, float] | None = None,
+    step: float = STEP,
+) -> Grid:
+    """Poles on an equal-area grid; one period, or all of a range.
+
+    Frequencies are ``step`` × 1/(2 span) apart: a body turns by less than half a turn more over the
+    whole span from one to the next, and a search from either reaches what lies between. In periods
+    that is ΔP = step × P²/(2 span).
+
+    Parameters
+    ----------
+    n_poles : int
+    span : s
+        Length of the data.
+    period_h : h
+    range_h : (h, h)
+    step : float
+
+    References
+    ----------
+    Kaasalainen, Torppa & Muinonen 2001, sec. 3.1 (the step).
+    """
+    if n_poles < 1:
+        raise InputError(f"--n-poles is {n_poles}; give a whole number >= 1")
+    if (period_h is None) == (range_h is None):
+        raise InputError(
+            "give the sidereal period with --period HOURS, or those to try with "
+            "--period-range FROM,TO (hours)"
+        )
+    poles = facets.grid(n_poles)
+    if period_h is not None:
+        if not (np.isfinite(period_h) and period_h > 0):
+            raise InputError(f"--period is {period_h:g}; give hours, greater than 0")
+        return Grid(poles, np.array([1.0 / (HOUR * period_h)]))
+    assert range_h is not None
+    low, high = range_h
+    if not 0 < low < high < np.inf:
+        raise InputError(
+            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
+        )
+    if not 0 < step <= 2:
+        raise InputError(f"--period-step is {step:g}; give a number in 0..2, such as {STEP}")
+    first, last = 1.0 / (HOUR * high), 1.0 / (HOUR * low)
+    apart = step * 0.5 / span
+    count = int((last - first) / apart) + 1
+    if count * n_poles > MOST:
+        raise InputError(
+            f"--period-range {low:g},{high:g} has {count} periods to tell apart in data "
+            f"{span / 86400:.4g} days long, {count * n_poles} hypotheses in all; give a narrower "
+            "range, or fewer poles"
+        )
+    return Grid(poles, np.asarray(first + apart * np.arange(count), np.float64))

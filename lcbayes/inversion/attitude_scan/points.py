@@ -1,0 +1,103 @@
+"""What a scan sees of a light curve: linear flux and inertial directions, on the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.observed import ORDER, linear_flux
+from lcbayes.modelling.epochs import Epochs
+
+Floats = NDArray[np.float64]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Points:
+    """The data of a scan. Every curve is divided by its own mean or, where calibrated, by that of
+    all calibrated ones, so that residuals are relative.
+
+    Attributes
+    ----------
+    t : (E, T) s
+        Time since the middle of the data, at E instants of each exposure.
+    instant : (E,)
+        Weights of these instants; they sum to one.
+    sun, obs : (T, 3)
+        Unit vectors, inertial.
+    flux, error : (T,)
+        Relative.
+    scale : (T, C)
+        One where a point belongs to a group that shares a factor: each curve of free scale, and all
+        calibrated curves together.
+    noise : (T, K)
+        One where a point belongs to a group that shares a noise level.
+    span : s
+        Length of the data.
+    error_known : bool
+        Whether ``error`` comes from the data; else each noise group has a level of its own, and
+        ``error`` is what is expected of it.
+    """
+
+    t: jax.Array
+    instant: jax.Array
+    sun: jax.Array
+    obs: jax.Array
+    flux: jax.Array
+    error: jax.Array
+    scale: jax.Array
+    noise: jax.Array
+    span: jax.Array
+    error_known: bool = field(default=True, metadata={"static": True})
+
+    @classmethod
+    def of(
+        cls, curve: LightCurve, *, phase_law_known: bool = True, common_noise: bool = False
+    ) -> Points:
+        """The points of a light curve.
+
+        Parameters
+        ----------
+        curve : LightCurve
+        phase_law_known : bool
+            Where False, the brightness of calibrated curves depends on the phase angle in a way the
+            law of reflection leaves open, and each gets a scale of its own.
+        common_noise : bool
+            Where errors are unknown: one relative noise level for all, not one for each ``scale``.
+        """
+        data = Epochs.of(curve)
+        flux, error = linear_flux(curve, data)
+        group = np.asarray(data.curve)
+        own = np.asarray(data.free_scale, bool) | (not phase_law_known)
+        number = np.where(own, np.arange(len(own)), len(own))
+        scale = np.unique(number, return_inverse=True)[1][group]
+        unit = (np.bincount(scale, np.abs(flux)) / np.bincount(scale))[scale]
+        middle, offset, instant = np.asarray(data.t - data.t_middle), np.zeros(1), np.ones(1)
+        if data.has_exposure:
+            offset, weight = np.polynomial.legendre.leggauss(ORDER)
+            instant = 0.5 * weight
+        t = middle + 0.5 * offset[:, None] * np.asarray(data.exposure_s)
+        # a noise level must not part a group that shares a scale: that is solved for at one level
+        noise = np.zeros_like(scale) if common_noise or data.has_error else scale
+        return cls(
+            jnp.asarray(t), jnp.asarray(instant), data.sun, data.obs,
+            jnp.asarray(flux / unit), jnp.asarray(error / unit),
+            jnp.asarray(_members(scale)), jnp.asarray(_members(noise)),
+            jnp.asarray(max(float(data.t_span), 1e-6)), data.has_error,
+        )  # fmt: skip
+
+    def host(self) -> Points:
+        """The same on NumPy arrays, to be sent elsewhere."""
+        return jax.tree.map(np.asarray, self)
+
+    def with_flux(self, flux: Floats) -> Points:
+        """The same epochs with another flux."""
+        return replace(self, flux=jnp.asarray(flux))
+
+
+def _members(group: NDArray[np.integer]) -> Floats:
+    return (group[:, None] == np.arange(group.max() + 1)).astype(float)

@@ -1,0 +1,147 @@
+"""The stages of a scan: screen every hypothesis, refine the best, map the sky about one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.cluster import Run
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Track
+from lcbayes.inversion.attitude_scan.grid import Grid
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.smooth import (
+    PRIOR_POINTS,
+    PRIOR_SQUARES,
+    SmoothBody,
+    Spin,
+    fitted,
+)
+from lcbayes.inversion.attitude_scan.spin import FREE, Ends, finer, solve, spheres
+
+Floats = NDArray[np.float64]
+
+POLE_HELD = (0.0, 0.0, 1.0)
+LARGEST_TASK, FEWEST_TASKS = 40, 16
+
+
+class Effort(NamedTuple):
+    """How far a hypothesis is followed: ``steps`` at most, or until three gain less (nat)."""
+
+    steps: int
+    tolerance: float
+
+
+SCREEN, REFINE = Effort(20, 1.0), Effort(150, 0.03)
+
+
+def screen(
+    points: Points, body: SmoothBody, grid: Grid, run: Run, checkpoint: Checkpoint,
+    name: str, track: Track,
+) -> Ends:  # fmt: skip
+    """Every hypothesis of the grid, started as a sphere; in the order of `Grid.rows`."""
+    shared = body, points.host(), FREE, SCREEN
+    return _spread(_from_spheres, shared, list(grid.rows()), run, checkpoint, name, track)
+
+
+def refine(
+    points: Points, body: SmoothBody, ends: Ends, run: Run, checkpoint: Checkpoint,
+    name: str, track: Track,
+) -> Ends:  # fmt: skip
+    """Those hypotheses with a finer body, from where they ended before, until they settle."""
+    shared = body, points.host(), FREE, REFINE
+    rows = list(finer(body, ends))
+    return _spread(_from_bodies, shared, rows, run, checkpoint, name, track, largest=1)
+
+
+def sky(
+    points: Points, body: SmoothBody, poles: Floats, frequency: float, run: Run,
+    checkpoint: Checkpoint, track: Track,
+) -> Ends:  # fmt: skip
+    """The best body with each of these poles held, at this frequency."""
+    shared = body, points.host(), POLE_HELD, SCREEN
+    rows = [poles, np.full(len(poles), frequency)]
+    return _spread(_from_spheres, shared, rows, run, checkpoint, "sky", track)
+
+
+def _from_spheres(shared: tuple, poles: Floats, frequencies: Floats) -> Ends:
+    body, points, free, effort = shared
+    return _solved(body, points, spheres(body, poles, frequencies), free, effort)
+
+
+def _from_bodies(shared: tuple, tilt: Floats, frequency: Floats, coefficients: Floats) -> Ends:
+    body, points, free, effort = shared
+    return _solved(
+        body, points, Spin(*map(jnp.asarray, (tilt, frequency, coefficients))), free, effort
+    )
+
+
+def _solved(body: SmoothBody, points: Points, starts: Any, free: Any, effort: Effort) -> Ends:
+    found = solve(body, points, starts, np.asarray(free), effort.steps, effort.tolerance)
+    return Ends(*map(np.asarray, found))
+
+
+def _spread(
+    function: Callable[..., Ends],
+    shared: tuple,
+    rows: list,
+    run: Run,
+    checkpoint: Checkpoint,
+    name: str,
+    track: Track,
+    largest: int = LARGEST_TASK,
+) -> Ends:
+    """``function`` on all rows, some to a task; what an earlier run did is not done again.
+
+    What a task holds depends on the number of rows alone, so that the same program meets the same
+    rows however many workers there are.
+    """
+    rows = [np.asarray(x) for x in rows]
+    count = len(rows[0])
+    size = int(np.clip(-(-count // FEWEST_TASKS), 1, largest))
+    tasks = [range(i, min(i + size, count)) for i in range(0, count, size)]
+    parts: dict[int, Ends] = {}
+    for i in range(len(tasks)):
+        if (stored := checkpoint.load(f"{name}-{i}")) is not None:
+            parts[i] = Ends(**stored)
+            track.advance(len(tasks[i]))
+    left = [i for i in range(len(tasks)) if i not in parts]
+    # a last task that is not full is filled up: one shape, one compilation
+    given = [tuple(x[np.resize(tasks[i], size)] for x in rows) for i in left]
+    host = jax.tree.map(np.asarray, shared)  # bodies may lie on the device
+    for at, ends in run(function, host, given):
+        i = left[at]
+        parts[i] = ends.rows(slice(0, len(tasks[i])))
+        checkpoint.save(f"{name}-{i}", parts[i]._asdict())
+        track.advance(len(tasks[i]), f"best rms so far {_least(parts, shared[1]):.4f}")
+    return Ends.joined([parts[i] for i in range(len(tasks))]).forward()
+
+
+def _least(parts: dict[int, Ends], points: Points) -> float:
+    """Rms of relative residuals of the best hypothesis, points counted by their errors."""
+    best = min(parts.values(), key=lambda e: e.value.min())
+    squares = best.squares[np.argmin(best.value)].sum()
+    return float(np.sqrt(squares / np.sum(np.asarray(points.error) ** -2.0)))
+
+
+def misfit(points: Points, squares: Floats, best: Floats) -> Floats:
+    """χ² of hypotheses from their sums of squares (B, K).
+
+    Where errors are unknown, each noise group has the level that the ``best`` hypothesis (K,) gives
+    it, so that its own χ² is about the number of points.
+    """
+    if points.error_known:
+        return squares.sum(axis=1)
+    count = np.asarray(points.noise).sum(axis=0)
+    return squares @ ((count + PRIOR_POINTS) / (best + PRIOR_SQUARES))
+
+
+def residuals(points: Points, body: SmoothBody, ends: Ends) -> Floats:
+    """Observed minus fitted flux of each row, relative, (B, T)."""
+    spins = Spin(*map(jnp.asarray, ends[:3]))
+    model = jax.jit(lambda p, b, s: jax.lax.map(lambda one: fitted(b, p, one), s))
+    return np.asarray(points.flux - model(points, body, spins))

@@ -1,0 +1,234 @@
+"""A smooth convex body under a spin: brightness, and its Jacobian by attitude and shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
+from lcbayes.physics.brightness import diffuse_kernel
+
+_BLOCK = 1 << 14  # epochs x facets at once; what is alive together stays in a core's cache
+CLOSURE_SD = 0.01  # of Σ a n / Σ a
+PRIOR_POINTS = 2.0  # that are known of an unknown noise level before the data ...
+PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the error expected, half a per cent
+LAMBERT_C = 0.1
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SmoothBody:
+    """Facets on a grid whose log-areas are real spherical harmonics, aᵢ ∝ exp Σ c_lm Y_lm(nᵢ).
+
+    Attributes
+    ----------
+    normals : (N, 3)
+        Of an equal-area grid, body frame. Their precision is that of all the work on facets.
+    harmonics : (N, P)
+        P = (L + 1)² − 1, without the constant: a curve's factor takes its place.
+    sd : (P,)
+        Of the normal priors of c_lm: ``roughness`` (2/(l + 1))².
+    closure : scalar
+        1/sd of each component of Σ a n / Σ a; 0 where albedos differ and nothing must close.
+    law : str
+        One of `brightness.DIFFUSE_LAWS`.
+    """
+
+    normals: jax.Array
+    harmonics: jax.Array
+    sd: jax.Array
+    closure: jax.Array
+    law: str = field(metadata={"static": True})
+
+    @classmethod
+    def of(
+        cls,
+        n_facets: int,
+        degree: int,
+        law: str,
+        *,
+        roughness: float = 10.0,
+        closed: bool = True,
+        dtype: type = np.float64,
+    ) -> SmoothBody:
+        """A body of this many facets with harmonics up to a degree."""
+        normals = facets.grid(n_facets)
+        degrees = np.concatenate([np.full(2 * n + 1, n) for n in range(1, degree + 1)])
+        return cls(
+            jnp.asarray(normals, dtype),
+            jnp.asarray(facets.spherical_harmonics(normals, degree)[:, 1:], dtype),
+            jnp.asarray(roughness * (2.0 / (degrees + 1.0)) ** 2),
+            jnp.asarray(1.0 / CLOSURE_SD if closed else 0.0),
+            law,
+        )
+
+    def shares(self, coefficients: jax.Array) -> jax.Array:
+        """Areas (N,) that sum to one."""
+        return jax.nn.softmax(self.harmonics @ coefficients.astype(self.harmonics.dtype))
+
+
+class Spin(NamedTuple):
+    """A hypothesis: attitude and body.
+
+    tilt : (3, 3), body to inertial at the middle of the data; its third column is the pole.
+    frequency : turns per second, sidereal.
+    coefficients : (P,) of the harmonics.
+    """
+
+    tilt: jax.Array
+    frequency: jax.Array
+    coefficients: jax.Array
+
+    def moved(self, step: jax.Array, unit: jax.Array) -> Spin:
+        """This turned by step[:2] (rad) about the body's x and y axes, with step[2] ``unit``
+        more of frequency and step[3:] more of coefficients."""
+        turn = jnp.stack([step[0], step[1], jnp.zeros_like(step[0])])
+        small = rotations.constant_rate(jnp.ones(1), turn)[0]
+        return Spin(
+            self.tilt @ small, self.frequency + step[2] * unit, self.coefficients + step[3:]
+        )
+
+
+class Model(NamedTuple):
+    """Brightness of a body whose areas sum to one, (T,), and its derivatives, (T, 3 + P)."""
+
+    flux: jax.Array
+    jacobian: jax.Array
+
+
+def brightness(body: SmoothBody, points: Points, spin: Spin) -> Model:
+    """f = Σᵢ aᵢ K(s·nᵢ, o·nᵢ) with its Jacobian by two turns of the pole, frequency and c_lm.
+
+    The kernel and its slopes are computed once. Brightness is linear in the areas, so that the
+    shape's part is K (a Y); the attitude's is ∂f = Σ_u (∂f/∂u × u)·ψ over u = s, o in the body
+    frame, where the body turns by ψ: two numbers of the pole and one of the phase carry all of it.
+    Its slope by the phase, times 2πt, is that by frequency.
+
+    Parameters
+    ----------
+    body, points, spin
+
+    References
+    ----------
+    Kaasalainen, Torppa & Muinonen 2001, eqs. (1)-(5); Hall et al. 2007, eq. (8).
+    """
+    kind = body.normals.dtype
+    area = body.shares(spin.coefficients)
+    centred = body.harmonics - area @ body.harmonics  # derivative of the softmax
+    shape = jnp.concatenate([area[:, None], area[:, None] * centred], axis=1)
+    # a fourth column of zeros: XLA multiplies by four columns over twice as fast as by three
+    vectors = jnp.pad(area[:, None] * body.normals, ((0, 0), (0, 1)))
+
+    def rows(directions: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        sun, obs = directions
+        value, slope0, slope = diffuse_kernel(
+            body.law, sun @ body.normals.T, obs @ body.normals.T, jnp.asarray(LAMBERT_C, kind)
+        )
+        by_sun, by_obs = (slope0 @ vectors)[:, :3], (slope @ vectors)[:, :3]
+        return value @ shape, jnp.cross(by_sun, sun) + jnp.cross(by_obs, obs)
+
+    still = points.sun @ spin.tilt, points.obs @ spin.tilt
+
+    def instant(t: jax.Array) -> jax.Array:
+        turns = t * spin.frequency
+        phase = 2.0 * jnp.pi * (turns - jnp.floor(turns))
+        cos, sin = jnp.cos(phase), jnp.sin(phase)
+        sun, obs = (
+            jnp.stack([cos * u[:, 0] + sin * u[:, 1], cos * u[:, 1] - sin * u[:, 0], u[:, 2]], 1)
+            for u in still
+        )
+        by_shape, torque = _in_blocks(rows, (sun.astype(kind), obs.astype(kind)), len(area))
+        x, y, z = torque.T
+        by_attitude = jnp.stack([cos * x - sin * y, sin * x + cos * y, 2.0 * jnp.pi * t * z], 1)
+        return jnp.concatenate([by_shape[:, :1], by_attitude, by_shape[:, 1:]], axis=1)
+
+    each = [w * instant(t) for w, t in zip(points.instant, points.t, strict=True)]
+    out = jnp.sum(jnp.stack(each), axis=0)
+    return Model(out[:, 0], out[:, 1:])
+
+
+def _in_blocks(function, arrays, n_facets: int):
+    """A function of rows, some at a time."""
+    count = arrays[0].shape[0]
+    size = max(1, _BLOCK // n_facets)
+    if count <= 2 * size:
+        return function(arrays)
+    blocks = -(-count // size)
+    size = -(-count // blocks)
+    missing = blocks * size - count
+
+    def cut(x):
+        return jnp.pad(x, ((0, missing), (0, 0)), mode="edge").reshape(blocks, size, -1)
+
+    done = jax.lax.map(function, tuple(cut(x) for x in arrays))
+    return tuple(x.reshape(blocks * size, -1)[:count] for x in done)
+
+
+def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The best factor of each point's group, (T,), and Σ m²/σ² of each group, (C,)."""
+    square = jnp.maximum(points.scale.T @ (flux / points.error) ** 2, 1e-300)
+    return points.scale @ (
+        (points.scale.T @ (flux * points.flux / points.error**2)) / square
+    ), square
+
+
+def fitted(body: SmoothBody, points: Points, spin: Spin) -> jax.Array:
+    """Brightness with the best factor of each group, (T,)."""
+    flux = brightness(body, points, spin).flux
+    return _scales(points, flux)[0] * flux
+
+
+class Normal(NamedTuple):
+    """The objective at a point, and its normal equations.
+
+    value : −ln p(data, c) up to a constant
+    gradient : (D,), descent is along minus it
+    curvature : (D, D), Gauss and Newton's
+    squares : (K,), Σ (residual/error)² of each noise group
+    """
+
+    value: jax.Array
+    gradient: jax.Array
+    curvature: jax.Array
+    squares: jax.Array
+
+
+def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Array) -> Normal:
+    """Misfit, priors and their derivatives by the step of `Spin.moved`.
+
+    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 1/8) with S_k = Σ r² over
+    a noise group in units of the error expected: the likelihood at its best noise level, which
+    counts little what a curve with large residuals says. Scales s of groups follow from the rest,
+    s = Σ f m/σ² / Σ m²/σ² (variable projection; Kaufman's Jacobian, whose gradient is exact).
+    """
+    flux, jacobian = brightness(body, points, spin)
+    jacobian = jacobian.at[:, 2].multiply(unit)
+    scale, square = _scales(points, flux)
+    residual = (points.flux - scale * flux) / points.error
+    squares = points.noise.T @ residual**2
+    if points.error_known:
+        value, weight = 0.5 * jnp.sum(squares), jnp.ones_like(residual)
+    else:
+        count = jnp.sum(points.noise, axis=0) + PRIOR_POINTS
+        value = 0.5 * jnp.sum(count * jnp.log(squares + PRIOR_SQUARES))
+        weight = points.noise @ (count / (squares + PRIOR_SQUARES))
+    root = jnp.sqrt(weight)
+    rows = jacobian * (scale * root / points.error)[:, None]
+    # what a group's factor takes up: weight and factor are the same all over a group
+    taken = (points.scale.T @ (rows * (flux / points.error)[:, None])) / jnp.sqrt(square)[:, None]
+    gradient, curvature = -((root * residual) @ rows), rows.T @ rows - taken.T @ taken
+
+    area = body.shares(spin.coefficients)
+    gap = body.closure * (area @ body.normals)
+    mean = area @ body.harmonics
+    slope = body.closure * (area[:, None] * body.normals).T @ (body.harmonics - mean)
+    pull = spin.coefficients / body.sd
+    value = value + 0.5 * (gap @ gap) + 0.5 * (pull @ pull)
+    gradient = gradient.at[3:].add(gap @ slope + pull / body.sd)
+    curvature = curvature.at[3:, 3:].add(slope.T @ slope + jnp.diag(body.sd**-2.0))
+    return Normal(value, gradient, curvature, squares)

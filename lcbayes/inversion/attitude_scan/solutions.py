@@ -1,0 +1,124 @@
+"""Which ends of a scan are the same solution, and how solutions are related to the best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.spin import Ends
+
+Floats = NDArray[np.float64]
+
+SAME_POLE, MIRRORED = 10.0, 25.0  # degrees
+SAME_TURNS = 0.25  # turns over the data by which two frequencies differ at most
+FLAT = 0.25  # thickness over breadth of the directions up to which there is a mirror
+GAP = 0.05  # of the span: a longer one parts the data into sets
+OFF_ALIAS = 0.15  # half turns between two sets by which an alias may be off
+DAY = 86400.0
+
+SAME, MIRROR, REVERSED, POLE = "best", "mirror", "reversed", "pole"
+HALF, TWICE, ALIAS, PERIOD = "half-period", "double-period", "period-alias", "period"
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What of the geometry makes spins look alike.
+
+    Attributes
+    ----------
+    normal : (3,) or None
+        Of the plane that Sun and observer keep to, if any: a half turn of pole and body's mirror
+        image about it leaves the brightness almost unchanged.
+    span : s
+    separations : (S,) s
+        Times between the sets of data, between which nobody counted the turns.
+    """
+
+    normal: Floats | None
+    span: float
+    separations: Floats
+
+    @classmethod
+    def of(cls, points: Points) -> Geometry:
+        sun, obs = np.asarray(points.sun), np.asarray(points.obs)
+        values, vectors = np.linalg.eigh(sun.T @ sun + obs.T @ obs)
+        flat = values[0] <= FLAT**2 * values[1]
+        t, span = np.sort(np.asarray(points.t).mean(axis=0)), float(points.span)
+        parts = np.split(t, np.flatnonzero(np.diff(t) > GAP * span) + 1)
+        middle = np.array([p.mean() for p in parts])
+        apart = np.abs(middle[:, None] - middle)[np.triu_indices(len(middle), 1)]
+        return cls(vectors[:, 0] if flat else None, span, np.append(apart, span))
+
+    def mirrored(self, pole: Floats) -> Floats | None:
+        """The pole turned by half a turn about the normal of the plane."""
+        return None if self.normal is None else 2.0 * (pole @ self.normal) * self.normal - pole
+
+    def relation(self, pole: Floats, frequency: float, to: Floats, at: float) -> tuple[str, str]:
+        """How a spin is related to that with the pole ``to`` and the frequency ``at``: a name, and
+        the same in words."""
+        more = frequency - at
+        if abs(more) * self.span < SAME_TURNS:
+            mirror = self.mirrored(to)
+            if angle(pole, to) < SAME_POLE:
+                return SAME, "the same spin"
+            if mirror is not None and angle(pole, mirror) < MIRRORED:
+                return MIRROR, "mirror pole: Sun and observer keep near one plane"
+            if angle(pole, -to) < MIRRORED:
+                return REVERSED, "the opposite sense of rotation"
+            return POLE, "another pole"
+        for factor, name, words in (
+            (2.0, HALF, "half the period"),
+            (0.5, TWICE, "twice the period"),
+        ):
+            if abs(frequency - factor * at) * self.span < max(1.0, 1e-3 * at * self.span):
+                return name, words
+        turns = 2.0 * abs(more) * self.separations
+        for k in (1, 2):
+            off = np.abs(turns - k)
+            if off.min() < OFF_ALIAS:
+                days = self.separations[np.argmin(off)] / DAY
+                length = f"{days:.4g} days" if days >= 1 else f"{days * DAY:.4g} s"
+                how = "half a turn" if k == 1 else "a turn"
+                return ALIAS, f"period alias: {how} {'more' if more > 0 else 'less'} in {length}"
+        return PERIOD, "another period"
+
+
+def angle(a: Floats, b: Floats) -> float:
+    """Between two unit vectors, degrees."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def distinct(ends: Ends, span: float, most: int) -> tuple[Ends, NDArray[np.integer]]:
+    """The different solutions among the ends of searches, best first, and how many ended at each.
+
+    Two are the same if their poles are within 10° and their frequencies within a quarter of a turn
+    over the data.
+    """
+    order = np.argsort(ends.value, kind="stable")
+    kept: list[int] = []
+    for i in order[np.isfinite(ends.value[order])]:
+        if len(kept) < most and not np.any(_same(ends.rows(kept), ends, int(i), span)):
+            kept.append(int(i))
+    unique = ends.rows(np.array(kept, int))
+    return unique, counted(ends, unique, span)
+
+
+def counted(
+    ends: Ends, solutions: Ends, span: float, weight: NDArray[np.integer] | None = None
+) -> NDArray[np.integer]:
+    """How many ends came to each solution; each to the first that is the same."""
+    hits = np.zeros(len(solutions.value), int)
+    for i in np.flatnonzero(np.isfinite(ends.value)):
+        same = _same(solutions, ends, int(i), span)
+        if np.any(same):
+            hits[np.argmax(same)] += 1 if weight is None else weight[i]
+    return hits
+
+
+def _same(solutions: Ends, ends: Ends, i: int, span: float) -> NDArray[np.bool_]:
+    """Which solutions the i-th end is the same as."""
+    near = np.abs(solutions.frequency - ends.frequency[i]) * span < SAME_TURNS
+    return near & (solutions.pole @ ends.pole[i] > np.cos(np.radians(SAME_POLE)))

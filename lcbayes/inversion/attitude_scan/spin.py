@@ -1,0 +1,200 @@
+"""Levenberg-Marquardt over pole, period and a smooth body: one program, many hypotheses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.smooth import Normal, SmoothBody, Spin, normal_equations
+from lcbayes.physics.attitude import rotations
+
+Floats = NDArray[np.float64]
+
+FREE = (1.0, 1.0, 1.0)  # two turns of the pole, frequency
+START_DAMPING, LARGEST_DAMPING = 1e-2, 1e8
+FASTEST_FALL = 0.1  # of the damping in one step
+PATIENCE = 3  # steps in a row that gain less than the tolerance, and the search ends
+
+
+class Ends(NamedTuple):
+    """Where searches ended: arrays of B rows, NumPy or JAX."""
+
+    tilt: Any  # (B, 3, 3)
+    frequency: Any  # (B,) Hz
+    coefficients: Any  # (B, P)
+    value: Any  # (B,) the objective
+    squares: Any  # (B, K)
+    steps: Any  # (B,)
+
+    @property
+    def pole(self) -> NDArray:
+        """(B, 3), inertial."""
+        return self.tilt[:, :, 2]
+
+    def rows(self, which) -> Ends:
+        """Those rows."""
+        return Ends(*(x[which] for x in self))
+
+    def forward(self) -> Ends:
+        """The same with positive frequencies: bodies that turn backwards are turned over, by half a
+        turn about their x axis, which changes the sign of harmonics alone."""
+        back = self.frequency < 0
+        over = np.where(back[:, None, None], np.diag([1.0, -1.0, -1.0]), np.eye(3))
+        degree, m = _orders(self.coefficients.shape[1])
+        sign = (-1.0) ** (degree + np.abs(m)) * np.where(m < 0, -1.0, 1.0)
+        return self._replace(
+            tilt=self.tilt @ over,
+            frequency=np.abs(self.frequency),
+            coefficients=np.where(back[:, None], sign, 1.0) * self.coefficients,
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[Ends]) -> Ends:
+        """Rows of one after those of the other."""
+        return Ends(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+
+class _Search(NamedTuple):
+    spin: Spin
+    normal: Normal
+    damping: jax.Array
+    growth: jax.Array
+    idle: jax.Array
+    steps: jax.Array
+
+
+def _solve_one(
+    body: SmoothBody, points: Points, spin: Spin, free: jax.Array, most: Any, tolerance: Any
+) -> _Search:
+    """One hypothesis to its least objective.
+
+    The damping follows the ratio of gain to prediction (Nielsen 1999): few steps are in vain, each
+    of which costs as much as a good one.
+    """
+    # half a turn over the span: of the order of what the frequency is known to
+    unit = 0.5 / points.span
+    hold = jnp.concatenate([free, jnp.ones(spin.coefficients.shape[0])])
+
+    def at(spin: Spin) -> Normal:
+        found = normal_equations(body, points, spin, unit)
+        return found._replace(
+            gradient=found.gradient * hold, curvature=found.curvature * hold * hold[:, None]
+        )
+
+    def going(s: _Search):
+        return (s.steps < most) & (s.idle < PATIENCE) & (s.damping < LARGEST_DAMPING)
+
+    def advance(s: _Search) -> _Search:
+        now = s.normal
+        size = jnp.diagonal(now.curvature)
+        size = jnp.where(size > 0.0, size, 1.0)
+        factor = jax.scipy.linalg.cho_factor(now.curvature + jnp.diag((s.damping + 1e-12) * size))
+        step = -jax.scipy.linalg.cho_solve(factor, now.gradient)
+        predicted = -(now.gradient @ step) - 0.5 * step @ (now.curvature @ step)
+        spin = s.spin.moved(step, unit)
+        new = at(spin)
+        gain = now.value - new.value
+        better = jnp.isfinite(new.value) & (gain > 0.0)
+        ratio = gain / jnp.maximum(predicted, 1e-300)
+        less = jnp.maximum(FASTEST_FALL, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        kept = jax.tree.map(lambda a, b: jnp.where(better, a, b), (spin, new), (s.spin, now))
+        return _Search(
+            kept[0],
+            kept[1],
+            jnp.where(better, s.damping * less, s.damping * s.growth),
+            jnp.where(better, 2.0, 2.0 * s.growth),
+            jnp.where(better, jnp.where(gain < tolerance, s.idle + 1, 0), s.idle),
+            s.steps + 1,
+        )
+
+    begin = _Search(
+        spin, at(spin), jnp.asarray(START_DAMPING), jnp.asarray(2.0), jnp.asarray(0), jnp.asarray(0)
+    )
+    return jax.lax.while_loop(going, advance, begin)
+
+
+@jax.jit
+def solve(
+    body: SmoothBody,
+    points: Points,
+    starts: Spin,
+    free: jax.Array,
+    most: int,
+    tolerance: jax.Array | float,
+) -> Ends:
+    """The best body, pole and frequency near each start.
+
+    Parameters
+    ----------
+    body : SmoothBody
+    points : Points
+    starts : Spin
+        B of them, stacked.
+    free : (3,)
+        One where the pole's two turns and the frequency may change, zero where they are held.
+    most : int
+        Steps.
+    tolerance : float
+        Gain in the objective (nat) below which three steps in a row end a search.
+
+    Returns
+    -------
+    Ends
+
+    References
+    ----------
+    Marquardt 1963; Nielsen 1999, IMM-REP-1999-05 (damping); Kaasalainen, Torppa & Muinonen 2001.
+    """
+
+    def one(spin: Spin) -> Ends:
+        s = _solve_one(body, points, spin, free, most, tolerance)
+        return Ends(*s.spin, s.normal.value, s.normal.squares, s.steps)
+
+    # one after the other: a hypothesis fills a core, and its arrays a core's cache
+    return jax.lax.map(one, starts)
+
+
+def spheres(body: SmoothBody, poles: Floats, frequencies: Floats) -> Spin:
+    """Starts without shape, with these poles (B, 3) and frequencies (B,)."""
+    none = np.zeros((len(poles), body.harmonics.shape[1]))
+    return Spin(*map(jnp.asarray, (tilts(poles), frequencies, none)))
+
+
+def finer(body: SmoothBody, ends: Ends) -> Spin:
+    """Starts where a search with harmonics of lower degree ended."""
+    missing = body.harmonics.shape[1] - ends.coefficients.shape[1]
+    shape = np.pad(ends.coefficients, ((0, 0), (0, missing)))
+    return Spin(*map(jnp.asarray, (ends.tilt, ends.frequency, shape)))
+
+
+def tilts(poles: Floats) -> Floats:
+    """Attitudes (B, 3, 3) of bodies with these poles (B, 3), `attitude.brought_to`."""
+    return np.asarray(jax.vmap(rotations.brought_to)(jnp.asarray(poles)))
+
+
+def in_convention(tilt: Floats, coefficients: Floats) -> tuple[float, float, Floats]:
+    """Longitude and latitude of the pole (rad), and the harmonics of the body in axes of `tilts`.
+
+    The body is turned about its z axis so that its attitude at the middle of the data is
+    `attitude.brought_to` of the pole, as the model "convex-grid" has it.
+    """
+    pole = tilt[:, 2]
+    lon, lat = float(np.arctan2(pole[1], pole[0])), float(np.arcsin(np.clip(pole[2], -1, 1)))
+    turn = tilts(pole[None])[0].T @ tilt
+    psi = np.arctan2(turn[1, 0], turn[0, 0])
+    degree, m = _orders(len(coefficients))
+    other = coefficients[degree * degree + degree - m - 1]  # of the same degree and opposite order
+    turned = coefficients * np.cos(m * psi) - other * np.sin(m * psi)
+    return lon % (2 * np.pi), lat, turned
+
+
+def _orders(count: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Degree l and order m of each of ``count`` harmonics, without the constant."""
+    index = np.arange(1, count + 1)
+    degree = np.sqrt(index).astype(int)
+    return degree, index - degree * degree - degree

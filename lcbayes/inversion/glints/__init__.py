@@ -1,0 +1,5 @@
+"""Glints: found in a light curve, and turned into directions of facets, cylinders and panels."""
+
+from lcbayes.inversion.glints.attitude import Glints, analyse
+
+__all__ = ["Glints", "analyse"]

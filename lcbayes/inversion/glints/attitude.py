@@ -1,0 +1,240 @@
+"""What glints say about attitude: facets, a cylinder, or a panel that follows the Sun."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.segments import labels, stretches
+from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Attitude, Observed
+from lcbayes.inversion.glints.detect import Baseline, Glint, detect
+from lcbayes.inversion.glints.directions import (
+    Direction,
+    Sighting,
+    Tracking,
+    bisector,
+    cylinder,
+    facets,
+    tracking,
+)
+from lcbayes.inversion.glints.instants import instants, rounding
+
+Floats = NDArray[np.float64]
+
+MIN_FIT = 0.01  # nominal rate at which a true facet, cylinder or offset is rejected
+NARROW = 0.5  # a cylinder is given where the longer semi-axis of its 90 % region is below, rad
+WIDEST = np.radians(6.0)  # longest glint, by the way of the bisector
+SPREAD = np.radians(15.0)  # rms angle of the bisectors across their mean, for a cylinder
+
+
+@dataclass(frozen=True)
+class Glints:
+    """What `analyse` finds.
+
+    Attributes
+    ----------
+    t, flux : (U,)
+        What was searched: flux at unit distance, points of one time averaged.
+    baseline : what glints stand out from
+    glints, seen : in order of time; bisectors in body axes
+    facets : those shared by two glints or more, if any
+    single : facets of one glint each: what that glint alone would say
+    cylinder : None where refused
+    panel : the offset from the Sun, None where not asked or refused
+    reasons : why nothing, or what was asked for not, is given
+    notes : what else a reader should know
+    """
+
+    t: Floats
+    flux: Floats
+    baseline: Baseline
+    glints: list[Glint]
+    seen: list[Sighting]
+    facets: list[Direction]
+    single: list[Direction]
+    cylinder: Direction | None
+    panel: Tracking | None
+    reasons: list[str]
+    notes: list[str]
+
+
+def analyse(
+    curve: LightCurve,
+    attitude: Attitude | None = None,
+    *,
+    axis: tuple[float, float, float] | None = None,
+    alarm: float = 0.01,
+    longest_s: float | None = None,
+) -> Glints:
+    """Find glints and solve the specular conditions over several of them.
+
+    Parameters
+    ----------
+    curve : LightCurve
+    attitude : Attitude
+        How the body turns; by default its axes stay the inertial axes. Directions are in its axes.
+    axis : (3,)
+        Also ask for a panel that follows the Sun about this axis (inertial; attitude must be None).
+    alarm : float
+        Probability of a false glint per light curve.
+    longest_s : s
+        Longest glint looked for; by default the time in which the bisector moves by 6°.
+
+    Returns
+    -------
+    Glints
+
+    Raises
+    ------
+    InputError
+        There is no brightness, no stretch has 30 points, or an axis goes with a spin.
+    """
+    if axis is not None and attitude is not None and attitude != Attitude():
+        raise InputError("a panel that follows the Sun has no spin; give one of axis and attitude")
+    observed = Observed.of(curve, attitude or Attitude())
+    every = labels(curve)
+    rows, flux, error = _averaged(curve, every, observed)
+    t, label = curve.t[rows], every[rows]
+    sun, obs = observed.sun.mean(axis=0)[rows], observed.obs.mean(axis=0)[rows]
+    parts = stretches(t, label)
+    if not parts:
+        raise InputError("no stretch without gaps has 30 points; glints need denser sampling")
+    middle = bisector(sun, obs)
+    widest = [_time_of(WIDEST, t[part], middle[part]) for part in parts]
+    glints, level = detect(
+        t, flux, error, label, longest_s or widest, alarm, relative=curve.kind == "mag"
+    )
+    coarse = [rounding(curve.t[every == label[part[0]]]) for part in parts]
+    glints = [replace(one, t_error=max(one.t_error, coarse[one.stretch])) for one in glints]
+    seen = []
+    for one in glints:
+        place, rate = _at(t, middle, parts[one.stretch], one.t)
+        seen.append(Sighting(place, rate, one.t_error, one.fwhm))
+    reasons, notes = [], []
+    if not observed.error_known:
+        of = "" if curve.kind == "mag" else "mean "
+        notes.append(f"errors are unknown: 2 % of the {of}flux, raised to the scatter, are used")
+    shared: list[Direction] = []
+    single: list[Direction] = []
+    axle = panel = None
+    if not glints:
+        reasons.append(f"no glint stands out: none has a false-alarm probability below {alarm:g}")
+    elif axis is not None:
+        panel = _panel(t, sun, parts, glints, seen, np.asarray(axis, float), reasons)
+    else:
+        groups = facets(seen, MIN_FIT)
+        shared = [g for g in groups if len(g.members) > 1]
+        single = [g for g in groups if len(g.members) == 1]
+        axle = _cylinder(seen, notes)
+        if not shared and axle is None:
+            reasons.append(
+                f"{len(glints)} glint(s) fix no direction: no two share a facet's normal and no "
+                "axis is perpendicular to all bisectors; the attitude may be another one"
+                if len(glints) > 1
+                else "one glint alone fixes no direction: nothing tests that it is a facet's"
+            )
+    glints = [replace(one, row=int(rows[one.row])) for one in glints]
+    return Glints(
+        t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes
+    )  # fmt: skip
+
+
+def _averaged(
+    curve: LightCurve, label: NDArray[np.integer], observed: Observed
+) -> tuple[NDArray[np.integer], Floats, Floats]:
+    """First points of the instants, and flux and error there: of magnitudes the mean magnitude's.
+
+    Magnitudes without errors are taken to scatter in proportion to the flux.
+    """
+    flux, error = observed.flux, observed.error
+    if curve.kind != "mag":
+        return instants(curve.t, label, flux, error)
+    relative = error / flux if observed.error_known else np.full(flux.shape, UNKNOWN_ERROR)
+    rows, mean, sigma = instants(curve.t, label, np.log(flux), relative)
+    return rows, np.exp(mean), sigma * np.exp(mean)
+
+
+def _time_of(angle: float, t: Floats, vectors: Floats) -> float:
+    """Time in which a direction typically moves by an angle; if at rest a thirtieth of all."""
+    step = np.diff(t)
+    moved = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[step > 0] / step[step > 0]
+    whole = float(t[-1] - t[0]) / 30.0
+    rate = float(np.median(moved)) if moved.size else 0.0
+    return angle / rate if rate > 0 else whole
+
+
+def _at(t: Floats, vectors: Floats, rows: NDArray, when: float) -> tuple[Floats, Floats]:
+    """Unit vector and its rate at a time, from the two points about it."""
+    times = t[rows]
+    i = int(np.clip(np.searchsorted(times, when) - 1, 0, len(times) - 2))
+    while i > 0 and times[i + 1] == times[i]:
+        i -= 1
+    a, b = vectors[rows[i]], vectors[rows[i + 1]]
+    step = times[i + 1] - times[i]
+    x = (when - times[i]) / step if step > 0 else 0.0
+    place = (1 - x) * a + x * b
+    place /= np.linalg.norm(place)
+    rate = (b - a) / step if step > 0 else np.zeros(3)
+    return place, rate - (rate @ place) * place
+
+
+def _cylinder(seen: list[Sighting], notes: list[str]) -> Direction | None:
+    """The axis, without the glints that fit it worst, of which there may be one in four."""
+    members = list(range(len(seen)))
+    if len(members) < 3:
+        return None  # two bisectors always have an axis perpendicular to both
+    spread = np.linalg.svd(np.array([one.bisector for one in seen]))[1][1]
+    if spread < np.sqrt(len(seen) / 2) * np.sin(SPREAD):
+        notes.append("no cylinder: the bisectors lie too close together to tell it from a facet")
+        return None
+    least = max(3, int(np.ceil(0.75 * len(seen))))
+    while True:
+        found = cylinder(seen, members)
+        if found is None:
+            notes.append("no cylinder: the bisectors lie too close together to fix an axis")
+            return None
+        if found.p_value >= MIN_FIT or len(members) == least:
+            break
+        tries = [[m for m in members if m != out] for out in members]
+        fits = [np.inf if (one := cylinder(seen, t)) is None else one.chi2 for t in tries]
+        members = tries[int(np.argmin(fits))]
+    if found.p_value < MIN_FIT:
+        notes.append(
+            f"no cylinder: chi2 of c·b = 0 is {found.chi2:.1f} for {found.freedom} degrees of "
+            "freedom, the worst quarter of the glints left out"
+        )
+        return None
+    if found.ellipse[0] > NARROW:
+        notes.append("no cylinder: its axis is left open by more than half a radian")
+        return None
+    return found
+
+
+def _panel(
+    t: Floats,
+    sun: Floats,
+    parts: list[NDArray],
+    glints: list[Glint],
+    seen: list[Sighting],
+    axis: Floats,
+    reasons: list[str],
+) -> Tracking | None:
+    at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
+    found = tracking(
+        seen, np.array([p for p, _ in at]), np.array([r for _, r in at]),
+        axis / np.linalg.norm(axis),
+    )  # fmt: skip
+    if len(glints) < 2:
+        reasons.append("one glint alone fixes no offset: nothing tests that a panel makes it")
+        return None
+    if found.p_value < MIN_FIT:
+        reasons.append(
+            f"the glints share no offset from the Sun: chi2 is {found.chi2:.1f} for "
+            f"{found.freedom} degrees of freedom"
+        )
+        return None
+    return found

@@ -1,0 +1,260 @@
+"""Directions from glints: facets, cylinders, and panels that follow the Sun.
+
+At a glint a facet faces the phase-angle bisector, n·b = 1 (Hall et al. 2007, eq. 17); a cylinder's
+axis is perpendicular to it, c·b = 0 (eq. 18).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lcbayes.physics.bodies.facets import across
+
+Floats = NDArray[np.float64]
+
+SUN_RADIUS = np.radians(0.267)
+CHI2_90 = float(stats.chi2.ppf(0.9, 2))
+ACROSS = 1.5  # offsets across the track, in widths (sd) of the lobe: it glints beside it, too
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """The bisector at a glint.
+
+    Attributes
+    ----------
+    bisector : (3,)
+    rate : (3,) rad/s
+        How it moves, perpendicular to it.
+    t_error, fwhm : s
+    """
+
+    bisector: Floats
+    rate: Floats
+    t_error: float
+    fwhm: float
+
+    @property
+    def along(self) -> Floats:
+        """Unit vector along the bisector's track."""
+        speed = float(np.linalg.norm(self.rate))
+        if speed > 0:
+            return self.rate / speed
+        return across(self.bisector)[0]
+
+    def errors(self) -> tuple[float, float]:
+        """Of a facet's normal along the track and across it, rad.
+
+        Along, the time of the peak counts. Across, nothing is known but that the facet glinted:
+        1.5 standard deviations of its lobe. Half the Sun's disc is added to both.
+        """
+        speed = float(np.linalg.norm(self.rate))
+        disc = 0.25 * SUN_RADIUS
+        lobe = speed * self.fwhm / 2.355
+        return float(np.hypot(speed * self.t_error, disc)), float(np.hypot(ACROSS * lobe, disc))
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction with its uncertainty.
+
+    Attributes
+    ----------
+    vector : (3,)
+        Unit vector; for an axis the opposite means the same.
+    covariance : (3, 3)
+        Of it, in its tangent plane, rad².
+    chi2, freedom : of the glints about it
+    members : indices of the glints
+    """
+
+    vector: Floats
+    covariance: Floats
+    chi2: float
+    freedom: int
+    members: tuple[int, ...]
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger χ²; 1 where nothing is left to test."""
+        return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
+
+    @property
+    def ellipse(self) -> tuple[float, float]:
+        """Semi-axes of the 90 % region, rad, longer first."""
+        values = np.linalg.eigvalsh(self.covariance)[-2:][::-1]
+        longer, shorter = np.sqrt(CHI2_90 * np.maximum(values, 0.0))
+        return float(longer), float(shorter)
+
+    def holds(self, vector: Floats, axis: bool = False) -> bool:
+        """Whether a direction lies in the 90 % region."""
+        v = np.asarray(vector) / np.linalg.norm(vector)
+        if axis and v @ self.vector < 0:
+            v = -v
+        if v @ self.vector < 0:
+            return False
+        basis = _plane(self.vector)
+        small = basis.T @ self.covariance @ basis
+        apart = basis.T @ (v - (v @ self.vector) * self.vector)
+        return bool(apart @ np.linalg.solve(small, apart) <= CHI2_90)
+
+
+def bisector(sun: Floats, obs: Floats) -> Floats:
+    """Phase-angle bisector b = (o + s)/|o + s|, (T, 3), Hall et al. 2007, eq. (16)."""
+    both = sun + obs
+    return both / np.linalg.norm(both, axis=-1, keepdims=True)
+
+
+def _plane(vector: Floats) -> Floats:
+    return np.stack(across(vector), axis=1)
+
+
+def facet(seen: Sequence[Sighting], members: Sequence[int]) -> Direction:
+    """The normal that glints share, n·b = 1, by least squares along and across each track."""
+    n = np.sum([seen[i].bisector for i in members], axis=0)
+    n /= np.linalg.norm(n)
+    covariance, chi2 = np.eye(3), 0.0
+    for _ in range(20):
+        basis = _plane(n)
+        matrix, vector, chi2 = np.zeros((2, 2)), np.zeros(2), 0.0
+        for i in members:
+            one = seen[i]
+            u = one.along
+            v = np.cross(one.bisector, u)
+            for axis, error in zip((u, v), one.errors(), strict=True):
+                row, left = basis.T @ axis / error, axis @ (one.bisector - n) / error
+                matrix += np.outer(row, row)
+                vector += row * left
+                chi2 += left**2
+        step = np.linalg.solve(matrix, vector)
+        covariance = basis @ np.linalg.inv(matrix) @ basis.T
+        n = n + basis @ step
+        n /= np.linalg.norm(n)
+        if np.linalg.norm(step) < 1e-10:
+            break
+    return Direction(n, covariance, float(chi2), 2 * len(members) - 2, tuple(members))
+
+
+def cylinder(seen: Sequence[Sighting], members: Sequence[int]) -> Direction | None:
+    """The axis perpendicular to all bisectors, c·b = 0; None where they leave it open.
+
+    The condition is crossed at the peak, so that its error is that of the time: (c·ḃ) σ_t, with
+    half the Sun's disc.
+    """
+    b = np.array([seen[i].bisector for i in members])
+    rate = np.array([seen[i].rate for i in members])
+    sigma = np.array([seen[i].t_error for i in members])
+    error = np.full(len(b), 0.01)
+    c, matrix = np.eye(3)[2], np.eye(3)
+    for _ in range(50):
+        matrix = (b / error[:, None] ** 2).T @ b
+        values, vectors = np.linalg.eigh(matrix)
+        new = vectors[:, 0]
+        if np.sqrt(1.0 / max(values[1], 1e-300)) > np.radians(20.0):
+            return None
+        fresh = np.hypot((rate @ new) * sigma, 0.5 * SUN_RADIUS)
+        done = np.allclose(fresh, error, rtol=1e-6) and abs(new @ c) > 1 - 1e-14
+        c, error = new, fresh
+        if done:
+            break
+    basis = _plane(c)
+    small = np.linalg.inv(basis.T @ matrix @ basis)
+    chi2 = float(np.sum((b @ c / error) ** 2))
+    c = c * (1.0 if c[np.argmax(np.abs(c))] > 0 else -1.0)
+    return Direction(c, basis @ small @ basis.T, chi2, len(b) - 2, tuple(members))
+
+
+def facets(seen: Sequence[Sighting], level: float = 0.01) -> list[Direction]:
+    """Facets that explain the glints, each glint one: the nearest pair joined as long as it fits.
+
+    Groups are joined, best first, while the p-value of the joint direction is at least ``level``.
+    """
+    groups = [facet(seen, (i,)) for i in range(len(seen))]
+    while len(groups) > 1:
+        pairs = [
+            (facet(seen, a.members + b.members), i, j)
+            for i, a in enumerate(groups)
+            for j, b in enumerate(groups[:i])
+            if a.vector @ b.vector > 0.5
+        ]
+        if not pairs:
+            break
+        best, i, j = max(pairs, key=lambda one: one[0].p_value)
+        if best.p_value < level:
+            break
+        groups = [g for k, g in enumerate(groups) if k not in (i, j)] + [best]
+    return sorted(groups, key=lambda g: (-len(g.members), g.members))
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """A panel that follows the Sun about an axis, with a constant offset.
+
+    Attributes
+    ----------
+    offsets, errors : (G,) rad
+        Azimuth of the panel minus that of the Sun about the axis at each glint.
+    tilt : (G,) rad
+        Angle of the bisector out of the plane across the axis: what the season changes.
+    sun : (G,) rad
+        The same of the Sun: its declination where the axis is the celestial pole.
+    mean, error : rad
+    chi2, freedom :
+    """
+
+    offsets: Floats
+    errors: Floats
+    tilt: Floats
+    sun: Floats
+    mean: float
+    error: float
+    chi2: float
+    freedom: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger χ² of one offset; 1 where nothing is left to test."""
+        return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
+
+
+def tracking(seen: Sequence[Sighting], sun: Floats, sun_rate: Floats, axis: Floats) -> Tracking:
+    """Offset of a panel that turns about an axis after the Sun.
+
+    Its normal is at the azimuth of the Sun plus the offset; n·b is largest, and the panel glints,
+    where the bisector has that azimuth: offset = azimuth(b) − azimuth(s) at the glint. How far the
+    bisector then is from the plane (``tilt``) changes with the season, and with it the strength.
+
+    Parameters
+    ----------
+    sun, sun_rate : (G, 3)
+        Direction of the Sun at the glints and its rate, rad/s, in the axes of the bisectors.
+    axis : (3,)
+        Unit vector the panel turns about; the normal of a geostationary orbit.
+    """
+    basis = _plane(axis)
+
+    def azimuth(v: Floats) -> Floats:
+        return np.arctan2(v @ basis[:, 1], v @ basis[:, 0])
+
+    b = np.array([s.bisector for s in seen])
+    rate = np.array([s.rate for s in seen])
+    sigma = np.array([s.t_error for s in seen])
+
+    def turning(v: Floats, change: Floats) -> Floats:
+        flat = v - np.outer(v @ axis, axis)
+        return np.sum(np.cross(axis, v) * change, axis=1) / np.sum(flat**2, axis=1)
+
+    offsets = np.angle(np.exp(1j * (azimuth(b) - azimuth(sun))))
+    speed = turning(b, rate) - turning(sun, sun_rate)
+    errors = np.hypot(speed * sigma, 0.25 * SUN_RADIUS)
+    weight = errors**-2
+    mean = float(np.average(offsets, weights=weight))
+    return Tracking(
+        offsets, errors, np.arcsin(b @ axis), np.arcsin(sun @ axis), mean,
+        float(weight.sum() ** -0.5), float(np.sum(((offsets - mean) / errors) ** 2)), len(b) - 1,
+    )  # fmt: skip

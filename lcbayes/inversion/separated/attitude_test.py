@@ -1,0 +1,357 @@
+"""Is an attitude law consistent with the measurements that it makes alike?
+
+For a rigid body two measurements with the same directions to Sun and observer in the body's axes
+have the same brightness. A law says which measurements those are. If they differ by more than
+noise and the body's own roughness, the law is wrong, whatever the body looks like.
+
+The statistic is the mean over such pairs (i, j) of
+
+    ln(1 + (fᵢ − fⱼ)² / (σᵢ² + σⱼ² + κ² f̄ᵢⱼ² dᵢⱼ²)),
+
+dᵢⱼ the larger of the two angles between their directions and κ the body's roughness: how much the
+brightness changes along a pass for a radian of d, which no law can avoid. Pairs that follow each
+other in a pass without leaving each other's neighbourhood are alike under any law and tell nothing;
+they set κ. The p-value is the rank of the statistic among those of bodies drawn at random, turned
+by the law, seen at the same times with the same relative noise.
+
+References
+----------
+Hall et al. 2007, sec. 4.4.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated import ensemble
+from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.physics.attitude.catalogue import told_apart
+from lcbayes.physics.attitude.laws import Attitude
+
+SEPARATION_DEG = 4.0  # of directions that count as alike
+PARTNERS = 6  # nearest ones of a point that are used
+MIN_PAIRS, MIN_POINTS = 60, 30
+SAME_DEG = 0.5  # laws whose axes keep this near to a constant turn are one law
+ROUGHEST, SMOOTHEST = 30.0, 0.5  # 1/rad, limits of κ
+WINDOW, GLINT_SD, GLINT_RISE = 9, 6.0, 0.4  # points; what rises above the median of a window
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of measurements whose directions are alike under a law.
+
+    Attributes
+    ----------
+    i, j : (P,) int
+        Of points that left each other's neighbourhood in between, or lie in different passes.
+    d : (P,) rad
+    near_i, near_j, near_d : the same of pairs that did not, some steps apart
+    """
+
+    i: Ints
+    j: Ints
+    d: Floats
+    near_i: Ints
+    near_j: Ints
+    near_d: Floats
+
+    @property
+    def n_points(self) -> int:
+        """How many measurements take part."""
+        return len(np.unique([self.i, self.j]))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the pairs say of a law.
+
+    Attributes
+    ----------
+    name : of the law, with its settings where it was tested with several
+    settings : of the law
+    tested : bool
+        Whether there were pairs enough; else ``reason`` says why not, and the numbers are NaN.
+    p_value : float
+        Probability of so large a statistic if the law holds.
+    statistic, expected : float
+        Of the data, and the median over the bodies drawn.
+    n_pairs, n_points : int
+    same_as : names of laws that these data cannot tell from this one
+    """
+
+    name: str
+    settings: dict[str, object]
+    tested: bool
+    reason: str = ""
+    p_value: float = np.nan
+    statistic: float = np.nan
+    expected: float = np.nan
+    n_pairs: int = 0
+    n_points: int = 0
+    same_as: tuple[str, ...] = ()
+    pairs: Pairs | None = field(default=None, repr=False)
+
+    @property
+    def sparse(self) -> bool:
+        """Whether it makes too few measurements alike."""
+        few = self.n_pairs < MIN_PAIRS or self.n_points < MIN_POINTS
+        return self.pairs is not None and few
+
+
+@dataclass(frozen=True)
+class AttitudeTest:
+    """All laws, those that hold best first, those that could not be tested last.
+
+    Attributes
+    ----------
+    verdicts : of every law
+    level : probability below which a law is rejected
+    n_glints : points left out as glints
+    n_obs : points that remain
+    seen : Reduced, without glints
+    reasons : why nothing could be tested; empty where something was
+    """
+
+    verdicts: tuple[Verdict, ...]
+    level: float
+    n_glints: int
+    n_obs: int
+    seen: Reduced
+    reasons: list[str]
+
+    def rejected(self, verdict: Verdict) -> bool:
+        return verdict.tested and verdict.p_value < self.level
+
+
+def attitude_test(
+    curve: LightCurve,
+    laws: Sequence[Attitude],
+    *,
+    level: float = 0.01,
+    separation_deg: float = SEPARATION_DEG,
+    n_bodies: int = 499,
+    seed: int = 0,
+    progress: Silent | None = None,
+) -> AttitudeTest:
+    """Test every law by the pairs of measurements that it makes alike.
+
+    Parameters
+    ----------
+    curve : LightCurve
+        With errors; geometry as the laws need it.
+    laws : the hypotheses, as from `physics.catalogue`
+    level : a law is rejected below this p-value, which must be above 1/(1 + n_bodies)
+    separation_deg : largest angle between directions that count as alike
+    n_bodies : drawn at random for each null distribution
+
+    Raises
+    ------
+    InputError
+        The curve has no errors, an option is out of range, or no p-value can be below the level.
+    """
+    if not 0.0 < separation_deg <= 30.0:
+        raise InputError(f"separation_deg is {separation_deg:g}; expected 0 < angle <= 30 degrees")
+    if not 0.0 < level < 1.0 or n_bodies < 19:
+        raise InputError("level must lie in 0 .. 1, and n_bodies be 19 or more")
+    if not _smallest(n_bodies) < level:
+        raise InputError(
+            f"no p-value among {n_bodies} bodies is below {_smallest(n_bodies):.2g}, so that no "
+            f"law can be rejected at the level {level:g}; give --bodies {2 * int(1 / level) - 1} "
+            "or more"
+        )
+    progress = progress or Silent()
+    seen = reduce(curve)
+    glint = glints(seen)
+    seen = seen.at(np.flatnonzero(~glint))
+    eph = ephemeris(curve)
+    found: list[Verdict] = []
+    axes: dict[str, Floats] = {}
+    named = told_apart(laws)
+    with progress.stage("testing laws", len(named), "laws") as track:
+        for name, law in named.items():
+            try:
+                parts = turns(law, eph, seen)
+            except InputError as fault:
+                reason = str(fault).removeprefix(f"the law {law.name!r} ")
+                found.append(Verdict(name, law.settings(), False, reason))
+                track.advance(1, name)
+                continue
+            axes[name] = np.stack(parts, axis=1)
+            verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, level, seed)
+            found.append(replace(verdict, name=name))
+            track.advance(1, name)
+    tested = [v for v in found if v.tested]
+    found = [_with_same(v, axes) for v in found]
+    found.sort(key=lambda v: (not v.tested, -v.p_value if v.tested else 0.0, v.statistic))
+    reasons = [] if tested else _untested(found, separation_deg)
+    return AttitudeTest(tuple(found), level, int(glint.sum()), len(seen.t), seen, reasons)
+
+
+def _untested(found: Sequence[Verdict], separation_deg: float) -> list[str]:
+    """Why no law could be tested, what stopped most of them first."""
+    why = Counter(
+        f"has not {MIN_PAIRS} pairs among {MIN_POINTS} measurements within {separation_deg:g} deg "
+        "of each other that were not taken one after the other; observe more passes under like "
+        "geometry"
+        if v.sparse
+        else v.reason
+        for v in found
+    )
+    return [
+        f"no law could be tested; {n} of {len(found)}: each {reason}"
+        for reason, n in why.most_common()
+    ]
+
+
+def _smallest(n_null: int) -> float:
+    """Smallest p-value that a rank among so many can give."""
+    return 1.0 / (1 + n_null)
+
+
+def glints(seen: Reduced) -> NDArray[np.bool_]:
+    """Points that rise out of their pass: narrow flashes that no two measurements share.
+
+    Above the median of `WINDOW` neighbours in the pass by `GLINT_SD` robust standard deviations
+    (of such differences, or errors where larger) and by a part `GLINT_RISE` of that median.
+    """
+    out = np.zeros(len(seen.t), bool)
+    for p in range(int(seen.one_pass.max()) + 1):
+        here = np.flatnonzero(seen.one_pass == p)
+        if len(here) < WINDOW:
+            continue
+        flux = seen.flux[here]
+        padded = np.pad(flux, WINDOW // 2, mode="reflect")
+        middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
+        rise = flux - middle
+        spread = np.maximum(1.4826 * np.median(np.abs(rise)), seen.error[here])
+        out[here] = (rise > GLINT_SD * spread) & (rise > GLINT_RISE * np.abs(middle))
+    return out
+
+
+def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
+    """Note the laws whose axes differ from this one's by a constant turn, to `SAME_DEG`."""
+    mine = axes.get(verdict.name)
+    if mine is None:
+        return verdict
+    same = []
+    for name, other in axes.items():
+        if name == verdict.name or other.shape != mine.shape:
+            continue
+        between = np.swapaxes(mine, 2, 3) @ other
+        change = np.swapaxes(between[:1], 2, 3) @ between
+        angle = np.arccos(np.clip(0.5 * (np.trace(change, axis1=2, axis2=3) - 1.0), -1.0, 1.0))
+        if np.degrees(angle.max()) < SAME_DEG:
+            same.append(name)
+    return replace(verdict, same_as=tuple(same))
+
+
+def _test(
+    law: Attitude, axes: Sequence[Floats], seen: Reduced, reach: float, n_bodies: int,
+    level: float, seed: int,
+) -> Verdict:  # fmt: skip
+    """The verdict on one law."""
+    parts = in_body(axes, seen)
+    found = alike(parts, seen, reach)
+    if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
+        return Verdict(
+            law.name, law.settings(), False,
+            f"{len(found.i)} pairs among {found.n_points} points are alike; "
+            f"{MIN_PAIRS} pairs among {MIN_POINTS} points are needed",
+            n_pairs=len(found.i), n_points=found.n_points, pairs=found,
+        )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    bodies = ensemble.draw(n_bodies, rng, articulated=len(parts) > 1)
+    flux = ensemble.fluxes(bodies, *parts[0], parts[1] if len(parts) > 1 else None)
+    mean = flux.mean(axis=1)
+    usable = mean > 0
+    if not _smallest(int(np.sum(usable))) < level:
+        return Verdict(
+            law.name, law.settings(), False,
+            f"only {np.sum(usable)} of {n_bodies} bodies are lit and seen; give more --bodies",
+            n_pairs=len(found.i), n_points=found.n_points, pairs=found,
+        )  # fmt: skip
+    flux = flux[usable] * (seen.flux.mean() / mean[usable])[:, None]
+    flux = flux + seen.error * rng.standard_normal(flux.shape)
+    null = statistic(flux, seen.error, found)
+    mine = float(statistic(seen.flux[None], seen.error, found)[0])
+    p = (1 + np.sum(null >= mine)) / (1 + len(null))
+    return Verdict(
+        law.name, law.settings(), True, "", float(p), mine, float(np.median(null)),
+        len(found.i), found.n_points, pairs=found,
+    )  # fmt: skip
+
+
+def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -> Pairs:
+    """Pairs whose directions to Sun and observer agree within ``reach`` (rad) in every part."""
+    place = np.concatenate([v for part in parts for v in part], axis=1)  # (T, 6 F), unit vectors
+    # Each of 2F angles is within reach only if the whole chord is within sqrt(2F) of it.
+    chord = 2.0 * np.sin(0.5 * reach)
+    raw = KDTree(place).query_pairs(chord * np.sqrt(place.shape[1] / 3), output_type="ndarray")
+    i, j = (np.sort(raw, axis=1).T if len(raw) else np.zeros((2, 0), int)).astype(np.int64)
+    apart = np.linalg.norm((place[i] - place[j]).reshape(len(i), place.shape[1] // 3, 3), axis=2)
+    d = 2.0 * np.arcsin(np.clip(0.5 * apart.max(axis=1, initial=0.0), 0.0, 1.0))
+    kept = (d <= reach) & (seen.group[i] == seen.group[j])
+    i, j, d = i[kept], j[kept], d[kept]
+    follow = (seen.one_pass[i] == seen.one_pass[j]) & (j <= _run_end(place, seen, chord)[i])
+    near = follow & (d >= 0.2 * reach)  # nearer ones are noise
+    i2, j2, d2 = _nearest(i[~follow], j[~follow], d[~follow])
+    pick = np.flatnonzero(near)
+    pick = pick[:: max(1, len(pick) // 4000)]
+    return Pairs(i2, j2, d2, i[pick], j[pick], d[pick])
+
+
+def _run_end(place: Floats, seen: Reduced, chord: float) -> Ints:
+    """For each point the last one that follows it in its pass without a stray beyond 2 reaches."""
+    n = len(place)
+    end = np.arange(n)
+    last = np.searchsorted(seen.one_pass, seen.one_pass, side="right") - 1
+    going = np.ones(n, bool)
+    for step in range(1, n):
+        rows = np.flatnonzero(going & (end + 1 <= last) & (end == np.arange(n) + step - 1))
+        if not len(rows):
+            break
+        apart = np.linalg.norm((place[rows] - place[rows + step]).reshape(len(rows), -1, 3), axis=2)
+        stays = apart.max(axis=1) <= 2.0 * chord
+        end[rows[stays]] += 1
+        going[rows[~stays]] = False
+    return end
+
+
+def _nearest(i: Ints, j: Ints, d: Floats) -> tuple[Ints, Ints, Floats]:
+    """Of every point the nearest partners, each pair once."""
+    both = np.concatenate([i, j]), np.tile(np.arange(len(i)), 2)
+    order = np.lexsort((d[both[1]], both[0]))
+    point, pair = both[0][order], both[1][order]
+    first = np.searchsorted(point, point, side="left")
+    kept = np.unique(pair[np.arange(len(point)) - first < PARTNERS])
+    return i[kept], j[kept], d[kept]
+
+
+def statistic(flux: Floats, error: Floats, pairs: Pairs) -> Floats:
+    """The statistic of the module's head for several light curves at once, (B, T) → (B,)."""
+    kappa = roughness(flux, error, pairs)
+    i, j = pairs.i, pairs.j
+    mean = 0.5 * (flux[:, i] + flux[:, j])
+    own = error[i] ** 2 + error[j] ** 2 + (kappa[:, None] * mean * pairs.d) ** 2
+    return np.mean(np.log1p((flux[:, i] - flux[:, j]) ** 2 / own), axis=1)
+
+
+def roughness(flux: Floats, error: Floats, pairs: Pairs) -> Floats:
+    """κ (B,): root mean square relative change per radian along passes, noise taken off."""
+    i, j, d = pairs.near_i, pairs.near_j, pairs.near_d
+    if len(i) < 20:
+        return np.full(len(flux), 3.0)
+    mean = 0.5 * (flux[:, i] + flux[:, j])
+    change = (flux[:, i] - flux[:, j]) ** 2 - error[i] ** 2 - error[j] ** 2
+    kappa2 = change.mean(axis=1) / np.maximum(np.mean((mean * d) ** 2, axis=1), 1e-300)
+    return np.sqrt(np.clip(kappa2, SMOOTHEST**2, ROUGHEST**2))

@@ -1,0 +1,99 @@
+"""Measurements at unit distance, and the passes that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.physics.attitude.laws import Attitude as Law
+from lcbayes.physics.attitude.laws import Ephemeris
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GAP_S = 600.0  # a longer silence ends a pass
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """What a method without inversion reads, points in order of pass and time.
+
+    Attributes
+    ----------
+    t : (T,) s
+    flux, error : (T,)
+        At unit distance under unit irradiance (m²); of curves of unknown scale in any unit.
+    sun, obs : (T, 3)
+        Unit vectors, inertial.
+    one_pass : (T,) int
+        Stretch of one curve, site and band without a gap of 600 s.
+    group : (T,) int
+        Points whose brightness can be compared: one band, and one curve where its scale is free.
+    row : (T,) int
+        Index of the point in the light curve.
+    """
+
+    t: Floats
+    flux: Floats
+    error: Floats
+    sun: Floats
+    obs: Floats
+    one_pass: Ints
+    group: Ints
+    row: Ints
+
+    def at(self, rows: Ints) -> Reduced:
+        """Some of the points, in that order."""
+        return Reduced(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def reduce(curve: LightCurve) -> Reduced:
+    """Linear flux at unit distance, pass by pass.
+
+    Raises
+    ------
+    InputError
+        There is no brightness, or no error of it: what is alike cannot be told from what is not.
+    """
+    if curve.error is None:
+        raise InputError(
+            "the light curve gives no errors, so that noise cannot be told from a change; give "
+            "flux_err or mag_err, or one for all points with --error"
+        )
+    seen = Observed.of(curve, Attitude())
+    label = _numbered(curve.curve, curve.site, curve.band)
+    order = np.lexsort((curve.t, label))
+    label, t = label[order], curve.t[order]
+    new = (np.diff(label) != 0) | (np.diff(t) > GAP_S)
+    loose = np.where(curve.free_scale[curve.curve], curve.curve, -1)
+    return Reduced(
+        t, seen.flux[order], seen.error[order], curve.sun[order], curve.obs[order],
+        np.concatenate([[0], np.cumsum(new)]), _numbered(loose, curve.band)[order], order,
+    )  # fmt: skip
+
+
+def turns(law: Law, eph: Ephemeris, seen: Reduced) -> list[Floats]:
+    """Axes (T, 3, 3) of the body and, where the law turns one, of its array, point by point.
+
+    ``eph`` is that of the whole light curve, so that a law is compiled for one length alone.
+    """
+    return [np.asarray(x)[seen.row] for x in law.frames(eph) if x is not None]
+
+
+def in_body(axes: Sequence[Floats], seen: Reduced) -> list[tuple[Floats, Floats]]:
+    """Directions to Sun and observer, (T, 3) each, in each of these axes."""
+    return [
+        (np.einsum("tij,ti->tj", a, seen.sun), np.einsum("tij,ti->tj", a, seen.obs)) for a in axes
+    ]
+
+
+def _numbered(*columns: NDArray) -> Ints:
+    """(T,) number of each row's combination."""
+    text = np.stack([np.asarray(c).astype(str) for c in columns], axis=1)
+    return np.unique(text, axis=0, return_inverse=True)[1].ravel()

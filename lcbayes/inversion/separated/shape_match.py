@@ -1,0 +1,421 @@
+"""Which candidate shape has the distribution of brightness over phase angle that was seen?
+
+A body seen in many unrelated orientations has a brightness that is random, distributed as its
+shape and the phase angle say. Candidates are turned at random, lit at the phase angles of the
+observations, and made as noisy; the distribution of the observations in the plane of phase angle
+and magnitude is held against theirs. Size and albedo are unknown: magnitudes are taken against
+their median. p-values are ranks among samples of the candidate itself.
+
+References
+----------
+Hall et al. 2007, sec. 5 and fig. 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.separated.attitude_test import alike
+from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
+from lcbayes.inversion.separated.two_samples import Reference
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.physics.attitude import catalogue
+from lcbayes.physics.bodies import shapes
+from lcbayes.physics.brightness import flux_brdf
+
+R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
+LEAST_SNR = 3.0
+LEAST_LEVEL = 0.001  # for which 2000 nulls are drawn
+REACH_MAG = 4.0  # from the median; what is fainter or brighter counts as there
+MIN_INDEPENDENT, MOST_POINTS, LEAST_SPAN_DEG = 100, 500, 30.0
+MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
+BLOCK = 500_000  # facets times samples at once
+STEP_DEG, TURNS = 1.0, 240  # phase angles that a shape is sampled at, orientations at each
+STABLE_P, STABLE_PAIRS, STABLE_REACH_DEG = 0.01, 30, 8.0
+STABLE_LAWS = ("inertial", "lvlh", "yaw-steering", "sun-north", "sun-pointing", "earth-north")
+
+
+@cache
+def candidates() -> dict[str, shapes.Body]:
+    """The built-in shapes; a cylinder is three times as long as wide."""
+    return {
+        "cube": shapes.cube(),
+        "tetrahedron": shapes.tetrahedron(),
+        "cylinder": shapes.cylinder(0.5, 3.0, 72),
+        "sphere": shapes.sphere(0.5, MANY_ROUND),
+        "plate": shapes.plate(),
+        "box-wing": shapes.box_wing(),
+        "rocket-body": shapes.rocket_body(n=72),
+    }
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Blinn and Phong's law, the same on all facets; the lobe of a mirror has a large exponent."""
+
+    r_diff: float = R_DIFF
+    r_spec: float = R_SPEC
+    exponent: float = EXPONENT
+
+    def __post_init__(self) -> None:
+        if min(self.r_diff, self.r_spec) < 0 or not 0 < self.r_diff + self.r_spec <= 1:
+            raise InputError(
+                f"r_diff {self.r_diff:g} and r_spec {self.r_spec:g}: expected numbers >= 0 whose "
+                "sum is at most 1"
+            )
+        if not 1.0 <= self.exponent <= 1000.0:
+            raise InputError(f"the exponent is {self.exponent:g}; expected 1 .. 1000")
+
+
+@dataclass(frozen=True)
+class Match:
+    """A candidate against the observations.
+
+    Attributes
+    ----------
+    name : of the candidate
+    p_kolmogorov, p_energy : probability of so large a distance if this is the shape
+    kolmogorov, energy : distances
+    excess : energy distance above its mean under the candidate, in standard deviations
+    phase, magnitude : (M,) rad, mag
+        Draws of the candidate, magnitudes against their median.
+    """
+
+    name: str
+    p_kolmogorov: float
+    p_energy: float
+    kolmogorov: float
+    energy: float
+    excess: float
+    phase: Floats
+    magnitude: Floats
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together (Bonferroni)."""
+        return min(1.0, 2.0 * min(self.p_kolmogorov, self.p_energy))
+
+
+@dataclass(frozen=True)
+class ShapeMatch:
+    """All candidates, the nearest first.
+
+    Attributes
+    ----------
+    matches : by p-value, then by ``excess``
+    level : probability below which a candidate is rejected
+    phase, magnitude : (n,) rad, mag
+        Of the observations that were used, magnitudes against their median.
+    n_obs, n_faint, stride : points given; left out below a signal of 3σ; one in how many is taken
+    correlation : number of points that one independent one is worth
+    reasons : conditions that are not met
+    """
+
+    matches: tuple[Match, ...]
+    level: float
+    phase: Floats
+    magnitude: Floats
+    n_obs: int
+    n_faint: int
+    stride: int
+    correlation: float
+    reasons: list[str]
+
+    @property
+    def consistent(self) -> list[Match]:
+        """Candidates that are not rejected."""
+        return [m for m in self.matches if m.p_value >= self.level]
+
+
+def shape_match(
+    curve: LightCurve,
+    bodies: Mapping[str, shapes.Body] | None = None,
+    *,
+    surface: Surface | None = None,
+    level: float = 0.05,
+    n_nulls: int | None = None,
+    n_draws: int = 8000,
+    seed: int = 0,
+    progress: Silent | None = None,
+) -> ShapeMatch:
+    """Hold the phase-angle/brightness distribution against those of candidate shapes.
+
+    Parameters
+    ----------
+    curve : LightCurve
+        Of one object, calibrated: all its points on one scale.
+    bodies : name → body; the built-in shapes when None
+    surface : of the candidates
+    level : a candidate is rejected below this p-value
+    n_nulls : samples that p-values rank among; no p-value is below 2/(1 + n_nulls). By default 199,
+        more where the level asks for it.
+    n_draws : draws that a distribution is known by
+
+    Raises
+    ------
+    InputError
+        No errors, several unknown scales, too few points, or an option out of range, among them
+        fewer nulls than it takes to reject at the level.
+    """
+    if not LEAST_LEVEL <= level < 1.0:
+        raise InputError(f"the level is {level:g}; expected {LEAST_LEVEL:g} <= level < 1")
+    least = max(39, int(2.0 / level))  # of nulls: 2/(1 + least) is below the level
+    n_nulls = max(199, least) if n_nulls is None else n_nulls
+    if n_nulls < least or n_draws < 1000:
+        raise InputError(
+            f"expected n_draws >= 1000, and n_nulls >= {least} to reject at the level {level:g}"
+        )
+    seen = reduce(curve)
+    if len(np.unique(seen.group)) > 1:
+        raise InputError(
+            f"the light curve has {len(np.unique(seen.group))} scales (curves of unknown scale, or "
+            "bands), and the distribution needs one; give one of them"
+        )
+    progress = progress or Silent()
+    surface = surface or Surface()
+    bright = seen.flux > (LEAST_SNR * seen.error if curve.kind == "flux" else 0.0)
+    n_obs, n_faint = len(seen.t), int(np.sum(~bright))
+    seen = seen.at(np.flatnonzero(bright))
+    if len(seen.t) < 20:
+        raise InputError(f"{len(seen.t)} points are brighter than their noise; 20 are needed")
+    correlation = correlated(seen)
+    stride = max(int(np.ceil(correlation)), int(np.ceil(len(seen.t) / MOST_POINTS)))
+    seen = seen.at(np.arange(0, len(seen.t), stride))
+    rng = np.random.default_rng(seed)
+    phase, magnitude = _phase(seen), -2.5 * np.log10(seen.flux)
+    magnitude = magnitude - np.median(magnitude)
+    reasons = _reasons(curve, seen, phase, magnitude, rng)
+    bodies = candidates() if bodies is None else bodies
+    found = []
+    with progress.stage("matching shapes", len(bodies), "shapes") as track:
+        for name, body in bodies.items():
+            found.append(
+                _match(name, body, surface, curve.kind, seen, phase, magnitude, n_nulls, n_draws,
+                       np.random.default_rng(seed))
+            )  # fmt: skip
+            track.advance(1, name)
+    found.sort(key=lambda m: (-min(m.p_value, level), m.excess))
+    return ShapeMatch(
+        tuple(found), level, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
+    )
+
+
+def _phase(seen: Reduced) -> Floats:
+    cross = np.linalg.norm(np.cross(seen.sun, seen.obs), axis=1)
+    return np.arctan2(cross, np.sum(seen.sun * seen.obs, axis=1))
+
+
+def correlated(seen: Reduced) -> float:
+    """How many successive points one independent point is worth, 1 + 2 Σ ρ_k.
+
+    ρ is the correlation of magnitudes, their trend with phase angle taken out, within passes; the
+    sum ends where ρ falls below its noise (Sokal's window of positive terms).
+    """
+    left = _without_trend(_phase(seen), -2.5 * np.log10(np.maximum(seen.flux, 1e-300)))
+    left = np.clip(left, -REACH_MAG, REACH_MAG)
+    total = 1.0
+    for k in range(1, len(left) // 4):
+        same = seen.one_pass[k:] == seen.one_pass[:-k]
+        if np.sum(same) < 20:
+            break
+        rho = np.mean((left[k:] * left[:-k])[same]) / np.mean(left**2)
+        if rho < 2.0 / np.sqrt(np.sum(same)):
+            break
+        total += 2.0 * rho
+    return float(total)
+
+
+def _without_trend(phase: Floats, magnitude: Floats) -> Floats:
+    base = np.polynomial.legendre.legvander(2.0 * phase / np.pi - 1.0, 2)
+    fitted, *_ = np.linalg.lstsq(base, magnitude, rcond=None)
+    return magnitude - base @ fitted
+
+
+def _reasons(
+    curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
+) -> list[str]:
+    out = []
+    if len(phase) < MIN_INDEPENDENT:
+        out.append(
+            f"{len(phase)} observations are independent of each other, and {MIN_INDEPENDENT} are "
+            "needed: brightness follows itself from point to point; observe more passes"
+        )
+    span = float(np.degrees(np.subtract(*np.quantile(phase, [0.95, 0.05]))))
+    if span < LEAST_SPAN_DEG:
+        out.append(
+            f"phase angles span {span:.0f} deg (5 to 95 %), and {LEAST_SPAN_DEG:g} deg are needed"
+        )
+    stable, law = stabilised(curve, seen, phase, magnitude, rng)
+    if stable < STABLE_P:
+        out.append(
+            f"the object looks stabilised: where the law {law!r} repeats the directions, "
+            f"brightness repeats itself (p = {stable:.3f}), so that orientations are not random"
+        )
+    return out
+
+
+def stabilised(
+    curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
+) -> tuple[float, str]:
+    """p-value that brightness does not repeat itself under any common law, and the nearest law.
+
+    Of pairs that a law makes alike the mean absolute difference of magnitude, trend with phase
+    taken out, ranked among permutations of the points; the smallest over laws against the smallest
+    of the permutations. 1 where no law has pairs enough.
+    """
+    left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
+    eph = ephemeris(curve)
+    tried = np.array([left, *(rng.permutation(left) for _ in range(199))])
+    scores, names = [], []
+    for name in STABLE_LAWS:
+        law = catalogue.find(name)
+        try:
+            parts = in_body(turns(law, eph, seen)[:1], seen)
+        except InputError:
+            continue
+        pairs = alike(parts, seen, np.radians(STABLE_REACH_DEG))
+        if len(pairs.i) < STABLE_PAIRS:
+            continue
+        mean = np.mean(np.abs(tried[:, pairs.i] - tried[:, pairs.j]), axis=1)
+        scores.append((mean - mean[1:].mean()) / mean[1:].std())
+        names.append(name)
+    if not names:
+        return 1.0, ""
+    least = np.min(scores, axis=0)
+    p = (1 + np.sum(least[1:] <= least[0])) / len(least)
+    return float(p), names[int(np.argmin([s[0] for s in scores]))]
+
+
+def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Directions to Sun and observer (n, 3) at these phase angles, orientation uniform."""
+    sun = rng.normal(size=(len(phase), 3))
+    sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+    side = rng.normal(size=sun.shape)
+    side -= np.sum(side * sun, axis=1, keepdims=True) * sun
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    return sun, np.cos(phase)[:, None] * sun + np.sin(phase)[:, None] * side
+
+
+class Cast:
+    """Brightness of a shape at every phase angle, for orientations drawn once.
+
+    A draw takes one of the two sampled angles about the one asked for, the nearer the likelier:
+    as if the phase angle were uncertain by `STEP_DEG`.
+    """
+
+    def __init__(self, body: shapes.Body, surface: Surface) -> None:
+        self.angles = np.radians(np.arange(0.0, 180.0 + STEP_DEG / 2, STEP_DEG))
+        rng = np.random.default_rng(0)
+        flux = sent(body, surface, *turned(np.repeat(self.angles, TURNS), rng))
+        self.flux = flux.reshape(-1, TURNS)
+
+    def draw(self, phase: Floats, rng: np.random.Generator) -> Floats:
+        """Flux of the shape in a random orientation at each phase angle (rad), m²."""
+        place = phase / np.radians(STEP_DEG)
+        node = np.minimum((place + rng.random(len(phase))).astype(int), len(self.angles) - 1)
+        return self.flux[node, rng.integers(TURNS, size=len(phase))]
+
+
+_CASTS: dict[tuple[int, Surface], tuple[shapes.Body, Cast]] = {}
+
+
+def cast(body: shapes.Body, surface: Surface) -> Cast:
+    """The cast of a body, made once as long as the body lives."""
+    key = id(body), surface
+    if key not in _CASTS or _CASTS[key][0] is not body:
+        if len(_CASTS) > 64:
+            _CASTS.clear()
+        _CASTS[key] = body, Cast(body, surface)
+    return _CASTS[key][1]
+
+
+def sent(body: shapes.Body, surface: Surface, sun: Floats, obs: Floats) -> Floats:
+    """Flux at unit distance under unit irradiance, m², (n,)."""
+    n, count = len(sun), len(body.areas)
+    block = max(1, BLOCK // count)
+    padded = -(-n // block) * block
+    rows = np.arange(padded) % n
+    normals, areas = jnp.asarray(body.normals), jnp.asarray(body.areas)
+    values = [
+        _block(jnp.asarray(sun[rows[i : i + block]]), jnp.asarray(obs[rows[i : i + block]]),
+               normals, areas, surface.r_diff, surface.r_spec, surface.exponent)
+        for i in range(0, padded, block)
+    ]  # fmt: skip
+    return np.concatenate([np.asarray(v) for v in values])[:n]
+
+
+@jax.jit
+def _block(sun, obs, normals, areas, r_diff, r_spec, exponent):
+    params = {"r_diff": r_diff, "r_spec": r_spec, "n": exponent}
+    return flux_brdf(sun, obs, normals, areas, "blinn-phong", params)
+
+
+def _match(
+    name: str, body: shapes.Body, surface: Surface, kind: str, seen: Reduced, phase: Floats,
+    magnitude: Floats, n_nulls: int, n_draws: int, rng: np.random.Generator,
+) -> Match:  # fmt: skip
+    """One candidate."""
+    n = len(phase)
+    # a point of the observations for every draw, each equally often: the same phase frequencies
+    which = np.arange(3 * n_draws) % n
+    flux = cast(body, surface).draw(phase[which], rng)
+    level = _level(flux, seen)
+    values, kept = _noisy(flux * level, which, kind, seen, rng)
+    which, values = which[kept], values[kept]
+    if len(values) < 2 * n:
+        return Match(name, 0.0, 0.0, 1.0, np.inf, np.inf, phase[which], values)
+    draws = rng.permutation(len(values))[:n_draws]
+    middle = float(np.median(values[draws]))
+    where, y = phase[which[draws]], values[draws] - middle
+    unit = np.array([np.std(phase), np.std(np.clip(y, -REACH_MAG, REACH_MAG))])
+    low = np.array([phase.min() - 1e-9, -REACH_MAG]) / unit
+    high = np.array([phase.max() + 1e-9, REACH_MAG]) / unit
+    reference = Reference(np.stack([where, y], axis=1) / unit, low, high)
+    mine = np.stack([phase, magnitude], axis=1) / unit
+    samples = [mine]
+    by_point = np.argsort(which, kind="stable")
+    # each point of the observations once, where it is bright enough in some draw
+    count = np.bincount(which, minlength=n)
+    bright = np.flatnonzero(count)
+    begin = np.searchsorted(which[by_point], bright)
+    for _ in range(n_nulls):
+        chosen = by_point[begin + (rng.random(n)[bright] * count[bright]).astype(int)]
+        again = values[chosen]
+        samples.append(np.stack([phase[bright], again - np.median(again)], axis=1) / unit)
+    found = np.stack(reference.distances(samples), axis=1)
+    own, null = found[0], found[1:]
+    p = (1 + np.sum(null >= own, axis=0)) / (1 + n_nulls)
+    excess = (own[1] - null[:, 1].mean()) / null[:, 1].std()
+    return Match(
+        name, float(p[0]), float(p[1]), float(own[0]), float(own[1]), float(excess), where, y
+    )
+
+
+def _level(flux: Floats, seen: Reduced) -> float:
+    """What the candidate's flux is multiplied by so that its median is that of the observations."""
+    bright = flux[flux > 0]
+    return float(np.median(seen.flux) / np.median(bright)) if bright.size else 1.0
+
+
+def _noisy(
+    flux: Floats, which: Ints, kind: str, seen: Reduced, rng: np.random.Generator
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Magnitudes with the noise of the observations, and which of them would have been observed."""
+    noise = rng.standard_normal(len(flux))
+    error = seen.error[which]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if kind == "mag":
+            relative = (seen.error / seen.flux)[which]
+            kept = flux > 0
+            return -2.5 * np.log10(flux) + 2.5 / np.log(10.0) * relative * noise, kept
+        measured = flux + error * noise
+        return -2.5 * np.log10(measured), measured > LEAST_SNR * error

@@ -1,0 +1,208 @@
+"""What a model sees of a light curve: arrays on the device, in the units the physics uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data import earth_shadow
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry import earth
+from lcbayes.geometry.times import seconds_between
+from lcbayes.modelling import pass_effects as passes
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.modelling.pass_effects import Passes
+from lcbayes.physics import photometry
+from lcbayes.physics.attitude.laws import Ephemeris
+
+
+def _static(default):
+    return field(default=default, metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Epochs:
+    """The argument of every model: ``model(data)``.
+
+    Attributes
+    ----------
+    t : (T,) s
+        Time since the first measurement of the curve that is fitted.
+    t_middle, t_span : s
+        Middle and length of the fitted curve. They are carried over to other epochs that are
+        predicted, as ``t`` is, so that a model means the same thing there.
+    sun, obs : (T, 3)
+        Unit vectors body→Sun and body→observer, inertial.
+    phase_angle : (T,) rad
+    brightness, error : (T,)
+        Observed flux or magnitude and its standard deviation (NaN where unknown). Only
+        `noise.observe` reads them.
+    dilution : (T,)
+        What unit-distance, unit-irradiance flux is multiplied by: e/r² in m⁻² for magnitudes,
+        Φ_sun e/r² in W/m² per m² for fluxes with a range, e `penumbra.irradiance`, else 1.
+    zero_point : (T,) mag
+        Magnitude of dilution · flux = 1: the Sun's in the point's band.
+    level : (C,)
+        Typical brightness of a curve of unknown scale, as a factor on the diluted flux; 1 for the
+        others. A unit scale then means an ordinary body whatever units the file is in.
+    noise_unit : (C,)
+        Unit of an unknown noise level: the curve's mean brightness for fluxes, 1 mag.
+    curve : (T,) int
+        Group of the point.
+    exposure_s : (T,) s
+    orbit : Ephemeris
+        What attitude laws read, at the same times; its own t is ``t``.
+    sunlight : (T,)
+        Share of sunlight that reaches the body past the Earth, `penumbra.share`.
+    airmass : (T,)
+        1 where places or ranges are not known.
+    site : (T,) int
+        Which of the fitted curve's sites the point was seen from; ``n_sites`` for any other.
+    member : (T,) int
+        Which of the fitted curve's groups the point belongs to; ``n_members`` for any other. Unlike
+        ``curve`` it means the same object at epochs that are predicted.
+    passes : Passes
+        Which points share a pass; ``has_passes`` says whether any do.
+    information : scalar or (T,)
+        What a point is worth, 1 where errors are independent: the power of its likelihood.
+    kind : "flux" or "mag"
+    has_error, has_exposure : bool
+    free_scale : (C,) bools
+        Whether the group's brightness carries an unknown factor.
+    n_sites, n_members : int
+        Of the fitted curve.
+    calibrated : bool
+        Whether any group of the fitted curve carries none; carried over like ``t_middle``.
+    has_passes : bool
+        Whether the fitted curve has several groups, more passes than groups, and more points than
+        passes, so that what is common to a pass can be told from the noise and from its group.
+    """
+
+    t: jax.Array
+    t_middle: jax.Array
+    t_span: jax.Array
+    sun: jax.Array
+    obs: jax.Array
+    phase_angle: jax.Array
+    brightness: jax.Array
+    error: jax.Array
+    dilution: jax.Array
+    zero_point: jax.Array
+    level: jax.Array
+    noise_unit: jax.Array
+    curve: jax.Array
+    exposure_s: jax.Array
+    orbit: Ephemeris
+    sunlight: jax.Array
+    airmass: jax.Array
+    site: jax.Array
+    member: jax.Array
+    passes: Passes
+    information: jax.Array
+    kind: str = _static("flux")
+    has_error: bool = _static(True)
+    has_exposure: bool = _static(False)
+    free_scale: tuple[bool, ...] = _static(())
+    n_sites: int = _static(1)
+    n_members: int = _static(1)
+    calibrated: bool = _static(True)
+    has_passes: bool = _static(False)
+
+    @classmethod
+    def of(cls, curve: LightCurve, fitted: LightCurve | None = None) -> Epochs:
+        """The device arrays of a light curve.
+
+        Parameters
+        ----------
+        curve : LightCurve
+        fitted : LightCurve, optional
+            The curve whose posterior is to be evaluated at the epochs of ``curve``: it sets the
+            origin of time, the kind of brightness, and what its sites, members and passes are.
+            Default: ``curve`` itself.
+        """
+        fitted = curve if fitted is None else fitted
+        t = curve.t - fitted.t.min()
+        if curve.epoch_jd is not None and fitted.epoch_jd is not None:
+            if curve.frame == "ecliptic-j2000":  # dates of asteroids are counted evenly
+                t = t + (curve.epoch_jd - fitted.epoch_jd) * 86400.0
+            else:
+                t = t + seconds_between(fitted.epoch_jd, curve.epoch_jd)
+        span = np.ptp(fitted.t)
+        n = curve.n_obs
+        dilution = np.ones(n)
+        if curve.range_km is not None:
+            solar = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
+            dilution = solar * earth_shadow.irradiance(curve) / (1e3 * curve.range_km) ** 2
+        # A band without a tabled Sun (an unfiltered camera, say) is taken for V; reports say so.
+        sun_v = photometry.sun_magnitude("V")
+        bands, inverse = np.unique(curve.band, return_inverse=True)
+        zero_point = np.array([photometry.SUN_MAGNITUDE.get(str(b), sun_v) for b in bands])[inverse]
+        linear = curve.brightness
+        if curve.kind == "mag":
+            linear = 10 ** (-0.4 * (curve.brightness - zero_point))
+        level, noise_unit = np.ones(curve.n_curves), np.ones(curve.n_curves)
+        for i in range(curve.n_curves):
+            here = curve.curve == i
+            if curve.free_scale[i]:
+                level[i] = np.mean(linear[here] / dilution[here])
+            if curve.kind == "flux":
+                noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
+        sites = np.unique(fitted.site)
+        has_passes = _has_passes(fitted)
+        together = Passes.of(curve, fitted) if has_passes else Passes.single(n)
+        airmass = np.ones(n)
+        if curve.position_km is not None and curve.range_km is not None:
+            airmass = earth.airmass(curve.position_km, curve.obs, curve.range_km)
+        return cls(
+            t=jnp.asarray(t),
+            t_middle=jnp.asarray(0.5 * span),
+            t_span=jnp.asarray(span),
+            sun=jnp.asarray(curve.sun),
+            obs=jnp.asarray(curve.obs),
+            phase_angle=jnp.asarray(curve.phase_angle),
+            brightness=jnp.asarray(curve.brightness),
+            error=jnp.full(n, np.nan) if curve.error is None else jnp.asarray(curve.error),
+            dilution=jnp.asarray(dilution),
+            zero_point=jnp.asarray(zero_point),
+            level=jnp.asarray(level),
+            noise_unit=jnp.asarray(noise_unit),
+            curve=jnp.asarray(curve.curve),
+            exposure_s=jnp.asarray(curve.exposure_s),
+            orbit=ephemeris(curve)._replace(t=jnp.asarray(t)),
+            sunlight=jnp.asarray(earth_shadow.share(curve)),
+            airmass=jnp.asarray(airmass),
+            site=jnp.asarray(_index(curve.site, sites)),
+            member=jnp.asarray(
+                _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
+            ),
+            passes=together,
+            information=jnp.asarray(1.0),
+            kind=fitted.kind,
+            has_error=curve.error is not None,
+            has_exposure=bool(np.any(curve.exposure_s > 0)),
+            free_scale=tuple(bool(x) for x in curve.free_scale),
+            n_sites=len(sites),
+            n_members=fitted.n_curves,
+            calibrated=not np.all(fitted.free_scale),
+            has_passes=has_passes,
+        )
+
+    def apart(self) -> Epochs:
+        """Each point a pass of its own: what is said of it then rests on no other point."""
+        return replace(self, passes=self.passes.apart())
+
+
+def _has_passes(curve: LightCurve) -> bool:
+    if curve.n_curves == 1:
+        return False
+    return curve.n_curves < int(passes.numbers(curve).max()) + 1 < curve.n_obs
+
+
+def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Where each name stands among those known, else their number."""
+    order = {str(name): i for i, name in enumerate(known)}
+    found, inverse = np.unique(names, return_inverse=True)
+    return np.array([order.get(str(name), len(order)) for name in found])[inverse]

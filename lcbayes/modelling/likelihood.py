@@ -1,0 +1,248 @@
+"""From the flux a model predicts to the brightness that was recorded: scale, units, noise."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jax.scipy.stats import norm
+from numpyro import handlers
+from numpyro.distributions import constraints
+from numpyro.distributions.util import validate_sample
+from numpyro.util import is_prng_key
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.pass_effects import Passes, innovations
+
+OBSERVED = "brightness"
+FLUX = "flux"
+OUTLIER = "outlier"
+Law = Literal["gaussian", "student-t", "mixture"]
+STUDENT_T_DF = 4.0
+OUTLIER_SHARE, OUTLIER_WIDTH = (0.03, 1.0), (4.0, 0.5)  # median, sd of the logarithm
+PASS_SPREADS = ("pass_sd", "pass_drift_sd")
+PASS_SD = 0.2  # mag, median of the prior of what the points of a pass share
+NOISE_SPREAD = 0.25  # sd of the logarithm of a curve's noise about the typical one
+
+
+class Contaminated(dist.Normal):
+    """Normal, but for a share ε of outliers that scatter κ times as wide about the same mean.
+
+    p(y) = (1 − ε) N(y; m, σ) + ε N(y; m, κσ). It stands in for a `Normal` of the same ``loc`` and
+    ``scale`` wherever only the width of the bulk is asked for. With ``passes`` whole passes are
+    outliers, or none of their points is: p(y₁ … yₙ) = (1 − ε) Π N(yₖ; mₖ, σₖ) + ε Π N(yₖ; mₖ, κσₖ),
+    and `log_prob` gives its factors p(yₖ | y₁ … yₖ₋₁).
+    """
+
+    arg_constraints = {  # noqa: RUF012
+        **dist.Normal.arg_constraints,
+        "share": constraints.unit_interval,
+        "width": constraints.positive,
+    }
+    pytree_data_fields = ("loc", "scale", "share", "width", "passes")
+    reparametrized_params: list[str] = []  # noqa: RUF012
+
+    def __init__(
+        self, loc: Any, scale: Any, share: Any, width: Any, passes: Passes | None = None,
+        *, validate_args: bool | None = None,
+    ) -> None:  # fmt: skip
+        self.share, self.width, self.passes = jnp.asarray(share), jnp.asarray(width), passes
+        super().__init__(loc, scale, validate_args=validate_args)
+
+    def sample(self, key: jax.Array | None, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+        assert key is not None
+        assert is_prng_key(key)
+        key_which, key_value = jax.random.split(key)
+        shape = sample_shape + self.batch_shape
+        far = jax.random.bernoulli(key_which, self.share, shape)
+        if self.passes is not None:
+            together = jnp.vectorize(self.passes.of_first, signature="(t)->(t)")
+            far = together(far.astype(float)) > 0.5
+        unit = jax.random.normal(key_value, shape) * jnp.where(far, self.width, 1.0)
+        return jnp.asarray(self.loc) + jnp.asarray(self.scale) * unit
+
+    @validate_sample
+    def log_prob(self, value: Any) -> jax.Array:
+        near, far = self._parts(value)
+        return self._mixed(value, near, far)
+
+    def log_cdf(self, value: Any) -> jax.Array:
+        """Of each value given the earlier ones of its pass, as `log_prob`."""
+        r = (value - jnp.asarray(self.loc)) / jnp.asarray(self.scale)
+        return self._mixed(value, norm.logcdf(r), norm.logcdf(r / self.width))
+
+    def cdf(self, value: Any) -> jax.Array:
+        return jnp.exp(self.log_cdf(value))
+
+    def outlier(self, value: Any) -> jax.Array:
+        """Probability that each value is one of the outliers."""
+        near, far = self._parts(value)
+        odds = far - near if self.passes is None else self.passes.total(far - near)
+        return jax.nn.sigmoid(odds + jnp.log(self.share) - jnp.log1p(-self.share))
+
+    def _mixed(self, value: Any, near: jax.Array, far: jax.Array) -> jax.Array:
+        """ln of (1 − ε) eⁿᵉᵃʳ + ε eᶠᵃʳ, with ε of each pass as its points before the value tell."""
+        apart = jnp.log(self.share) - jnp.log1p(-self.share)
+        if self.passes is not None:
+            before, there = self._parts(value)
+            apart += self.passes.before(there - before)
+        return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
+
+    def _parts(self, value: Any) -> tuple[jax.Array, jax.Array]:
+        """Log density of each value as none of the outliers, and as one of them."""
+        loc, scale = jnp.asarray(self.loc), jnp.asarray(self.scale)
+        r2 = ((value - loc) / scale) ** 2
+        norm = -jnp.log(scale) - 0.5 * jnp.log(2.0 * jnp.pi)
+        return norm - 0.5 * r2, norm - jnp.log(self.width) - 0.5 * r2 / self.width**2
+
+
+def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Array:
+    """The factor of each curve, (C,): log-normal where it is unknown, 1 where it is known.
+
+    What is sampled is the curve's mean brightness over its observed mean, ``log_level``, and the
+    scale follows from the predicted ``flux``. The two differ by a shift, so the posterior is that
+    of a wide log-normal scale; but the level is held by the data to σ/√n whatever the shape does,
+    while the scale alone would have to follow every change of the body's size along a curve.
+    """
+    free = np.flatnonzero(data.free_scale)
+    n_curves = len(data.free_scale)
+    if not free.size:
+        return jnp.ones(n_curves)
+    log_level = numpyro.sample(
+        "log_level", dist.Normal(0.0, log_sd).expand([free.size]).to_event(1)
+    )
+    total = jnp.zeros(n_curves).at[data.curve].add(flux)
+    count = jnp.zeros(n_curves).at[data.curve].add(1.0)
+    mean = jnp.maximum(total / count, 1e-12)[free]
+    scale = jnp.ones(n_curves).at[free].set(jnp.exp(log_level) / mean)
+    numpyro.deterministic("scale", scale)
+    return scale
+
+
+def expected(data: Epochs, flux: jax.Array, scale: jax.Array) -> jax.Array:
+    """Noise-free brightness in the unit of the data, (T,).
+
+    ``flux`` is at unit distance under unit irradiance. A magnitude is
+    m = m_sun − 2.5 log₁₀(flux · scale / r²).
+    """
+    linear = flux * data.dilution * (scale * data.level)[data.curve]
+    if data.kind == "flux":
+        return linear
+    # 10⁻¹² of the curve's level is 30 mag down: dark, but with a finite magnitude and gradient.
+    floor = 1e-12 * (data.dilution * data.level[data.curve])
+    return data.zero_point - 2.5 * jnp.log10(jnp.maximum(linear, 0.0) + floor)
+
+
+def noise_levels(data: Epochs) -> jax.Array:
+    """Noise of each curve, (C,), where the file gives no errors.
+
+    ``sigma`` ~ LogNormal(ln 0.03, 1) is the typical level: relative to a curve's mean for fluxes,
+    in magnitudes for magnitudes. Curves come from different nights and telescopes, so with more
+    than one each has its own, ``noise`` = sigma · LogNormal(0, 0.25): otherwise the noisiest of
+    them would set the weight of all.
+    """
+    n_curves = len(data.free_scale)
+    sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(0.03), 1.0)))
+    numpyro.deterministic("sigma", sigma)
+    if n_curves == 1:
+        return sigma[None]
+    spread = dist.Normal(0.0, 1.0).expand([n_curves]).to_event(1)
+    noise = sigma * jnp.exp(NOISE_SPREAD * jnp.asarray(numpyro.sample("noise_unit", spread)))
+    numpyro.deterministic("noise", noise)
+    return noise
+
+
+def scatter(data: Epochs, median: float, log_sd: float = 1.0) -> jax.Array:
+    """Standard deviation (T,) where what the model leaves out scatters beyond the file's errors.
+
+    √(error² + sigma²), ``sigma`` ~ LogNormal(ln median, log_sd), in magnitudes for magnitudes and
+    relative to a curve's mean for fluxes; sigma alone where the file gives no errors.
+    """
+    sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(median), log_sd)))
+    numpyro.deterministic("sigma", sigma)
+    sd = (sigma * data.noise_unit)[data.curve]
+    return jnp.sqrt(data.error**2 + sd**2) if data.has_error else sd
+
+
+def observe(
+    data: Epochs,
+    flux: jax.Array,
+    noise: Law = "gaussian",
+    scatter_median: float = 0.0,
+    passes: bool = False,
+) -> None:
+    """Condition on the recorded brightness (site ``brightness``).
+
+    Errors that the file gives are taken as they are; where it gives none they are inferred, see
+    `noise_levels`. The likelihood is raised to the power ``data.information``. The flux is that in
+    full sunlight; in penumbra the body has ``data.sunlight`` of it.
+
+    Parameters
+    ----------
+    data : Epochs
+    flux : (T,)
+        Predicted, unit distance and irradiance.
+    noise : "gaussian", "student-t" or "mixture"
+        Student-t has 4 degrees of freedom: one point in fifty may lie beyond 3.7 scales. In a
+        mixture, `Contaminated`, the outliers' share and width are inferred, about 3 % and 5 scales
+        (1 + LogNormal(ln 4, 0.5)) before the data.
+    scatter_median : float
+        If not zero the scatter beyond the errors is inferred, see `scatter`.
+    passes : bool
+        Whether the points of a pass share an offset and a drift, of standard deviations
+        ``pass_sd`` and ``pass_drift_sd`` (to the end of the longest pass), each
+        ~ LogNormal(ln `PASS_SD`, 1), in magnitudes for magnitudes and relative to a curve's mean
+        for fluxes. They are integrated out: the law of noise is that of each
+        point given the earlier ones of its pass, see `pass_effects.innovations`; ``expected`` is
+        without them. In a mixture whole passes are outliers.
+
+    References
+    ----------
+    Linares & Crassidis, eqs. (1), (10), the normalisation to the power m; Hogg, Bovy & Lang 2010,
+    arXiv:1008.4686, sec. 3 (mixture).
+    """
+    flux = jnp.asarray(numpyro.deterministic(FLUX, flux * data.sunlight))
+    scale = curve_scales(data, flux)
+    mean = expected(data, flux, scale)
+    numpyro.deterministic("expected", mean)
+    if scatter_median:
+        sd = scatter(data, scatter_median)
+    else:
+        sd = data.error if data.has_error else (noise_levels(data) * data.noise_unit)[data.curve]
+    together = data.passes if passes else None
+    if together is not None:
+        spreads = []
+        for name in PASS_SPREADS:
+            log_sd = numpyro.sample(f"log_{name}", dist.Normal(np.log(PASS_SD), 1.0))
+            spreads.append(jnp.asarray(numpyro.deterministic(name, jnp.exp(log_sd))))
+        unit = data.noise_unit[data.curve]  # one for the points of a pass
+        inner = (x / unit for x in (data.brightness, mean, sd))
+        mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
+    if noise == "gaussian":
+        likelihood = dist.Normal(mean, sd)
+    elif noise == "student-t":
+        likelihood = dist.StudentT(STUDENT_T_DF, mean, sd)
+    elif noise == "mixture":
+        likelihood = _contaminated(mean, sd, together)
+        numpyro.deterministic(OUTLIER, likelihood.outlier(data.brightness))
+    else:
+        raise ValueError(f"unknown noise {noise!r}; available: gaussian, student-t, mixture")
+    with handlers.scale(scale=data.information):
+        numpyro.sample(OBSERVED, likelihood, obs=data.brightness)
+
+
+def _contaminated(mean: jax.Array, sd: jax.Array, passes: Passes | None) -> Contaminated:
+    median, log_sd = OUTLIER_SHARE
+    odds = dist.Normal(np.log(median / (1.0 - median)), log_sd)
+    share = jax.nn.sigmoid(jnp.asarray(numpyro.sample("logit_outlier_share", odds)))
+    width = 1.0 + jnp.exp(
+        numpyro.sample(
+            "log_outlier_excess", dist.Normal(np.log(OUTLIER_WIDTH[0]), OUTLIER_WIDTH[1])
+        )
+    )
+    numpyro.deterministic("outlier_share", share)
+    numpyro.deterministic("outlier_width", width)
+    return Contaminated(mean, sd, share, width, passes)

@@ -1,0 +1,357 @@
+"""A NumPyro model and a light curve as functions of one flat, unconstrained vector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from threading import RLock
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpyro.distributions as dist
+from jax.flatten_util import ravel_pytree
+from jax.interpreters.partial_eval import dce_jaxpr
+from numpy.typing import NDArray
+from numpyro import handlers
+from numpyro.distributions import biject_to
+from numpyro.distributions.transforms import Transform
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
+from lcbayes.modelling.priors import UniformDirection
+
+Sites = dict[str, jax.Array]
+
+TRACING = RLock()
+"""To be held by whoever enters a NumPyro handler: they lie on one stack for all threads. Models run
+only while they are traced, so compiled programs do not wait for each other."""
+
+
+class Moments(NamedTuple):
+    """What the model says of the data at one point: the likelihood's centre and width, (T,)."""
+
+    mean: jax.Array
+    sd: jax.Array
+
+
+class Problem:
+    """The posterior of ``model`` given ``data``, over unconstrained vectors z of size ``dim``.
+
+    Every method takes z and the data as arguments and closes over nothing traced, so that one
+    compilation serves every light curve of the same size. A program is kept for each problem, so
+    light curves share theirs where they share the problem: see `lcbayes.inference.problem_cache`.
+
+    Parameters
+    ----------
+    model : callable
+        NumPyro model ``model(data)``; options already bound.
+    data : Epochs
+        Used for its shapes and to draw a first trace.
+    coordinates : mapping, optional
+        Transform from unconstrained to constrained values for the sites named, in place of
+        NumPyro's own: coordinates in which the posterior is easier to sample.
+
+    Raises
+    ------
+    InputError
+        When the model does not condition on ``brightness`` with a Normal or Student-t, or has
+        discrete or data-dependent sites.
+    """
+
+    def __init__(
+        self,
+        model: Callable[[Epochs], Any],
+        data: Epochs,
+        coordinates: Mapping[str, Transform] | None = None,
+    ) -> None:
+        self.model = model
+        trace = self.trace({}, data)
+        latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
+        observed = trace.get(OBSERVED)
+        if observed is None or not observed.get("is_observed"):
+            raise InputError(
+                f"the model has no observed site {OBSERVED!r}; "
+                "end it with lcbayes.modelling.likelihood.observe(data, flux)"
+            )
+        if not isinstance(_base(observed["fn"]), dist.Normal | dist.StudentT):
+            raise InputError(
+                f"the model's site {OBSERVED!r} is a {type(observed['fn']).__name__}; "
+                "expected Normal or StudentT"
+            )
+        for name, site in latent.items():
+            if site["fn"].support.is_discrete:
+                raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
+        self._transforms = {k: biject_to(v["fn"].support) for k, v in latent.items()}
+        self._transforms |= coordinates or {}
+        template = {k: self._transforms[k].inv(v["value"]) for k, v in latent.items()}
+        flat, self.unravel = ravel_pytree(template)
+        self.dim = int(flat.size)
+        self.law: Law = _law(_base(observed["fn"]))
+        lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
+        self.n_parameters = self.dim - int(sum(lengths))  # those of directions tell nothing
+        self.names = tuple(sorted(latent))
+        ends = np.cumsum([template[k].size for k in self.names])  # no array op: may be traced
+        self._rows = {
+            k: np.arange(end - template[k].size, end)
+            for k, end in zip(self.names, ends, strict=True)
+        }
+        self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
+        moving = _reaching(lambda free: self._flux(free, data), template)
+        self._body = {k: self._rows[k] for k in moving}
+        widths = _reaching(
+            lambda free: self._conditions(data, free, self._flux(free, data)).sd, template
+        )
+        self._knows_errors = not widths
+        still = np.setdiff1d(np.arange(self.dim), np.concatenate([[], *self._body.values()]))
+        self._body_order = np.argsort(np.concatenate([still, *self._body.values()]))
+
+    def ravel(self, sites: Sites) -> jax.Array:
+        """The flat unconstrained vector of constrained values."""
+        return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
+
+    def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
+        """Coordinates of some sites in the flat vector."""
+        return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])
+
+    def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
+        sites, log_det = {}, jnp.zeros(())
+        for name, transform in self._transforms.items():
+            sites[name] = transform(free[name])
+            log_det += jnp.sum(transform.log_abs_det_jacobian(free[name], sites[name]))
+        return sites, log_det
+
+    def _trace(self, z: jax.Array | Sites, data: Epochs):
+        sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z))
+        return self.trace(sites, data), log_det
+
+    def trace(self, sites: Sites, data: Epochs, key: jax.Array | None = None) -> dict[str, Any]:
+        """Every site of the model as NumPyro records it, at constrained values of some sites and a
+        draw of the others, the same one without a ``key``."""
+        with TRACING:
+            seeded = handlers.seed(self.model, jax.random.key(0) if key is None else key)
+            return handlers.trace(handlers.substitute(seeded, sites)).get_trace(data)
+
+    def potential(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """−log p(y, z) with respect to z."""
+        trace, log_det = self._trace(z, data)
+        return -log_det - sum(
+            jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
+            for v in trace.values()
+            if v["type"] == "sample"
+        )
+
+    def slope(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Gradient of the potential, (D,)."""
+        return jax.grad(self.potential)(z, data)
+
+    def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """ln of all that multiplies the prior of `prior_draw`, the brightness aside.
+
+        Factors, such as that of facets being seen, and further conditions.
+        """
+        trace, _ = self._trace(z, data)
+        return sum(
+            (
+                jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
+                for k, v in trace.items()
+                if v["type"] == "sample" and v["is_observed"] and k != OBSERVED
+            ),
+            start=jnp.zeros(()),
+        )
+
+    def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
+        """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
+        return _moments(self._trace(z, data)[0][OBSERVED])
+
+    def _flux(self, free: Sites, data: Epochs) -> jax.Array:
+        return self._trace(free, data)[0][FLUX]["value"]
+
+    def _conditions(self, data: Epochs, free: Sites, flux: jax.Array) -> Moments:
+        """Centres and widths of every observed site, end to end, for a given flux.
+
+        A model may condition on more than the brightness, such as areas that close.
+        """
+        with TRACING, handlers.substitute(data={FLUX: flux}):
+            trace, _ = self._trace(free, data)
+        parts = [_moments(v) for v in trace.values() if _is_condition(v)]
+        return Moments(
+            *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
+        )
+
+    def log_tail(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """ln of the probability of a brightness as far below its centre as the recorded one is from
+        it, or farther: ln F(m − |y − m|) by the law of noise, at most ln ½, (T,)."""
+        site = self._trace(z, data)[0][OBSERVED]
+        fn = _base(site["fn"])
+        mirrored = fn.loc - jnp.abs(site["value"] - fn.loc)
+        return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
+
+    def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Pointwise, each point taken whole, (T,)."""
+        site = self._trace(z, data)[0][OBSERVED]
+        return site["fn"].log_prob(site["value"])
+
+    def constrain(self, z: jax.Array, data: Epochs) -> Sites:
+        """Every latent and deterministic site at z, in the model's own units."""
+        trace, _ = self._trace(z, data)
+        return {
+            k: v["value"]
+            for k, v in trace.items()
+            if v["type"] == "deterministic" or (v["type"] == "sample" and not v["is_observed"])
+        }
+
+    def flux(self, sites: Sites, data: Epochs) -> jax.Array:
+        """The flux a model hands to `noise.observe` for constrained values of its sites, (T,)."""
+        return self.trace(sites, data)[FLUX]["value"]
+
+    def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
+        """One draw of the data given z: posterior predictive, each point for itself, (T,)."""
+        return self._trace(z, data.apart())[0][OBSERVED]["fn"].sample(key)
+
+    def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """Expected information of all that is conditioned on, plus the prior's, (D, D).
+
+        F = Jᵀ diag(w/σ²) J + 2 Kᵀ diag(v) K + P with J = ∂mean/∂z, K = ∂ln sd/∂z and P the
+        positive part of the Hessian of −ln prior; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t and 1
+        for Normal. Factors of the model that are no distributions do not enter.
+
+        The flux is nearly all of the cost. So it is linearised once and pushed forward only along
+        the sites that it depends on; what follows, scale and noise of each curve, costs little.
+        """
+        free = self.unravel(z)
+        trace, _ = self._trace(free, data)
+        weights = [_weights(v) for v in trace.values() if _is_condition(v)]
+        w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
+        basis = jax.vmap(self.unravel)(jnp.eye(self.dim))
+        flux = self._flux(free, data)
+        parts = [jnp.zeros((self.dim - sum(r.size for r in self._body.values()), flux.size))]
+        for name in self._body:
+            along = jax.jacfwd(lambda x, name=name: self._flux({**free, name: x}, data))(free[name])
+            parts.append(along.reshape(flux.size, -1).T)
+        change = jnp.concatenate(parts)[self._body_order]
+        moments, push_on = jax.linearize(partial(self._conditions, data), free, flux)
+        mean, sd = jax.vmap(push_on)(basis, change)
+        mean = mean * (jnp.sqrt(w) / moments.sd)
+        information = mean @ mean.T + self.prior_precision(z, data)
+        if self._knows_errors:
+            return information
+        sd = sd * (jnp.sqrt(2 * v) / moments.sd)
+        return information + sd @ sd.T
+
+    def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """What the prior alone holds of z, (D, D), positive semi-definite by construction.
+
+        Of sites that are Normal the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K with J of the
+        value minus its mean and K of ln σ, so that a prior whose width is itself inferred counts
+        rightly; of a distribution that has a method ``precision`` what that says; of every other
+        site the Hessian of −ln prior along the site itself, its negative directions dropped.
+        """
+        free = self.unravel(z)
+        trace, _ = self._trace(free, data)
+        sd = {k: _moments(trace[k]).sd for k in self._gaussian}
+
+        def residuals(z: jax.Array) -> jax.Array:
+            trace, _ = self._trace(z, data)
+            parts = [jnp.zeros(0)]
+            for k in self._gaussian:
+                mean, width = _moments(trace[k])
+                parts += [(trace[k]["value"] - mean) / sd[k], jnp.sqrt(2.0) * jnp.log(width)]
+            return jnp.concatenate([jnp.ravel(x) for x in parts])
+
+        _, push = jax.linearize(residuals, z)
+        jacobian = jax.vmap(push)(jnp.eye(self.dim))
+        precision = jacobian @ jacobian.T
+        for name in self.names:
+            if name not in self._gaussian:
+                rows = self._rows[name]
+                block = self._curvature(name, trace[name]["fn"], free[name])
+                precision = precision.at[np.ix_(rows, rows)].add(block)
+        return precision
+
+    def _curvature(self, name: str, fn: Any, value: jax.Array) -> jax.Array:
+        """Positive part of the Hessian of −ln prior of one site along itself."""
+        transform = self._transforms[name]
+        if hasattr(fn, "precision"):
+            return fn.precision(value)
+
+        def minus_log_prior(flat: jax.Array) -> jax.Array:
+            free = flat.reshape(value.shape)
+            site = transform(free)
+            log_det = transform.log_abs_det_jacobian(free, site)
+            return -jnp.sum(fn.log_prob(site)) - jnp.sum(log_det)
+
+        values, vectors = jnp.linalg.eigh(jax.hessian(minus_log_prior)(value.ravel()))
+        return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
+
+    def prior_draw(self, key: jax.Array, data: Epochs) -> jax.Array:
+        """A draw from the prior as an unconstrained vector."""
+        trace = self.trace({}, data, key)
+        return self.ravel({k: trace[k]["value"] for k in self.names})
+
+
+def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a problem as a program: one for all light curves of a structure, where
+    `jax.jit(problem.method)` would be a new one at each call."""
+    owner: Any = method
+    return partial(_call, owner.__func__, owner.__self__)
+
+
+@partial(jax.jit, static_argnums=0)
+def prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
+    """Unconstrained vectors from the prior, one for each key, (n, D)."""
+    return jax.vmap(problem.prior_draw, (0, None))(keys, data)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _call(function: Callable[..., Any], problem: Problem, *args: Any) -> Any:
+    return function(problem, *args)
+
+
+def _base(fn: Any) -> Any:
+    while isinstance(fn, dist.Independent | dist.ExpandedDistribution | dist.MaskedDistribution):
+        fn = fn.base_dist
+    return fn
+
+
+def _law(fn: Any) -> Law:
+    if isinstance(fn, dist.StudentT):
+        return "student-t"
+    return "mixture" if isinstance(fn, Contaminated) else "gaussian"
+
+
+def _is_direction(site: dict[str, Any]) -> bool:
+    return isinstance(_base(site["fn"]), UniformDirection)
+
+
+def _reaching(f: Callable[[Sites], jax.Array], sites: Sites) -> tuple[str, ...]:
+    """The sites that f depends on."""
+    leaves = jax.make_jaxpr(f)(sites)
+    _, used = dce_jaxpr(leaves.jaxpr, [True] * len(leaves.jaxpr.outvars))
+    return tuple(k for k, u in zip(sorted(sites), used, strict=True) if u)
+
+
+def _is_condition(site: dict[str, Any]) -> bool:
+    observed = site["type"] == "sample" and site["is_observed"]
+    return observed and isinstance(_base(site["fn"]), dist.Normal | dist.StudentT)
+
+
+def _moments(site: dict[str, Any]) -> Moments:
+    fn, shape = _base(site["fn"]), jnp.shape(site["value"])
+    return Moments(jnp.broadcast_to(fn.loc, shape), jnp.broadcast_to(fn.scale, shape))
+
+
+def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
+    """Information on location and on log scale, per 1/σ², of one observed site, flat."""
+    fn, shape, power = _base(site["fn"]), (jnp.asarray(site["value"]).size,), _power(site)
+    if isinstance(fn, dist.StudentT):
+        df = jnp.ravel(jnp.asarray(fn.df))[0]
+        w, v = (df + 1) / (df + 3), df / (df + 3)
+        return jnp.full(shape, power * w), jnp.full(shape, power * v)
+    return jnp.full(shape, power), jnp.full(shape, power)
+
+
+def _power(site: dict[str, Any]) -> jax.Array | float:
+    """Power to which a site's probability is raised."""
+    return 1.0 if site["scale"] is None else site["scale"]

@@ -1,0 +1,1 @@
+"""Rotations, attitude laws and torque-free motion."""

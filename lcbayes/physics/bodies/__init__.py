@@ -1,0 +1,1 @@
+"""Facets, shapes, convex polyhedra and the Minkowski problem."""

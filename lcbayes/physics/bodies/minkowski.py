@@ -1,0 +1,256 @@
+"""The convex polyhedron that has given facet areas and normals (Minkowski's problem)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.physics.bodies.closure import close, closure
+from lcbayes.physics.bodies.polyhedron import Polyhedron
+
+Floats = NDArray[np.float64]
+
+# Facets below this fraction of the mean area are left out: they change the body by less than any
+# light curve can show, and make the equations stiff.
+SMALLEST = 1e-8
+ALIKE = 1e-7  # rad; facets closer than this are one
+OPEN = 1e-6  # |Σ A n|/Σ A up to which facets count as closed
+FLAT = 1e-10  # of Σ A n nᵀ's eigenvalues, smallest to largest: below, the body has no thickness
+PRECISE = 1e-10  # error of each area, relative to it, at which the iteration ends
+FOUND = 1e-6  # error relative to the mean area up to which a body counts as found
+MAX_STEPS = 200  # of Newton's; a few dozen do
+
+
+def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
+    """The convex polyhedron with these outward unit normals and facet areas.
+
+    Minimises the convex function Σ Aᵢ hᵢ − log V(h) of the support distances h by damped Newton
+    steps: its gradient is A − a(h)/V(h) with a(h) the areas of the polyhedron {x: nᵢ·x ≤ hᵢ}, and
+    ∂aᵢ/∂hⱼ = l_ij/sin θ_ij, ∂aᵢ/∂hᵢ = −Σⱼ l_ij cot θ_ij over the facets j that share with i an
+    edge of length l_ij and enclose the angle θ_ij. At the minimum a ∝ A; a change of size does the
+    rest. A step is halved until the gradient shrinks and no facet is lost, which makes the
+    iteration converge from the ball. Minkowski's theorem says that the body exists and is unique
+    (up to a shift) exactly when the facets close and do not lie in one plane.
+
+    The body solved for is the affine image whose facets face all ways equally, Σ A n nᵀ ∝ 1: area
+    vectors w = A n map by w → B w as points map by x → √(det B) B⁻ᵀ x. So a thin plate is as easy
+    as a cube. Facets whose normals agree to 10⁻⁷ rad are merged; they share their face's area as
+    given. Facets below 10⁻⁸ of the mean area are left out.
+
+    Parameters
+    ----------
+    normals : (N, 3)
+        Outward unit normals, body frame.
+    areas : (N,)
+        Not negative. They must close to 10⁻⁶ of their sum (see `physics.closure.close`).
+
+    Returns
+    -------
+    Polyhedron
+        Each area right to 10⁻¹⁰, relative to it, or to where rounding stops the iteration: no area
+        is wrong by more than 10⁻⁶ of the mean area.
+
+    Raises
+    ------
+    InputError
+        If no convex body has these facets.
+
+    References
+    ----------
+    Minkowski 1897; Little 1983, *An iterative method for reconstructing convex polyhedra from
+    extended Gaussian images*. Kitagawa, Mérigot & Thibert 2019, *Convergence of a Newton algorithm
+    for semi-discrete optimal transport* (the damping). Petty 1961, *Surface area of a convex body
+    under affine transformations* (the image). Schneider, *Convex Bodies*, ch. 8.
+    """
+    normals, given = _checked(normals, areas)
+    merged, group = _merge(normals)
+    area = np.bincount(group, given)
+    kept = np.flatnonzero(area > SMALLEST * np.mean(area))
+    closed = close(merged[kept], area[kept])  # those left out have opened it a little
+    vectors, back = _isotropic(merged[kept] * closed[:, None])
+    target = np.linalg.norm(vectors, axis=1)
+    n = vectors / target[:, None]
+    total = target.sum()
+    body = _solve(n, target / total)
+    vertices, faces = _faces(n, body)
+    back = back * np.sqrt(total / body.areas.sum())
+    found = np.linalg.norm((n * body.areas[:, None]) @ _cofactor(back).T, axis=1)
+    kept_faces = [i for i, f in enumerate(faces) if len(f)]
+    first = np.array([np.flatnonzero(group == k)[0] for k in kept])
+    face_area = np.zeros(len(merged))
+    face_area[kept] = found
+    return Polyhedron(
+        vertices=(vertices - body.centroid) @ back.T,
+        faces=[faces[i] for i in kept_faces],
+        facet=first[kept_faces],
+        areas=face_area[group] * given / np.where(area > 0, area, 1.0)[group],
+        volume=body.volume * float(np.linalg.det(back)),
+    )
+
+
+def _checked(normals: ArrayLike, areas: ArrayLike) -> tuple[Floats, Floats]:
+    n, a = np.asarray(normals, float), np.asarray(areas, float)
+    if n.ndim != 2 or n.shape[1] != 3 or a.shape != n.shape[:1]:
+        raise InputError(f"normals {n.shape} and areas {a.shape}; expected (N, 3) and (N,)")
+    if not (np.all(np.isfinite(n)) and np.all(np.isfinite(a))):
+        raise InputError("a facet's normal or area is not finite; remove it")
+    if np.any(np.abs(np.linalg.norm(n, axis=1) - 1.0) > 1e-6):
+        raise InputError("a facet's normal is not of unit length; divide normals by their lengths")
+    if np.any(a < 0):
+        raise InputError(f"an area is negative ({np.min(a):.3g}), so no convex body has it")
+    if not np.any(a > 0):
+        raise InputError("no facet has an area, so no convex body has them")
+    gap = closure(n, a)
+    if not gap <= OPEN:
+        raise InputError(
+            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2g} exceeds {OPEN:g}, "
+            "so no convex body has them (Minkowski)"
+        )
+    return n, a
+
+
+def _merge(normals: Floats) -> tuple[Floats, NDArray[np.integer]]:
+    """Mean normals of facets that face the same way, (M, 3), and which of them each is of, (N,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(normals).query_pairs(ALIKE, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(normals),) * 2)
+    count, group = connected_components(links, directed=False)
+    mean = np.zeros((count, 3))
+    np.add.at(mean, group, normals)
+    return mean / np.linalg.norm(mean, axis=1, keepdims=True), group
+
+
+def _isotropic(vectors: Floats) -> tuple[Floats, Floats]:
+    """Area vectors (N, 3) of the affine image with Σ A n nᵀ ∝ 1, and the map back of its points."""
+    image, total = vectors, np.eye(3)
+    for _ in range(100):
+        length = np.linalg.norm(image, axis=1)
+        tensor = 3.0 / length.sum() * (image / length[:, None]).T @ image
+        values, axes = np.linalg.eigh(tensor)
+        if values[0] < FLAT * values[2]:
+            raise InputError("facets lie in one plane, so no convex body has them (Minkowski)")
+        if values[2] - values[0] < 1e-3:
+            break
+        step = axes @ np.diag(values**-0.5) @ axes.T
+        image, total = image @ step, step @ total
+    return image, total.T / np.sqrt(np.linalg.det(total))
+
+
+def _cofactor(matrix: Floats) -> Floats:
+    """What area vectors are multiplied by where points are multiplied by ``matrix``."""
+    return np.linalg.det(matrix) * np.linalg.inv(matrix).T
+
+
+def _solve(n: Floats, target: Floats) -> _Cut:
+    """The polyhedron, of any size, with areas in proportion to ``target``, which sums to one."""
+    h = np.full(len(n), 3.0)  # the ball with Σ a = V, as at the minimum
+    body = _cut(n, h)
+    # No facet may be lost on the way: a plane that passes the body by has no slope towards it.
+    least = 0.5 * min(np.min(body.areas / body.areas.sum()), np.min(target))
+    for _ in range(MAX_STEPS):
+        gradient = target - body.areas / body.volume
+        if np.all(np.abs(body.areas / body.areas.sum() - target) < PRECISE * target):
+            break
+        step = _newton_step(n, body, gradient)
+        size = 1.0
+        while size > 1e-9:
+            trial = h + size * step
+            if np.all(trial > 0):
+                new = _cut(n, trial)
+                slope = np.linalg.norm(target - new.areas / new.volume)
+                if np.min(new.areas / new.areas.sum()) >= least and slope <= (
+                    1.0 - 0.5 * size
+                ) * np.linalg.norm(gradient):
+                    break
+            size *= 0.5
+        else:
+            break
+        h = trial - n @ new.centroid  # keep the origin well inside
+        body = _cut(n, h)
+    error = np.max(np.abs(body.areas / body.areas.sum() - target)) * len(n)
+    if not error <= FOUND:
+        raise InputError(f"the shape was not found: an area is off by {error:.2g} of the mean area")
+    return body
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """The polyhedron {x: nᵢ·x ≤ hᵢ} and what Newton's method needs of it.
+
+    ``corners`` (M, 3) may repeat a vertex where more than three facets meet; ``around`` (M, 3)
+    are the facets that meet in each. ``jacobian`` is ∂aᵢ/∂hⱼ.
+    """
+
+    corners: Floats
+    around: NDArray[np.integer]
+    areas: Floats
+    volume: float
+    centroid: Floats
+    jacobian: Floats
+
+
+def _cut(normals: Floats, h: Floats) -> _Cut:
+    """Cut space by the half-spaces, through the convex hull of the dual points nᵢ/hᵢ.
+
+    A triangle of that hull is a vertex of the body, an edge of it is an edge of the body.
+    """
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(normals / h[:, None])
+    corners = -hull.equations[:, :3] / hull.equations[:, 3:]
+    # neighbors[s, k] shares with triangle s the two dual points other than simplices[s, k]
+    start = np.repeat(np.arange(len(corners)), 3)
+    end = hull.neighbors.ravel()
+    i = hull.simplices[:, [1, 2, 0]].ravel()
+    j = hull.simplices[:, [2, 0, 1]].ravel()
+    once = start < end  # each edge is met from both of its ends
+    start, end, i, j = start[once], end[once], i[once], j[once]
+    i, j = np.concatenate([i, j]), np.concatenate([j, i])
+    start, end = np.tile(start, 2), np.tile(end, 2)
+
+    cosine = np.sum(normals[i] * normals[j], axis=1)
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 1e-15))
+    length = np.linalg.norm(corners[start] - corners[end], axis=1)
+    # facet i in triangles from the foot of its plane, signed by the side the edge is on
+    triangle = 0.5 * length * (h[j] - h[i] * cosine) / sine
+    areas = np.bincount(i, triangle, len(h))
+    volume = float(areas @ h / 3)
+    middle = 0.25 * (normals[i] * h[i, None] + corners[start] + corners[end])
+    centroid = (triangle * h[i] / 3) @ middle / volume
+    jacobian = np.zeros((len(h), len(h)))
+    np.add.at(jacobian, (i, j), length / sine)
+    np.add.at(jacobian, (i, i), -length * cosine / sine)
+    return _Cut(corners, hull.simplices, areas, volume, centroid, jacobian)
+
+
+def _newton_step(normals: Floats, body: _Cut, gradient: Floats) -> Floats:
+    """The Newton step of Σ Aᵢ hᵢ − log V, in the space without the three shifts."""
+    hessian = np.outer(body.areas, body.areas) / body.volume**2 - body.jacobian / body.volume
+    typical = np.mean(np.diag(hessian))
+    hessian += typical * (normals @ normals.T) / len(normals)  # the three shifts are flat
+    return -np.linalg.solve(hessian, gradient)
+
+
+def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer]]]:
+    """Distinct vertices, and for each facet its own, counter-clockwise seen from outside."""
+    scale = np.max(np.abs(body.corners))
+    _, first, same = np.unique(
+        np.round(body.corners / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True
+    )
+    vertices, same = body.corners[first], same.ravel()
+    faces = []
+    for i, normal in enumerate(normals):
+        face = np.unique(same[np.any(body.around == i, axis=1)])
+        if len(face) < 3:
+            faces.append(face[:0])
+            continue
+        spokes = vertices[face] - vertices[face].mean(axis=0)
+        upward = np.cross(normal, spokes[0])
+        faces.append(face[np.argsort(np.arctan2(spokes @ upward, spokes @ spokes[0]))])
+    return vertices, faces

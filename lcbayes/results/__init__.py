@@ -1,0 +1,1 @@
+"""The store: results folders, the posterior file, summaries and verdicts."""

@@ -1,0 +1,230 @@
+"""A comparison of numbers of facets in words: what it says, whether to trust it, its table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lcbayes.inference import odds
+from lcbayes.inference.facet_count import Candidate, Compared
+from lcbayes.inference.loo import BAD_K, stacking
+from lcbayes.inference.odds import facets, listed
+
+CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
+ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
+LOST = 20.0  # nats below the best, error aside, from which a poor run does not matter
+
+# Columns of compare.csv, of each row of `candidates`, and what they are.
+COLUMNS = {
+    "n_facets": "number of facets",
+    "n_parameters": "number of inferred parameters",
+    "log_evidence": "ln of the evidence, nat",
+    "log_evidence_se": "its standard error, nat",
+    "log_evidence_below": "what ln of the evidence cannot exceed, of a number ruled out, nat",
+    "log_evidence_spread": "standard deviation of one run's ln evidence, nat",
+    "probability": "posterior probability of the number, each number as likely before",
+    "probability_q05": "5 % of what it may be, for the errors of the evidences",
+    "probability_q95": "95 % of what it may be",
+    "elpd_loo": "sum over epochs of ln p(epoch | the others), nat",
+    "elpd_se": "its standard error, nat",
+    "elpd_diff": "elpd_loo minus the best one, nat",
+    "elpd_diff_se": "standard error of the difference, nat",
+    "max_pareto_k": "largest Pareto k of PSIS-LOO",
+    "n_bad_pareto_k": f"epochs whose Pareto k exceeds {BAD_K}",
+    "stacking_weight": "weight in the mixture that predicts best",
+    "chi2": "of the best fit",
+    "dof": "epochs minus the parameters that they set, or epochs where less than 1 is left",
+}
+
+
+def summarise(
+    found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
+) -> dict[str, Any]:
+    """The content of ``compare.json``."""
+    candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
+    n_runs = len(candidates[0].log_evidences)
+    errors = odds.moderated(np.array([c.se for c in candidates]))
+    values = np.array([c.log_evidence for c in candidates])
+    chances = odds.probabilities(values, errors, n_runs, seed)
+    verdict = odds.verdict(counts, chances)
+    stacked = stacking({c.n_facets: c.loo for c in candidates})
+    worth = found.information
+    rows = []
+    for k, c in enumerate(candidates):
+        elpd, khat = c.loo
+        rows.append(
+            {
+                "n_facets": c.n_facets,
+                "n_parameters": c.n_parameters,
+                "log_evidence": c.log_evidence,
+                "log_evidence_se": errors[k],
+                "log_evidence_spread": c.spread,
+                "log_evidences": c.log_evidences,
+                "log_prior_mass": c.log_prior_mass,
+                "probability": chances.probability[k],
+                "probability_q05": chances.low[k],
+                "probability_q95": chances.high[k],
+                "elpd_loo": elpd.sum(),
+                # of points that follow each other, fewer are independent
+                "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
+                "elpd_diff": stacked.diff[k],
+                "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
+                "max_pareto_k": khat.max(),
+                "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
+                "n_bounded": int(np.sum(np.isneginf(khat))),
+                "stacking_weight": stacked.weight[k],
+                "chi2": c.misfit.chi2,
+                "dof": c.misfit.dof,
+                "gradients": c.gradients,
+                "seconds": c.seconds,
+                "reasons": c.reasons,
+            }
+        )
+    reasons = [*found.failed, *odds.undecided(counts, chances), *_reasons(found, verdict)]
+    return {
+        "model": identity["model"],
+        "n_obs": n_obs,
+        "seed": seed,
+        "converged": not reasons,
+        "reasons": reasons,
+        "conclusion": verdict.sentence,
+        "most_probable": verdict.best,
+        "not_told_from_it": verdict.rivals,
+        "not_excluded": verdict.possible,
+        "information_per_point": worth,
+        "weighed_at_n_facets": found.weighed_at,
+        "n_runs": n_runs,
+        "candidates": rows,
+        "ruled_out": [
+            {
+                "n_facets": r.n_facets,
+                "n_parameters": r.n_parameters,
+                "log_evidence_below": r.below,
+                "probability": 0.0,
+                "chi2": r.misfit.chi2,
+                "dof": r.misfit.dof,
+            }
+            for r in found.ruled_out
+        ],
+        "sparse": None if found.path is None else asdict(found.path),
+        "timing": {
+            "search_s": found.search_s,
+            "sampling_s": sum(c.seconds for c in candidates),
+            "gradients": sum(c.gradients for c in candidates),
+        },
+        "identity": dict(identity),
+    }
+
+
+def _reasons(found: Compared, verdict: odds.Verdict) -> Iterator[str]:
+    top = max(c.log_evidence for c in found.candidates)
+    for c in found.candidates:
+        if c.log_evidence + 5.0 * c.se > top - LOST:
+            yield from (f"{facets(c.n_facets)}: {reason}" for reason in c.reasons)
+    fits: Candidate = max(found.candidates, key=lambda c: c.best)
+    if fits.information > CLEANER * found.information:
+        yield (
+            f"each point was counted as {found.information:.2g} independent ones, after the best "
+            f"fit of the search, but the particles found a better one whose residuals are worth "
+            f"{fits.information:.2g}: search longer with --num-starts"
+        )
+    if found.path is not None:
+        behind = found.information * fits.best - found.path.best
+        if behind > ASTRAY:
+            yield (
+                f"the sparse path from {facets(found.path.upper_bound)} went astray: its best "
+                f"particle fits by {behind:.0f} nats worse than that of {facets(fits.n_facets)}; "
+                "take more particles with --num-particles"
+            )
+    best = next(c for c in found.candidates if c.n_facets == verdict.best)
+    if not best.misfit.explained:
+        yield (
+            f"{facets(verdict.best)} do not explain the data, and no other number tried is more "
+            f"probable: {best.misfit.words}"
+        )
+
+
+TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+
+
+def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table that people read."""
+    heads = [
+        "facets", "ln Z (nat)", "spread", "probability", "5 % to 95 %", "elpd LOO (nat)",
+        "LOO from best", "stacking", "max k", f"k > {BAD_K}", "chi2/dof",
+    ]  # fmt: skip
+    rows = []
+    ends = (summary["sparse"] or {}).get("n_facets")
+    for row in summary["candidates"]:
+        k = row["max_pareto_k"]
+        rows.append(
+            [
+                str(row["n_facets"]) + (" *" if row["n_facets"] == ends else ""),
+                f"{row['log_evidence']:.2f} ± {row['log_evidence_se']:.2f}",
+                f"{row['log_evidence_spread']:.2f}",
+                f"{row['probability']:.3f}",
+                f"{row['probability_q05']:.3f} to {row['probability_q95']:.3f}",
+                f"{row['elpd_loo']:.1f} ± {row['elpd_se']:.1f}",
+                f"{row['elpd_diff']:.1f} ± {row['elpd_diff_se']:.1f}",
+                f"{row['stacking_weight']:.2f}",
+                "–" if np.isneginf(k) else f"{k:.2f}",
+                str(row["n_bad_pareto_k"]),
+                _per_dof(row),
+            ]
+        )
+    for row in summary["ruled_out"]:
+        none = ["–"] * (len(heads) - 5)
+        below = f"< {row['log_evidence_below']:.0f}"
+        rows.append([str(row["n_facets"]), below, "–", "0", *none, _per_dof(row)])
+    return heads, sorted(rows, key=lambda row: int(row[0].split()[0]))
+
+
+def _per_dof(row: Mapping[str, Any]) -> str:
+    return "–" if row["chi2"] is None else f"{row['chi2']:.0f}/{row['dof']:g}"
+
+
+def notes(summary: Mapping[str, Any]) -> list[str]:
+    """What has to be known to read the table."""
+    said = []
+    worth = summary["information_per_point"]
+    if worth < 1.0:
+        said.append(
+            f"The residuals of the best fit ({facets(summary['weighed_at_n_facets'])}) follow each "
+            f"other: the {summary['n_obs']} points count as {worth * summary['n_obs']:.0f}, for "
+            "every number of facets."
+        )
+    if out := [row["n_facets"] for row in summary["ruled_out"]]:
+        said.append(
+            f"Ruled out by the best fit alone, whose likelihood no evidence can exceed: "
+            f"{listed([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
+        )
+    if (path := summary["sparse"]) is not None:
+        shares = ", ".join(f"{n}: {s:.2f}" for n, s in path["shares"].items())
+        said.append(
+            f"* where the sparse path from {facets(path['upper_bound'])} ends (shares of its "
+            f"particles by facets that remain: {shares})."
+        )
+    bad = [r["n_facets"] for r in summary["candidates"] if r["n_bad_pareto_k"]]
+    if bad:
+        said.append(
+            f"LOO of {listed([*map(str, bad[:-1]), facets(bad[-1])])} rests on epochs whose Pareto "
+            f"k exceeds {BAD_K}: it may be too favourable there."
+        )
+    return said
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """The table, its notes and the conclusion, for a terminal: of the columns, what it holds."""
+    heads, rows = cells(summary)
+    shown = [heads.index(name) for name in TOLD]
+    told = [[line[i] for i in shown] for line in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*told, strict=True)]
+    lines = [
+        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
+        for line in told
+    ]
+    said = summary["conclusion"]
+    return "\n".join([*lines, *notes(summary), "", said[0].upper() + said[1:] + "."])

@@ -1,0 +1,48 @@
+"""The spins that a scan found, for a fit to start from."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.toml import read_toml
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.variables import SPIN
+from lcbayes.results.load import read_json
+
+
+def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
+    """The spins that a scan of this light curve found as good as the best, from its folder.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scan, one of another light curve, or one without constant spins.
+    """
+    folder = Path(folder)
+    try:
+        summary = read_json(folder / "summary.json", {"solutions": list})
+    except InputError:
+        summary = {}
+    if summary.get("model") != "attitude-scan":
+        raise InputError(f"{folder} holds no scan; give the folder that lcbayes scan -o wrote")
+    known = read_toml(folder / "run.toml").table("input").text("sha256", None)
+    if known != curve.source.get("sha256"):
+        raise InputError(
+            f"the scan in {folder} is of another light curve; scan this one, then start from that"
+        )
+    spins = [s for s in summary.get("solutions") or [] if _spin(s) and s.get("near_equal")]
+    if not spins:
+        raise InputError(f"the scan in {folder} found no constant spin to start from")
+    return spins
+
+
+def _spin(solution: object) -> bool:
+    """Whether it is a constant spin, with all that a scan says of one."""
+    if not isinstance(solution, dict):
+        return False
+    return all(
+        isinstance(solution.get(k), int | float) and math.isfinite(solution[k]) for k in SPIN
+    )

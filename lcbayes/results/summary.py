@@ -1,0 +1,245 @@
+"""The summary of a fit: numbers per parameter and mode, and whether to trust them, in words."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.times import Times
+from lcbayes.inference import goodness_of_fit
+from lcbayes.inference.fit import Posterior
+from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.loo import loo
+from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
+from lcbayes.modelling.variables import SPIN, label, reported
+from lcbayes.results.posterior import dataset
+from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
+from lcbayes.samplers.settings import PUBLISHED
+
+Floats = NDArray[np.float64]
+
+# Bounds of what is trusted, beside those of `enough`
+MAX_APART = 1.05  # R-hat between runs that started apart
+LIKELY = 0.5  # probability from which a point is called an outlier
+CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
+
+
+def unwrapped(name: str, values: Floats) -> Floats:
+    """Draws of a quantity on a circle, cut opposite their circular mean."""
+    turn = CIRCLES.get(name)
+    if turn is None:
+        return values
+    angle = 2 * np.pi * values / turn
+    middle = np.arctan2(np.sin(angle).mean((0, 1)), np.cos(angle).mean((0, 1)))
+    apart = (angle - middle + np.pi) % (2 * np.pi) - np.pi
+    return (np.mod(middle, 2 * np.pi) + apart) * turn / (2 * np.pi)
+
+
+def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
+    """Mean, sd, quantiles, R-hat and effective sizes of each scalar, by ``name`` or ``name[i]``."""
+    import arviz as az
+
+    shown = {k: unwrapped(k, np.asarray(draws[k], float)) for k in reported(draws)}
+    data = dataset(shown)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # constant draws give NaN, which the caller reads
+        rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
+    found = {}
+    for name, values in shown.items():
+        quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
+        for index in np.ndindex(values.shape[2:]):
+            at = (slice(None), slice(None), *index)
+            found[label(name, index)] = {
+                "mean": float(values[at].mean()),
+                "sd": float(values[at].std(ddof=1)),
+                "q05": float(quantiles[(0, *index)]),
+                "q50": float(quantiles[(1, *index)]),
+                "q95": float(quantiles[(2, *index)]),
+                "rhat": float(rhat[name].values[index]),
+                "ess_bulk": float(bulk[name].values[index]),
+                "ess_tail": float(tail[name].values[index]),
+            }
+    return found
+
+
+def summarise(
+    posterior: Posterior,
+    found: xr.DataTree,
+    curve: LightCurve,
+    identity: Mapping[str, Any],
+    seed: int,
+) -> dict[str, Any]:
+    """The content of ``summary.json``."""
+    modes = []
+    for i, mode in enumerate(posterior.modes):
+        draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
+        table = parameters(draws)
+        modes.append(
+            {
+                "weight": mode.weight,
+                "weight_sd": mode.weight_sd,
+                **({} if mode.run_weights is None else {"weight_by_run": mode.run_weights}),
+                "log_evidence": mode.log_evidence.value,
+                "log_evidence_se": mode.log_evidence.se,
+                "rms": mode.solution.rms,
+                "hits": mode.solution.hits,
+                "divergences": int(mode.stats["diverging"].sum()),
+                "max_rhat": _extreme(table, "rhat", np.max),
+                "min_ess_bulk": _extreme(table, "ess_bulk", np.min),
+                "min_ess_tail": _extreme(table, "ess_tail", np.min),
+                **{k: table[k]["mean"] for k in SPIN if k in table},
+                "parameters": table,
+            }
+        )
+    missed = _misfit(posterior)
+    fit = _fit(posterior, found, curve, missed)
+    reasons = list(_reasons(posterior, modes, missed))
+    if identity["settings"]["sampler"] == PUBLISHED:
+        reasons.insert(0, "the published sampler is biased by an amount that no diagnostic shows")
+    timing = posterior.timing
+    return {
+        "model": identity["model"],
+        "n_facets": int(found["posterior"].sizes.get("facet", 0)),
+        "n_obs": curve.n_obs,
+        "seed": seed,
+        "converged": not reasons,
+        "reasons": reasons,
+        "max_rhat": max(m["max_rhat"] for m in modes),
+        "min_ess_bulk": min(m["min_ess_bulk"] for m in modes),
+        "min_ess_tail": min(m["min_ess_tail"] for m in modes),
+        "divergences": sum(m["divergences"] for m in modes),
+        # of the heaviest mode: a mean across solutions would describe none of them
+        "parameters": modes[0]["parameters"],
+        "modes": modes,
+        "fit": fit,
+        **_outliers(found, curve),
+        "timing": {
+            "search_s": timing.search_s,
+            "compile_s": timing.compile_s,
+            "warmup_s": timing.warmup_s,
+            "sampling_s": timing.sampling_s,
+            "gradients": timing.gradients,
+        },
+        "n_starts": posterior.n_starts,
+        "notes": str(curve.source.get("notes", "")),
+        "identity": dict(identity),
+    }
+
+
+def _extreme(table, key: str, pick) -> float:
+    values = [row[key] for row in table.values() if np.isfinite(row[key])]
+    return float(pick(values)) if values else float("nan")
+
+
+def _misfit(posterior: Posterior) -> Misfit:
+    """Of the heaviest solution: of its most probable draw or, where that fits better, of the mean
+    of its draws, which for many parameters is nearer the optimum than any draw comes."""
+    best = posterior.modes[0]
+    draws = best.z.reshape(-1, best.z.shape[-1])
+    top = draws[np.argmin(best.stats["potential_energy"])]
+    rows = np.stack([top, draws.mean(axis=0)])
+    return goodness_of_fit.measure(posterior.problem, posterior.data, rows)
+
+
+def _fit(
+    posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
+) -> dict[str, Any]:
+    best = posterior.modes[0]
+    elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
+    return {
+        "rms": best.solution.rms,
+        "information_per_point": float(posterior.data.information),
+        "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
+        "chi2": missed.chi2,
+        "dof": missed.dof,
+        "elpd_loo": elpd,
+        "elpd_se": elpd_se,
+        "max_pareto_k": khat,
+        "log_evidence": posterior.log_evidence.value,
+        "log_evidence_se": posterior.log_evidence.se,
+    }
+
+
+def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
+    """Points that are outliers more likely than not, where the noise law knows of any."""
+    predicted = found["posterior_predictive"]
+    if OUTLIER not in predicted:
+        return {}
+    probability = predicted[OUTLIER].to_numpy()
+    middle = predicted[OBSERVED].mean(("chain", "draw")).to_numpy()
+    rows = np.flatnonzero(probability > LIKELY)
+    moments = None if curve.epoch_jd is None else Times.of(curve.epoch_jd, curve.t[rows])
+    return {
+        "outliers": [
+            {
+                "row": int(k),
+                "t": float(curve.t[k]),
+                **({} if moments is None else {"utc": moments.text(i)}),
+                "curve": curve.curve_names[curve.curve[k]],
+                **({"site": str(curve.site[k])} if curve.site[k] else {}),
+                "probability": float(probability[k]),
+                "residual": float(curve.brightness[k] - middle[k]),
+            }
+            for i, k in enumerate(rows)
+        ]
+    }
+
+
+def _loo(found: xr.DataTree, information: float) -> tuple[float, float, float]:
+    """PSIS-LOO, its error with points that follow each other counted for what they are worth, and
+    the largest Pareto k."""
+    pointwise = found["log_likelihood"]["brightness"].to_numpy()
+    each, khat = loo(pointwise.reshape(-1, pointwise.shape[-1]), information)
+    return (
+        float(each.sum()),
+        float(np.sqrt(each.size * each.var() / information)),
+        float(khat.max()),
+    )
+
+
+def _reasons(posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit) -> Iterator[str]:
+    yield from posterior.reasons
+    for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
+        # A solution without weight is shown, but the result does not stand or fall with it.
+        if mode.weight < 1e-3 and i:
+            continue
+        of = f"solution {i + 1}: " if len(modes) > 1 else ""
+        draws = mode.stats["diverging"].size
+        alone = mode.run_weights is not None and len(mode.z) == 1  # `population` tells of it
+        if not entry["max_rhat"] <= MAX_RHAT and not alone:
+            yield (
+                f"{of}the chains disagree (R-hat {entry['max_rhat']:.3f}, at most {MAX_RHAT} is "
+                "trusted): they have not found one common distribution"
+            )
+        for kind in ("bulk", "tail"):
+            size = entry[f"min_ess_{kind}"]
+            if not size >= MIN_ESS:
+                yield (
+                    f"{of}the draws are worth only {size:.0f} independent ones ({kind}; at least "
+                    f"{MIN_ESS:.0f} are needed): take more with --num-samples"
+                )
+        if mode.apart > MAX_APART:
+            yield (
+                f"{of}independent runs into it disagree (R-hat {mode.apart:.2f} between them): "
+                "each saw only a part of it"
+            )
+        if entry["divergences"] > MAX_DIVERGING * draws:
+            yield (
+                f"{of}{entry['divergences']} of {draws} trajectories diverged: parts of the "
+                "posterior were not reached"
+            )
+        if mode.log_evidence.se > 0.5 and len(modes) > 1:
+            yield f"{of}its weight is uncertain (evidence ± {mode.log_evidence.se:.1f} nats)"
+    if posterior.n_starts > 1 and posterior.modes[0].solution.hits < 2:
+        yield (
+            f"only one of {posterior.n_starts} starts of the search ended at the best solution: "
+            "there may be better ones; search longer with --num-starts"
+        )
+    if not missed.explained:
+        yield f"the model does not explain the data: {missed.words}"

@@ -1,0 +1,1 @@
+"""MCMC kernels, chains, tempered SMC, bridge sampling, convergence checks."""

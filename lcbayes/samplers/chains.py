@@ -1,0 +1,102 @@
+"""Chains of any NumPyro kernel, vectorised, run in blocks that can be stored and gone on from."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpyro
+import numpyro.distributions as dist
+from numpyro import handlers
+from numpyro.distributions import constraints
+from numpyro.infer import NUTS
+from numpyro.infer.mcmc import MCMCKernel
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import TRACING, Problem, Sites
+from lcbayes.samplers import kernels
+
+SPREAD = 0.3
+DEPTH = 8  # of the tree of NUTS: 2⁸ steps at most
+FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
+
+
+class Whitening(NamedTuple):
+    """z = centre + factor · y: coordinates in which the solution is about a unit Gaussian."""
+
+    centre: jax.Array  # (D,)
+    factor: jax.Array  # (D, D), the eigenvectors of F over the roots of its eigenvalues
+
+    @classmethod
+    def at(cls, problem: Problem, z: jax.Array, data: Epochs) -> Whitening:
+        """From the Fisher information at z: factor factorᵀ = F⁻¹."""
+        fisher = problem.fisher(z, data)
+        values, vectors = jnp.linalg.eigh(0.5 * (fisher + fisher.T))
+        # A direction that neither data nor prior hold would be infinitely long: a hundred
+        # prior widths are far enough.
+        return cls(z, vectors / jnp.sqrt(jnp.maximum(values, 1e-4)))
+
+    def __call__(self, y: jax.Array) -> jax.Array:
+        return self.centre + self.factor @ y
+
+
+def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
+    """The posterior as a NumPyro model of y, for kernels that want a model."""
+
+    def model(whitening: Whitening, data: Epochs) -> None:
+        flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
+        y = jnp.asarray(numpyro.sample("y", flat))
+        with handlers.block():  # the sites within are not this model's
+            density = -problem.potential(whitening(y), data)
+        numpyro.factor("posterior", density)
+
+    return model
+
+
+def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
+    """The kernel of that name (`settings.WARMUP`), over {"y": (D,)} given (whitening, data)."""
+    if sampler == "nuts":
+        return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
+
+    def potential(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+        return problem.potential(whitening(z["y"]), data)
+
+    def fisher(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+        factor = whitening.factor
+        return factor.T @ problem.fisher(whitening(z["y"]), data) @ factor
+
+    kinds = {
+        "ahmc": kernels.AHMC,
+        "ahmc-paper": partial(kernels.AHMC, exact=False),
+        "hmc": kernels.HMC,
+        "rmhmc": kernels.RMHMC,
+        "mh": kernels.MetropolisHastings,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the verdict says it of the published rule
+        return kinds[sampler](potential_fn=potential, fisher_fn=fisher)
+
+
+@partial(jax.jit, static_argnums=(0, 2))
+def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: Epochs):
+    """State of one chain, a little off the centre."""
+    key_y, key = jax.random.split(key)
+    y = SPREAD * jax.random.normal(key_y, whitening.centre.shape)
+    with TRACING:
+        return kernel.init(key, num_warmup, {"y": y}, (whitening, data), {})
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def advance(kernel, n_draws: int, state, whitening: Whitening, data: Epochs):
+    """``n_draws`` transitions of one chain: its new state, draws z (n, D), and FIELDS (n,)."""
+
+    def body(state, _):
+        with TRACING:
+            state = kernel.sample(state, (whitening, data), {})
+        return state, (whitening(state.z["y"]), {k: getattr(state, k) for k in FIELDS})
+
+    state, (z, stats) = jax.lax.scan(body, state, length=n_draws)
+    return state, z, stats

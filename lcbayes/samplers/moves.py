@@ -1,0 +1,137 @@
+"""Particles at one step of the path: their densities, their widths, one move of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import tempering_path
+from lcbayes.samplers.kernels import ahmc, metric, trajectory
+from lcbayes.samplers.kernels.adaptation import Params
+from lcbayes.samplers.kernels.trajectory import State
+
+
+class Drawn(NamedTuple):
+    """Draws from the prior."""
+
+    z: Any  # (N, D)
+    log_factors: Any  # (N,) ln of what the model multiplies the prior with
+    log_likelihood: Any  # (N, BINS)
+
+
+class Moved(NamedTuple):
+    """One transition of each particle."""
+
+    state: State  # (n, ...)
+    log_likelihood: Any  # (n, BINS)
+    accept: Any  # (n,)
+    num_steps: Any  # (n,)
+
+
+class Tuning(NamedTuple):
+    """What the moves of all particles share."""
+
+    step_size: Any  # median of the step sizes, log-normal with sd `spread`
+    spread: Any
+    length: Any  # of a trajectory, in steps times their size
+    max_steps: Any
+    delta: Any
+    width: Any  # (D,) of the solutions, not of the particles
+
+
+def log_likelihood(problem: Problem, z: jax.Array, data: Epochs, bins: jax.Array) -> jax.Array:
+    """ln p(y | z) to the power of the data's information, the sum over each bin, (BINS,)."""
+    return tempering_path.binned(data.information * problem.log_likelihood(z, data), bins)
+
+
+def each(f: Callable, rows: Any) -> Any:
+    """f of every row: one after the other on a processor, all at once on an accelerator."""
+    return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
+
+
+@partial(jax.jit, static_argnums=0)
+def draw(problem: Problem, data: Epochs, bins: jax.Array, keys: jax.Array) -> Drawn:
+    """One draw from the prior for each key (N,)."""
+
+    def one(key: jax.Array) -> Drawn:
+        z = problem.prior_draw(key, data)
+        return Drawn(z, problem.log_factors(z, data), log_likelihood(problem, z, data, bins))
+
+    return each(one, keys)
+
+
+@partial(jax.jit, static_argnums=0)
+def start(problem: Problem, at: Epochs, z: jax.Array) -> State:
+    """Potential and gradient of particles z (n, D)."""
+    return each(lambda z: trajectory.init(z, lambda z: problem.potential(z, at)), z)
+
+
+def reflect(
+    potential: Callable[[jax.Array], jax.Array], mirror: jax.Array, key: jax.Array, state: State
+) -> State:
+    """A particle to its mirror image, z → Q z, if a coin says so, with probability
+    min{1, exp(U − U′)}.
+
+    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Without
+    the coin the sides would only swap their weights.
+    """
+    image = trajectory.init(mirror @ state.z, potential)
+    key_coin, key_accept = jax.random.split(key)
+    ratio = jnp.exp(jnp.minimum(state.potential - image.potential, 0.0))
+    taken = jax.random.bernoulli(key_coin) & (jax.random.uniform(key_accept) < ratio)
+    return jax.tree.map(lambda a, b: jnp.where(taken, a, b), image, state)
+
+
+@partial(jax.jit, static_argnums=0)
+def inform(problem: Problem, at: Epochs, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Information G (n, D, D) and the diagonal of its inverse (n, D)."""
+
+    def one(z: jax.Array) -> tuple[jax.Array, jax.Array]:
+        information = problem.fisher(z, at)
+        root, _ = metric.inverse_root(information, jnp.eye(problem.dim))
+        return information, jnp.sum(root**2, axis=1)
+
+    return each(one, z)
+
+
+@partial(jax.jit, static_argnums=0)
+def move(
+    problem: Problem,
+    at: Epochs,
+    data: Epochs,
+    bins: jax.Array,
+    tuning: Tuning,
+    mirror: jax.Array | None,
+    keys: jax.Array,
+    state: State,
+) -> Moved:
+    """One transition of each particle by the exact kernel, and to its image by ``mirror`` (D, D),
+    which leave exp(−U) of the data as they count ``at`` a step of the path invariant; the
+    likelihood is that of ``data`` at their full weight. Keys and states (n,).
+
+    Step sizes are drawn apart from the states, over a wide range: where a facet turns away the
+    posterior has an edge that only small steps pass, and elsewhere large ones go far.
+    """
+    kernel = ahmc.build_kernel(lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at))
+    scale = metric.Scale(
+        jnp.zeros(problem.dim), jnp.diag(tuning.width), jnp.diag(1.0 / tuning.width)
+    )
+
+    def one(row: tuple[jax.Array, State]) -> Moved:
+        key, state = row
+        key_step, key = jax.random.split(key)
+        step = tuning.step_size * jnp.exp(tuning.spread * jax.random.normal(key_step))
+        step = jnp.minimum(step, tuning.length)
+        num_steps = jnp.minimum(jnp.ceil(tuning.length / step), tuning.max_steps).astype(int)
+        key_mirror, key = jax.random.split(key)
+        state, info = kernel(key, state, Params(step, num_steps, tuning.delta, scale))
+        if mirror is not None:
+            state = reflect(lambda z: problem.potential(z, at), mirror, key_mirror, state)
+        reached = log_likelihood(problem, state.z, data, bins)
+        return Moved(state, reached, info.accept_prob, info.num_steps)
+
+    return each(one, (keys, state))

@@ -1,0 +1,207 @@
+"""Chains of one solution, in blocks, on the local cores, each block stored."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Track
+from lcbayes.core.threads import threads
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import chains, convergence
+from lcbayes.samplers.settings import Settings
+
+Floats = NDArray[np.float64]
+BLOCK = 50
+HALVINGS = 2  # of NUTS' step, at most
+
+
+@dataclass
+class Timing:
+    """Where the seconds of a run went, and its count of gradients."""
+
+    search_s: float = 0.0
+    compile_s: float = 0.0
+    warmup_s: float = 0.0
+    sampling_s: float = 0.0
+    gradients: int = 0
+
+
+class Sampler:
+    """One compiled kernel for all solutions of a problem."""
+
+    def __init__(self, problem: Problem, settings: Settings, workers: int) -> None:
+        self.problem = problem
+        self.settings = settings
+        self.workers = workers
+
+    @property
+    def n_blocks(self) -> tuple[int, int]:
+        """Blocks of warm-up and of sampling."""
+        s = self.settings
+        assert s.num_warmup is not None  # `Settings` sees to it
+        return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
+
+    def run(
+        self,
+        name: str,
+        z: Floats,
+        data: Epochs,
+        key: jax.Array,
+        checkpoint: Checkpoint,
+        timing: Timing,
+        track: Track,
+    ) -> tuple[Floats, dict[str, NDArray], chains.Whitening]:
+        """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S).
+
+        More of them than `num_samples` where these are not enough and `most_samples` allows it.
+        As soon as more trajectories of NUTS have diverged than may among all draws asked for, the
+        draws are dropped and the chains go on from where they are with half the step; not where
+        trajectories are so long that with twice the steps they would be cut off.
+        """
+        whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
+        warmup_blocks, sample_blocks = self.n_blocks
+        num_warmup = warmup_blocks * BLOCK
+        per_block = self.settings.num_chains * BLOCK
+        halvings = HALVINGS if self.settings.sampler == "nuts" else 0
+        start, advance = self._compile(key, num_warmup, whitening, data, timing)
+        keys = jax.random.split(key, self.settings.num_chains)
+        with threads(self.workers) as pool:
+            states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
+            blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
+            while (i := len(blocks)) < end:
+                stored = checkpoint.load(f"{name}-{i:04d}")
+                if stored is None:
+                    begun = time.monotonic()
+                    out = list(
+                        pool.map(
+                            lambda s: _to_host(advance(_to_device(s), whitening, data)), states
+                        )
+                    )
+                    stored = _pack(out)
+                    checkpoint.save(f"{name}-{i:04d}", stored)
+                    took = time.monotonic() - begun
+                    if i < warmup_blocks:
+                        timing.warmup_s += took
+                    else:
+                        timing.sampling_s += took
+                states = _unpack(stored, states)
+                timing.gradients += int(stored["num_steps"].sum())
+                blocks.append(stored)
+                kept = blocks[first:]
+                diverging = int(sum(b["diverging"].sum() for b in kept))
+                track.advance(
+                    per_block,
+                    f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
+                )
+                tolerable = convergence.MAX_DIVERGING * per_block * (end - first)
+                if diverging > tolerable and halvings and _steps(kept) < 2**chains.DEPTH / 2:
+                    states, halvings = [_finer(s) for s in states], halvings - 1
+                    track.more(per_block * (len(blocks) - first))
+                    first, end = len(blocks), len(blocks) + sample_blocks
+                elif len(blocks) == end:
+                    draws = np.concatenate([b["z"] for b in kept], axis=1)
+                    length = convergence.wanted(draws, self.settings.most_samples)
+                    more = first + -(-length // BLOCK) - end
+                    track.more(per_block * more)
+                    end += more
+        n = self.settings.most_samples
+        stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
+        return draws[:, :n], stats, whitening
+
+    def _compile(self, key, num_warmup, whitening, data, timing: Timing):
+        begun = time.monotonic()
+        shapes = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (key, whitening, data)
+        )
+        leaves, structure = jax.tree.flatten(shapes)
+        sampler = self.settings.sampler
+        found = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
+        timing.compile_s += time.monotonic() - begun
+        return found
+
+
+def _steps(blocks: list[dict[str, NDArray]]) -> float:
+    return float(np.mean([b["num_steps"].mean() for b in blocks]))
+
+
+def _finer(state):
+    """A state of NUTS with half its step; after the warm-up nothing else changes it."""
+    adapted = state.adapt_state
+    return state._replace(adapt_state=adapted._replace(step_size=0.5 * adapted.step_size))
+
+
+_whiten = jax.jit(chains.Whitening.at, static_argnums=0)
+
+
+@lru_cache(maxsize=16)
+def programs(problem: Problem, sampler: str, num_warmup: int, structure, leaves: tuple) -> tuple:
+    """The two programs of a chain, its start and a block of draws, for arguments of these shapes:
+    the same for every light curve of the problem."""
+    kernel = chains.kernel(problem, sampler)
+    key, whitening, data = jax.tree.unflatten(structure, leaves)
+    first = chains.start.lower(kernel, key, num_warmup, whitening, data).compile()
+    state = jax.eval_shape(
+        lambda k, w, d: chains.start(kernel, k, num_warmup, w, d), key, whitening, data
+    )
+    step = chains.advance.lower(kernel, BLOCK, state, whitening, data).compile()
+    return first, step
+
+
+def _is_key(x) -> bool:
+    return jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def _to_host(tree):
+    """The same tree with NumPy leaves: what a checkpoint can hold, and what a run goes on from."""
+    return jax.tree.map(
+        lambda x: _Key(np.asarray(jax.random.key_data(x))) if _is_key(x) else np.asarray(x), tree
+    )
+
+
+def _to_device(tree):
+    return jax.tree.map(
+        lambda x: jax.random.wrap_key_data(jnp.asarray(x.data)) if isinstance(x, _Key) else x,
+        tree,
+        is_leaf=lambda x: isinstance(x, _Key),
+    )
+
+
+class _Key:
+    """A random key as plain integers."""
+
+    def __init__(self, data: np.ndarray) -> None:
+        self.data = data
+
+
+def _leaves(state):
+    return jax.tree.flatten(state, is_leaf=lambda x: isinstance(x, _Key))
+
+
+def _pack(out: list) -> dict[str, np.ndarray]:
+    """Draws, statistics and states of all chains after a block as one set of arrays."""
+    packed = {"z": np.stack([z for _, z, _ in out])}
+    packed |= {k: np.stack([stats[k] for *_, stats in out]) for k in chains.FIELDS}
+    for c, (state, _, _) in enumerate(out):
+        for i, leaf in enumerate(_leaves(state)[0]):
+            packed[f"state-{c}-{i}"] = leaf.data if isinstance(leaf, _Key) else leaf
+    return packed
+
+
+def _unpack(packed: dict[str, np.ndarray], like: list) -> list:
+    states = []
+    for c, state in enumerate(like):
+        old, tree = _leaves(state)
+        new = [
+            _Key(packed[f"state-{c}-{i}"]) if isinstance(leaf, _Key) else packed[f"state-{c}-{i}"]
+            for i, leaf in enumerate(old)
+        ]
+        states.append(jax.tree.unflatten(tree, new))
+    return states

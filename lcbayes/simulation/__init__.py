@@ -1,0 +1,1 @@
+"""Scenario files, simulated light curves, and what a campaign could tell."""

@@ -1,0 +1,274 @@
+"""Which combinations of parameters a campaign leaves open, and what they are in words.
+
+Parameters are measured in units of their prior's width, so that the eigenvalues of the information
+are comparable: λ is what the measurements add to a combination, over what was known before. With
+λ < 1 they tell less than the prior did; the combination is called open. Open directions span a
+space in which any basis will do; the one shown is as sparse as rotation makes it (varimax), after
+what can be named by itself has been taken out: parameters that nothing depends on, and the choice
+of body axes. What is not seen at all and what is seen badly are rotated each by themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.simulation.observability.campaign import NOTHING, Campaign
+from lcbayes.simulation.observability.measurements import Measurements, by_facet
+from lcbayes.simulation.observability.parameters import Parameter, Unknowns
+
+Floats = NDArray[np.float64]
+
+OPEN = 1.0  # information over that of the prior below which a combination counts as open
+SHOWN = 0.15  # share of a combination's largest part below which a part is left out of the words
+STRAIGHT = 0.5  # width over length of the path of the half vector up to which it has a direction
+
+
+@dataclass(frozen=True)
+class Trade:
+    """A combination of parameters that the measurements leave open.
+
+    Attributes
+    ----------
+    words : one sentence
+    combination : (P,)
+        Change of each parameter, in its own unit, that is not noticed; one prior width in all.
+    information : of the measurements over that of the prior, λ
+    exact : whether nothing depends on it, to first order, at any measurement
+    """
+
+    words: str
+    combination: Floats
+    information: float
+    exact: bool
+
+
+def trades(found: Campaign, measured: Measurements) -> list[Trade]:
+    """What is left open, what nothing depends on first, then by falling size of the gap."""
+    unknowns = found.unknowns
+    sd = unknowns.prior_sd
+    scaled = found.jacobian * sd
+    _, values, rows = np.linalg.svd(scaled, full_matrices=True)
+    information = np.zeros(len(sd))
+    information[: len(values)] = values**2
+    floor = NOTHING * max(information[0], OPEN)
+    still = np.flatnonzero(np.sum(scaled**2, axis=0) <= floor)
+    named = [*_dark(unknowns, still)]
+    basis = [np.eye(len(sd))[still]]
+    axes = _body_axes(unknowns)
+    if axes is not None:
+        words = "the attitude and all normals together trade: the choice of body axes"
+        named += [
+            Trade(f"{words}, {axis}", sd * row, 0.0, True)
+            for axis, row in zip("xyz", axes, strict=True)
+        ]
+        basis.append(axes)
+    known, _ = np.linalg.qr(np.concatenate(basis).T) if any(map(len, basis)) else (None, None)
+    paths = _paths(unknowns, measured)
+    other = []
+    for exact in (True, False):
+        # what is not seen at all by itself, not mixed with what is seen badly
+        rest = rows[(information < OPEN) & ((information <= floor) == exact)]
+        if known is not None:
+            rest = rest - rest @ known @ known.T
+        _, size, rest = np.linalg.svd(rest, full_matrices=False)
+        for v in varimax(rest[size > 0.5].T).T:
+            told = float(np.sum((scaled @ v) ** 2))
+            v = v * np.sign(v[np.argmax(np.abs(v))])
+            other.append(Trade(_sentence(unknowns, v, told, exact, paths), sd * v, told, exact))
+    return named + sorted(other, key=lambda trade: trade.information)
+
+
+def varimax(loadings: Floats, rounds: int = 200) -> Floats:
+    """Orthogonal rotation of columns (P, k) that makes their squares vary most: sparse columns.
+
+    References
+    ----------
+    Kaiser 1958, Psychometrika 23, 187; the iteration by singular values of Horst 1965.
+    """
+    if loadings.shape[1] < 2:
+        return loadings
+    rotation, last = np.eye(loadings.shape[1]), 0.0
+    for _ in range(rounds):
+        now = loadings @ rotation
+        slope = loadings.T @ (now**3 - now * np.mean(now**2, axis=0))
+        left, size, right = np.linalg.svd(slope)
+        rotation = left @ right
+        if size.sum() < last * (1.0 + 1e-10):
+            break
+        last = size.sum()
+    return loadings @ rotation
+
+
+def _dark(unknowns: Unknowns, still: NDArray[np.intp]) -> list[Trade]:
+    """One for each parameter that nothing depends on, those of a facet under one sentence."""
+    made = []
+    for i in still:
+        p = unknowns.parameters[i]
+        change = np.zeros(len(unknowns.parameters))
+        change[i] = p.prior_sd
+        whole = {
+            j
+            for j, q in enumerate(unknowns.parameters)
+            if q.facet == p.facet and q.facet is not None
+        }
+        if p.facet is not None and whole <= set(still.tolist()):
+            words = f"facet {p.facet} is never lit and seen: nothing is learnt of its {_short(p)}"
+        else:
+            words = f"no measurement depends on the {p.words}"
+        made.append(Trade(words, change, 0.0, True))
+    return made
+
+
+def _short(p: Parameter) -> str:
+    return "area" if p.group == "areas" else p.words.replace(f" of facet {p.facet}", "")
+
+
+def _body_axes(unknowns: Unknowns) -> Floats | None:
+    """Turning the attitude by −ε and every facet by ε: three scaled unit vectors, or None.
+
+    The flux depends on dot products of body vectors exp([δα×]) s with normals R(w) n only, so
+    w = δα for every facet changes nothing.
+    """
+    names = unknowns.names
+    if "attitude_x" not in names or not len(unknowns.rows("normals")):
+        return None
+    body = unknowns.scenario.body
+    vectors = np.zeros((3, len(names)))
+    v_axes = np.cross(body.normals, body.u_axes)
+    for i, p in enumerate(unknowns.parameters):
+        if p.group == "attitude":
+            vectors["xyz".index(p.name[-1]), i] = 1.0
+        elif p.group == "normals":
+            # w = e: towards u by e·(n × u) = e·v, towards v by −e·u, about n by e·n
+            along = {"u": v_axes, "v": -body.u_axes, "n": body.normals}[p.name[-1]]
+            vectors[:, i] = along[p.facet]
+    vectors = vectors / unknowns.prior_sd
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
+    """Body-frame direction in which the half vector passes over a facet, where it has one.
+
+    The principal axis of the half vector's projections on the facet's plane, weighted by the
+    facet's share of the light.
+    """
+    body = unknowns.scenario.body
+    sent = by_facet(unknowns.scenario, measured.sun_body, measured.obs_body)
+    half = measured.sun_body + measured.obs_body
+    half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
+    found = {}
+    for i, (n, u) in enumerate(zip(body.normals, body.u_axes, strict=True)):
+        weight = sent[:, i]
+        if weight.sum() <= 0.0:
+            continue
+        plane = np.stack([u, np.cross(n, u)])
+        values, vectors = np.linalg.eigh(np.cov(plane @ half.T, aweights=weight, ddof=0))
+        if values[1] > 0.0 and np.sqrt(max(values[0], 0.0) / values[1]) < STRAIGHT:
+            found[i] = vectors[:, 1] @ plane
+    return found
+
+
+def _sentence(
+    unknowns: Unknowns, v: Floats, told: float, exact: bool, paths: dict[int, Floats]
+) -> str:
+    parts = _parts(unknowns, v, paths)
+    top = parts[0].size
+    kept = [p for p in parts if p.size >= SHOWN * top][:6]
+    how = (
+        "not seen at all" if exact else f"known to {100 / np.sqrt(1 + told):.0f} % of the prior sd"
+    )
+    if len(kept) == 1:
+        return f"the {kept[0].words} {'are' if kept[0].plural else 'is'} open: {how}"
+    alone = {p.facet for p in kept}
+    if len(kept) == 2 and len(alone) == 1 and kept[0].facet is not None:
+        area = next((p for p in kept if p.kind == "area"), None)
+        tilt = next((p for p in kept if p.kind == "tilt"), None)
+        if area and tilt:
+            degrees = np.degrees(tilt.amount / abs(area.amount) * np.log(1.1))
+            return (
+                f"{area.noun} and tilt of facet {area.facet} trade {tilt.where}: 10 % of area "
+                f"for {degrees:.2g} deg; {how}"
+            )
+    kinds = {p.kind for p in kept}
+    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore
+        apart = "how one is tilted against the other"
+        what = "how their area is shared out" if kinds == {"area"} else apart
+        listed = _and([str(f) for f in sorted(alone)])  # pyright: ignore
+        return f"facets {listed} face the same way, and {what} is {how}"
+    if len(kinds) == 1 and kept[0].kind in ("area", "tilt") and len(alone) == len(kept):
+        listed = _and(sorted((str(p.facet) for p in kept), key=int))
+        noun = f"{kept[0].noun}s" if kept[0].kind == "area" else "tilts"
+        return f"the {noun} of facets {listed} trade against each other: {how}"
+    return f"the {_and([p.words for p in kept])} trade: {how}"
+
+
+def _alike(unknowns: Unknowns, facets: list[int]) -> bool:
+    """Whether facets have one normal."""
+    normals = unknowns.scenario.body.normals[facets]
+    return bool(np.all(normals @ normals[0] > 1.0 - 1e-9))
+
+
+@dataclass(frozen=True)
+class _Part:
+    kind: str
+    words: str
+    size: float  # in prior widths
+    amount: float  # in the unit of the parameter
+    facet: int | None = None
+    noun: str = ""
+    where: str = ""
+    plural: bool = False
+
+
+def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Part]:
+    """The combination by facets' tilts, areas and single parameters, largest first."""
+    body, parts = unknowns.scenario.body, []
+    tilts: dict[int, Floats] = {}
+    spin = np.zeros(3)
+    for p, c in zip(unknowns.parameters, v, strict=True):
+        if p.group == "normals" and p.name[-1] in "uv":
+            u = body.u_axes[p.facet]
+            axis = u if p.name[-1] == "u" else np.cross(body.normals[p.facet], u)
+            tilts[p.facet] = tilts.get(p.facet, np.zeros(3)) + c * axis  # pyright: ignore
+        elif p.name.startswith("omega_"):
+            spin["xyz".index(p.name[-1])] = c
+        else:
+            kind = "area" if p.group == "areas" else "other"
+            noun = p.words.split(" of ")[0]
+            parts.append(_Part(kind, p.words, abs(c), c * p.prior_sd, p.facet, noun))
+    for facet, d in tilts.items():
+        size = float(np.linalg.norm(d))
+        if size > 0.0:
+            sd = next(
+                p.prior_sd for p in unknowns.parameters if p.group == "normals" and p.facet == facet
+            )
+            where = _direction(d / size, paths.get(facet))
+            parts.append(
+                _Part(
+                    "tilt", f"tilt of facet {facet} {where}", size, size * sd, facet, "tilt", where
+                )
+            )
+    if np.any(spin):
+        size = float(np.linalg.norm(spin))
+        axis = ", ".join(f"{x:.2g}" for x in spin / size)
+        parts.append(_Part("spin", f"part of ω along ({axis})", size, size))
+    return sorted(parts, key=lambda part: -part.size)
+
+
+def _direction(d: Floats, path: Floats | None) -> str:
+    """Of a tilt, against the way in which the half vector passes over the facet."""
+    if path is None:
+        return "in one direction"
+    angle = float(np.degrees(np.arccos(min(1.0, abs(float(d @ path))))))
+    if angle < 30.0:
+        return "along the pass direction"
+    if angle > 60.0:
+        return "across the pass direction"
+    return f"at {angle:.0f} deg to the pass direction"
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

@@ -1,0 +1,1 @@
+"""`lcbayes batch`: many objects."""

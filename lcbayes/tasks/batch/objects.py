@@ -1,0 +1,151 @@
+"""What a batch is asked to do: objects with their light curves, from a catalogue or a folder."""
+
+from __future__ import annotations
+
+import csv
+import glob
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import TextFile, read_text
+from lcbayes.core.toml import read_toml
+
+READING = {"format": str, "tle": str, "site": str, "error": float, "error_floor": float}
+KEYWORDS = {
+    "model": str, "sampler": str, "seed": int, "num_warmup": int, "num_samples": int,
+    "num_chains": int, "num_starts": int, "max_modes": int, "start_from": str,
+}  # fmt: skip
+KINDS = {str: "a text", int: "a whole number", float: "a number"}
+PATHS = ("tle", "start_from")  # from the folder of the catalogue, as the light curves
+CURVES = {".csv", ".ecsv", ".lcs", ".txt", ".dat"}
+
+
+@dataclass(frozen=True)
+class Object:
+    """One object: its light curve, and how that is read and fitted."""
+
+    name: str
+    curve: str
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    keywords: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> list[Object]:
+    """The objects of a catalogue, a folder of light curves, or a pattern such as ``'night/*.csv'``.
+
+    A catalogue is a CSV file with a column ``curve``, or a TOML file with tables ``[[objects]]``
+    that have a key ``curve`` and a table ``[defaults]`` for all of them. Further columns or keys:
+    ``name``; how the curve is read (`READING`); how it is fitted (`KEYWORDS`); every other is an
+    option of the model. Paths are taken from the catalogue's folder. What an object does not say
+    is taken from ``common``.
+
+    Raises
+    ------
+    InputError
+        There are no objects, two have one name, or a value is not of its kind.
+    """
+    path = Path(catalogue)
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in CURVES and p.is_file())
+        rows: list[tuple[str, dict[str, Any]]] = [(str(p), {"curve": str(p)}) for p in files]
+        missing = f"{path} holds no light curve ({', '.join(sorted(CURVES))})"
+    elif glob.has_magic(str(catalogue)) and not path.exists():
+        files = sorted(glob.glob(str(catalogue)))
+        rows, missing = [(p, {"curve": p}) for p in files], f"no file matches {catalogue}"
+    else:
+        rows = list(_toml(path) if path.suffix.lower() == ".toml" else _csv(path))
+        missing = f"{path} names no object"
+    if not rows:
+        raise InputError(f"{missing}; give a catalogue, a folder or a pattern")
+    found: dict[str, Object] = {}
+    for where, row in rows:
+        one = _object(where, dict(common or {}) | row)
+        if one.name in found:
+            raise InputError(f"{where}: two objects have the name {one.name!r}; give each its own")
+        found[one.name] = one
+    return list(found.values())
+
+
+def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    file = read_text(path)
+    kept = [(i, x) for i, x in enumerate(file.text.split("\n"), 1) if x.strip() and x[0] != "#"]
+    if not kept:
+        raise InputError(f"{path} holds comments alone; a catalogue has a head and rows")
+    table = _rows(file, kept)
+    _, heads = next(table)
+    heads = [head.strip() for head in heads]
+    if "curve" not in heads:
+        raise InputError(
+            f"{file.at(kept[0][0])}: there is no column 'curve' in {', '.join(heads)}; a catalogue "
+            "names the light curve of each object in it"
+        )
+    for line, cells in table:
+        if len(cells) > len(heads):
+            raise InputError(
+                f"{file.at(line)}: {len(cells)} cells under {len(heads)} heads; put cells that "
+                "contain a comma in quotes"
+            )
+        row = {k: v.strip() for k, v in zip(heads, cells, strict=False) if v.strip()}
+        yield file.at(line), _beside(path, row)
+
+
+def _rows(file: TextFile, kept: list[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of each row."""
+    table, begun = csv.reader(line for _, line in kept), 0
+    try:
+        for cells in table:
+            yield kept[begun][0], cells
+            begun = table.line_num
+    except csv.Error as fault:
+        raise InputError(
+            f"{file.at(kept[begun][0])}: {fault}; shorten the cell, or close its quotes"
+        ) from None
+
+
+def _toml(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    root = read_toml(path)
+    defaults = root.table("defaults", None)
+    tables = root.tables("objects")
+    root.done()
+    for i, table in enumerate(tables, 1):
+        row = ({} if defaults is None else defaults.values) | table.values
+        yield f"{path}, objects[{i}]", _beside(path, row)
+
+
+def _beside(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row with its paths taken from the catalogue's folder."""
+    at = {k: str(path.parent / str(row[k])) for k in ("curve", *PATHS) if k in row}
+    if str(row.get("model", "")).endswith(".py"):
+        at["model"] = str(path.parent / str(row["model"]))
+    return dict(row) | at
+
+
+def _object(where: str, row: dict[str, Any]) -> Object:
+    if "curve" not in row:
+        raise InputError(f"{where}: the object has no 'curve'; name its light-curve file")
+    curve = str(row.pop("curve"))
+    name = re.sub(r"[^\w.+-]+", "_", str(row.pop("name", Path(curve).stem))).strip("._")
+    if not name:
+        raise InputError(f"{where}: the object's name has no letter or digit; give another")
+    row |= {k: os.path.abspath(row[k]) for k in PATHS if k in row}  # who does it may be elsewhere
+    curve = os.path.abspath(curve)
+    return Object(name, curve, _taken(where, row, READING), _taken(where, row, KEYWORDS), row)
+
+
+def _taken(where: str, row: dict[str, Any], kinds: Mapping[str, type]) -> dict[str, Any]:
+    """Those keys of the row, which are taken out of it, as values of their kind."""
+    found = {}
+    for key in kinds.keys() & row.keys():
+        try:
+            found[key] = kinds[key](value := row.pop(key))
+            if kinds[key] is int and isinstance(value, float) and value != found[key]:
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(f"{where}: {key} is not {KINDS[kinds[key]]}: {value!r}") from None
+    return found

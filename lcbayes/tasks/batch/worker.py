@@ -1,0 +1,115 @@
+"""One object of a batch, from its files to its row of the table."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import write_atomic
+from lcbayes.modelling.variables import SPIN
+from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.folder import installed_version
+from lcbayes.tasks.batch.objects import PATHS, Object
+
+if TYPE_CHECKING:
+    from lcbayes.tasks.fit.run import Fit
+
+MARK = "object.json"  # in an object's folder: its row, and what made it
+
+
+def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
+    """The row of an object that was done with the same files and options."""
+    try:
+        mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
+        same = mark["identity"] == identity(one) and (folder / "summary.json").is_file()
+        return mark["row"] if same else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def identity(one: Object) -> str:
+    """What decides an object's numbers."""
+    files = [one.curve, *(one.reading[k] for k in PATHS if k in one.reading)]
+    if str(one.keywords.get("model", "")).endswith(".py"):
+        files.append(one.keywords["model"])
+    said = [one.reading, one.keywords, {k: str(v) for k, v in one.options.items()}]
+    found = hashlib.sha256(json.dumps([*said, installed_version()], sort_keys=True).encode())
+    if "start_from" in one.keywords:
+        files.append(str(Path(one.keywords["start_from"]) / "summary.json"))
+    for name in files:
+        found.update(Path(name).read_bytes())
+    return found.hexdigest()
+
+
+def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
+    """Fit one object into its own folder of a batch; its row, whatever happens."""
+    from lcbayes.data.read import read
+    from lcbayes.tasks.fit.run import fit
+
+    where, with_report = shared
+    folder = Path(where) / one.name
+    begun = time.monotonic()
+    try:
+        curve = read(one.curve, **one.reading)
+        found = fit(
+            curve, out=folder, report=with_report, reading=one.reading, **one.keywords,
+            **one.options,
+        )  # fmt: skip
+    except InputError as fault:
+        return failed(one, str(fault), time.monotonic() - begun)
+    except Exception as fault:  # whatever ails one object, the others are to be done
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
+        told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
+        return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
+    row = _row(one, found, time.monotonic() - begun)
+    mark = {"identity": identity(one), "row": row}
+    write_atomic(
+        folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1), encoding="utf-8")
+    )
+    return row
+
+
+def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, Any]:
+    """The row of an object without a result."""
+    return {
+        "name": one.name, "curve": one.curve, "status": FAILED, "reasons": [reason],
+        "seconds": seconds,
+    }  # fmt: skip
+
+
+def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
+    """What the table says of a fit: numbers of its heaviest solution."""
+    summary = found.summary()
+    parameters = summary["parameters"]
+    row = {
+        "name": one.name,
+        "curve": one.curve,
+        "status": TRUSTED if summary["converged"] else DOUBTED,
+        "reasons": summary["reasons"],
+        "seconds": seconds,
+        "model": summary["model"],
+        "n_facets": summary["n_facets"],
+        "n_obs": summary["n_obs"],
+        "n_solutions": len(summary["modes"]),
+        "weight": summary["modes"][0]["weight"],
+        "chi2": summary["fit"]["chi2"],
+        "dof": summary["fit"]["dof"],
+        "rms": summary["fit"]["rms"],
+        "rms_unit": summary["fit"]["rms_unit"],
+        "max_rhat": summary["max_rhat"],
+        "min_ess_bulk": summary["min_ess_bulk"],
+    }
+    for key in SPIN:
+        if key in parameters:
+            row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
+    if "albedo_area" in found.posterior:
+        area = found.posterior["albedo_area"]
+        total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
+        row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
+    return row

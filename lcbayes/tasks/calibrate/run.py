@@ -1,0 +1,177 @@
+"""Whether intervals hold the truth as often as they say: simulation-based calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling import variables as names
+from lcbayes.modelling.likelihood import OBSERVED
+from lcbayes.tasks.fit.run import fit
+
+if TYPE_CHECKING:
+    from lcbayes.core.jax_setup import jax
+    from lcbayes.modelling.epochs import Epochs
+    from lcbayes.modelling.problem import Problem
+
+Floats = NDArray[np.float64]
+type Quantities = Callable[[Mapping[str, Floats]], dict[str, Floats]]
+
+LIKELIHOOD = "log_likelihood"
+SETTINGS = ("sampler", "num_warmup", "num_samples", "num_chains", "num_starts", "max_modes")
+
+
+class Calibration(NamedTuple):
+    """What the posteriors of simulated curves say of the truths behind them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Quantities; the last is the log-likelihood.
+    places : (n, Q)
+        Share of the draws that lie below the truth, half of those equal to it: uniform in [0, 1]
+        where all is right.
+    trusted : (n,) bool
+        Whether the fit passed its own diagnostics.
+    """
+
+    names: tuple[str, ...]
+    places: Floats
+    trusted: NDArray[np.bool_]
+
+    def coverage(self, level: float) -> Floats:
+        """Share of central intervals of this level that hold the truth, (Q,)."""
+        return np.mean(np.abs(self.places - 0.5) < 0.5 * level, axis=0)
+
+    def p_values(self) -> Floats:
+        """Of uniform places, by Kolmogorov and Smirnov's exact test, (Q,)."""
+        from scipy.stats import kstest
+
+        return np.array([kstest(column, "uniform").pvalue for column in self.places.T])
+
+
+def calibrate(
+    curve: LightCurve,
+    model: str = "faceted",
+    *,
+    n: int = 100,
+    seed: int = 0,
+    quantities: Quantities | None = None,
+    progress: Silent | None = None,
+    **asked: Any,
+) -> Calibration:
+    """Fit n light curves simulated from the prior, with the geometry and the errors of one curve.
+
+    A truth θ comes from the prior, data y from the model at θ, draws from the posterior that
+    `lcbayes.fit` gives for y, search, solutions and weights included. The place of f(θ) among the
+    draws of f is uniform for every function f if prior, likelihood, sampler and weights agree
+    (Cook, Gelman & Rubin 2006; Talts et al. 2018). The log-likelihood is one of the f, since
+    without a function of the data a posterior that ignores them would pass (Modrák et al. 2023).
+    Factors of a model, such as that of facets being seen, are at most one, and are honoured by
+    rejection.
+
+    Parameters
+    ----------
+    curve : LightCurve
+        Times, geometry, errors, bands; its brightness does not matter. Errors must be given, or
+        the brightness be magnitudes of known scale: a scale or an error to be found has a prior
+        that is told from the brightness, and that is no prior to draw from.
+    model, **asked
+        As for `lcbayes.fit`: a model, its options, the sampler and its settings.
+    n : int
+        Simulated curves.
+    quantities : callable, optional
+        From {name: draws (S, ...)} to {name: (S,)}. Without it, every scalar that a summary
+        shows, which is right only where no facets may change places.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        If the curve has an unknown scale or error, the model infers scatter in units that are told
+        from the brightness, or the prior's factors leave hardly any draw.
+
+    References
+    ----------
+    Talts et al. 2018, arXiv:1804.06788; Modrák et al. 2023, Bayesian Analysis (arXiv:2211.02383).
+    """
+    from lcbayes.core.jax_setup import jax
+    from lcbayes.inference.fit import constrain_draws
+    from lcbayes.inference.prior_mass import accepted
+    from lcbayes.inference.problem_cache import posed
+    from lcbayes.modelling import registry
+    from lcbayes.modelling.epochs import Epochs
+    from lcbayes.modelling.problem import compiled
+
+    entry = registry.find(model)
+    options = {k: v for k, v in asked.items() if k not in SETTINGS}
+    data = Epochs.of(curve)
+    told_by_flux = curve.kind == "flux" and bool(np.any(np.isnan(data.error)))
+    if np.any(curve.free_scale) or told_by_flux:
+        raise InputError(
+            "calibration draws scales and errors from their priors, and those of this curve are "
+            "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
+        )
+    plain, _ = posed(entry, entry.check(options), data)
+    told = quantities or scalars
+    places, trusted, kept = [], [], ()
+    with (progress or Silent()).stage("calibrating", n, "fits") as track:
+        for i in range(n):
+            key_truth, key_data = jax.random.split(jax.random.fold_in(jax.random.key(seed), i))
+            truth = accepted(plain, data, key_truth, 1)[0]
+            drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
+            seen = replace(curve, brightness=drawn)
+            _check_noise(plain, truth, data, Epochs.of(seen))
+            found = fit(seen, model, seed=seed + i, **asked)
+            sites = {
+                str(k): np.asarray(v).reshape(-1, *v.shape[2:])
+                for k, v in found.posterior.data_vars.items()
+            }
+            true = constrain_draws(plain, np.asarray(truth)[None, None], data)
+            true = {k: np.asarray(v)[0] for k, v in true.items()}
+            likelihood = compiled(plain.log_likelihood)(truth, Epochs.of(seen))
+            among = (
+                found.tree["log_likelihood"].to_dataset()[OBSERVED].to_numpy().sum(axis=-1).ravel()
+            )
+            of_draws = told(sites) | {LIKELIHOOD: among}
+            of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
+            kept = tuple(of_draws)
+            places.append([_place(of_truth[k][0], of_draws[k]) for k in kept])
+            trusted.append(found.converged)
+            track.advance(1)
+    return Calibration(kept, np.array(places), np.array(trusted))
+
+
+def _check_noise(problem: Problem, truth: jax.Array, asked: Epochs, seen: Epochs) -> None:
+    """Whether the noise at a truth is what it was when the curve was drawn."""
+    from lcbayes.modelling.problem import compiled
+
+    before, after = (compiled(problem.moments)(truth, data).sd for data in (asked, seen))
+    if not np.allclose(before, after, rtol=1e-9):
+        raise InputError(
+            "this model infers scatter in units of a curve's mean flux, which simulated curves do "
+            "not share, so that it has no prior to draw from; give a curve in magnitudes"
+        )
+
+
+def scalars(sites: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Every scalar a summary shows, (S,) each."""
+    return {
+        names.label(name, index): sites[name][(slice(None), *index)]
+        for name in names.reported(sorted(sites))
+        for index in np.ndindex(sites[name].shape[1:])
+    }
+
+
+def _place(true: float, draws: Floats) -> float:
+    return float(np.mean(draws < true) + 0.5 * np.mean(draws == true))

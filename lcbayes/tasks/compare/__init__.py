@@ -1,0 +1,1 @@
+"""`lcbayes compare`: how many facets."""

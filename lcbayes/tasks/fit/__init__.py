@@ -1,0 +1,1 @@
+"""`lcbayes fit`: posterior over shape, spin and surface."""

@@ -1,0 +1,1 @@
+"""`lcbayes observability`: what a campaign can tell."""

@@ -1,0 +1,123 @@
+"""What an earlier fit knows, for a plan: what is learnt if one of its draws is the truth.
+
+At a draw θₖ of the posterior the information gathered so far is F(θₖ), prior included, and a
+measurement to come adds ∇f ∇fᵀ/σ² there. A plan minimises what is left on average over the draws.
+Everything is taken where the draw lies: a phase that is lost between passes costs nothing here,
+because the measurements in between will find it again; a straight line through all draws at once
+would instead see no slope at all in those epochs, and avoid the most telling ones.
+
+References
+----------
+Chaloner & Verdinelli 1995, Statist. Sci. 10, 273, sec. 5: local criteria averaged over what is
+known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference.correlation import weighed
+from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
+from lcbayes.simulation.observability.measurements import Measurements
+from lcbayes.simulation.observability.targets import Target, of_sites
+from lcbayes.tasks.predict import run as predict
+
+Floats = NDArray[np.float64]
+DRAWS = 24
+_FLAT = 1e-10  # of the scaled information's largest eigenvalue: less than that is nothing known
+
+
+def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats, Target, list[str]]:
+    """Factors of measurements and target by the draws of a fit; the noise is the scenario's.
+
+    Returns
+    -------
+    factor : (K, T, S)
+    target : Target
+    notes : of the prediction
+
+    Raises
+    ------
+    InputError
+        The folder holds no fit, or one that does not say how bright the epochs to come are.
+    """
+    posterior, config = predict.load(folder)
+    fitted = predict.fitted_curve(folder, config)
+    wanted = replace(measured.curve, kind=fitted.kind)
+    model = config.keywords["model"]
+    ready = predict.Foretold.of(posterior, fitted, wanted, model, config.options, DRAWS)
+    if ready.own_level.any():
+        raise InputError(
+            f"the fit in {folder} has curves of unknown scale only, so the brightness to come is "
+            "not known; plan with a fit that has a calibrated curve"
+        )
+    flux = measured.flux * measured.unit
+    sd = measured.mag_err if fitted.kind == "mag" else flux * measured.mag_err / MAGNITUDE_PER_NEPER
+    if fitted.kind == "flux" and measured.curve.kind == "flux":
+        sd = np.asarray(measured.curve.error)
+    factor, rows, unit = at_draws(ready, fitted, wanted, sd, target)
+    return factor, Target(target, unit, rows), ready.notes
+
+
+def at_draws(
+    ready: predict.Foretold, fitted: LightCurve, wanted: LightCurve, sd: Floats, target: str
+) -> tuple[Floats, Floats, str]:
+    """Factors Aₖ = (∂f/∂z/σ) Lₖ and Bₖ = (∂target/∂z) Lₖ at each draw, L Lᵀ = F⁻¹.
+
+    Parameters
+    ----------
+    sd : (T,)
+        Noise of the epochs wanted, in the unit of the fitted curve; NaN where nothing is seen.
+
+    Returns
+    -------
+    factor : (K, T, S), target : (K, T', S), unit of the target
+    """
+    problem = ready.problem
+    z = jax.vmap(problem.ravel)({k: jnp.asarray(v) for k, v in ready.sites.items()})
+    data = weighed(problem, np.asarray(z[len(z) // 2]), ready.data)
+    unit = ""
+
+    def asked(z: jax.Array) -> jax.Array:
+        nonlocal unit
+        value, unit = of_sites(problem.constrain(z, data), target)
+        return value
+
+    def known(z: jax.Array) -> tuple[jax.Array, ...]:
+        return problem.fisher(z, data), jax.jacfwd(asked)(z)
+
+    fisher, slopes = (np.asarray(x) for x in jax.jit(lambda z: jax.lax.map(known, z))(z))
+    root = roots(fisher)
+    rows = slopes @ root
+    if unit == "":  # parts of several units together: in shares of the error each has so far
+        error = np.sqrt(np.mean(np.sum(rows**2, axis=2), axis=0))
+        rows, unit = rows / np.where(error > 0.0, error, 1.0)[:, None], "1"
+    parts = []
+    for start in range(0, wanted.n_obs, predict.CHUNK):
+        some = np.arange(start, min(start + predict.CHUNK, wanted.n_obs))
+        epochs = predict.epochs_of_known_scale(wanted.select(some), fitted)
+        curve = wanted.curve[some]
+
+        def brightness(z: jax.Array, epochs=epochs, curve=curve) -> jax.Array:
+            return ready.brightness(z, epochs, curve)
+
+        slope = jax.jit(lambda z, f=brightness: jax.lax.map(jax.jacfwd(f), z))(z)
+        parts.append(np.asarray(slope) / sd[some, None])
+    seen = np.nan_to_num(np.concatenate(parts, axis=1), posinf=0.0, neginf=0.0)
+    return seen @ root, rows, unit
+
+
+def roots(information: Floats) -> Floats:
+    """L (K, D, D) with L Lᵀ = F⁻¹, of matrices whose units may differ by much."""
+    diagonal = np.einsum("kii->ki", information)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(information * scale[:, :, None] * scale[:, None, :])
+    values = np.maximum(values, _FLAT * values[:, -1:])
+    return scale[:, :, None] * vectors / np.sqrt(values)[:, None, :]

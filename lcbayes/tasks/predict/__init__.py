@@ -1,0 +1,1 @@
+"""`lcbayes predict`: brightness at other times."""

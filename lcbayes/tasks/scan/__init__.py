@@ -1,0 +1,1 @@
+"""`lcbayes scan`: poles, periods and laws of attitude."""
