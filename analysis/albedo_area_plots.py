@@ -40,9 +40,13 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
     from matplotlib.colors import PowerNorm
 
     picture = axes.pcolormesh(
-        np.radians(lon_edges), np.radians(lat_edges), share[pixels], cmap="Blues",
-        norm=PowerNorm(0.5, 0.0, float(share.max())), rasterized=True,
-    )  # fmt: skip
+        np.radians(lon_edges),
+        np.radians(lat_edges),
+        share[pixels],
+        cmap="Blues",
+        norm=PowerNorm(0.5, 0.0, float(share.max())),
+        rasterized=True,
+    )
     axes.set_axisbelow(False)
     figure.colorbar(picture, ax=axes, label="share of a grid cell (%)", shrink=0.8, pad=0.03)
     for cue in result.cues:
@@ -58,9 +62,16 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
                 continue
             x, y = place(*lon_lat(few.normals[here]))
             axes.scatter(
-                x, y, s=np.maximum(300.0 * few.areas[here] / largest, 12.0), fc="none",
-                ec=colour(m + 1), lw=1.3, zorder=4, clip_on=False, label=f"facets, {material.law}",
-            )  # fmt: skip
+                x,
+                y,
+                s=np.maximum(300.0 * few.areas[here] / largest, 12.0),
+                fc="none",
+                ec=colour(m + 1),
+                lw=1.3,
+                zorder=4,
+                clip_on=False,
+                label=f"facets, {material.law}",
+            )
         figure.legend(loc="outside lower center", ncols=3)
     gallery.add(
         figure,

@@ -45,9 +45,13 @@ def write(
     if body is not None:
         texts = {BODY[0]: body.obj(comment), BODY[1]: body.ply(comment)}
     small_report.write(
-        folder, NAME, content, words(result, curve),
-        lambda gallery: albedo_area_plots.draw(result, gallery), texts,
-    )  # fmt: skip
+        folder,
+        NAME,
+        content,
+        words(result, curve),
+        lambda gallery: albedo_area_plots.draw(result, gallery),
+        texts,
+    )
     return content
 
 

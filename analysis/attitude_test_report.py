@@ -24,8 +24,18 @@ def write(result: AttitudeTest, folder: Path, about: Mapping[str, Any]) -> None:
 
 def numbers(result: AttitudeTest) -> dict[str, Any]:
     """The content of `attitude_test.json`."""
-    keys = ("name", "settings", "tested", "reason", "p_value", "statistic", "expected",
-            "n_pairs", "n_points", "same_as")  # fmt: skip
+    keys = (
+        "name",
+        "settings",
+        "tested",
+        "reason",
+        "p_value",
+        "statistic",
+        "expected",
+        "n_pairs",
+        "n_points",
+        "same_as",
+    )
     return {
         "n_obs": result.n_obs,
         "n_glints_left_out": result.n_glints,
@@ -89,9 +99,12 @@ def _not_tested(result: AttitudeTest) -> list[str]:
         count = f"{len(stopped)} laws" if len(stopped) > 1 else "1 law"
         lines.append(f"{count} not tested, {why}:")
         lines += textwrap.wrap(
-            ", ".join(stopped), 92, initial_indent="  ", subsequent_indent="  ",
+            ", ".join(stopped),
+            92,
+            initial_indent="  ",
+            subsequent_indent="  ",
             break_on_hyphens=False,
-        )  # fmt: skip
+        )
     return lines
 
 
@@ -116,8 +129,9 @@ def draw(result: AttitudeTest, gallery: Gallery) -> None:
     gallery.add(figure, "laws", "p-value of each attitude law.", "p-value of each attitude law.")
     shown = [tested[0], tested[-1]] if len(tested) > 1 else tested
     figure = gallery.figure(3.4 * len(shown), 3.0)
-    for k, (v, axes) in enumerate(zip(shown, np.atleast_1d(figure.subplots(1, len(shown),
-                                  sharey=True)), strict=True)):  # fmt: skip
+    for k, (v, axes) in enumerate(
+        zip(shown, np.atleast_1d(figure.subplots(1, len(shown), sharey=True)), strict=True)
+    ):
         pairs, seen = v.pairs, result.seen
         assert pairs is not None
         size = float(np.mean(seen.flux))
@@ -134,6 +148,8 @@ def draw(result: AttitudeTest, gallery: Gallery) -> None:
     first.set_ylabel("difference of flux (% of the mean)")
     figure.legend(*first.get_legend_handles_labels(), loc="outside lower center")
     gallery.add(
-        figure, "pairs", "Differences of flux within pairs.",
+        figure,
+        "pairs",
+        "Differences of flux within pairs.",
         "Differences of flux within pairs that the law makes alike.",
-    )  # fmt: skip
+    )

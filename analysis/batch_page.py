@@ -23,13 +23,21 @@ CAPTION = (
     "{against}. Dots: trusted; crosses: not trusted; marks at the foot: failed."
 )
 SHOWN = {
-    "n_obs": "points", "n_facets": "facets", "n_solutions": "solutions",
-    "weight": "weight of first", "rms": "rms", "max_rhat": "max R-hat",
+    "n_obs": "points",
+    "n_facets": "facets",
+    "n_solutions": "solutions",
+    "weight": "weight of first",
+    "rms": "rms",
+    "max_rhat": "max R-hat",
     "albedo_area_m2": "albedo-area (m²)",
-    "pole_lon_deg": "pole lon (°)", "pole_lat_deg": "pole lat (°)", "period_h": "period (h)",
-    "omega_x_rad_s": "ω x (rad/s)", "omega_y_rad_s": "ω y (rad/s)", "omega_z_rad_s": "ω z (rad/s)",
+    "pole_lon_deg": "pole lon (°)",
+    "pole_lat_deg": "pole lat (°)",
+    "period_h": "period (h)",
+    "omega_x_rad_s": "ω x (rad/s)",
+    "omega_y_rad_s": "ω y (rad/s)",
+    "omega_z_rad_s": "ω z (rad/s)",
     "seconds": "time (s)",
-}  # fmt: skip
+}
 
 
 def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:

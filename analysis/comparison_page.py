@@ -42,9 +42,12 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
         The page.
     """
     image = style.picture(
-        folder, "compare", lambda g: draw(summary["candidates"], g, summary["ruled_out"]), ALT,
+        folder,
+        "compare",
+        lambda g: draw(summary["candidates"], g, summary["ruled_out"]),
+        ALT,
         CAPTION,
-    )  # fmt: skip
+    )
     heads, rows = comparison.cells(summary)
     said = summary["conclusion"]
     page = (
@@ -94,21 +97,23 @@ def draw(
     top = max(row["log_evidence"] for row in rows)
     runs = [np.asarray(row["log_evidences"], float) - top for row in rows]
     depth = _differences(
-        middle, n,
+        middle,
+        n,
         np.array([row["log_evidence"] for row in rows]) - top,
         np.array([row["log_evidence_se"] for row in rows]),
         "ln evidence − best (nat)",
         np.concatenate(runs),
-    )  # fmt: skip
+    )
     for k, one in zip(n, runs, strict=True):
         shown = one[one > -depth]
         middle.plot(np.full(shown.size, k + 0.18), shown, ".", ms=4, color=style.FAINT, zorder=1)
     _differences(
-        right, n,
+        right,
+        n,
         np.array([row["elpd_diff"] for row in rows]),
         np.array([row["elpd_diff_se"] for row in rows]),
         "elpd LOO − best (nat)",
-    )  # fmt: skip
+    )
     for row in ruled_out:
         _far_below(middle, row["n_facets"], row["log_evidence_below"] - top, depth, "< ")
     every = np.sort(np.append(n, [row["n_facets"] for row in ruled_out]).astype(int))
@@ -127,9 +132,14 @@ def _probabilities(axes: Any, n: np.ndarray, rows: list[Mapping[str, Any]]) -> N
     for k, value, high in zip(n, p[0], np.maximum(p[0], p[2]), strict=True):
         if value >= 0.005:
             axes.annotate(
-                f"{value:.2f}", (k, high), xytext=(0, 3), textcoords="offset points",
-                ha="center", va="bottom", fontsize=8.5,
-            )  # fmt: skip
+                f"{value:.2f}",
+                (k, high),
+                xytext=(0, 3),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=8.5,
+            )
     axes.set_ylim(0.0, 1.12)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     axes.set_ylabel("posterior probability")
@@ -152,9 +162,16 @@ def _differences(
     shown = values > -depth
     axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0)
     axes.errorbar(
-        n[shown], values[shown], errors[shown], fmt="o", ms=5, capsize=3, elinewidth=1.1,
-        color=style.colour(0), zorder=2,
-    )  # fmt: skip
+        n[shown],
+        values[shown],
+        errors[shown],
+        fmt="o",
+        ms=5,
+        capsize=3,
+        elinewidth=1.1,
+        color=style.colour(0),
+        zorder=2,
+    )
     for k, value in zip(n[~shown], values[~shown], strict=True):
         _far_below(axes, k, value, depth)
     highest = np.append((values + errors)[shown], [] if others is None else others)
@@ -166,10 +183,17 @@ def _differences(
 def _far_below(axes: Any, k: float, value: float, depth: float, sign: str = "") -> None:
     """An arrow out of the scale, with the number to which it points."""
     axes.annotate(
-        "", (k, -depth), xytext=(k, -0.88 * depth),
+        "",
+        (k, -depth),
+        xytext=(k, -0.88 * depth),
         arrowprops={"arrowstyle": "->", "color": style.FAINT},
-    )  # fmt: skip
+    )
     axes.annotate(
-        f"{sign}{value:.0f}".replace("-", "−"), (k, -0.87 * depth), ha="center", va="bottom",
-        fontsize=7.5, color=style.FAINT, rotation=90,
-    )  # fmt: skip
+        f"{sign}{value:.0f}".replace("-", "−"),
+        (k, -0.87 * depth),
+        ha="center",
+        va="bottom",
+        fontsize=7.5,
+        color=style.FAINT,
+        rotation=90,
+    )

@@ -19,9 +19,13 @@ Floats = NDArray[np.float64]
 MOST_PREDICTED = 4_000_000  # draws × epochs read of what is predicted: 32 MB
 FEWEST_DRAWS, MOST_DRAWS = 200, 1000
 KINDS = {
-    "modes": list, "reasons": list, "outliers": list, "parameters": dict, "fit": dict,
+    "modes": list,
+    "reasons": list,
+    "outliers": list,
+    "parameters": dict,
+    "fit": dict,
     "timing": dict,
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)

@@ -60,8 +60,14 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
         top = 2.0
         for c in range(chains):
             hue = colour(c)
-            left.plot(np.arange(0, draws, step), values[c, ::step], color=hue, lw=0.5, alpha=0.8,
-                      rasterized=True)  # fmt: skip
+            left.plot(
+                np.arange(0, draws, step),
+                values[c, ::step],
+                color=hue,
+                lw=0.5,
+                alpha=0.8,
+                rasterized=True,
+            )
             counts = np.histogram(ranks[c], edges)[0] * bins / draws
             right.stairs(counts, edges / edges[-1], color=hue, lw=1.0, baseline=None)
             top = max(top, float(counts.max()))
@@ -233,8 +239,11 @@ def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
     axes.axhline(0, color=FAINT, lw=0.7)
     axes.plot(x, y, color=DATA, lw=1.1, label="observed − expected share")
     axes.set_xlim(0, 1)
-    axes.set_xlabel("predicted probability of a fainter value" if not results.is_magnitude
-                    else "predicted probability of a brighter value")  # fmt: skip
+    axes.set_xlabel(
+        "predicted probability of a fainter value"
+        if not results.is_magnitude
+        else "predicted probability of a brighter value"
+    )
     axes.set_ylabel("difference of shares")
     figure.legend(loc="outside upper left", ncols=2)
     inside = float(np.max(np.abs(y))) <= limit

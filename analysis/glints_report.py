@@ -42,10 +42,12 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
         rows.append(
             vars(one)
             | {
-                "bisector": seen.bisector, "lon_deg": float(lon), "lat_deg": float(lat),
+                "bisector": seen.bisector,
+                "lon_deg": float(lon),
+                "lat_deg": float(lat),
                 "sharp_and_small": _sharp(result, i),
             }
-        )  # fmt: skip
+        )
     return {
         "n_obs": curve.n_obs,
         "trusted": not result.reasons,
@@ -55,7 +57,9 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
         "facets": [_direction(f) for f in result.facets],
         "facets_of_one_glint": [_direction(f) for f in result.single],
         "cylinder": None if result.cylinder is None else _direction(result.cylinder),
-        "sun_tracking_panel": None if panel is None else {
+        "sun_tracking_panel": None
+        if panel is None
+        else {
             "offset_deg": np.degrees(panel.mean),
             "offset_sd_deg": np.degrees(panel.error),
             "chi2": panel.chi2,
@@ -66,7 +70,7 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
             "glint_tilt_deg": np.degrees(panel.tilt),
             "glint_sun_tilt_deg": np.degrees(panel.sun),
         },
-    }  # fmt: skip
+    }
 
 
 def _sharp(result: Glints, i: int) -> bool:
@@ -79,11 +83,16 @@ def _direction(d: Direction) -> dict[str, Any]:
     lon, lat = lon_lat(d.vector)
     longer, shorter = d.ellipse
     return {
-        "vector": d.vector, "lon_deg": float(lon), "lat_deg": float(lat),
+        "vector": d.vector,
+        "lon_deg": float(lon),
+        "lat_deg": float(lat),
         "semi_axes_90_deg": [np.degrees(longer), np.degrees(shorter)],
-        "covariance": d.covariance, "chi2": d.chi2, "dof": d.freedom, "p_value": d.p_value,
+        "covariance": d.covariance,
+        "chi2": d.chi2,
+        "dof": d.freedom,
+        "p_value": d.p_value,
         "glints": list(d.members),
-    }  # fmt: skip
+    }
 
 
 def words(result: Glints, curve: LightCurve) -> list[str]:
@@ -125,11 +134,16 @@ def _table(result: Glints, curve: LightCurve) -> list[str]:
         wire = ["wire-like"] if _sharp(result, i) else []
         lines.append(
             row.format(
-                f"{i + 1}:", _time(one, curve), one.stretch + 1, f"{show(one.fwhm, one.fwhm)} s",
-                f"{one.height / one.baseline:.3g}", f"{one.significance:.3g}",
-                f"({lon}, {lat}) deg", ", ".join(narrow + wire),
+                f"{i + 1}:",
+                _time(one, curve),
+                one.stretch + 1,
+                f"{show(one.fwhm, one.fwhm)} s",
+                f"{one.height / one.baseline:.3g}",
+                f"{one.significance:.3g}",
+                f"({lon}, {lat}) deg",
+                ", ".join(narrow + wire),
             ).rstrip()
-        )  # fmt: skip
+        )
     return lines
 
 
@@ -177,9 +191,14 @@ def draw_curve(result: Glints, gallery: Gallery) -> None:
             if one.stretch == i:
                 top = (one.baseline + one.height) / unit
                 axes.annotate(
-                    str(number), ((one.t - begin) / 60.0, top), xytext=(0, 4),
-                    textcoords="offset points", ha="center", fontsize=8, color=colour(1),
-                )  # fmt: skip
+                    str(number),
+                    ((one.t - begin) / 60.0, top),
+                    xytext=(0, 4),
+                    textcoords="offset points",
+                    ha="center",
+                    fontsize=8,
+                    color=colour(1),
+                )
         axes.set_ylim(top=1.15 * float(np.max(result.flux[rows])) / unit)
         axes.set_ylabel("flux ÷ median")
     figure.axes[-1].set_xlabel("time in the stretch (min)")
@@ -219,8 +238,12 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
         axes.plot(x, y, "+", ms=7, color=hue)
         said.add(name)
     figure.legend(loc="outside lower center", ncols=3)
-    gallery.add(figure, "directions", "Map of bisectors at glints and of what they point to.",
-                "Body axes: inertial unless an attitude was given.")  # fmt: skip
+    gallery.add(
+        figure,
+        "directions",
+        "Map of bisectors at glints and of what they point to.",
+        "Body axes: inertial unless an attitude was given.",
+    )
 
 
 def draw_panel(result: Glints, gallery: Gallery) -> None:
@@ -230,8 +253,9 @@ def draw_panel(result: Glints, gallery: Gallery) -> None:
     figure = gallery.figure(7.0, 2.8)
     left, right = figure.subplots(1, 2)
     days = np.array([g.t for g in result.glints]) / 86400.0
-    left.errorbar(days - days[0], np.degrees(p.offsets), np.degrees(p.errors), fmt="o", ms=4,
-                  color=colour(0))  # fmt: skip
+    left.errorbar(
+        days - days[0], np.degrees(p.offsets), np.degrees(p.errors), fmt="o", ms=4, color=colour(0)
+    )
     left.axhline(np.degrees(p.mean), color=FAINT, lw=0.9, ls="--")
     left.set_xlabel("days since the first glint")
     left.set_ylabel("offset from the Sun (deg)")
@@ -242,5 +266,9 @@ def draw_panel(result: Glints, gallery: Gallery) -> None:
     right.set_ylim(0.0, 1.15 * float(height.max()))
     for axes in (left, right):
         axes.locator_params(nbins=6)
-    gallery.add(figure, "panel", "Offset of the panel and height of the glints.",
-                "Offset at each glint; height of the glints against the season.")  # fmt: skip
+    gallery.add(
+        figure,
+        "panel",
+        "Offset of the panel and height of the glints.",
+        "Offset at each glint; height of the glints against the season.",
+    )

@@ -92,8 +92,17 @@ def _parameters(found: Findings) -> list[tuple[str, ...]]:
         c.unknowns.parameters, c.bound, c.bound_with_prior, found.nonlinearity, strict=True
     ):
         bent = "> 100" if off > 1.0 else f"{100.0 * off:.0f}" if off >= 0.01 else "< 1"
-        rows.append((p.name, p.words, p.unit, show(p.prior_sd, p.prior_sd), show(alone, alone),
-                     show(both, both), bent))  # fmt: skip
+        rows.append(
+            (
+                p.name,
+                p.words,
+                p.unit,
+                show(p.prior_sd, p.prior_sd),
+                show(alone, alone),
+                show(both, both),
+                bent,
+            )
+        )
     return rows
 
 

@@ -60,8 +60,16 @@ def _information(found: Findings, gallery: Gallery) -> Image:
     measured = m.mag_err < FAINT_ERROR
     for name, here, hue in _sites(found):
         good = here & measured
-        upper.errorbar(t[good], m.mag[good], m.mag_err[good], fmt=".", ms=3, lw=0.6, color=hue,
-                       label=name or None)  # fmt: skip
+        upper.errorbar(
+            t[good],
+            m.mag[good],
+            m.mag_err[good],
+            fmt=".",
+            ms=3,
+            lw=0.6,
+            color=hue,
+            label=name or None,
+        )
         lower.semilogy(t[here], sd[here], ".", ms=4, color=hue)
     upper.invert_yaxis()
     upper.set_ylabel("magnitude" if m.apparent else "−2.5 log₁₀ flux")
@@ -131,22 +139,46 @@ def _hemisphere(found: Findings, gallery: Gallery) -> Image:
     from matplotlib.colors import LogNorm
 
     picture = axes.pcolormesh(
-        np.radians(lon), np.radians(lat), positive, cmap=CMAP, rasterized=True,
+        np.radians(lon),
+        np.radians(lat),
+        positive,
+        cmap=CMAP,
+        rasterized=True,
         norm=LogNorm(top * 10.0**-DECADES, top),
-    )  # fmt: skip
+    )
     axes.set_axisbelow(False)
-    figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03, extend="min",
-                    label="information of one measurement (1/rad²)")  # fmt: skip
+    figure.colorbar(
+        picture,
+        ax=axes,
+        shrink=0.75,
+        pad=0.03,
+        extend="min",
+        label="information of one measurement (1/rad²)",
+    )
     path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
-    axes.plot(*place(*lon_lat(m.obs_body[path])), ".", ms=1.6, color="white", alpha=0.7,
-              label="observer, all measurements")  # fmt: skip
+    axes.plot(
+        *place(*lon_lat(m.obs_body[path])),
+        ".",
+        ms=1.6,
+        color="white",
+        alpha=0.7,
+        label="observer, all measurements",
+    )
     axes.plot(*place(*lon_lat(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
-    axes.plot(*place(*lon_lat(m.sun_body[i])), "*", ms=13, color="#ffd23f", mec=INK, mew=0.6,
-              label="Sun")  # fmt: skip
+    axes.plot(
+        *place(*lon_lat(m.sun_body[i])), "*", ms=13, color="#ffd23f", mec=INK, mew=0.6, label="Sun"
+    )
     body = found.scenario.body
     if len(body.areas) <= 40:
-        axes.plot(*place(*lon_lat(body.normals)), "s", ms=5, mfc="none", mec=PALETTE[1], mew=1.2,
-                  label="facet normals")  # fmt: skip
+        axes.plot(
+            *place(*lon_lat(body.normals)),
+            "s",
+            ms=5,
+            mfc="none",
+            mec=PALETTE[1],
+            mew=1.2,
+            label="facet normals",
+        )
     legend = figure.legend(loc="outside lower center", ncols=3, frameon=True)
     legend.get_frame().set(facecolor="#8894a0", edgecolor="none", alpha=0.55)
     return gallery.add(
@@ -171,16 +203,29 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     order = np.argsort(share)
     both = np.concatenate([g[order], -g[order]])
     picture = axes.scatter(
-        *place(*lon_lat(both)), c=np.tile(share[order], 2) * DECADES - DECADES, s=10, cmap=CMAP,
-        lw=0, vmin=-DECADES, vmax=0.0, rasterized=True,
-    )  # fmt: skip
-    figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03,
-                    label="log₁₀ of information, best = 0")  # fmt: skip
+        *place(*lon_lat(both)),
+        c=np.tile(share[order], 2) * DECADES - DECADES,
+        s=10,
+        cmap=CMAP,
+        lw=0,
+        vmin=-DECADES,
+        vmax=0.0,
+        rasterized=True,
+    )
+    figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03, label="log₁₀ of information, best = 0")
     for row, (name, hue) in enumerate((("n₁", PALETTE[1]), ("n₂", PALETTE[3]))):
         ends = np.stack([m.nullspace[i, row], -m.nullspace[i, row]])
         lon, lat = place(*lon_lat(ends))
-        axes.plot(lon, lat, "D", ms=6, mfc="none", mec=hue, mew=1.4,
-                  label=f"{name}, not seen by the best measurement")  # fmt: skip
+        axes.plot(
+            lon,
+            lat,
+            "D",
+            ms=6,
+            mfc="none",
+            mec=hue,
+            mew=1.4,
+            label=f"{name}, not seen by the best measurement",
+        )
     circle = _great_circle(m.nullspace[i])
     draw_line(axes, circle, color=FAINT, lw=0.9, label="all axes it does not see")
     figure.legend(loc="outside lower center", ncols=3, fontsize=7.5)
@@ -298,8 +343,15 @@ def _plan(found: Findings, gallery: Gallery) -> Image:
     chosen = plan.schedule.visits
     for name, here, hue in _sites(found):
         mine = here[first]
-        left.plot(t[first][mine], plan.schedule.first_gain[mine], ".", ms=4, color=hue, alpha=0.5,
-                  label=name or "possible visits")  # fmt: skip
+        left.plot(
+            t[first][mine],
+            plan.schedule.first_gain[mine],
+            ".",
+            ms=4,
+            color=hue,
+            alpha=0.5,
+            label=name or "possible visits",
+        )
     height = plan.schedule.first_gain[chosen]
     left.plot(t[first][chosen], height, "o", ms=9, mfc="none", mec=INK, mew=1.0, label="chosen")
     for rank, v in enumerate(chosen[:9], 1):
@@ -315,8 +367,9 @@ def _plan(found: Findings, gallery: Gallery) -> Image:
     right.semilogy(n, plan.schedule.sd, "-", color=DATA, lw=1.6, label="planned")
     right.semilogy(n, plan.even.sd, "--", color=FAINT, lw=1.4, label="at equal steps")
     for k, (name, alone) in enumerate(plan.sites.items()):
-        right.semilogy(np.arange(len(alone.sd)), alone.sd, ":", color=colour(k), lw=1.4,
-                       label=f"{name} alone")  # fmt: skip
+        right.semilogy(
+            np.arange(len(alone.sd)), alone.sd, ":", color=colour(k), lw=1.4, label=f"{name} alone"
+        )
     right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     right.yaxis.set_major_formatter("{x:g}")
     right.yaxis.set_minor_locator(NullLocator())

@@ -51,9 +51,19 @@ KNOWN: dict[str, tuple[str, str, float]] = {
 }
 # What a reader asks for first; used where only a few can be shown.
 IMPORTANT = (
-    "period_h", "pole_lon_deg", "pole_lat_deg", "omega", "albedo_area", "phi", "g", "lambert_c",
-    "phase_a", "phase_d", "phase_k", "sigma",
-)  # fmt: skip
+    "period_h",
+    "pole_lon_deg",
+    "pole_lat_deg",
+    "omega",
+    "albedo_area",
+    "phi",
+    "g",
+    "lambert_c",
+    "phase_a",
+    "phase_d",
+    "phase_k",
+    "sigma",
+)
 
 
 def _shown(draws: xr.Dataset) -> list[str]:

@@ -220,9 +220,12 @@ def _coverage(results: Results) -> str:
         ratio = chi2 / dof
         parts.append(f"χ² is {show(chi2, chi2 / 30)} for {dof:g} degrees of freedom")
         parts[-1] += (
-            ": the scatter is larger than the errors explain." if ratio > 1.5
-            else ": the errors look too large." if ratio < 0.5 else "."
-        )  # fmt: skip
+            ": the scatter is larger than the errors explain."
+            if ratio > 1.5
+            else ": the errors look too large."
+            if ratio < 0.5
+            else "."
+        )
     if fit.get("rms") is not None:
         unit = " mag" if results.is_magnitude else " of a curve's mean flux"
         parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")

@@ -23,10 +23,16 @@ from lcbayes.results.folder import put_in_place
 
 PAGE, BODY = "report.html", "shape.obj"
 FLAGS = {
-    "period_h": "--period", "period_range_h": "--period-range", "period_step": "--period-step",
-    "reflectance": "--reflectance", "n_poles": "--n-poles", "n_facets": "--n-facets",
-    "degree": "--degree", "keep": "--keep", "n_sky": "--n-sky",
-}  # fmt: skip
+    "period_h": "--period",
+    "period_range_h": "--period-range",
+    "period_step": "--period-step",
+    "reflectance": "--reflectance",
+    "n_poles": "--n-poles",
+    "n_facets": "--n-facets",
+    "degree": "--degree",
+    "keep": "--keep",
+    "n_sky": "--n-sky",
+}
 
 
 def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:

@@ -40,9 +40,14 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     steps = np.unique(np.append(1.0, np.quantile(worse, np.linspace(0.0, 1.0, LEVELS))))
     shade = np.interp(worse, steps, np.linspace(0.0, 1.0, len(steps)))
     picture = axes.pcolormesh(
-        np.radians(lon_edges), np.radians(lat_edges), shade[pixels], cmap="viridis_r",
-        vmin=0.0, vmax=1.0, rasterized=True,
-    )  # fmt: skip
+        np.radians(lon_edges),
+        np.radians(lat_edges),
+        shade[pixels],
+        cmap="viridis_r",
+        vmin=0.0,
+        vmax=1.0,
+        rasterized=True,
+    )
     axes.tick_params(axis="x", labelcolor="white")
     bar = figure.colorbar(picture, ax=axes, label="residuals ÷ least", shrink=0.8, pad=0.03)
     ticks = np.linspace(0.0, 1.0, 6)
@@ -107,15 +112,35 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     for x in ends:
         axes.axvline(unit * x, color=FAINT, lw=0.7, ls=":")
     best = _least_near(np.unique(table.tried), table.frequency[shown], worse)
-    axes.plot(unit * reached, worse, ".", ms=3, color=FAINT, alpha=0.5, rasterized=True,
-              label="every search")  # fmt: skip
-    axes.plot(unit * reached[best], worse[best], ".", ms=5, color=colour(0),
-              label="the best near each trial period")  # fmt: skip
+    axes.plot(
+        unit * reached,
+        worse,
+        ".",
+        ms=3,
+        color=FAINT,
+        alpha=0.5,
+        rasterized=True,
+        label="every search",
+    )
+    axes.plot(
+        unit * reached[best],
+        worse[best],
+        ".",
+        ms=5,
+        color=colour(0),
+        label="the best near each trial period",
+    )
     for at, low, text in _numbers(found, reached, worse, (first, last)):
         axes.annotate(
-            text, (unit * at, low), xytext=(0, -11), textcoords="offset points", ha="center",
-            fontsize=8.5, weight="bold", color=colour(1),
-        )  # fmt: skip
+            text,
+            (unit * at, low),
+            xytext=(0, -11),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8.5,
+            weight="bold",
+            color=colour(1),
+        )
     axes.set_yscale("log")
     top = float(np.quantile(worse, 0.98))
     axes.set_ylim(0.7, max(1.3 * top, 1.5))

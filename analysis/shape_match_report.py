@@ -77,9 +77,17 @@ def draw(result: ShapeMatch, gallery: Gallery) -> None:
             axes.set_visible(False)
             continue
         m = shown[k]
-        axes.plot(np.degrees(m.phase), m.magnitude, ".", ms=1.2, alpha=0.25, mew=0,
-                  color=colour(0 if m.p_value >= result.level else 1), rasterized=True,
-                  label="_")  # fmt: skip
+        axes.plot(
+            np.degrees(m.phase),
+            m.magnitude,
+            ".",
+            ms=1.2,
+            alpha=0.25,
+            mew=0,
+            color=colour(0 if m.p_value >= result.level else 1),
+            rasterized=True,
+            label="_",
+        )
         axes.plot(np.degrees(result.phase), result.magnitude, ".", ms=2.6, mew=0, color=DATA)
         axes.set_title(f"{m.name}, p = {m.p_value:.2g}", loc="left")
         axes.set_ylim(REACH_MAG, -REACH_MAG)
@@ -88,11 +96,16 @@ def draw(result: ShapeMatch, gallery: Gallery) -> None:
             axes.set_xlabel("phase angle (deg)")
             axes.tick_params(labelbottom=True)
     figure.supylabel("magnitude at unit distance − median", fontsize=9)
-    for hue, name in ((colour(0), "candidate, consistent"), (colour(1), "candidate, rejected"),
-                      (DATA, "observed")):  # fmt: skip
+    for hue, name in (
+        (colour(0), "candidate, consistent"),
+        (colour(1), "candidate, rejected"),
+        (DATA, "observed"),
+    ):
         grid[0, 0].plot([], [], ".", ms=6, color=hue, label=name)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     gallery.add(
-        figure, "distributions", "Brightness over phase angle, observed and of every candidate.",
+        figure,
+        "distributions",
+        "Brightness over phase angle, observed and of every candidate.",
         "Brightness over phase angle, observed (dark) and of each candidate turned at random.",
-    )  # fmt: skip
+    )

@@ -175,8 +175,15 @@ def draw_views(
         )
         for number, where in enumerate(labels):
             x, y, z = view @ np.array(where)
-            text = axes.text(x, y, str(number), ha="center", va="center", fontsize=8,
-                             alpha=1.0 if z > 0 else 0.45)  # fmt: skip
+            text = axes.text(
+                x,
+                y,
+                str(number),
+                ha="center",
+                va="center",
+                fontsize=8,
+                alpha=1.0 if z > 0 else 0.45,
+            )
             text.set_path_effects([patheffects.withStroke(linewidth=2, foreground="white")])
         axes.set_xlim(-reach, reach)
         axes.set_ylim(-reach, reach)

@@ -17,9 +17,13 @@ from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
 NAME = "single_facet"
 SIDES = {  # of laws whose z is at nadir and whose x is along the flight
-    "forward": [1, 0, 0], "aft": [-1, 0, 0], "nadir": [0, 0, 1], "zenith": [0, 0, -1],
-    "the right of the flight": [0, 1, 0], "the left of the flight": [0, -1, 0],
-}  # fmt: skip
+    "forward": [1, 0, 0],
+    "aft": [-1, 0, 0],
+    "nadir": [0, 0, 1],
+    "zenith": [0, 0, -1],
+    "the right of the flight": [0, 1, 0],
+    "the left of the flight": [0, -1, 0],
+}
 FLYING = ("lvlh", "velocity", "ram", "ground-track")
 
 
@@ -124,8 +128,13 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
         axes.plot(t, seen.flux[here] / size, "o", ms=2.8, mfc=colour(k), mec=DATA, mew=0.5)
         for j, run in enumerate(runs(t)):
             name = f"site {site}" if site else f"pass {i + 1}"
-            axes.plot(t[run], result.model[here[run]] / size, lw=1.4, color=colour(k),
-                      label="_" if j else f"fit, {name}")  # fmt: skip
+            axes.plot(
+                t[run],
+                result.model[here[run]] / size,
+                lw=1.4,
+                color=colour(k),
+                label="_" if j else f"fit, {name}",
+            )
             axes.plot(t[run], result.smooth[here[run]] / size, lw=0.9, ls="--", color=colour(k))
         for e in result.edges:
             if e.one_pass == i:
@@ -140,13 +149,18 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
     axes.set_xlabel("time since the start of the pass (s)")
     unit = "m²" if np.isfinite(result.albedo_area) else "file's unit"
     power = int(np.log10(size))
-    axes.set_ylabel(f"flux at unit distance ($10^{{{power}}}$ {unit})" if power else
-                    f"flux at unit distance ({unit})")  # fmt: skip
+    axes.set_ylabel(
+        f"flux at unit distance ($10^{{{power}}}$ {unit})"
+        if power
+        else f"flux at unit distance ({unit})"
+    )
     figure.legend(loc="outside lower center", ncols=4)
     gallery.add(
-        figure, "edge", "Light curve with the facet's edges.",
+        figure,
+        "edge",
+        "Light curve with the facet's edges.",
         "Flux at unit distance, the best fit, and its part without the facet.",
-    )  # fmt: skip
+    )
     figure = gallery.figure(5.8, 3.2)
     axes = mollweide(figure)
     cloud = result.normals[result.region]
@@ -161,13 +175,21 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
             short = name.split()[1] if name.startswith("the ") else name
             shift = (-14, -9) if name == "aft" else (0, 8 * np.sign(y[0]) if y[0] else -9)
             axes.annotate(
-                short, (abs(x[0]) if name == "aft" else x[0], y[0]), shift,
-                textcoords="offset points", fontsize=7.5, color=DATA, ha="center", va="center",
+                short,
+                (abs(x[0]) if name == "aft" else x[0], y[0]),
+                shift,
+                textcoords="offset points",
+                fontsize=7.5,
+                color=DATA,
+                ha="center",
+                va="center",
                 annotation_clip=False,
-            )  # fmt: skip
+            )
         axes.set_yticks(np.radians([-60, -30, 30, 60]))
     figure.legend(loc="outside lower center", ncols=2, markerscale=1.5)
     gallery.add(
-        figure, "normal", "Region of the facet's normal.",
+        figure,
+        "normal",
+        "Region of the facet's normal.",
         f"Where the facet may face, in the body axes of {result.law}.",
-    )  # fmt: skip
+    )

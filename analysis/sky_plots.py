@@ -123,19 +123,32 @@ def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) ->
     spread = areas.std(axis=(0, 1)) / np.maximum(mean, 1e-300)
     images = []
     maps = (
-        ("mean", mean / mean.mean(), "albedo-area ÷ mean facet", "viridis",
-         "Albedo-area facing each direction of the body frame, posterior mean; the spin axis is at "
-         "the top. Broad sides of the body are bright here."),
-        ("sd", 100 * spread, "standard deviation (%)", "magma_r",
-         "How well each of them is known: its standard deviation in per cent of its mean."),
-    )  # fmt: skip
+        (
+            "mean",
+            mean / mean.mean(),
+            "albedo-area ÷ mean facet",
+            "viridis",
+            "Albedo-area facing each direction of the body frame, posterior mean; the spin axis is "
+            "at the top. Broad sides of the body are bright here.",
+        ),
+        (
+            "sd",
+            100 * spread,
+            "standard deviation (%)",
+            "magma_r",
+            "How well each of them is known: its standard deviation in per cent of its mean.",
+        ),
+    )
     for key, values, label, cmap, caption in maps:
         figure = gallery.figure(5.4, 2.55)
         axes = mollweide(figure)
         picture = axes.pcolormesh(
-            np.radians(lon_edges), np.radians(lat_edges), values[nearest], cmap=cmap,
+            np.radians(lon_edges),
+            np.radians(lat_edges),
+            values[nearest],
+            cmap=cmap,
             rasterized=True,
-        )  # fmt: skip
+        )
         axes.tick_params(axis="x", labelcolor="white")
         figure.colorbar(picture, ax=axes, label=label, shrink=0.85, pad=0.03)
         name = f"facets-{mode.index + 1}-{key}"
@@ -162,8 +175,17 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         x, y = place(_some(lon.values), _some(lat.values))
         axes.plot(x, y, ".", ms=3, color=colour(mode.index), alpha=0.4, mew=0, rasterized=True)
         x, y = place(np.array(lon.mean), np.array(lat.mean))
-        axes.plot(x, y, "o", ms=11, mfc="none", mec=colour(mode.index), mew=1.4, clip_on=False,
-                  label=mode.name)  # fmt: skip
+        axes.plot(
+            x,
+            y,
+            "o",
+            ms=11,
+            mfc="none",
+            mec=colour(mode.index),
+            mew=1.4,
+            clip_on=False,
+            label=mode.name,
+        )
     if several:
         figure.legend(loc="outside lower center", ncols=3)
     caption = (

@@ -37,8 +37,9 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
     base, sky, windows = result.base, result.sky, result.windows
     return {
         "n_obs": curve.n_obs,
-        "passes": [{"name": p.name, "n_obs": p.t.size, "length_s": p.length}
-                   for p in result.passes],
+        "passes": [
+            {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
+        ],
         "trusted": not result.reasons,
         "reasons": result.reasons,
         "notes": result.notes,
@@ -47,11 +48,15 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
         "repeatability": result.skill,
-        "epoch_folding": None if result.folded is None else {
+        "epoch_folding": None
+        if result.folded is None
+        else {
             "period_s": 1.0 / result.folded[0],
             "period_sd_s": result.folded[1] / result.folded[0] ** 2,
         },
-        "synodic": None if windows is None else {
+        "synodic": None
+        if windows is None
+        else {
             "t": windows.t,
             "period_s": 1.0 / windows.frequency,
             "period_sd_s": windows.error / windows.frequency**2,
@@ -64,7 +69,7 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
         "shape_shift_deg": None if sky is None else sky.shape_deg,
         "chi2": None if sky is None else sky.chi2,
         "dof": None if sky is None else sky.freedom,
-    }  # fmt: skip
+    }
 
 
 def _solution(s: Solution) -> dict[str, Any]:
@@ -140,9 +145,12 @@ def draw_periodogram(result: Spin, gallery: Gallery) -> None:
         for k in result.harmonics:
             if k * result.base <= result.grid[-1]:
                 axes.axvline(
-                    k * result.base, color=colour(1), lw=0.8, ls="-" if k == 1 else ":",
+                    k * result.base,
+                    color=colour(1),
+                    lw=0.8,
+                    ls="-" if k == 1 else ":",
                     label={1: "base frequency", 2: "its harmonics"}.get(k),
-                )  # fmt: skip
+                )
         axes.legend(loc="upper right")
         axes.set_xlim(0, min(result.grid[-1], 1.15 * result.base * (max(result.harmonics) + 1)))
     axes.set_ylim(bottom=0.0)
@@ -167,21 +175,35 @@ def draw_synodic(result: Spin, gallery: Gallery) -> None:
         minutes = (windows.t[here] - one.t[0]) / 60.0
         period = 1.0 / windows.frequency[here]
         axes.errorbar(
-            minutes, period, windows.error[here] * period**2, fmt="o", ms=3, lw=0.9,
-            color=colour(0), label="measured in windows",
-        )  # fmt: skip
+            minutes,
+            period,
+            windows.error[here] * period**2,
+            fmt="o",
+            ms=3,
+            lw=0.9,
+            color=colour(0),
+            label="measured in windows",
+        )
         if result.solutions:
             best = result.solutions[0]
             angle = azimuths(best.pole[None], one.sun + one.obs)[0]
             rate = np.gradient(angle, one.t, edge_order=1) if np.all(np.diff(one.t) > 0) else None
             if rate is not None:
                 f = best.multiple * (best.frequency - rate / (2 * np.pi))
-                axes.plot((one.t - one.t[0]) / 60.0, 1 / f, color=colour(1), lw=1.0,
-                          label="synodic period for the best pole")  # fmt: skip
+                axes.plot(
+                    (one.t - one.t[0]) / 60.0,
+                    1 / f,
+                    color=colour(1),
+                    lw=1.0,
+                    label="synodic period for the best pole",
+                )
             axes.axhline(
-                1 / (best.multiple * best.frequency), color=FAINT, lw=0.8, ls="--",
+                1 / (best.multiple * best.frequency),
+                color=FAINT,
+                lw=0.8,
+                ls="--",
                 label="sidereal period" + (f" ÷ {best.multiple}" if best.multiple > 1 else ""),
-            )  # fmt: skip
+            )
         axes.set_title(f"pass {i + 1}", loc="left")
         axes.locator_params(nbins=5)
     for axes in grid[max(0, len(shown) - columns) : len(shown)]:
@@ -192,8 +214,12 @@ def draw_synodic(result: Spin, gallery: Gallery) -> None:
     margin = max(high - low, 1e-3 * high)
     grid[0].set_ylim(low - 0.6 * margin, high + 0.6 * margin)
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    gallery.add(figure, "synodic", "Synodic period along the passes.",
-                "Period of the brightness in windows along each pass.")  # fmt: skip
+    gallery.add(
+        figure,
+        "synodic",
+        "Synodic period along the passes.",
+        "Period of the brightness in windows along each pass.",
+    )
 
 
 def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
@@ -206,13 +232,33 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
     x, y = place(*lon_lat(sky.poles[inside]))
     weight = sky.weight.sum(axis=1)[inside]
     size = 1.0e4 * sky.cell
-    axes.scatter(x, y, s=max(size, 3.0), c=np.sqrt(weight / weight.max()), cmap="Blues",
-                 vmin=-0.4, lw=0, rasterized=True, label="90 % region")  # fmt: skip
+    axes.scatter(
+        x,
+        y,
+        s=max(size, 3.0),
+        c=np.sqrt(weight / weight.max()),
+        cmap="Blues",
+        vmin=-0.4,
+        lw=0,
+        rasterized=True,
+        label="90 % region",
+    )
     for i, s in enumerate(result.solutions[:MOST_SOLUTIONS]):
         x, y = place(*lon_lat(s.pole))
-        axes.scatter(x, y, s=120, fc="none", ec=colour(1) if i == 0 else DATA, lw=1.2,
-                     label=f"solution, weight {s.weight:.2f}" if i < 3 else None)  # fmt: skip
+        axes.scatter(
+            x,
+            y,
+            s=120,
+            fc="none",
+            ec=colour(1) if i == 0 else DATA,
+            lw=1.2,
+            label=f"solution, weight {s.weight:.2f}" if i < 3 else None,
+        )
     figure.legend(loc="outside lower center", ncols=4)
     frame = FRAMES.get(curve.frame, curve.frame)
-    gallery.add(figure, "pole", "Map of the sky with the region of the pole.",
-                f"90 % region of the pole, {frame}.")  # fmt: skip
+    gallery.add(
+        figure,
+        "pole",
+        "Map of the sky with the region of the pole.",
+        f"90 % region of the pole, {frame}.",
+    )

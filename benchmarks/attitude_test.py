@@ -87,10 +87,15 @@ def main() -> None:
                             alarms.append(found.rejected(v))
                         elif v.tested and truth not in v.same_as:
                             power[truth].append(found.rejected(v))
-                rows.append([
-                    place, "mirror-like" if odd else "as drawn", f"{100 * noise:.0f} %",
-                    share(alarms), *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS),
-                ])  # fmt: skip
+                rows.append(
+                    [
+                        place,
+                        "mirror-like" if odd else "as drawn",
+                        f"{100 * noise:.0f} %",
+                        share(alarms),
+                        *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS),
+                    ]
+                )
                 print(rows[-1], flush=True)
     heads = ["orbit", "bodies", "noise", "true law rejected", *(f"if {n} is true" for n in LAWS)]
     text = (

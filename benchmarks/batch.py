@@ -30,9 +30,13 @@ from lcbayes.tasks.batch.worker import fit_object
 
 N_OBS, N_FACETS, NOISE = 40, 1, 0.02
 OPTIONS = {
-    "n_facets": N_FACETS, "spin": "none", "seed": 1,
-    "num_chains": 2, "num_warmup": 100, "num_samples": 500,
-}  # fmt: skip
+    "n_facets": N_FACETS,
+    "spin": "none",
+    "seed": 1,
+    "num_chains": 2,
+    "num_warmup": 100,
+    "num_samples": 500,
+}
 KILL_AFTER = 20  # objects
 OBJECTS = f"{N_FACETS} facet, spin none, {N_OBS} points, two chains of 100 + 500 draws."
 
@@ -57,15 +61,26 @@ def simulated(seed: int) -> LightCurve:
 def second() -> None:
     """Seconds of the first and of later objects, of the same numbers of points and of others."""
     rows = []
-    for name, points in (("first", 40), ("second, as many points", 40), ("third", 40),
-                         ("fewer points", 30), ("again", 30)):  # fmt: skip
+    for name, points in (
+        ("first", 40),
+        ("second, as many points", 40),
+        ("third", 40),
+        ("fewer points", 30),
+        ("again", 30),
+    ):
         light = simulated(len(rows))
         light = light.select(np.arange(N_OBS) < points)
         begun, used = time.monotonic(), time.process_time()
         lcbayes.fit(light, **OPTIONS)
         maps = len(Path("/proc/self/maps").read_text().splitlines())
-        rows.append([name, f"{time.monotonic() - begun:.1f}", f"{time.process_time() - used:.1f}",
-                     str(maps)])  # fmt: skip
+        rows.append(
+            [
+                name,
+                f"{time.monotonic() - begun:.1f}",
+                f"{time.process_time() - used:.1f}",
+                str(maps),
+            ]
+        )
     text = table(["object", "wall time (s)", "processor time (s)", "memory maps"], rows)
     write_section("Batch: the second object of a shape", "python benchmarks/batch.py second", text)
 

@@ -53,15 +53,24 @@ def measured(n_facets: int) -> list[str]:
         return float(np.median(took[1:])) / PARTICLES * 1e6
 
     with_own, without = each_us(ThreadPoolExecutor(2)), each_us(threads(2))
-    return [str(n_facets), str(problem.dim), f"{with_own:.0f}", f"{without:.0f}",
-            f"{with_own / without:.1f}"]  # fmt: skip
+    return [
+        str(n_facets),
+        str(problem.dim),
+        f"{with_own:.0f}",
+        f"{without:.0f}",
+        f"{with_own / without:.1f}",
+    ]
 
 
 def main() -> None:
     rows = [measured(n) for n in (4, 6, 7, 8, 10)]
     heads = [
-        "facets", "parameters", "BLAS with threads (µs a move)", "with one (µs a move)", "ratio",
-    ]  # fmt: skip
+        "facets",
+        "parameters",
+        "BLAS with threads (µs a move)",
+        "with one (µs a move)",
+        "ratio",
+    ]
     text = f"{PARTICLES} particles on two threads, {turning().n_obs} epochs; median of {REPEATS}."
     text += "\n\n" + table(heads, rows)
     print(text)

@@ -29,10 +29,17 @@ STARTS = 16
 MAG = 2.5 / np.log(10.0)
 # Where the search for each parameter begins and ends; all but a slope are searched by logarithm.
 RANGE = {
-    "r_diff": (1e-4, 1.0), "r_spec": (1e-4, 1.0), "nu": (1.0, 1e6), "n": (1.0, 1e6),
-    "m": (1e-3, 1.0), "w": (1e-4, 1.0), "a": (1e-3, 1.0), "d": (1e-3, 1.0), "c": (1e-3, 1.0),
+    "r_diff": (1e-4, 1.0),
+    "r_spec": (1e-4, 1.0),
+    "nu": (1.0, 1e6),
+    "n": (1.0, 1e6),
+    "m": (1e-3, 1.0),
+    "w": (1e-4, 1.0),
+    "a": (1e-3, 1.0),
+    "d": (1e-3, 1.0),
+    "c": (1e-3, 1.0),
     "k": (-0.317, 0.0),
-}  # fmt: skip
+}
 
 
 def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,15 +105,18 @@ def compared(table_of: tuple) -> dict[str, dict]:
             return MAG * (target - np.asarray(law[0](x)))
 
         x = fitted(law, target, every)
-        left = [residual(fitted(law, target, incidence != a))[incidence == a] for a in
-                np.unique(incidence)]  # fmt: skip
+        left = [
+            residual(fitted(law, target, incidence != a))[incidence == a]
+            for a in np.unique(incidence)
+        ]
         off = residual(x)
         out[name] = {
-            "x": x, "rms": float(np.sqrt(np.mean(off**2))),
+            "x": x,
+            "rms": float(np.sqrt(np.mean(off**2))),
             "median": float(np.median(np.abs(off))),
             "left_out": float(np.sqrt(np.mean(np.concatenate(left) ** 2))),
             "parameters": {k: float(v) for k, v in law[2](x).items()},
-        }  # fmt: skip
+        }
         print(name, {k: v for k, v in out[name].items() if k != "x"}, flush=True)
     return out
 
@@ -134,9 +144,13 @@ def figure(found: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
                 for j, name in enumerate((*best, "lambertian")):
                     drawn = law_of(name, np.full(grid.size, one), grid)[0](laws[name]["x"])
                     axes.semilogy(
-                        grid, np.exp(np.asarray(drawn)), lw=1.3, color=style.colour(j), label=name,
+                        grid,
+                        np.exp(np.asarray(drawn)),
+                        lw=1.3,
+                        color=style.colour(j),
+                        label=name,
                         ls="--" if name == "lambertian" else "-",
-                    )  # fmt: skip
+                    )
                 axes.set_title(f"{what}, light from {one:g}°")
                 axes.set_xticks([-90, -45, 0, 45, 90])
             line[0].set_ylabel("BRDF (1/sr)")
@@ -155,17 +169,30 @@ def main() -> None:
         found[what] = table_of, laws
         rows = [
             [
-                law, str(len(laws[law]["parameters"])), f"{laws[law]['rms']:.2f}",
-                f"{laws[law]['median']:.2f}", f"{laws[law]['left_out']:.2f}",
+                law,
+                str(len(laws[law]["parameters"])),
+                f"{laws[law]['rms']:.2f}",
+                f"{laws[law]['median']:.2f}",
+                f"{laws[law]['left_out']:.2f}",
                 ", ".join(f"{k} {v:.3g}" for k, v in laws[law]["parameters"].items()),
             ]
             for law in sorted(laws, key=lambda k: laws[k]["left_out"])
-        ]  # fmt: skip
+        ]
         text += f"{what.capitalize()}, {table_of[0].size} directions:\n\n"
-        text += table(
-            ["law", "parameters", "rms (mag)", "median abs. (mag)",
-             "rms of an angle of incidence left out (mag)", "fitted"], rows,
-        ) + "\n\n"  # fmt: skip
+        text += (
+            table(
+                [
+                    "law",
+                    "parameters",
+                    "rms (mag)",
+                    "median abs. (mag)",
+                    "rms of an angle of incidence left out (mag)",
+                    "fitted",
+                ],
+                rows,
+            )
+            + "\n\n"
+        )
     figure(found, ROOT / "docs" / "figures" / "brdf-tables.png")
     write_section(
         "Laboratory BRDFs against the reflectance laws", "python benchmarks/brdf_tables.py", text

@@ -71,9 +71,17 @@ def quantities(sites: dict[str, jax.Array]) -> jax.Array:
     area, normals, omega = sites["albedo_area"], sites["normals"], sites["omega"]
     top = normals[jnp.argmax(area)]
     return jnp.stack(
-        [area.min(), area.max(), area.sum(), top[0], top[2], omega[0], omega[2],
-         jnp.linalg.norm(omega)]
-    )  # fmt: skip
+        [
+            area.min(),
+            area.max(),
+            area.sum(),
+            top[0],
+            top[2],
+            omega[0],
+            omega[2],
+            jnp.linalg.norm(omega),
+        ]
+    )
 
 
 class Placed(NamedTuple):

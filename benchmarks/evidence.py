@@ -54,9 +54,11 @@ def compare(name: str) -> None:
     what = scenario.load(part.what)
     body, n = what.body, part.n_facets
     first = body._replace(
-        normals=body.normals[:n], areas=body.areas[:n], labels=body.labels[:n],
+        normals=body.normals[:n],
+        areas=body.areas[:n],
+        labels=body.labels[:n],
         u_axes=body.u_axes[:n],
-    )  # fmt: skip
+    )
     data = Epochs.of(simulate(replace(what, body=first), NOISE_SEED)[0])
     options = {"n_facets": part.n_facets, "spin": "free" if part.spin else "none"}
     problem = Problem(registry.find("faceted").bind(options), data)
@@ -66,9 +68,16 @@ def compare(name: str) -> None:
     took = (time.monotonic() - begun) / RUNS
     spent = np.mean([r.gradients for r in runs.runs])
     reasons = sum(len(r.reasons) for r in runs.runs)
-    lines = [["tempered particles", runs.log_evidence, runs.se,
-              f"{RUNS} runs of {PARTICLES} chains, spread {runs.spread:.2f}",
-              spent, took]]  # fmt: skip
+    lines = [
+        [
+            "tempered particles",
+            runs.log_evidence,
+            runs.se,
+            f"{RUNS} runs of {PARTICLES} chains, spread {runs.spread:.2f}",
+            spent,
+            took,
+        ]
+    ]
     print(lines[0], flush=True)
 
     found, evaluations, begun = [], [], time.monotonic()
@@ -82,9 +91,16 @@ def compare(name: str) -> None:
     took = (time.monotonic() - begun) / NESTED_RUNS
     value, error = nested.pooled(found)
     each = ", ".join(f"{f.value:.2f} ± {f.se:.2f}" for f in found)
-    lines.append(["nested slice sampling", value, error,
-                  f"{NESTED_RUNS} runs of {LIVE} live points ({each})",
-                  np.mean(evaluations), took])  # fmt: skip
+    lines.append(
+        [
+            "nested slice sampling",
+            value,
+            error,
+            f"{NESTED_RUNS} runs of {LIVE} live points ({each})",
+            np.mean(evaluations),
+            took,
+        ]
+    )
 
     rows = [[n, f"{z:.2f}", f"{e:.2f}", f, f"{k:.1e}", f"{t:.1f}"] for n, z, e, f, k, t in lines]
     text = f"{data.t.size} epochs, {problem.dim} parameters of the model."

@@ -77,9 +77,13 @@ def study() -> None:
         for n in TRUTHS:
             begun = time.monotonic()
             found = lcbayes.compare(
-                observed(n, seed), range(max(1, n - 1), n + 2), seed=seed,
-                num_particles=PARTICLES, num_runs=RUNS, spin="none",
-            )  # fmt: skip
+                observed(n, seed),
+                range(max(1, n - 1), n + 2),
+                seed=seed,
+                num_particles=PARTICLES,
+                num_runs=RUNS,
+                spin="none",
+            )
             jax.clear_caches()  # programs of 16 comparisons left LLVM no room
             by = {c["n_facets"]: c for c in found.summary()["candidates"]}
             top = max(by, key=lambda k: by[k]["log_evidence"])
@@ -88,15 +92,28 @@ def study() -> None:
             behind.append(gap)
             probability = found.probability[n]
             rows.append(
-                [str(n), str(seed), str(top), f"{gap:.2f}", f"{probability:.2f}",
-                 f"{max(c['log_evidence_spread'] for c in by.values()):.2f}",
-                 "yes" if found.converged else "no", f"{time.monotonic() - begun:.0f}"]
-            )  # fmt: skip
+                [
+                    str(n),
+                    str(seed),
+                    str(top),
+                    f"{gap:.2f}",
+                    f"{probability:.2f}",
+                    f"{max(c['log_evidence_spread'] for c in by.values()):.2f}",
+                    "yes" if found.converged else "no",
+                    f"{time.monotonic() - begun:.0f}",
+                ]
+            )
             print(" | ".join(rows[-1]), flush=True)
     heads = [
-        "facets", "seed", "most probable", "true number behind (nat)", "its probability",
-        "largest spread (nat)", "trusted", "wall (s)",
-    ]  # fmt: skip
+        "facets",
+        "seed",
+        "most probable",
+        "true number behind (nat)",
+        "its probability",
+        "largest spread (nat)",
+        "trusted",
+        "wall (s)",
+    ]
     text = f"{PARTICLES} particles, {RUNS} runs; each number against one fewer and one more. "
     text += (
         f"The true number is the most probable in {best} of {len(rows)}, it or within 1 nat of it "

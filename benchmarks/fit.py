@@ -79,8 +79,17 @@ def asteroids() -> None:
                 ]
             )
         known.append(f"{name}: pole {pole}, period {published} h.")
-    heads = ["solution", "weight", "pole (deg)", "period (h)", "rms", "max R-hat", "min bulk ESS",
-             "wall time (s)", "exit code"]  # fmt: skip
+    heads = [
+        "solution",
+        "weight",
+        "pole (deg)",
+        "period (h)",
+        "rms",
+        "max R-hat",
+        "min bulk ESS",
+        "wall time (s)",
+        "exit code",
+    ]
     text = table(heads, rows) + "\n\nPublished. " + " ".join(known)
     text += " Goals: best pole within 3°, period within 1e-5 h, R-hat at most 1.01, bulk ESS at"
     text += " least 400, Ariadne's rms at most 0.0152, each command under 300 s."

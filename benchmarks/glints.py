@@ -73,8 +73,10 @@ def alarm(seed: int, snr: float) -> tuple[bool, bool]:
 
 def rows_of(cases: int, pool: Executor) -> list[list[str]]:
     kinds: tuple[tuple[str, Callable], ...] = (
-        ("facet: normal", facet), ("wire: axis", wire), ("tracking panel: offset", panel),
-    )  # fmt: skip
+        ("facet: normal", facet),
+        ("wire: axis", wire),
+        ("tracking panel: offset", panel),
+    )
     rows = []
     for name, function in kinds:
         for snr in NOISES:
@@ -83,10 +85,16 @@ def rows_of(cases: int, pool: Executor) -> list[list[str]]:
             away = np.array([g[0] for g in good])
             middle, most = np.quantile(away, [0.5, 0.9])
             rows.append(
-                [name, f"{snr:g}", f"{cases - len(good)} of {cases}", f"{middle:.2g}",
-                 f"{most:.2g}", f"{sum(g[1] for g in good)} of {len(good)}",
-                 f"{np.median([t for _, t in done]):.2f}"]
-            )  # fmt: skip
+                [
+                    name,
+                    f"{snr:g}",
+                    f"{cases - len(good)} of {cases}",
+                    f"{middle:.2g}",
+                    f"{most:.2g}",
+                    f"{sum(g[1] for g in good)} of {len(good)}",
+                    f"{np.median([t for _, t in done]):.2f}",
+                ]
+            )
             print(*rows[-1], sep="  ", flush=True)
     return rows
 
@@ -101,15 +109,29 @@ def main() -> None:
         for snr in NOISES:
             done = list(pool.map(alarm, range(4 * cases), [snr] * 4 * cases))
             false.append(
-                [f"{snr:g}", "1 %", f"{sum(g for g, _ in done)} of {len(done)}",
-                 f"{sum(d for _, d in done)} of {len(done)}"]
-            )  # fmt: skip
+                [
+                    f"{snr:g}",
+                    "1 %",
+                    f"{sum(g for g, _ in done)} of {len(done)}",
+                    f"{sum(d for _, d in done)} of {len(done)}",
+                ]
+            )
     text = (
-        table(["what", "SNR of a point", "refused", "median error (deg)", "90 % of errors (deg)",
-               "truth in 90 % region", "s a case"], rows)
+        table(
+            [
+                "what",
+                "SNR of a point",
+                "refused",
+                "median error (deg)",
+                "90 % of errors (deg)",
+                "truth in 90 % region",
+                "s a case",
+            ],
+            rows,
+        )
         + "\n\nDiffuse boxes that spin without a glint.\n\n"
         + table(["SNR", "nominal", "curves with a glint", "with a direction"], false)
-    )  # fmt: skip
+    )
     write_section("Glints", "python benchmarks/glints.py", text)
 
 

@@ -53,8 +53,9 @@ def maps() -> None:
         flux, gradient = over_directions(what, sun, obs)
         seconds = time.monotonic() - begun
         lit = np.mean(np.sum(gradient**2, axis=1) > 0.0)
-        rows.append([name, f"{len(what.body.areas)}", f"{len(flux):,}", f"{lit:.2f}",
-                     f"{seconds:.2f}"])  # fmt: skip
+        rows.append(
+            [name, f"{len(what.body.areas)}", f"{len(flux):,}", f"{lit:.2f}", f"{seconds:.2f}"]
+        )
     text = (
         "Flux and its gradient by the attitude for every pair of 100 directions of the Sun and "
         "10,000 of the observer, in the body frame; compilation included.\n\n"
@@ -129,9 +130,12 @@ class Case:
         kernel = AHMC(
             potential_fn=partial(problem.potential, data=data),
             fisher_fn=partial(problem.fisher, data=data),
-            exact=True, step_size=0.6, num_steps=4, covariance=0.5 * (spread + spread.T),
+            exact=True,
+            step_size=0.6,
+            num_steps=4,
+            covariance=0.5 * (spread + spread.T),
             proposal_scale=1.0,
-        )  # fmt: skip
+        )
         middle = np.asarray(quantities(centre))
         found = many_chains.run(
             kernel, start, quantities, (middle, self.bound), draws=DRAWS, burn=BURN, seed=seed
@@ -151,15 +155,26 @@ def bound_row(label: str, snr: float) -> list[str]:
     ratio, error = (np.array([f[k] for f in found]) for k in (0, 1))
     mean = ratio.mean(axis=0)
     return [
-        label, f"{snr:g}", f"{mean.min():.3f} … {mean.max():.3f}",
-        case.names[int(np.argmax(np.abs(mean - 1.0)))], f"{ratio.min():.3f} … {ratio.max():.3f}",
-        f"{error.max():.3f}", f"{min(f[2] for f in found):.2f}",
-    ]  # fmt: skip
+        label,
+        f"{snr:g}",
+        f"{mean.min():.3f} … {mean.max():.3f}",
+        case.names[int(np.argmax(np.abs(mean - 1.0)))],
+        f"{ratio.min():.3f} … {ratio.max():.3f}",
+        f"{error.max():.3f}",
+        f"{min(f[2] for f in found):.2f}",
+    ]
 
 
 def write_bound(rows: list[list[str]]) -> None:
-    heads = ["problem", "SNR", "mean over seeds, least … largest parameter", "worst parameter",
-             "single seeds", "largest standard error", "acceptance"]  # fmt: skip
+    heads = [
+        "problem",
+        "SNR",
+        "mean over seeds, least … largest parameter",
+        "worst parameter",
+        "single seeds",
+        "largest standard error",
+        "acceptance",
+    ]
     text = (
         f"Posterior sd over the Cramér-Rao bound of each parameter, {len(SEEDS)} noise seeds, "
         f"{CHAINS} chains of {DRAWS} draws by the exact Fisher-adaptive kernel. SNR: mean flux "

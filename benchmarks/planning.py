@@ -74,8 +74,15 @@ class Setting:
         begin = curve.t[0] + share * np.ptp(curve.t)
         first = np.flatnonzero(curve.t < begin)
         plans = begin + (curve.t[-1] - begin) * np.arange(3) / 3.0
-        return cls(curve.t, curve.sun, curve.obs, near,
-                   first[planning.even(len(first), FIRST)], plans, rates)  # fmt: skip
+        return cls(
+            curve.t,
+            curve.sun,
+            curve.obs,
+            near,
+            first[planning.even(len(first), FIRST)],
+            plans,
+            rates,
+        )
 
     @property
     def arrays(self) -> tuple[Floats, ...]:
@@ -247,8 +254,11 @@ class Campaign:
         seen = np.concatenate([self.slope[rows], np.diag(np.sqrt(PRECISION))])
         if not np.all(np.isfinite(bound(self.slope[rows]))):
             return np.inf
-        return float(np.sqrt(np.trace(self.target[k] @ np.linalg.inv(seen.T @ seen)
-                                      @ self.target[k].T) / 2.0))  # fmt: skip
+        return float(
+            np.sqrt(
+                np.trace(self.target[k] @ np.linalg.inv(seen.T @ seen) @ self.target[k].T) / 2.0
+            )
+        )
 
     def fit(self, starts, rows: list[Rows]) -> tuple[jax.Array, jax.Array]:
         """θ and draws from each noise's own measurements, filled up to one size."""
@@ -344,14 +354,18 @@ def run(setting: Setting) -> list[list[dict[str, Any]]]:
         even = campaign.even()
         mine = [
             {
-                "first": first[k], "even": even[k],
+                "first": first[k],
+                "even": even[k],
                 "planned": np.array([campaign.planned(n, k) for n in PLANNED]),
             }
             for k in range(len(TARGETS))
-        ]  # fmt: skip
+        ]
         done.append(mine)
-        said = [f"{x['first']:.3g} {x['even']:.3g} {np.round(x['planned'], 3)} "
-                f"{needed(x['even'], x['planned']):.3g}" for x in mine]  # fmt: skip
+        said = [
+            f"{x['first']:.3g} {x['even']:.3g} {np.round(x['planned'], 3)} "
+            f"{needed(x['even'], x['planned']):.3g}"
+            for x in mine
+        ]
         print(seed, f"{time.process_time() - begun:.0f} s", *said, sep="; ", flush=True)
     return done
 
@@ -364,19 +378,27 @@ def write(window: str, done: list[list[dict[str, Any]]]) -> None:
         planned = np.array([d[k]["planned"] for d in done])
         count = np.array([needed(d[k]["even"], d[k]["planned"]) for d in done]) / EVEN
         half = planned[:, PLANNED.index(EVEN // 2)] / even
-        rows.append([
-            target, f"{np.median([d[k]['first'] for d in done]):.2f}",
-            f"{np.median(even):.3f}", _quartiles(count),
-            f"{int(np.sum(count <= 0.5))} of {len(count)}", f"{np.median(half):.2f}",
-            f"{np.median(planned[:, -1] / even):.2f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                target,
+                f"{np.median([d[k]['first'] for d in done]):.2f}",
+                f"{np.median(even):.3f}",
+                _quartiles(count),
+                f"{int(np.sum(count <= 0.5))} of {len(count)}",
+                f"{np.median(half):.2f}",
+                f"{np.median(planned[:, -1] / even):.2f}",
+            ]
+        )
         print(rows[-1], flush=True)
     heads = [
-        "target", "error after the first visit (deg)", f"after {EVEN} more at equal steps (deg)",
+        "target",
+        "error after the first visit (deg)",
+        f"after {EVEN} more at equal steps (deg)",
         f"planned measurements for the same error, over {EVEN}: median (quartiles)",
-        "campaigns with at most half", f"error of {EVEN // 2} planned over {EVEN} even, median",
+        "campaigns with at most half",
+        f"error of {EVEN // 2} planned over {EVEN} even, median",
         f"of {EVEN} planned",
-    ]  # fmt: skip
+    ]
     text = (
         f"{len(done)} of {CAMPAIGNS} campaigns. {SETTINGS[window].__doc__} {FACETS} facets, "
         f"SNR {SNR:g} (mean flux over noise), {NOISES} noises each; medians over campaigns. Errors "

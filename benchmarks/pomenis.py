@@ -42,12 +42,19 @@ def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) ->
     }
     summary = found.summary()
     return {
-        "seed": seed, "sd": float(residual.std()), "bias": float(residual.mean()),
+        "seed": seed,
+        "sd": float(residual.std()),
+        "bias": float(residual.mean()),
         "middle": float(np.diff(np.quantile(residual, (0.16, 0.84)))[0] / 2),
-        "inside": inside, "seconds": took, "converged": found.converged, "reasons": found.reasons,
-        "fit_rms": summary["fit"]["rms"], "max_rhat": summary["max_rhat"],
-        "timing": summary["timing"], "modes": len(summary["modes"]),
-    }  # fmt: skip
+        "inside": inside,
+        "seconds": took,
+        "converged": found.converged,
+        "reasons": found.reasons,
+        "fit_rms": summary["fit"]["rms"],
+        "max_rhat": summary["max_rhat"],
+        "timing": summary["timing"],
+        "modes": len(summary["modes"]),
+    }
 
 
 def main() -> None:
@@ -70,13 +77,27 @@ def main() -> None:
     done = done[: args.halves]
     column = lambda key: np.array([one[key] for one in done])  # noqa: E731
     cover = np.array([one["inside"]["90"] for one in done])
-    heads = ["half", "residual sd of the other half (mag)", "16-84 % half-width", "in 90 %",
-             "in 50 %", "max R-hat", "s"]  # fmt: skip
+    heads = [
+        "half",
+        "residual sd of the other half (mag)",
+        "16-84 % half-width",
+        "in 90 %",
+        "in 50 %",
+        "max R-hat",
+        "s",
+    ]
     rows = [
-        [str(d["seed"]), f"{d['sd']:.3f}", f"{d['middle']:.3f}", f"{d['inside']['90']:.1%}",
-         f"{d['inside']['50']:.1%}", f"{d['max_rhat']:.3f}", f"{d['seconds']:.0f}"]
+        [
+            str(d["seed"]),
+            f"{d['sd']:.3f}",
+            f"{d['middle']:.3f}",
+            f"{d['inside']['90']:.1%}",
+            f"{d['inside']['50']:.1%}",
+            f"{d['max_rhat']:.3f}",
+            f"{d['seconds']:.0f}",
+        ]
         for d in done
-    ]  # fmt: skip
+    ]
     text = (
         f"{curve.n_obs} AB magnitudes of satellites of one make over {np.ptp(curve.t) / 86400:.0f} "
         f"days; model `stabilised` as it stands but for `n_facets={args.facets}`: normals, areas "
@@ -94,10 +115,15 @@ def main() -> None:
         said = json.loads((args.compare / "compare.json").read_text())
         heads = ["facets", "ln evidence", "±", "probability", "elpd"]
         rows = [
-            [str(c["n_facets"]), f"{c['log_evidence']:.1f}", f"{c['log_evidence_se']:.1f}",
-             f"{c['probability']:.3g}", f"{c['elpd_loo']:.1f}"]
+            [
+                str(c["n_facets"]),
+                f"{c['log_evidence']:.1f}",
+                f"{c['log_evidence_se']:.1f}",
+                f"{c['probability']:.3g}",
+                f"{c['elpd_loo']:.1f}",
+            ]
             for c in said["candidates"]
-        ]  # fmt: skip
+        ]
         text += f"\n\nHow many facets, by `lcbayes compare`:\n\n{table(heads, rows)}"
         text += f"\n\n{said['conclusion']}"
     extra = f" --facets {args.facets} --halves {args.halves}" + (

@@ -88,13 +88,20 @@ def ariadne() -> None:
         total = np.sum(search.residuals(points, exact, best) ** 2)
         off = [degrees_off(p, *ARIADNE) for p in ends.pole]
         lon, lat = lon_lat(best.pole[0])
-        rows.append([
-            np.dtype(kind).name, f"{total:.4f}", f"{by_curve_mean(points, exact, best):.4f}",
-            f"({lon:.2f}, {lat:+.2f})", f"{degrees_off(best.pole[0], *ARIADNE):.2f}°",
-            f"{1.0 / (HOUR * best.frequency[0]):.6f}", f"{sum(o < 1.5 for o in off)} of 12",
-            f"{int(ends.steps.min())} to {int(ends.steps.max())}",
-            f"{1e3 * np.median(took):.1f}", f"{1e3 * min(took):.1f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                np.dtype(kind).name,
+                f"{total:.4f}",
+                f"{by_curve_mean(points, exact, best):.4f}",
+                f"({lon:.2f}, {lat:+.2f})",
+                f"{degrees_off(best.pole[0], *ARIADNE):.2f}°",
+                f"{1.0 / (HOUR * best.frequency[0]):.6f}",
+                f"{sum(o < 1.5 for o in off)} of 12",
+                f"{int(ends.steps.min())} to {int(ends.steps.max())}",
+                f"{1e3 * np.median(took):.1f}",
+                f"{1e3 * min(took):.1f}",
+            ]
+        )
         print(rows[-1], flush=True)
     text = (
         "1541 points, 500 facets, 48 harmonics with pole and period: 51 unknowns and 37 factors of "
@@ -105,8 +112,18 @@ def ariadne() -> None:
         "the model divided by its mean. Goals: at most 0.353, within 1.5° of (253.2, −17.2), 10 ms."
         "\n\n"
     )
-    heads = ["precision", "sum", "sum, C's way", "pole", "off", "period, h", "within 1.5°",
-             "iterations", "ms an iteration", "at best"]  # fmt: skip
+    heads = [
+        "precision",
+        "sum",
+        "sum, C's way",
+        "pole",
+        "off",
+        "period, h",
+        "within 1.5°",
+        "iterations",
+        "ms an iteration",
+        "at best",
+    ]
     write_section(
         "Scan: 43 Ariadne from 12 blind poles", command("ariadne"), text + table(heads, rows)
     )
@@ -146,9 +163,11 @@ def periods() -> None:
         ["best after screening: period, h", f"{1.0 / (HOUR * ends.frequency[first]):.6f}"],
         ["best after refining: period, h", f"{1.0 / (HOUR * better.frequency[best]):.6f}"],
         ["its pole", "({:.2f}, {:+.2f})".format(*lon_lat(better.pole[best]))],
-        ["residuals of the best trial period away from it, ÷ its own",
-         f"{np.sqrt(chi2[~near].min() / chi2.min()):.2f}"],
-    ]  # fmt: skip
+        [
+            "residuals of the best trial period away from it, ÷ its own",
+            f"{np.sqrt(chi2[~near].min() / chi2.min()):.2f}",
+        ],
+    ]
     for row in rows:
         print(row, flush=True)
     text = (
@@ -173,10 +192,16 @@ def hertha() -> None:
     for i, s in enumerate(found.found.solutions[:4], start=1):
         assert s.pole is not None
         lon, lat = lon_lat(s.pole)
-        rows.append([
-            str(i), f"({lon:.1f}, {lat:+.1f})", f"{degrees_off(s.pole, *HERTHA):.1f}°",
-            f"{s.spin()['period_h']:.6f}", f"{s.chi2:.0f}", s.words,
-        ])  # fmt: skip
+        rows.append(
+            [
+                str(i),
+                f"({lon:.1f}, {lat:+.1f})",
+                f"{degrees_off(s.pole, *HERTHA):.1f}°",
+                f"{s.spin()['period_h']:.6f}",
+                f"{s.chi2:.0f}",
+                s.words,
+            ]
+        )
         print(rows[-1], flush=True)
     text = (
         "`lcbayes scan 135_Hertha.lcs --period 8.4006`, 12 blind poles, a noise level for each "

@@ -45,11 +45,12 @@ BODY = {"noise_law": "mixture"}
 CANDIDATES: dict[str, tuple[str, dict[str, Any]]] = {
     "yaw-steering": (LINES, BODY | {"facets": "+z~10,+x~10"}),
     "nadir-gimbal-array": (
-        LINES, BODY | {"law": "nadir-gimbal-array", "facets": "+z~10,array:+x~10"},
+        LINES,
+        BODY | {"law": "nadir-gimbal-array", "facets": "+z~10,array:+x~10"},
     ),
     "phase law: quadratic": (PHASE_LAWS, {"law": "quadratic"}),
     "phase law: cubic": (PHASE_LAWS, {"law": "cubic"}),
-}  # fmt: skip
+}
 
 
 def data_folder() -> Path:
@@ -169,16 +170,23 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
     settings = Settings(seed=1, num_warmup=200, num_samples=200)
     with Silent().stage("", 1, "") as track:
         rows, *_ = Sampler(problem, settings, 2).run(
-            "refit", z.mean(axis=0), without, jax.random.key(p), Checkpoint(None, {}), Timing(),
+            "refit",
+            z.mean(axis=0),
+            without,
+            jax.random.key(p),
+            Checkpoint(None, {}),
+            Timing(),
             track,
-        )  # fmt: skip
+        )
     rows = rows.reshape(-1, rows.shape[-1])
     drawn = {
         k: np.asarray(v)
-        for k, v in jax.vmap(lambda row: {
-            k: v for k, v in problem.constrain(row, data).items() if k.startswith("outlier_")
-        })(rows).items()
-    }  # fmt: skip
+        for k, v in jax.vmap(
+            lambda row: {
+                k: v for k, v in problem.constrain(row, data).items() if k.startswith("outlier_")
+            }
+        )(rows).items()
+    }
     flat = np.full((len(rows), 1), -np.log(len(rows)))
     mean, log_density, rank = _predicted(curve, _moments(problem, rows, data), flat, drawn)
     result.mean[here], result.log_density[here] = mean[here], log_density[here]
@@ -206,13 +214,18 @@ def scored(curve: lcbayes.LightCurve, kept: Kept, found: Predicted) -> dict[str,
         "middle": float(np.diff(np.quantile(residual[right], (0.16, 0.84)))[0] / 2),
         "density": float(np.mean(found.log_density[right])),
         "inside": float(np.mean(inside[right])),
-        "by_pass": by_pass[use], "weight": count[use], "joint": found.joint[use],
+        "by_pass": by_pass[use],
+        "weight": count[use],
+        "joint": found.joint[use],
         "residual2": (np.bincount(number, residual**2) / count)[use],
-        "bad_k": int(np.sum(found.khat > BAD_K)), "refitted": found.refitted,
+        "bad_k": int(np.sum(found.khat > BAD_K)),
+        "refitted": found.refitted,
         "wrong": float(kept.outlier[wrong].min()),
-        "called_passes": len(np.unique(number[called])), "called_points": int(called.sum()),
-        "passes": len(count), "points": int(right.sum()),
-    }  # fmt: skip
+        "called_passes": len(np.unique(number[called])),
+        "called_points": int(called.sum()),
+        "passes": len(count),
+        "points": int(right.sum()),
+    }
 
 
 def wrong_match(curve: lcbayes.LightCurve) -> np.ndarray:
@@ -251,20 +264,37 @@ def report(curve: lcbayes.LightCurve, fits: dict[str, Kept], scores: dict[str, A
     bodies = [k for k in scores if CANDIDATES[k][0] == LINES]
     laws = [k for k in scores if k not in bodies]
     best, rival = (max(some, key=lambda k: scores[k]["density"]) for some in (bodies, laws))
-    heads = ["model", "rms (mag)", "16-84 % half-width", "ln density per point", "in 90 %",
-             "k > 0.7, refitted", "max R-hat", "min ESS", "member sd, pass sd", "s"]  # fmt: skip
+    heads = [
+        "model",
+        "rms (mag)",
+        "16-84 % half-width",
+        "ln density per point",
+        "in 90 %",
+        "k > 0.7, refitted",
+        "max R-hat",
+        "min ESS",
+        "member sd, pass sd",
+        "s",
+    ]
     rows = []
     for name, s in scores.items():
         summary = fits[name].summary
         p = summary["parameters"]
         least = min(summary["min_ess_bulk"], summary["min_ess_tail"])
-        rows.append([
-            name, f"{s['sd']:.3f}", f"{s['middle']:.3f}", f"{s['density']:.3f}",
-            f"{s['inside']:.1%}", f"{s['bad_k'] + s['refitted']}, {s['refitted']}",
-            f"{summary['max_rhat']:.3f}", f"{least:.0f}",
-            ", ".join(f"{p[k]['mean']:.2f}" for k in ("member_sd", "pass_sd")),
-            f"{fits[name].seconds:.0f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                f"{s['sd']:.3f}",
+                f"{s['middle']:.3f}",
+                f"{s['density']:.3f}",
+                f"{s['inside']:.1%}",
+                f"{s['bad_k'] + s['refitted']}, {s['refitted']}",
+                f"{summary['max_rhat']:.3f}",
+                f"{least:.0f}",
+                ", ".join(f"{p[k]['mean']:.2f}" for k in ("member_sd", "pass_sd")),
+                f"{fits[name].seconds:.0f}",
+            ]
+        )
     a, b = scores[best], scores[rival]
     gain, joint = difference(a, b, "by_pass"), difference(a, b, "joint")
     square = difference(b, a, "residual2")
@@ -292,16 +322,21 @@ def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
     assert curve.range_km is not None
     number = pass_effects.numbers(curve)
     light = np.asarray(Epochs.of(curve).sunlight)
-    rows = np.array([np.flatnonzero(number == k)[np.sum(number == k) // 2]
-                     for k in range(number.max() + 1)])  # fmt: skip
+    rows = np.array(
+        [np.flatnonzero(number == k)[np.sum(number == k) // 2] for k in range(number.max() + 1)]
+    )
     rows = rows[light[rows] > 0.01]
     a = curve.phase_angle[rows]
     m = curve.brightness[rows] - 5.0 * np.log10(curve.range_km[rows] / 1e3)
     m += 2.5 * np.log10(light[rows])
     sphere = -2.5 * np.log10(np.sin(a) + (np.pi - a) * np.cos(a))
     found = {}
-    for name, y, degree in (("linear", m, 1), ("quadratic", m, 2), ("cubic", m, 3),
-                            ("Lambert sphere", m - sphere, 0)):  # fmt: skip
+    for name, y, degree in (
+        ("linear", m, 1),
+        ("quadratic", m, 2),
+        ("cubic", m, 3),
+        ("Lambert sphere", m - sphere, 0),
+    ):
         powers = np.vander(a, degree + 1)
 
         def minus(x: np.ndarray, y=y, powers=powers) -> float:

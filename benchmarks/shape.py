@@ -42,9 +42,12 @@ def curve(normals: np.ndarray, areas: np.ndarray, epochs: int, seed: int) -> Lig
     flux = np.maximum(sun @ normals.T, 0) * np.maximum(obs @ normals.T, 0) @ areas / np.pi
     error = np.full(epochs, NOISE * flux.mean())
     return LightCurve(
-        t=np.arange(float(epochs)), brightness=flux + error * rng.normal(size=epochs),
-        error=error, sun=sun, obs=obs,
-    )  # fmt: skip
+        t=np.arange(float(epochs)),
+        brightness=flux + error * rng.normal(size=epochs),
+        error=error,
+        sun=sun,
+        obs=obs,
+    )
 
 
 def many_faced(seed: int, n: int = 38) -> tuple[np.ndarray, np.ndarray, float]:
@@ -57,8 +60,9 @@ def many_faced(seed: int, n: int = 38) -> tuple[np.ndarray, np.ndarray, float]:
         if len(dual.vertices) < n or np.any(dual.equations[:, 3] > -0.1):
             continue
         corners = np.array([np.linalg.solve(normals[s], h[s]) for s in dual.simplices])
-        areas = np.array([_area(normals[i], corners[np.any(dual.simplices == i, 1)])
-                          for i in range(n)])  # fmt: skip
+        areas = np.array(
+            [_area(normals[i], corners[np.any(dual.simplices == i, 1)]) for i in range(n)]
+        )
         if areas.min() > 0.01 * areas.mean():
             return normals, areas, float(ConvexHull(corners).volume)
 
@@ -86,10 +90,14 @@ def bodies(
             face.append(np.bincount(near, found.facets.areas, 6) / areas - 1.0)
         print(f"{title}, seed {seed}: volume {volume[-1]:+.4f}, {count[-1]} facets", flush=True)
     return [
-        title, str(epochs), str(seeds), f"{100 * np.max(np.abs(volume)):.2f} %",
+        title,
+        str(epochs),
+        str(seeds),
+        f"{100 * np.max(np.abs(volume)):.2f} %",
         f"{100 * np.max(np.abs(face)):.2f} %" if face else "–",
-        f"{min(count)} to {max(count)}", f"{np.median(took):.1f}",
-    ]  # fmt: skip
+        f"{min(count)} to {max(count)}",
+        f"{np.median(took):.1f}",
+    ]
 
 
 def polygon_areas(body: Polyhedron, n: int) -> np.ndarray:
@@ -154,10 +162,15 @@ def solvers() -> list[list[str]]:
                 found = np.asarray(jax.block_until_ready(nnls.batched(gram, moment)))[0]
                 many.append((time.perf_counter() - begun) / BATCH)
             chi2 = np.sum((rows_ @ found - target) ** 2)
-            rows.append([
-                f"{epochs} × {n}", body, f"{1e3 * min(one[1:]):.1f}",
-                f"{1e3 * min(many[1:]):.1f}", f"{(chi2 - exact.chi2) / exact.chi2:.0e}",
-            ])  # fmt: skip
+            rows.append(
+                [
+                    f"{epochs} × {n}",
+                    body,
+                    f"{1e3 * min(one[1:]):.1f}",
+                    f"{1e3 * min(many[1:]):.1f}",
+                    f"{(chi2 - exact.chi2) / exact.chi2:.0e}",
+                ]
+            )
             print(rows[-1], flush=True)
     return rows
 

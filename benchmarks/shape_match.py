@@ -40,8 +40,14 @@ def at_random(name: str, noise: float, seed: int) -> LightCurve:
     """Every point in an orientation of its own, phase angles 20 to 140 degrees."""
     rng = np.random.default_rng(seed)
     sun, obs = turned(np.radians(rng.uniform(20.0, 140.0, POINTS)), rng)
-    return noisy(1000.0 * np.arange(POINTS), sent(candidates()[name], Surface(), sun, obs),
-                 sun, obs, noise, rng)  # fmt: skip
+    return noisy(
+        1000.0 * np.arange(POINTS),
+        sent(candidates()[name], Surface(), sun, obs),
+        sun,
+        obs,
+        noise,
+        rng,
+    )
 
 
 def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve:
@@ -51,10 +57,17 @@ def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightC
     axis *= 2 * np.pi / rng.uniform(5.0, 60.0) / np.linalg.norm(axis)
     turn = Rotation.from_rotvec(geometry.t[:, None] * axis) * Rotation.random(None, rng)
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
-    made = noisy(geometry.t, sent(candidates()[name], Surface(), sun, obs), geometry.sun,
-                 geometry.obs, noise, rng)  # fmt: skip
-    return replace(made, frame="icrs", position_km=geometry.position_km,
-                   velocity_km_s=geometry.velocity_km_s)  # fmt: skip
+    made = noisy(
+        geometry.t,
+        sent(candidates()[name], Surface(), sun, obs),
+        geometry.sun,
+        geometry.obs,
+        noise,
+        rng,
+    )
+    return replace(
+        made, frame="icrs", position_km=geometry.position_km, velocity_km_s=geometry.velocity_km_s
+    )
 
 
 def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve:
@@ -63,10 +76,17 @@ def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve
     body = np.asarray(frames(catalogue.find("lvlh"), geometry).body)
     turn = Rotation.from_matrix(body) * Rotation.random(None, rng)
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
-    made = noisy(geometry.t, sent(candidates()[name], Surface(), sun, obs), geometry.sun,
-                 geometry.obs, noise, rng)  # fmt: skip
-    return replace(made, frame="icrs", position_km=geometry.position_km,
-                   velocity_km_s=geometry.velocity_km_s)  # fmt: skip
+    made = noisy(
+        geometry.t,
+        sent(candidates()[name], Surface(), sun, obs),
+        geometry.sun,
+        geometry.obs,
+        noise,
+        rng,
+    )
+    return replace(
+        made, frame="icrs", position_km=geometry.position_km, velocity_km_s=geometry.velocity_km_s
+    )
 
 
 def confusion(objects: int, noise: float, took: list[float]) -> tuple[str, str]:
@@ -78,8 +98,9 @@ def confusion(objects: int, noise: float, took: list[float]) -> tuple[str, str]:
     for seed in range(objects):
         truth = seed % len(names)
         begun = time.perf_counter()
-        found = shape_match(at_random(names[truth], noise, seed), n_nulls=NULLS, n_draws=4000,
-                            seed=seed)  # fmt: skip
+        found = shape_match(
+            at_random(names[truth], noise, seed), n_nulls=NULLS, n_draws=4000, seed=seed
+        )
         took.append(time.perf_counter() - begun)
         count[truth, names.index(found.matches[0].name)] += 1
         mine = next(m for m in found.matches if m.name == names[truth])
@@ -110,15 +131,24 @@ def moving(cases: int) -> list[list[str]]:
             right, alarm, warned, refused = [], [], [], []
             for seed in range(cases):
                 name = names[seed % len(names)]
-                found = shape_match(make(geometry, name, noise, seed), n_nulls=NULLS, n_draws=4000,
-                                    seed=seed)  # fmt: skip
+                found = shape_match(
+                    make(geometry, name, noise, seed), n_nulls=NULLS, n_draws=4000, seed=seed
+                )
                 warned.append(any("stabilised" in r for r in found.reasons))
                 refused.append(bool(found.reasons))
                 right.append(found.matches[0].name == name)
                 mine = next(m for m in found.matches if m.name == name)
                 alarm.append(mine.p_energy <= LEVEL)
-            rows.append([title, f"{100 * noise:.0f} %", share(right), share(alarm), share(warned),
-                         share(refused)])  # fmt: skip
+            rows.append(
+                [
+                    title,
+                    f"{100 * noise:.0f} %",
+                    share(right),
+                    share(alarm),
+                    share(warned),
+                    share(refused),
+                ]
+            )
             print(rows[-1], flush=True)
     return rows
 
@@ -138,8 +168,14 @@ def main() -> None:
     for noise in NOISE:
         counts, rates = confusion(args.objects, noise, took)
         text += f"Noise {100 * noise:.0f} %, {args.objects} objects.\n\n{counts}\n\n{rates}\n\n"
-    heads = ["object", "noise", "nearest is right", "true shape rejected (energy, p ≤ 0.05)",
-             "said to be stabilised", "refused"]  # fmt: skip
+    heads = [
+        "object",
+        "noise",
+        "nearest is right",
+        "true shape rejected (energy, p ≤ 0.05)",
+        "said to be stabilised",
+        "refused",
+    ]
     text += (
         "300 points over the passes of four weeks at three sites (53°, 550 km).\n\n"
         + table(heads, moving(args.moving))

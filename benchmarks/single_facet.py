@@ -94,12 +94,18 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
                 told.append(found.kind[best] >= TOLD)
                 if told[-1]:
                     right.append(best == kind_of(curve, normal))
-            rows.append([
-                "two" if both else "one", f"{100 * noise:.0f} %",
-                f"{np.median(error):.2f}, {np.quantile(error, 0.9):.2f}",
-                f"{np.median(radius):.1f}", share(inside), share(told), share(right),
-                f"{refused} of {cases}",
-            ])  # fmt: skip
+            rows.append(
+                [
+                    "two" if both else "one",
+                    f"{100 * noise:.0f} %",
+                    f"{np.median(error):.2f}, {np.quantile(error, 0.9):.2f}",
+                    f"{np.median(radius):.1f}",
+                    share(inside),
+                    share(told),
+                    share(right),
+                    f"{refused} of {cases}",
+                ]
+            )
             print(rows[-1], flush=True)
     return rows
 
@@ -133,9 +139,16 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=100, help="per row (default 100)")
     cases = parser.parse_args().cases
     took: list[float] = []
-    heads = ["sites", "noise", "error of the normal, median and 90 % (deg)",
-             "region reaches (deg, median)", "truth in the 90 % region", "kind told",
-             "kind right where told", "refused"]  # fmt: skip
+    heads = [
+        "sites",
+        "noise",
+        "error of the normal, median and 90 % (deg)",
+        "region reaches (deg, median)",
+        "truth in the 90 % region",
+        "kind told",
+        "kind right where told",
+        "refused",
+    ]
     alone = ["body", "noise", "p ≤ 0.01", "an orientation is given", "it is a side of the box"]
     text = (
         "Orbits of 450 to 900 km over Maui and Kauai, 100 points a site; a Lambertian "

@@ -41,9 +41,12 @@ def thinned(curve: LightCurve) -> LightCurve:
 
 def curves() -> dict[str, LightCurve]:
     weeks = measured(
-        thinned(passes(550.0, 53.0, days=28, step=10.0)), LVLH,
-        ensemble.draw(8, np.random.default_rng(0)), 0.03, 0,
-    )  # fmt: skip
+        thinned(passes(550.0, 53.0, days=28, step=10.0)),
+        LVLH,
+        ensemble.draw(8, np.random.default_rng(0)),
+        0.03,
+        0,
+    )
     one = thinned(one_pass(3, step=0.25))
     edge = with_noise(one, flux_of(one, LVLH, crossing(one, LVLH, 5), 1.0), 0.01, 1)
     return {

@@ -69,8 +69,12 @@ def columns(seed: int, run: Run) -> list[str]:
     result = run.result
     told = [f"{result.log_evidence:.2f}", f"{run.ended:.2f}"]
     return [
-        str(seed), *told, str(len(result.stages)), f"{result.gradients:.2e}", f"{run.took:.1f}",
-    ]  # fmt: skip
+        str(seed),
+        *told,
+        str(len(result.stages)),
+        f"{result.gradients:.2e}",
+        f"{run.took:.1f}",
+    ]
 
 
 def said(found: list[Run]) -> str:
@@ -162,9 +166,15 @@ def agreement() -> None:
     curve = simulate(scenario.load(HERE / "four-facets.toml"), NOISE_SEED)[0]
     begun = time.monotonic()
     found = lcbayes.fit(
-        curve, "faceted", n_facets=4, sampler="smc", num_chains=len(SEEDS), num_samples=250,
-        seed=1, progress=Console(),
-    )  # fmt: skip
+        curve,
+        "faceted",
+        n_facets=4,
+        sampler="smc",
+        num_chains=len(SEEDS),
+        num_samples=250,
+        seed=1,
+        progress=Console(),
+    )
     took = time.monotonic() - begun
     summary = found.summary()
     rows = []
@@ -173,9 +183,15 @@ def agreement() -> None:
         spin = ", ".join(f"{1e3 * mode[f'omega_{x}_rad_s']:+.1f}" for x in "xyz")
         far = float(np.abs(shares - mode["weight"]).max())
         rows.append(
-            [str(k), f"{mode['weight']:.3f}", ", ".join(f"{s:.2f}" for s in shares), f"{far:.3f}",
-             spin, f"{mode['rms']:.4f}"]
-        )  # fmt: skip
+            [
+                str(k),
+                f"{mode['weight']:.3f}",
+                ", ".join(f"{s:.2f}" for s in shares),
+                f"{far:.3f}",
+                spin,
+                f"{mode['rms']:.4f}",
+            ]
+        )
     heavy = [float(row[3]) for row in rows if float(row[1]) > 0.05]
     heads = ["solution", "weight", "by run", "farthest run", "ω (10⁻³ rad/s)", "rms"]
     text = (

@@ -43,10 +43,12 @@ def judged(found: Spin, truth: dict) -> dict:
     away = [np.degrees(np.arccos(np.clip(s.pole @ truth["pole"], -1, 1))) for s in found.solutions]
     best = found.solutions[0]
     return {
-        "inside": inside, "first": away[0], "nearest": min(away),
+        "inside": inside,
+        "first": away[0],
+        "nearest": min(away),
         "several": len(away) > 1,
         "period": abs(1 / best.frequency / truth["period"] - 1),
-    }  # fmt: skip
+    }
 
 
 def case(kind: str, snr: float, count: int, i: int) -> tuple[dict | None, float]:
@@ -80,9 +82,13 @@ def _row(kind: str, snr: float, count: int, cases: int, good: list[dict]) -> lis
 
     held = sum(g["inside"] for g in good)
     return [
-        *head, f"{middle('first'):.1f}", f"{middle('nearest'):.1f}", f"{held} of {len(good)}",
-        f"{100 * middle('period'):.2g}", f"{sum(g['several'] for g in good)}",
-    ]  # fmt: skip
+        *head,
+        f"{middle('first'):.1f}",
+        f"{middle('nearest'):.1f}",
+        f"{held} of {len(good)}",
+        f"{100 * middle('period'):.2g}",
+        f"{sum(g['several'] for g in good)}",
+    ]
 
 
 def alarm(snr: float, i: int, spinning: bool) -> bool | None:
@@ -132,8 +138,17 @@ def main() -> None:
         "the heaviest solution, and of the nearest of those listed. The 90 % region is that of the "
         "pole alone. Several: cases with more than one solution.\n\n"
         + table(
-            ["body", "SNR of a point", "passes", "refused", "heaviest (deg)", "nearest (deg)",
-             "truth in 90 % region", "period off (%)", "several"],
+            [
+                "body",
+                "SNR of a point",
+                "passes",
+                "refused",
+                "heaviest (deg)",
+                "nearest (deg)",
+                "truth in 90 % region",
+                "period off (%)",
+                "several",
+            ],
             rows,
         )
         + "\n\nFalse alarms.\n\n"
@@ -141,7 +156,7 @@ def main() -> None:
         + f"\n\nTime per 1,000 points: {np.median(took):.2f} s (median), {max(took):.2f} s at most."
         + "\n\n"
         + table(["asteroid", "what is said", "s"], asteroids())
-    )  # fmt: skip
+    )
     write_section("Spin from periods alone", "python benchmarks/spin.py", text)
 
 

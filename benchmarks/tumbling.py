@@ -36,9 +36,13 @@ import leo
 SEEDS = range(20)
 N_FACETS, NOISE = 3, 0.02
 OPTIONS = {
-    "n_facets": N_FACETS, "spin": "torque-free", "omega_sd": 0.01, "seed": 1, "max_modes": 3,
+    "n_facets": N_FACETS,
+    "spin": "torque-free",
+    "omega_sd": 0.01,
+    "seed": 1,
+    "max_modes": 3,
     "num_starts": 12000,
-}  # fmt: skip
+}
 PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a site of its own
 POINTS = 40  # of a pass
 ASKED = {k: OPTIONS[k] for k in ("n_facets", "spin", "omega_sd")}
@@ -53,9 +57,10 @@ def geometry(rng: np.random.Generator) -> LightCurve:
         satellite, _ = orbit.place(np.array([0.5 * (start + end)]))
         x, y, z = satellite[0] / np.linalg.norm(satellite)
         site = replace(
-            orbit, lat=np.arcsin(z) + rng.normal(0.0, 0.08),
+            orbit,
+            lat=np.arcsin(z) + rng.normal(0.0, 0.08),
             lon=np.arctan2(y, x) - 2 * np.pi * at.mean() / leo.DAY + rng.normal(0.0, 0.08),
-        )  # fmt: skip
+        )
         place, ground = site.place(at)
         t.append(at)
         obs.append((ground - place) / np.linalg.norm(ground - place, axis=1, keepdims=True))
@@ -63,10 +68,15 @@ def geometry(rng: np.random.Generator) -> LightCurve:
         which.append(np.full(POINTS, i))
     n = len(PASSES) * POINTS
     return LightCurve(
-        t=np.concatenate(t), brightness=np.ones(n), error=np.full(n, 1.0), kind="flux",
-        sun=np.concatenate(sun), obs=np.concatenate(obs), curve=np.concatenate(which),
+        t=np.concatenate(t),
+        brightness=np.ones(n),
+        error=np.full(n, 1.0),
+        kind="flux",
+        sun=np.concatenate(sun),
+        obs=np.concatenate(obs),
+        curve=np.concatenate(which),
         free_scale=np.zeros(len(PASSES), bool),
-    )  # fmt: skip
+    )
 
 
 def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
@@ -131,9 +141,10 @@ def main(folder: Path) -> None:
     found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=2, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
     every = {
-        name: compared(folder / "out" / "objects" / name, truth) for name, truth in truths.items()
+        name: compared(folder / "out" / "objects" / name, truth)
+        for name, truth in truths.items()
         if status[name] != "failed"
-    }  # fmt: skip
+    }
     for name, row in every.items():
         print(name, status[name], {k: f"{e:+.4f} ± {s:.4f} {i}" for k, (e, s, i) in row.items()})
     trusted = [n for n in every if status[n] == "trusted"]
@@ -159,9 +170,19 @@ def main(folder: Path) -> None:
         "side by side.\n\n"
     )
     text += table(
-        ["quantity", "truth inside 90 %, trusted", "expected", "those that explain the data",
-         "expected", "all", "expected", "median error", "median sd"], rows,
-    )  # fmt: skip
+        [
+            "quantity",
+            "truth inside 90 %, trusted",
+            "expected",
+            "those that explain the data",
+            "expected",
+            "all",
+            "expected",
+            "median error",
+            "median sd",
+        ],
+        rows,
+    )
     write_section(
         "Torque-free tumbling: pole, rate and inertia", "python benchmarks/tumbling.py", text
     )

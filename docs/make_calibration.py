@@ -50,9 +50,11 @@ CASES: dict[str, tuple[str, dict[str, Any], str]] = {
         "one-facet",
     ),
     "stabilised": (
-        "stabilised", {"facets": "+z~10", "n_facets": 2, "reflectance": "lambertian"}, "box-wing"
+        "stabilised",
+        {"facets": "+z~10", "n_facets": 2, "reflectance": "lambertian"},
+        "box-wing",
     ),
-}  # fmt: skip
+}
 
 HEAD = """\
 # Calibration
@@ -113,8 +115,10 @@ def kept(case: str, sampler: str) -> Path:
 def keep(case: str, sampler: str, found: Calibration) -> None:
     KEPT.mkdir(parents=True, exist_ok=True)
     said = {
-        "names": found.names, "places": found.places.tolist(), "trusted": found.trusted.tolist()
-    }  # fmt: skip
+        "names": found.names,
+        "places": found.places.tolist(),
+        "trusted": found.trusted.tolist(),
+    }
     write_atomic(kept(case, sampler), lambda path: path.write_text(json.dumps(said)))
 
 
@@ -130,9 +134,13 @@ def write() -> None:
                 )
     tests = sum(len(c.names) for by in done.values() for c in by.values())
     told = HEAD.format(
-        date=f"{datetime.now(UTC):%Y-%m-%d}", tests=tests, level=f"{ALARM / max(tests, 1):.1g}",
-        pages=round(1 / ALARM), done=sum(map(len, done.values())), pairs=len(CASES) * len(SAMPLERS),
-    )  # fmt: skip
+        date=f"{datetime.now(UTC):%Y-%m-%d}",
+        tests=tests,
+        level=f"{ALARM / max(tests, 1):.1g}",
+        pages=round(1 / ALARM),
+        done=sum(map(len, done.values())),
+        pairs=len(CASES) * len(SAMPLERS),
+    )
     lines = [told]
     for case, by in done.items():
         picture = f"calibration-{case.replace(', ', '-')}.png"

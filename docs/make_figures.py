@@ -45,8 +45,15 @@ def main(folder: Path) -> None:
         area = f"{show(facet.area.mean, facet.area.sd)} ± {show(facet.area.sd, facet.area.sd)} m²"
         away = (0, -15) if y > 1 or x > 2.5 else (0, 9)  # inside the map, clear of the others
         align = "right" if x > 2.5 else "center"
-        right.annotate(area, (float(x), float(y)), away, textcoords="offset points",
-                       ha=align, fontsize=8, color=style.colour(i))  # fmt: skip
+        right.annotate(
+            area,
+            (float(x), float(y)),
+            away,
+            textcoords="offset points",
+            ha=align,
+            fontsize=8,
+            color=style.colour(i),
+        )
     right.grid(color="#d5d8dd", lw=0.5)
     right.set_axisbelow(True)
     right.set_longitude_grid_ends(90)

@@ -69,13 +69,25 @@ class Scenario:
 
 MODELS = (
     Scenario("faceted", "two-facet-spin", ("--n-facets", "2")),
-    Scenario("faceted-brdf", "docs/gallery/faceted-brdf.toml",
-             ("--n-facets", "1", "--spin", "none")),
+    Scenario(
+        "faceted-brdf", "docs/gallery/faceted-brdf.toml", ("--n-facets", "1", "--spin", "none")
+    ),
     Scenario("convex-grid", "docs/gallery/convex-grid.toml", ("--period", "5.76")),
-    Scenario("stabilised", "docs/gallery/stabilised.toml",
-             ("--law", "lvlh", "--facets", "+z,+x", "--reflectance", "lambertian",
-              "--num-samples", "1500")),
-)  # fmt: skip
+    Scenario(
+        "stabilised",
+        "docs/gallery/stabilised.toml",
+        (
+            "--law",
+            "lvlh",
+            "--facets",
+            "+z,+x",
+            "--reflectance",
+            "lambertian",
+            "--num-samples",
+            "1500",
+        ),
+    ),
+)
 
 
 def digests(files: Sequence[str]) -> dict[str, str]:
@@ -101,9 +113,12 @@ def run(kind: str, words: Sequence[str], files: set[str]) -> tuple[str, int]:
     with tempfile.TemporaryDirectory() as scratch:
         noted = Path(scratch) / "read.json"
         done = subprocess.run(
-            [sys.executable, "-c", WATCH, str(noted), kind, *words], cwd=ROOT, text=True,
-            capture_output=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+            [sys.executable, "-c", WATCH, str(noted), kind, *words],
+            cwd=ROOT,
+            text=True,
+            capture_output=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )
         if done.returncode not in (0, 3):
             raise SystemExit(f"{shlex.join(words)} failed:\n{done.stderr[-3000:]}")
         read = json.loads(noted.read_text())
@@ -169,9 +184,19 @@ def model_page(made: Scenario, folder: Path, files: set[str]) -> str:
     texts = []
     for words in (
         ("lcbayes", "simulate", made.scenario, "-o", str(curve), "--seed", "1"),
-        ("lcbayes", "fit", str(curve), "-o", str(out), "--model", made.model, *made.fit,
-         "--seed", "1"),
-    ):  # fmt: skip
+        (
+            "lcbayes",
+            "fit",
+            str(curve),
+            "-o",
+            str(out),
+            "--model",
+            made.model,
+            *made.fit,
+            "--seed",
+            "1",
+        ),
+    ):
         printed, status = run("module", words, files)
         line = shown(f"$ {shlex.join(words)}\n{printed}", folder)
         texts.append(line + (f"\n(exit status {status})" if status else ""))

@@ -37,9 +37,19 @@ _HOMES = {
     "write": "lcbayes.data.write",
 }
 __all__ = [
-    "Batch", "Comparison", "Fit", "InputError", "LightCurve", "Scan", "batch", "compare", "fit",
-    "read", "scan", "write",
-]  # fmt: skip
+    "Batch",
+    "Comparison",
+    "Fit",
+    "InputError",
+    "LightCurve",
+    "Scan",
+    "batch",
+    "compare",
+    "fit",
+    "read",
+    "scan",
+    "write",
+]
 
 
 def _load_numpyro_if_begun() -> None:

@@ -11,8 +11,15 @@ from lcbayes.physics.reflectance import SatelliteLaw
 
 SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
 
-FACET_SITES = ("normals_base", "log_albedo_area", "r_sum", "specular_share", "log_nu",
-               "log_n", "log_m")  # fmt: skip
+FACET_SITES = (
+    "normals_base",
+    "log_albedo_area",
+    "r_sum",
+    "specular_share",
+    "log_nu",
+    "log_n",
+    "log_m",
+)
 
 
 def model(

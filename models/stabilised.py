@@ -22,8 +22,13 @@ SUMMARY = "facets of known, partly known or unknown normals on a satellite of kn
 UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # where area and albedo-area are one
 SPECULAR = {"nu": (30.0, 1.0), "n": (30.0, 1.0), "m": (0.3, 0.7)}
 HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of those that are not
-FACET_SITES = ("free_normals_base", *(name + FREE for name in (
-    "log_albedo_area", "r_sum", "specular_share", "log_nu", "log_n", "log_m")))  # fmt: skip
+FACET_SITES = (
+    "free_normals_base",
+    *(
+        name + FREE
+        for name in ("log_albedo_area", "r_sum", "specular_share", "log_nu", "log_n", "log_m")
+    ),
+)
 
 POOLED = {"individuals": False}  # while solutions are sought
 NUM_STARTS = 400  # of three facets on Pomenis 1 in 60 ended at the best; many individuals cost time
@@ -109,9 +114,13 @@ def model(
             axes = jnp.asarray(made.array if name == ARRAY else made.body)
             mine = {k: jnp.broadcast_to(v, (total,))[here] for k, v in parameters.items()}
             sent = partial(
-                brightness.flux_brdf, obs_body=rotations.to_body(axes, data.obs),
-                normals=normals[here], area=area[here], law=reflectance, params=mine,
-            )  # fmt: skip
+                brightness.flux_brdf,
+                obs_body=rotations.to_body(axes, data.obs),
+                normals=normals[here],
+                area=area[here],
+                law=reflectance,
+                params=mine,
+            )
             each = jax.vmap(lambda v, axes=axes, sent=sent: sent(rotations.to_body(axes, v)))(
                 toward
             )

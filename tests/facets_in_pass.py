@@ -31,8 +31,14 @@ def one_pass(seed: int, step: float = 2.0) -> LightCurve:
         for rows in np.split(np.arange(found.n_obs), np.flatnonzero(np.diff(found.t) > 600) + 1):
             if min(np.sum(found.site[rows] == k) for k in "01") > 10:
                 begin, end = float(found.t[rows[0]]), float(found.t[rows[-1]])
-                return passes(*orbit, (end - begin) / DAY, step, (MAUI, KAUAI),
-                              least_altitude_deg=10.0, start=begin)  # fmt: skip
+                return passes(
+                    *orbit,
+                    (end - begin) / DAY,
+                    step,
+                    (MAUI, KAUAI),
+                    least_altitude_deg=10.0,
+                    start=begin,
+                )
 
 
 def body_directions(curve: LightCurve, law: Attitude) -> tuple[np.ndarray, np.ndarray]:

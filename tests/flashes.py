@@ -24,9 +24,13 @@ def random_unit(rng: np.random.Generator) -> np.ndarray:
 def noisy(rng, t, flux, snr, sun, obs) -> LightCurve:
     error = np.full(t.size, np.median(flux) / snr)
     return LightCurve(
-        t=t, brightness=flux + error * rng.normal(size=t.size), error=error, sun=np.array(sun),
-        obs=obs, frame="icrs",
-    )  # fmt: skip
+        t=t,
+        brightness=flux + error * rng.normal(size=t.size),
+        error=error,
+        sun=np.array(sun),
+        obs=obs,
+        frame="icrs",
+    )
 
 
 def turned(t: np.ndarray, omega: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -54,8 +58,9 @@ def facet_flashes(seed: int, snr: float) -> tuple[LightCurve, Attitude, np.ndarr
         normal = b[rng.integers(t.size // 4, 3 * t.size // 4)]
         width = np.radians(rng.uniform(1.0, 3.0))
         lobe = np.exp(-0.5 * (np.arccos(np.clip(b @ normal, -1, 1)) / width) ** 2)
-        high = np.flatnonzero((lobe[1:-1] > 0.3) & (lobe[1:-1] > lobe[:-2])
-                              & (lobe[1:-1] > lobe[2:]))  # fmt: skip
+        high = np.flatnonzero(
+            (lobe[1:-1] > 0.3) & (lobe[1:-1] > lobe[:-2]) & (lobe[1:-1] > lobe[2:])
+        )
         if len(high) >= 2 and np.mean(lobe > 0.5) < 0.1:
             break
     body = tilted(shapes.box(1.0, 1.1, 1.2), 30.0, rng)
@@ -103,9 +108,13 @@ def panel_flashes(
     meridian = np.concatenate([m + 2 * np.pi * (x - day) / DAY for x, m, day in parts])
     longitude = 2 * np.pi * t / YEAR
     sun = np.stack(
-        [np.cos(longitude), np.sin(longitude) * np.cos(OBLIQUITY),
-         np.sin(longitude) * np.sin(OBLIQUITY)], 1,
-    )  # fmt: skip
+        [
+            np.cos(longitude),
+            np.sin(longitude) * np.cos(OBLIQUITY),
+            np.sin(longitude) * np.sin(OBLIQUITY),
+        ],
+        1,
+    )
     up = np.stack([np.cos(meridian), np.sin(meridian), np.zeros_like(t)], 1)
     site = EARTH_KM * (np.cos(lat) * up + np.sin(lat) * np.array([0.0, 0.0, 1.0]))
     line = site - GEO_KM * up
@@ -114,9 +123,13 @@ def panel_flashes(
     azimuth = np.arctan2(sun[:, 1], sun[:, 0]) + offset
     tilt = np.arcsin(b[:, 2]).mean()  # canted as far as the season asks
     normal = np.stack(
-        [np.cos(tilt) * np.cos(azimuth), np.cos(tilt) * np.sin(azimuth),
-         np.full_like(t, np.sin(tilt))], 1,
-    )  # fmt: skip
+        [
+            np.cos(tilt) * np.cos(azimuth),
+            np.cos(tilt) * np.sin(azimuth),
+            np.full_like(t, np.sin(tilt)),
+        ],
+        1,
+    )
     lobe = np.exp(-0.5 * (np.arccos(np.clip(np.sum(b * normal, 1), -1, 1)) / width) ** 2)
     phase = np.arccos(np.clip(np.sum(sun * obs, 1), -1, 1))
     flux = 1.0 + 2.0 * (1 + np.cos(phase)) + rng.uniform(4.0, 12.0) * lobe

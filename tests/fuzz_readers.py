@@ -65,8 +65,9 @@ def fuzz(folder: Path, minutes: float, seed: int) -> None:
         if told["texts"] % 2000 == 0:
             print(
                 f"{time.monotonic() - begun:.0f} s: {told}, faults {kinds}, "
-                f"memory + {memory() - before:.0f} MiB", flush=True,
-            )  # fmt: skip
+                f"memory + {memory() - before:.0f} MiB",
+                flush=True,
+            )
 
     options = [f"-max_total_time={60 * minutes:.0f}", f"-seed={seed}", "-max_len=4096"]
     atheris.Setup([sys.argv[0], str(corpus), *options, "-rss_limit_mb=4096"], one)

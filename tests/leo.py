@@ -37,27 +37,37 @@ class Orbit:
             [np.cos(ecliptic), np.sin(ecliptic) * np.cos(tilt), np.sin(ecliptic) * np.sin(tilt)]
         )
         return cls(
-            EARTH_KM + rng.uniform(500, 1200), np.radians(rng.choice([51.6, 74.0, 82.0, 98.0])),
-            rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi),
-            np.radians(rng.uniform(-55, 55)), rng.uniform(0, 2 * np.pi), sun,
-        )  # fmt: skip
+            EARTH_KM + rng.uniform(500, 1200),
+            np.radians(rng.choice([51.6, 74.0, 82.0, 98.0])),
+            rng.uniform(0, 2 * np.pi),
+            rng.uniform(0, 2 * np.pi),
+            np.radians(rng.uniform(-55, 55)),
+            rng.uniform(0, 2 * np.pi),
+            sun,
+        )
 
     def place(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Satellite and site, km, (T, 3) each."""
         u = self.phase + np.sqrt(MU / self.radius_km**3) * t
         x, y = np.cos(u), np.sin(u)
         ci, si, cn, sn = (
-            np.cos(self.inclination), np.sin(self.inclination),
-            np.cos(self.node), np.sin(self.node),
-        )  # fmt: skip
+            np.cos(self.inclination),
+            np.sin(self.inclination),
+            np.cos(self.node),
+            np.sin(self.node),
+        )
         satellite = self.radius_km * np.stack(
             [cn * x - sn * ci * y, sn * x + cn * ci * y, si * y], 1
         )
         a = self.lon + 2 * np.pi * t / DAY
         site = EARTH_KM * np.stack(
-            [np.cos(self.lat) * np.cos(a), np.cos(self.lat) * np.sin(a),
-             np.full_like(a, np.sin(self.lat))], 1,
-        )  # fmt: skip
+            [
+                np.cos(self.lat) * np.cos(a),
+                np.cos(self.lat) * np.sin(a),
+                np.full_like(a, np.sin(self.lat)),
+            ],
+            1,
+        )
         return satellite, site
 
     def look(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -149,9 +159,13 @@ def spinner(
     flux = shine(body, spun(sun, t, pole, omega), spun(obs, t, pole, omega), spec, exponent)
     error = np.full(t.size, flux.mean() / snr)
     curve = LightCurve(
-        t=t, brightness=flux + error * rng.normal(size=t.size), error=error, sun=np.array(sun),
-        obs=obs, frame="icrs",
-    )  # fmt: skip
+        t=t,
+        brightness=flux + error * rng.normal(size=t.size),
+        error=error,
+        sun=np.array(sun),
+        obs=obs,
+        frame="icrs",
+    )
     return curve, {"pole": pole, "period": period, "spec": spec}
 
 

@@ -42,8 +42,9 @@ def passes(
     node = np.radians(node_deg) - 1.5 * 1.0826e-3 * (6378.1 / radius) ** 2 * rate * np.cos(i) * t
     u = rate * t
     ahead = np.stack([np.cos(node), np.sin(node), 0 * node], 1)
-    side = np.stack([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i),
-                     np.full(t.size, np.sin(i))], 1)  # fmt: skip
+    side = np.stack(
+        [-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.full(t.size, np.sin(i))], 1
+    )
     place = radius * (np.cos(u)[:, None] * ahead + np.sin(u)[:, None] * side)
     velocity = radius * rate * (np.cos(u)[:, None] * side - np.sin(u)[:, None] * ahead)
     lon = np.radians(sun_lon_deg) + 2 * np.pi * t / (365.25 * DAY)
@@ -54,23 +55,46 @@ def passes(
     columns: list[np.ndarray] = []
     for k, (lat, east) in enumerate(sites):
         angle, phi = np.radians(east) + EARTH_RATE * t, np.radians(lat)
-        zenith = np.stack([np.cos(phi) * np.cos(angle), np.cos(phi) * np.sin(angle),
-                           np.full(t.size, np.sin(phi))], 1)  # fmt: skip
+        zenith = np.stack(
+            [
+                np.cos(phi) * np.cos(angle),
+                np.cos(phi) * np.sin(angle),
+                np.full(t.size, np.sin(phi)),
+            ],
+            1,
+        )
         line = EARTH * zenith - place
         obs = unit(line)
         high = -np.sum(obs * zenith, axis=1) > np.sin(np.radians(least_altitude_deg))
         dark = np.sum(sun * zenith, axis=1) < np.sin(np.radians(-9.0))
         kept = np.flatnonzero(high & lit & (dark | (not darkness)))
-        columns.append(np.column_stack([t[kept], np.full(kept.size, k), sun[kept], obs[kept],
-                                        place[kept], velocity[kept],
-                                        np.linalg.norm(line[kept], axis=1)]))  # fmt: skip
+        columns.append(
+            np.column_stack(
+                [
+                    t[kept],
+                    np.full(kept.size, k),
+                    sun[kept],
+                    obs[kept],
+                    place[kept],
+                    velocity[kept],
+                    np.linalg.norm(line[kept], axis=1),
+                ]
+            )
+        )
     rows = np.concatenate(columns)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return LightCurve(
-        t=rows[:, 0], site=rows[:, 1].astype(int).astype(str), sun=rows[:, 2:5], obs=rows[:, 5:8],
-        position_km=rows[:, 8:11], velocity_km_s=rows[:, 11:14],
-        brightness=np.full(len(rows), np.nan), error=None, frame="icrs", epoch_jd=2461000.5,
-    )  # fmt: skip
+        t=rows[:, 0],
+        site=rows[:, 1].astype(int).astype(str),
+        sun=rows[:, 2:5],
+        obs=rows[:, 5:8],
+        position_km=rows[:, 8:11],
+        velocity_km_s=rows[:, 11:14],
+        brightness=np.full(len(rows), np.nan),
+        error=None,
+        frame="icrs",
+        epoch_jd=2461000.5,
+    )
 
 
 def measured(geometry: LightCurve, law: Attitude, bodies: ensemble.Bodies, noise: float, seed: int):

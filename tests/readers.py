@@ -87,16 +87,19 @@ READERS = {
     "DAMIT": Reader(".lcs", read, (DAMIT,)),
     "with elements": Reader(".txt", _with_elements, (MMT9, TIMES)),
     "elements": Reader(".tle", read_tle, (TLE, "ISS\n" + TLE)),
-    "scenario": Reader(".toml", load, tuple(
-        (SCENARIOS / f"{n}.toml").read_text("utf-8") for n in NAMED
-    )),
+    "scenario": Reader(
+        ".toml", load, tuple((SCENARIOS / f"{n}.toml").read_text("utf-8") for n in NAMED)
+    ),
     "body": Reader(".obj", shapes.read_obj, (OBJ,)),
     "configuration": Reader(".toml", read_config, (RUN,)),
     "catalogue": Reader(".csv", objects, (BATCH,)),
     "table of objects": Reader(".toml", objects, (TABLE,)),
-    "attitude law": Reader(".txt", lambda p: catalogue.parse(p.read_bytes().decode("latin-1")),
-                           ("lvlh:yaw_deg=4,roll_deg=-1", "orbit-normal-spin:period_s=12.5")),
-}  # fmt: skip
+    "attitude law": Reader(
+        ".txt",
+        lambda p: catalogue.parse(p.read_bytes().decode("latin-1")),
+        ("lvlh:yaw_deg=4,roll_deg=-1", "orbit-normal-spin:period_s=12.5"),
+    ),
+}
 
 
 class Fault(AssertionError):

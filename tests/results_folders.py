@@ -113,11 +113,17 @@ def _write(
         "divergences": divergences,
         "parameters": {},
         "modes": [{"weight": w, "weight_sd": 0.03} for w in weights],
-        "fit": {"rms": float(np.std(observed - mean.mean((0, 1)))), "chi2": chi2,
-                "dof": observed.size - 12, "elpd_loo": -118.3, "elpd_se": 7.9,
-                "log_evidence": None, "log_evidence_se": None},
+        "fit": {
+            "rms": float(np.std(observed - mean.mean((0, 1)))),
+            "chi2": chi2,
+            "dof": observed.size - 12,
+            "elpd_loo": -118.3,
+            "elpd_se": 7.9,
+            "log_evidence": None,
+            "log_evidence_se": None,
+        },
         "timing": {"compile_s": 6.2, "warmup_s": 9.1, "sampling_s": 12.4, "gradients": 91234},
-    } | summary  # fmt: skip
+    } | summary
     (folder / "summary.json").write_text(json.dumps(full))
     return folder
 
@@ -179,23 +185,46 @@ def faceted(
         "37 transitions diverged: the sampler could not follow the posterior there.",
     ]
     constant: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        "t": (("time",), t), "sun": (("time", "xyz"), sun), "obs": (("time", "xyz"), obs),
-        "error": (("time",), sigma), "curve": (("time",), (t > 1000).astype(int)),
+        "t": (("time",), t),
+        "sun": (("time", "xyz"), sun),
+        "obs": (("time", "xyz"), obs),
+        "error": (("time",), sigma),
+        "curve": (("time",), (t > 1000).astype(int)),
         "range_km": (("time",), range_km),
-    }  # fmt: skip
+    }
     attrs = {
-        "model": "faceted", "kind": kind, "frame": "icrs", "epoch_jd": 2460000.5, "n_facets": 3,
-        "seed": 1, "command": "lcbayes fit pass.csv -o out --seed 1", "version": "0.1.0",
-        "source_file": title, "created": "2025-01-01T00:00:00Z",
-        "assumptions": json.dumps([
-            "The object is rigid and turns at a constant angular velocity.",
-            "Each facet scatters diffusely; facets do not shade one another.",
-            "Noise is Gaussian with the errors given in the file.",
-        ]),
-    }  # fmt: skip
+        "model": "faceted",
+        "kind": kind,
+        "frame": "icrs",
+        "epoch_jd": 2460000.5,
+        "n_facets": 3,
+        "seed": 1,
+        "command": "lcbayes fit pass.csv -o out --seed 1",
+        "version": "0.1.0",
+        "source_file": title,
+        "created": "2025-01-01T00:00:00Z",
+        "assumptions": json.dumps(
+            [
+                "The object is rigid and turns at a constant angular velocity.",
+                "Each facet scatters diffusely; facets do not shade one another.",
+                "Noise is Gaussian with the errors given in the file.",
+            ]
+        ),
+    }
     summary = {"converged": False, "reasons": reasons, "max_rhat": 2.31} if bad else {}
-    return _write(folder, modes, [0.62, 0.38], predict, observed, sigma, constant, attrs, summary,
-                  rng, divergences=37 if bad else 0)  # fmt: skip
+    return _write(
+        folder,
+        modes,
+        [0.62, 0.38],
+        predict,
+        observed,
+        sigma,
+        constant,
+        attrs,
+        summary,
+        rng,
+        divergences=37 if bad else 0,
+    )
 
 
 def asteroid(
@@ -212,9 +241,11 @@ def asteroid(
     starts = np.sort(rng.uniform(0, 25 * 365.25, n_curves))
     curve = np.repeat(np.arange(n_curves), rng.integers(12, 50, n_curves))
     t = np.concatenate(
-        [starts[c] * 86400 + np.linspace(0, 5.5 * 3600, n)
-         for c, n in zip(*np.unique(curve, return_counts=True), strict=True)]
-    )  # fmt: skip
+        [
+            starts[c] * 86400 + np.linspace(0, 5.5 * 3600, n)
+            for c, n in zip(*np.unique(curve, return_counts=True), strict=True)
+        ]
+    )
     lon = 2 * np.pi * t / (3.27 * 365.25 * 86400)
     sun = np.stack([np.cos(lon), np.sin(lon), 0.05 * np.sin(3 * lon)], 1)
     sun = _unit(sun)
@@ -251,17 +282,26 @@ def asteroid(
     sigma = np.full(t.size, 0.014)
     observed = predict(modes[0].isel(draw=[0]))[0, 0] + sigma * rng.normal(size=t.size)
     constant: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        "t": (("time",), t), "sun": (("time", "xyz"), sun), "obs": (("time", "xyz"), obs),
-        "error": (("time",), np.full(t.size, np.nan)), "curve": (("time",), curve),
+        "t": (("time",), t),
+        "sun": (("time", "xyz"), sun),
+        "obs": (("time", "xyz"), obs),
+        "error": (("time",), np.full(t.size, np.nan)),
+        "curve": (("time",), curve),
         "grid_normals": (("facet", "xyz"), grid),
-    }  # fmt: skip
+    }
     attrs = {
-        "model": "convex-grid", "kind": "flux", "frame": "ecliptic-j2000", "epoch_jd": 2438882.2,
-        "n_facets": n_facets, "seed": 3, "version": "0.1.0", "source_file": "43_Ariadne_rel.lcs",
+        "model": "convex-grid",
+        "kind": "flux",
+        "frame": "ecliptic-j2000",
+        "epoch_jd": 2438882.2,
+        "n_facets": n_facets,
+        "seed": 3,
+        "version": "0.1.0",
+        "source_file": "43_Ariadne_rel.lcs",
         "command": "lcbayes fit 43_Ariadne_rel.lcs --model convex-grid --period 5.762 -o out",
         "assumptions": json.dumps(["The body is convex.", "It turns about its shortest axis."]),
         "created": "2025-01-01T00:00:00Z",
-    }  # fmt: skip
+    }
     solutions = [
         {"weight": 0.5, "pole_lon_deg": pole[m][0], "pole_lat_deg": pole[m][1], "period_h": period}
         for m in (1.0, -1.0)
@@ -274,5 +314,15 @@ def asteroid(
 
     if dark:
         observed[:7] = sigma[:7] * rng.normal(size=7)
-    return _write(folder, modes, [0.5, 0.5], predict_dark if dark else predict, observed, sigma,
-                  constant, attrs, {"modes": solutions}, rng)  # fmt: skip
+    return _write(
+        folder,
+        modes,
+        [0.5, 0.5],
+        predict_dark if dark else predict,
+        observed,
+        sigma,
+        constant,
+        attrs,
+        {"modes": solutions},
+        rng,
+    )

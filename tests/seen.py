@@ -31,6 +31,9 @@ def curve_of(body: Body, n: int = 300, noise: float = 0.01, seed: int = 0, **fie
     error = np.full(n, noise * flux.mean())
     values = {"error": error, "kind": "flux"} | fields
     return LightCurve(
-        t=np.arange(float(n)), brightness=flux + error * rng.normal(size=n), sun=sun, obs=obs,
+        t=np.arange(float(n)),
+        brightness=flux + error * rng.normal(size=n),
+        sun=sun,
+        obs=obs,
         **values,
-    )  # fmt: skip
+    )

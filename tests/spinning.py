@@ -30,17 +30,26 @@ def geometry(
     t, sun, obs, group = [], [], [], []
     for c, begin in enumerate(np.sort(rng.uniform(0.0, 86400.0 * days, n_curves))):
         lon, lat = 2.0 * np.pi * c / n_curves, flat * rng.uniform(-1.0, 1.0)
-        turn = np.array([[np.cos(x) * np.cos(y), np.sin(x) * np.cos(y), np.sin(y)]
-                         for x, y in ((lon, lat), (lon + 0.35, 0.6 * lat))])  # fmt: skip
+        turn = np.array(
+            [
+                [np.cos(x) * np.cos(y), np.sin(x) * np.cos(y), np.sin(y)]
+                for x, y in ((lon, lat), (lon + 0.35, 0.6 * lat))
+            ]
+        )
         t.append(begin + np.sort(rng.uniform(0.0, 3.0 * HOUR, per_curve)))
         sun.append(np.tile(turn[0], (per_curve, 1)))
         obs.append(np.tile(turn[1], (per_curve, 1)))
         group.append(np.full(per_curve, c))
     return LightCurve(
-        t=np.concatenate(t), brightness=np.ones(n_curves * per_curve), error=None,
-        sun=np.concatenate(sun), obs=np.concatenate(obs), curve=np.concatenate(group),
-        free_scale=np.ones(n_curves, bool), frame="ecliptic-j2000",
-    )  # fmt: skip
+        t=np.concatenate(t),
+        brightness=np.ones(n_curves * per_curve),
+        error=None,
+        sun=np.concatenate(sun),
+        obs=np.concatenate(obs),
+        curve=np.concatenate(group),
+        free_scale=np.ones(n_curves, bool),
+        frame="ecliptic-j2000",
+    )
 
 
 def shape(degree: int, seed: int = 1, size: float = 0.5) -> np.ndarray:

@@ -62,9 +62,14 @@ class Experiment:
         # A small step takes long to forget where it began: as a random walk, 1/ε² transitions.
         burn = int(min(20 + 10 / (step_size * num_steps) ** 2, 1000))
         return many_chains.run(
-            kernel, self.start, lambda z: z, self.grid.moments(), draws=draws, burn=burn,
+            kernel,
+            self.start,
+            lambda z: z,
+            self.grid.moments(),
+            draws=draws,
+            burn=burn,
             seed=next(self.seeds),
-        )  # fmt: skip
+        )
 
 
 def draw(axes, x: tuple[float, ...], published: list[Moments], exact: list[Moments]) -> None:
@@ -76,10 +81,15 @@ def draw(axes, x: tuple[float, ...], published: list[Moments], exact: list[Momen
                 np.array(x) * shift,
                 [m.bias[i] for m in found],
                 [m.bias_error[i] for m in found],
-                color=hue, marker="o", ms=4, lw=1.1 if filled else 0.8, elinewidth=0.9,
-                mfc=hue if filled else "white", ls="-" if filled else ":",
+                color=hue,
+                marker="o",
+                ms=4,
+                lw=1.1 if filled else 0.8,
+                elinewidth=0.9,
+                mfc=hue if filled else "white",
+                ls="-" if filled else ":",
                 label=LABELS[name].split(" (")[0] if filled else None,
-            )  # fmt: skip
+            )
     axes.axhline(0.0, color=style.INK, lw=0.6)
     axes.set_xscale("log")
     axes.set_xticks(x, [f"{v:g}" for v in x])

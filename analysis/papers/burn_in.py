@@ -62,9 +62,13 @@ def run(
     """All of the burn-in is kept: the kernel finds its settings meanwhile."""
     begun = time.monotonic()
     mcmc = MCMC(
-        AHMC(problem.model, num_steps=STEPS), num_warmup=transitions, num_samples=1,
-        num_chains=chains, chain_method="vectorized", progress_bar=False,
-    )  # fmt: skip
+        AHMC(problem.model, num_steps=STEPS),
+        num_warmup=transitions,
+        num_samples=1,
+        num_chains=chains,
+        chain_method="vectorized",
+        progress_bar=False,
+    )
     mcmc.warmup(jax.random.key(seed), data, collect_warmup=True)
     sites = mcmc.get_samples(group_by_chain=True)
     latent = {k: sites[k] for k in problem.names}

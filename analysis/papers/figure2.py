@@ -58,9 +58,14 @@ def draw(axes, x: Floats, y: Floats, log_mass: Floats):
     log_density = log_mass - np.log(np.outer(np.gradient(x), np.gradient(y)))
     log_density -= log_density.max()
     filled = axes.contourf(
-        x, y, -log_density.T, levels=LEVELS, cmap="Blues_r", extend="max",
+        x,
+        y,
+        -log_density.T,
+        levels=LEVELS,
+        cmap="Blues_r",
+        extend="max",
         norm=BoundaryNorm(LEVELS, 256, extend="max"),
-    )  # fmt: skip
+    )
     outline(axes, x, y, np.exp(log_mass - log_mass.max()))
     return filled
 

@@ -64,8 +64,15 @@ def main() -> None:
         log_alpha, phi, g = grid.axes
         alpha = np.exp(log_alpha)
         found = sample(data, args.draws, args.seed)
-        dots = {"marker": ".", "ls": "", "ms": 1.6, "alpha": 0.25, "color": style.PALETTE[0],
-                "mew": 0, "rasterized": True}  # fmt: skip
+        dots = {
+            "marker": ".",
+            "ls": "",
+            "ms": 1.6,
+            "alpha": 0.25,
+            "color": style.PALETTE[0],
+            "mew": 0,
+            "rasterized": True,
+        }
         left.plot(found["phi"], found["g"], **dots)
         outline(left, phi, g, grid.marginal("phi", "g"))
         middle.plot(found["albedo_area"], found["g"], **dots)

@@ -51,8 +51,10 @@ def main() -> None:
     for c in np.argsort(found.ends.mean(axis=1)):
         path = found.path(int(c), ENTRY.facet_sites)
         shares = ", ".join(f"{n}: {share:.2f}" for n, share in path.shares.items())
-        print(f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
-              f"remain {path.n_facets} ({shares})")  # fmt: skip
+        print(
+            f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
+            f"remain {path.n_facets} ({shares})"
+        )
 
     import jax
 
@@ -74,8 +76,9 @@ def main() -> None:
     above.set_title(f"chain {found.best}: the areas of {args.facets} facets", loc="left")
     for c in range(args.chains):
         best = c == found.best
-        below.plot(found.chi2[c], lw=1.2 if best else 0.7,
-                   color=style.PALETTE[0] if best else style.FAINT)  # fmt: skip
+        below.plot(
+            found.chi2[c], lw=1.2 if best else 0.7, color=style.PALETTE[0] if best else style.FAINT
+        )
     below.axhline(data.t.size, color=style.INK, lw=0.8, ls=":")
     below.set_yscale("log")
     below.set_ylabel(r"$\chi^2$, all chains")

@@ -59,8 +59,10 @@ def main() -> None:
         low, high = np.quantile(areas[:, i], [0.05, 0.95])
         held = "holds" if low <= AREA <= high else "misses"
         mean, tilt = np.mean(areas[:, i]), across.std(axis=0)
-        print(f"{side}: area {mean:.2f} m², 90 % {low:.2f} to {high:.2f} ({held} {AREA:g}); "
-              f"sd of the tilts {tilt[0]:.2f}°, {tilt[1]:.2f}°")  # fmt: skip
+        print(
+            f"{side}: area {mean:.2f} m², 90 % {low:.2f} to {high:.2f} ({held} {AREA:g}); "
+            f"sd of the tilts {tilt[0]:.2f}°, {tilt[1]:.2f}°"
+        )
     reach = 1.05 * max(np.abs(axes.get_ylim()).max() for axes in rows[1])
     for axes in rows[1]:
         axes.set_xlim(-reach, reach)

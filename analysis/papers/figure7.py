@@ -37,11 +37,19 @@ def main() -> None:
     for i, plane in enumerate(("x-y", "y-z", "z-x")):
         here = (t >= i * length - 1e-6) & (t < (i + 1) * length - 1e-6)
         first = i == 0
-        band(upper, t[here], drawn[:, here], np.zeros(here.sum()), 1.0, blue,
-             "predicted, 50 and 90 %" if first else "")  # fmt: skip
+        band(
+            upper,
+            t[here],
+            drawn[:, here],
+            np.zeros(here.sum()),
+            1.0,
+            blue,
+            "predicted, 50 and 90 %" if first else "",
+        )
         band(lower, t[here], drawn[:, here], off[here], sigma, blue, "")
-        upper.plot(t[here], made.clean[here], color=style.INK, lw=0.9,
-                   label="truth" if first else None)  # fmt: skip
+        upper.plot(
+            t[here], made.clean[here], color=style.INK, lw=0.9, label="truth" if first else None
+        )
         upper.text(t[here][0], 1.02, f"pass in {plane}", transform=upper.get_xaxis_transform())
     upper.plot(t, curve.brightness, ".", ms=4, color=style.DATA, label="measured")
     lower.plot(t, (curve.brightness - off) / sigma, ".", ms=4, color=style.DATA)

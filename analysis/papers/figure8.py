@@ -72,8 +72,10 @@ def main() -> None:
         found = burn_in.run(many, data, weight, args.chains, args.transitions, args.seed)
         for c in np.argsort(found.ends.mean(axis=1)):
             path = found.path(int(c), ENTRY.facet_sites)
-            print(f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets "
-                  f"that remain {path.n_facets} {path.shares}")  # fmt: skip
+            print(
+                f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets "
+                f"that remain {path.n_facets} {path.shares}"
+            )
 
     problem = posed(3, data)
     runs = six_facets.sample(problem, data, args.seed, args.particles, RUNS, "glint", args.out)
@@ -95,8 +97,15 @@ def main() -> None:
     for night, (upper, lower) in enumerate(panels.T):
         here = (hours > 12.0) == bool(night)
         t = hours[here]
-        band(upper, t, drawn[:, here], np.zeros(here.sum()), 1.0, style.PALETTE[0],
-             "predicted, 50 and 90 %")  # fmt: skip
+        band(
+            upper,
+            t,
+            drawn[:, here],
+            np.zeros(here.sum()),
+            1.0,
+            style.PALETTE[0],
+            "predicted, 50 and 90 %",
+        )
         band(lower, t, drawn[:, here], off[here], sigma, style.PALETTE[0], "")
         upper.plot(t, clean[here], color=style.INK, lw=0.9, label="truth")
         upper.plot(t, curve.brightness[here], ".", ms=4, color=style.DATA, label="measured")

@@ -73,9 +73,12 @@ def main() -> None:
         seen, _ = simulate(here, args.seed)
         print("\n".join(single_facet_report.words(single_facet(seen, what.attitude))))
         axes.set_title(
-            {"illumination": "the facet comes into sunlight",
-             "visibility": "the facet comes into view"}[case], loc="left",
-        )  # fmt: skip
+            {
+                "illumination": "the facet comes into sunlight",
+                "visibility": "the facet comes into view",
+            }[case],
+            loc="left",
+        )
         axes.set_xlabel("time (s)")
     panels[0].set_ylabel("V magnitude at 1,000 km")
     panels[0].set_ylim(13.0, 5.0)

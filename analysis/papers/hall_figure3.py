@@ -40,8 +40,9 @@ def main() -> None:
             photometry.magnitude(jnp.asarray(flux), RANGE_M, photometry.sun_magnitude("V"))
         )
         kept = np.isfinite(m)
-        axes.plot(np.degrees(phase[kept]), m[kept], ",", alpha=0.5, color=style.colour(k),
-                  rasterized=True)  # fmt: skip
+        axes.plot(
+            np.degrees(phase[kept]), m[kept], ",", alpha=0.5, color=style.colour(k), rasterized=True
+        )
         axes.set_title(name, loc="left")
         axes.set_xlabel("phase angle (deg)")
         print(f"{name}: {np.mean(~kept):.1%} of the draws send nothing")

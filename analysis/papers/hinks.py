@@ -53,9 +53,11 @@ class Facet:
         slope = np.linalg.norm(magnitude_gradient(jnp.asarray(flux), jnp.asarray(turn)), axis=1)
         self.slope = np.where(lit, slope, np.nan).reshape(shape)
         self.by = {
-            name: np.where(lit, -MAGNITUDE_PER_NEPER * d[0] / np.where(lit, flux, 1.0), np.nan)
-            .reshape(shape) for name, d in found.parameters.items()
-        }  # fmt: skip
+            name: np.where(
+                lit, -MAGNITUDE_PER_NEPER * d[0] / np.where(lit, flux, 1.0), np.nan
+            ).reshape(shape)
+            for name, d in found.parameters.items()
+        }
         self.mag = np.where(lit.reshape(shape), self.mag, np.nan)
 
 
@@ -78,33 +80,44 @@ def numbers() -> list[tuple[str, str]]:
     far = (np.abs(pitch) > 12.0) & (np.abs(pitch) < 40.0)
     r_spec, r_diff = SURFACE["r_spec"], SURFACE["r_diff"]
     told = MAGNITUDE_PER_NEPER / (1.0 - r_spec)  # (25) with ρ_diff = ρ_total
-    typical = {"attitude 1 deg": cut.slope[top] * np.radians(1.0),
-               "R_spec 0.05": 0.05 * np.nanmax(np.abs(cut.by["r_spec"][near])),
-               "n_uv 100": 100.0 * np.nanmax(np.abs(cut.by["nu"][near]))}  # fmt: skip
+    typical = {
+        "attitude 1 deg": cut.slope[top] * np.radians(1.0),
+        "R_spec 0.05": 0.05 * np.nanmax(np.abs(cut.by["r_spec"][near])),
+        "n_uv 100": 100.0 * np.nanmax(np.abs(cut.by["nu"][near])),
+    }
     edge = np.abs(np.abs(pitch) - (90.0 - PHASE_DEG / 2.0)) < 0.5
     rows = [
         ("fig. 2: magnitude at the glint", f"{cut.mag[at_glint]:.2f} mag"),
         ("fig. 2: brightest attitude", f"{pitch[np.nanargmin(cut.mag)]:.2f} deg from the glint"),
         ("fig. 2: 20 deg away", f"{cut.mag[np.argmin(np.abs(pitch - 20.0))]:.2f} mag"),
-        ("fig. 3: information at its peak near the glint",
-         f"{(cut.slope[top] / SIGMA) ** 2:.3g} /rad²"),
-        ("fig. 3: information within 0.5 deg of the edge, largest",
-         f"{(np.nanmax(cut.slope[edge]) / SIGMA) ** 2:.3g} /rad²"),
-        ("fig. 3: information 30 deg away",
-         f"{(cut.slope[np.argmin(np.abs(pitch - 30.0))] / SIGMA) ** 2:.3g} /rad²"),
+        (
+            "fig. 3: information at its peak near the glint",
+            f"{(cut.slope[top] / SIGMA) ** 2:.3g} /rad²",
+        ),
+        (
+            "fig. 3: information within 0.5 deg of the edge, largest",
+            f"{(np.nanmax(cut.slope[edge]) / SIGMA) ** 2:.3g} /rad²",
+        ),
+        (
+            "fig. 3: information 30 deg away",
+            f"{(cut.slope[np.argmin(np.abs(pitch - 30.0))] / SIGMA) ** 2:.3g} /rad²",
+        ),
         ("fig. 4: slope at the glint", f"{cut.slope[at_glint]:.2g} mag/rad"),
         ("fig. 4: largest slope", f"{cut.slope[top]:.1f} mag/rad, {abs(pitch[top]):.2f} deg away"),
         ("fig. 5: by R_spec at the glint", f"{cut.by['r_spec'][at_glint]:.3f} mag"),
-        ("fig. 5: by R_spec, 12 to 40 deg away",
-         f"{np.nanmin(cut.by['r_spec'][far]):.4f} to {np.nanmax(cut.by['r_spec'][far]):.4f} mag"),
+        (
+            "fig. 5: by R_spec, 12 to 40 deg away",
+            f"{np.nanmin(cut.by['r_spec'][far]):.4f} to {np.nanmax(cut.by['r_spec'][far]):.4f} mag",
+        ),
         ("fig. 5: the same by (25)", f"{told:.4f} mag"),
-        ("below fig. 5: by R_diff there, negative of it for R_diff = 1 − R_spec",
-         f"{np.nanmean(cut.by['r_diff'][far]):.4f} mag (R_diff {r_diff:g}, R_spec {r_spec:g})"),
+        (
+            "below fig. 5: by R_diff there, negative of it for R_diff = 1 − R_spec",
+            f"{np.nanmean(cut.by['r_diff'][far]):.4f} mag (R_diff {r_diff:g}, R_spec {r_spec:g})",
+        ),
         ("fig. 6: by n_uv at the glint", f"{cut.by['nu'][at_glint]:.2e} mag"),
-        ("fig. 6: by n_uv, largest positive",
-         f"{np.nanmax(cut.by['nu'][near]):.2e} mag"),
+        ("fig. 6: by n_uv, largest positive", f"{np.nanmax(cut.by['nu'][near]):.2e} mag"),
         *((f"largest change near the glint for {k}", f"{v:.3g} mag") for k, v in typical.items()),
-    ]  # fmt: skip
+    ]
     return rows
 
 
@@ -128,12 +141,17 @@ def main() -> None:
     }
     panels = (
         ("fig. 2: magnitude", wide, maps["wide"].mag, "viridis_r", None),
-        ("fig. 3: information (1/rad²)", wide, (maps["wide"].slope / SIGMA) ** 2, "viridis",
-         LogNorm(1e1, 1e7)),
+        (
+            "fig. 3: information (1/rad²)",
+            wide,
+            (maps["wide"].slope / SIGMA) ** 2,
+            "viridis",
+            LogNorm(1e1, 1e7),
+        ),
         ("fig. 4: |∂m/∂δα| (mag/rad)", near, maps["near"].slope, "viridis", None),
         ("fig. 5: ∂m/∂R_spec (mag)", near, maps["near"].by["r_spec"], "viridis", None),
         ("fig. 6: ∂m/∂n_uv (mag)", near, maps["near"].by["nu"], "viridis", None),
-    )  # fmt: skip
+    )
     figure = _script.figure(13.0, 5.2)
     axes = figure.subplots(2, 5, height_ratios=(1.0, 0.62))
     for (title, axis, values, cmap, norm), upper, lower in zip(panels, *axes, strict=True):

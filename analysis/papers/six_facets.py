@@ -86,13 +86,21 @@ def sample(
 ) -> list[smc.Result]:
     """Runs of tempered particles; kept beside the figures, so that the next figure has them."""
     identity = {
-        "name": name, "seed": seed, "particles": n_particles, "dim": problem.dim,
+        "name": name,
+        "seed": seed,
+        "particles": n_particles,
+        "dim": problem.dim,
         "data": float(np.sum(np.asarray(data.brightness) * np.arange(data.t.size))),
-    }  # fmt: skip
+    }
     return independent_runs(
-        problem, data, jax.random.key(seed), n_particles, n_runs, name=name,
+        problem,
+        data,
+        jax.random.key(seed),
+        n_particles,
+        n_runs,
+        name=name,
         checkpoint=Checkpoint(out / f"{name}-runs", identity),
-    )  # fmt: skip
+    )
 
 
 def sample_six(data: Epochs, seed: int, out: Path) -> tuple[Problem, list[smc.Result]]:

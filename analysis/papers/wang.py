@@ -56,16 +56,22 @@ def in_plane(sun_deg: float, obs_deg: float) -> float:
 def best_observer(sun_deg: float) -> tuple[float, float]:
     """Elevation of the observer (deg) that sees most of the diffuse part, and how much."""
     found = minimize_scalar(
-        lambda e: -in_plane(sun_deg, float(e)), bounds=(1.0, 90.0), method="bounded",
+        lambda e: -in_plane(sun_deg, float(e)),
+        bounds=(1.0, 90.0),
+        method="bounded",
         options={"xatol": 1e-4},
-    )  # fmt: skip
+    )
     return float(found.x), float(-found.fun)
 
 
 def best_pair(start: tuple[float, float]) -> tuple[Floats, float]:
     """Elevations (deg) of Sun and observer with the largest diffuse observability of all."""
-    found = minimize(lambda e: -in_plane(*e), start, method="Nelder-Mead",
-                     options={"xatol": 1e-4, "fatol": 1e-12})  # fmt: skip
+    found = minimize(
+        lambda e: -in_plane(*e),
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-4, "fatol": 1e-12},
+    )
     return found.x, float(-found.fun)
 
 
@@ -76,16 +82,21 @@ def ring() -> dict[str, float]:
     def value(e: Floats) -> float:
         return float(observability(sun, direction(e[0], e[1]), "specular"))
 
-    found = minimize(lambda e: -value(e), (SPECULAR_SUN + 3.0, 180.0), method="Nelder-Mead",
-                     options={"xatol": 1e-5, "fatol": 1e-12})  # fmt: skip
+    found = minimize(
+        lambda e: -value(e),
+        (SPECULAR_SUN + 3.0, 180.0),
+        method="Nelder-Mead",
+        options={"xatol": 1e-5, "fatol": 1e-12},
+    )
     span = SPECULAR_SUN - 8.0, SPECULAR_SUN - 0.5
-    below = minimize_scalar(
-        lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded"
-    )  # fmt: skip
+    below = minimize_scalar(lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded")
     return {
-        "elevation": float(found.x[0]), "azimuth": float(found.x[1]), "value": float(-found.fun),
-        "below": float(below.x), "value below": float(-below.fun),
-    }  # fmt: skip
+        "elevation": float(found.x[0]),
+        "azimuth": float(found.x[1]),
+        "value": float(-found.fun),
+        "below": float(below.x),
+        "value below": float(-below.fun),
+    }
 
 
 def numbers() -> list[tuple[str, str]]:
@@ -97,25 +108,39 @@ def numbers() -> list[tuple[str, str]]:
         a, e = np.meshgrid(azimuths, elevations)
         everywhere = observability(direction(sun), direction(e, a), "diffuse").max()
         where = "any azimuth" if sun == 90.0 else "azimuth 0"
-        rows.append((f"fig. {fig}: Sun {sun:g} deg high, best observer",
-                     f"{obs:.1f} deg high, {where}; {value:.5f} /rad "
-                     f"(largest on a grid over the hemisphere {everywhere:.5f})"))  # fmt: skip
+        rows.append(
+            (
+                f"fig. {fig}: Sun {sun:g} deg high, best observer",
+                f"{obs:.1f} deg high, {where}; {value:.5f} /rad "
+                f"(largest on a grid over the hemisphere {everywhere:.5f})",
+            )
+        )
     for start in ((35.0, 60.0), (60.0, 35.0)):
         pair, top = best_pair(start)
-        rows.append(("diffuse, best of both, Sun and observer",
-                     f"{pair[0]:.1f} and {pair[1]:.1f} deg high; {top:.5f} /rad"))  # fmt: skip
+        rows.append(
+            (
+                "diffuse, best of both, Sun and observer",
+                f"{pair[0]:.1f} and {pair[1]:.1f} deg high; {top:.5f} /rad",
+            )
+        )
     even = in_plane(48.0, 48.0)
     rows.append(("diffuse, both 48 deg high", f"{100.0 * (1.0 - even / top):.3f} % below that"))
     found = ring()
     rows += [
-        (f"fig. 7: specular, Sun {SPECULAR_SUN:g} deg high, best observer",
-         f"{found['elevation']:.2f} deg high, azimuth {found['azimuth']:.1f} deg; "
-         f"{found['value']:.1f} /rad"),
-        ("fig. 7: lowest point of the ring",
-         f"{found['below']:.2f} deg high; {found['value below']:.1f} /rad"),
-        ("fig. 7 over fig. 5, largest of each",
-         f"{found['value'] / best_observer(48.0)[1]:.0f} times"),
-    ]  # fmt: skip
+        (
+            f"fig. 7: specular, Sun {SPECULAR_SUN:g} deg high, best observer",
+            f"{found['elevation']:.2f} deg high, azimuth {found['azimuth']:.1f} deg; "
+            f"{found['value']:.1f} /rad",
+        ),
+        (
+            "fig. 7: lowest point of the ring",
+            f"{found['below']:.2f} deg high; {found['value below']:.1f} /rad",
+        ),
+        (
+            "fig. 7 over fig. 5, largest of each",
+            f"{found['value'] / best_observer(48.0)[1]:.0f} times",
+        ),
+    ]
     return rows
 
 
@@ -134,8 +159,14 @@ def main() -> None:
         _dress(axes, f"fig. {3 + k}: Sun {sun:g}°")
         axes.plot(0.0, 90.0 - sun, "*", ms=11, color="#ffd23f", mec=style.INK, mew=0.5)
         axes.plot(0.0, 90.0 - best_observer(sun)[0], "o", ms=7, mfc="none", mec="white", mew=1.5)
-    figure.colorbar(picture, ax=figure.axes, location="right", shrink=0.7, pad=0.01,
-                    label="diffuse |∂E/∂δα| (1/rad)")  # fmt: skip
+    figure.colorbar(
+        picture,
+        ax=figure.axes,
+        location="right",
+        shrink=0.7,
+        pad=0.01,
+        label="diffuse |∂E/∂δα| (1/rad)",
+    )
     axes = figure.add_subplot(grid[0, 8:], projection="polar")
     seen = observability(direction(SPECULAR_SUN), direction(90.0 - z, np.degrees(a)), "specular")
     fine_a, fine_z = np.radians(np.linspace(168.0, 192.0, 121)), np.linspace(25.0, 45.0, 101)

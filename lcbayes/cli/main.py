@@ -12,10 +12,24 @@ from importlib import import_module
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 
 COMMANDS = (
-    "simulate", "fit", "compare", "albedo-area", "scan", "spin", "glints", "single-facet",
-    "attitude-test", "shape-match", "observability", "predict", "batch", "report", "convert",
-    "models", "doctor",
-)  # fmt: skip
+    "simulate",
+    "fit",
+    "compare",
+    "albedo-area",
+    "scan",
+    "spin",
+    "glints",
+    "single-facet",
+    "attitude-test",
+    "shape-match",
+    "observability",
+    "predict",
+    "batch",
+    "report",
+    "convert",
+    "models",
+    "doctor",
+)
 
 EPILOG = """\
 examples:

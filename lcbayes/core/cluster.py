@@ -96,11 +96,14 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
         if scheduler is None:
             with (
                 distributed.LocalCluster(
-                    n_workers=n_workers, threads_per_worker=1, processes=True,
-                    dashboard_address=":0", silence_logs=50,
+                    n_workers=n_workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=":0",
+                    silence_logs=50,
                 ) as cluster,
                 distributed.Client(cluster) as client,
-            ):  # fmt: skip
+            ):
                 yield client
             return
         try:

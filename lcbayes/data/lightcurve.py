@@ -243,8 +243,10 @@ class LightCurve:
 
 
 _SHAPES = {"brightness": (), "error": (), "sun": (3,), "obs": (3,), "range_km": ()} | {
-    "position_km": (3,), "velocity_km_s": (3,), "exposure_s": ()
-}  # fmt: skip
+    "position_km": (3,),
+    "velocity_km_s": (3,),
+    "exposure_s": (),
+}
 _OPTIONAL = ("error", "range_km", *ORBIT)
 _DROP = "drop those rows"
 _GIVE_ERRORS = "give positive errors, drop those rows, or set a floor with --error-floor"

@@ -278,8 +278,10 @@ def weigh(
         weight,
         np.maximum(weight_sd, apart / np.sqrt(n_runs)),
         LogEvidence(total.value, float(max(total.se, between / np.sqrt(n_runs)))),
-        by_run, log_evidences, reasons,
-    )  # fmt: skip
+        by_run,
+        log_evidences,
+        reasons,
+    )
 
 
 def _bridged(

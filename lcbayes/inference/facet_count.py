@@ -167,10 +167,16 @@ def run(
 
     def candidate(n: int, problem: Problem, within: Silent) -> Candidate:
         runs = independent_runs(
-            problem, weighed, jax.random.fold_in(keys[1], n), settings.num_samples,
-            settings.num_chains, name=f"facets-{n}-run", checkpoint=checkpoint, workers=workers,
+            problem,
+            weighed,
+            jax.random.fold_in(keys[1], n),
+            settings.num_samples,
+            settings.num_chains,
+            name=f"facets-{n}-run",
+            checkpoint=checkpoint,
+            workers=workers,
             progress=within,
-        )  # fmt: skip
+        )
         order = FacetOrder(problem, entry.facet_sites)
         measured = basins.measure(
             problem, weighed, runs, order, seed=settings.seed, workers=workers
@@ -209,9 +215,17 @@ def run(
             with parts.part(_cost(upper_bound), "sparse path", 1) as within:
                 try:
                     path = _sparse_path(
-                        entry, plain, weighed, upper_bound, weight, settings, keys[3], workers,
-                        checkpoint, within,
-                    )  # fmt: skip
+                        entry,
+                        plain,
+                        weighed,
+                        upper_bound,
+                        weight,
+                        settings,
+                        keys[3],
+                        workers,
+                        checkpoint,
+                        within,
+                    )
                 except (smc.Collapse, InputError) as fault:
                     failed.append(f"the sparse path from {upper_bound} facets: {fault}")
             if path and path.n_facets not in problems:
@@ -237,9 +251,14 @@ def run(
     if not found:
         raise InputError(failed[0])
     return Compared(
-        [found[n] for n in sorted(found)], [ruled_out[n] for n in sorted(ruled_out)], failed,
-        float(weighed.information), weighed_at, path, search_s,
-    )  # fmt: skip
+        [found[n] for n in sorted(found)],
+        [ruled_out[n] for n in sorted(ruled_out)],
+        failed,
+        float(weighed.information),
+        weighed_at,
+        path,
+        search_s,
+    )
 
 
 def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) -> Floats | None:
@@ -255,9 +274,13 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
 
 
 def _candidate(
-    n: int, problem: Problem, data: Epochs, runs: Sequence[smc.Result], weighed: basins.Weighed,
+    n: int,
+    problem: Problem,
+    data: Epochs,
+    runs: Sequence[smc.Result],
+    weighed: basins.Weighed,
     key: jax.Array,
-) -> Candidate:  # fmt: skip
+) -> Candidate:
     mass = log_prior_mass(problem, data, key)
     total, log_z = weighed.log_evidence, weighed.log_evidences - mass.value
     best = _best_particle(runs)
@@ -319,13 +342,23 @@ def _sparse_path(
 ) -> sparse.SparsePath:
     """One run under the sparse prior: it only proposes a number, which the others then judge."""
     changed = {
-        **options, "n_facets": upper_bound, "sparsity": weight, "log_area_sd": sparse.LOG_AREA_SD,
-    }  # fmt: skip
+        **options,
+        "n_facets": upper_bound,
+        "sparsity": weight,
+        "log_area_sd": sparse.LOG_AREA_SD,
+    }
     problem = posed(entry, changed, data)[0]
     (found,) = independent_runs(
-        problem, data, key, settings.num_samples, 1, name="sparse", checkpoint=checkpoint,
-        workers=workers, progress=progress,
-    )  # fmt: skip
+        problem,
+        data,
+        key,
+        settings.num_samples,
+        1,
+        name="sparse",
+        checkpoint=checkpoint,
+        workers=workers,
+        progress=progress,
+    )
     return sparse.path(problem, data, entry.facet_sites, found, weight)
 
 

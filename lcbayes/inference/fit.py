@@ -191,9 +191,17 @@ class _Fit:
         plain, data = self.plain, found.data
         order = FacetOrder(plain, self.entry.facet_sites)
         modes, log_evidence, reasons = population.sample(
-            plain, data, found.solutions, order, self.settings, key, self.workers,
-            self.checkpoint, self.timing, self.progress,
-        )  # fmt: skip
+            plain,
+            data,
+            found.solutions,
+            order,
+            self.settings,
+            key,
+            self.workers,
+            self.checkpoint,
+            self.timing,
+            self.progress,
+        )
         for mode in modes:
             mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
         return Posterior(plain, data, modes, log_evidence, found.n_starts, self.timing, reasons)
@@ -209,9 +217,14 @@ class _Fit:
             for i, solution in enumerate(found.solutions):
                 z0 = np.asarray(_translate(self.plain, problem, solution.z, data))
                 z, stats, whitening = sampler.run(
-                    f"mode-{i}", z0, data, jax.random.fold_in(key, i), self.checkpoint,
-                    self.timing, track,
-                )  # fmt: skip
+                    f"mode-{i}",
+                    z0,
+                    data,
+                    jax.random.fold_in(key, i),
+                    self.checkpoint,
+                    self.timing,
+                    track,
+                )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
                 log_z = _evidence(problem, data, order, whitening, z, z0, rng)
@@ -256,8 +269,19 @@ def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epo
 def digest(curve: LightCurve) -> str:
     """Of everything in a light curve that decides numbers."""
     found = hashlib.sha256()
-    for name in ("t", "brightness", "error", "sun", "obs", "range_km", "curve", "free_scale",
-                 "exposure_s", "position_km", "velocity_km_s"):  # fmt: skip
+    for name in (
+        "t",
+        "brightness",
+        "error",
+        "sun",
+        "obs",
+        "range_km",
+        "curve",
+        "free_scale",
+        "exposure_s",
+        "position_km",
+        "velocity_km_s",
+    ):
         value = getattr(curve, name)
         found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
     found.update(repr((curve.kind, curve.frame, curve.band.tolist(), curve.site.tolist())).encode())

@@ -123,10 +123,17 @@ def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
         elpd = xr.DataArray(one.elpd - best, dims="time")
         n = elpd.size
         given[str(name)] = ELPDData(
-            elpd=float(elpd.sum()), se=float(np.sqrt(n * elpd.var())), p=np.nan, n_samples=0,
-            n_data_points=n, scale="log", warning=False, good_k=BAD_K, elpd_i=elpd,
+            elpd=float(elpd.sum()),
+            se=float(np.sqrt(n * elpd.var())),
+            p=np.nan,
+            n_samples=0,
+            n_data_points=n,
+            scale="log",
+            warning=False,
+            good_k=BAD_K,
+            elpd_i=elpd,
             pareto_k=xr.DataArray(one.khat, dims="time"),
-        )  # fmt: skip
+        )
     if len(given) == 1:
         return Stacked(np.ones(1), np.zeros(1), np.zeros(1))
     with warnings.catch_warnings():

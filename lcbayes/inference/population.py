@@ -61,9 +61,15 @@ def sample(
     """
     runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
     by_optima, label, placed, weighed = basins.measure(
-        problem, data, runs, order, seed=settings.seed, most=4 * settings.max_modes,
-        known=[s.z for s in found], workers=workers,
-    )  # fmt: skip
+        problem,
+        data,
+        runs,
+        order,
+        seed=settings.seed,
+        most=4 * settings.max_modes,
+        known=[s.z for s in found],
+        workers=workers,
+    )
     weight = weighed.weight
     shown = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST]
     kept, left = shown[: settings.max_modes], shown[settings.max_modes :]
@@ -107,9 +113,16 @@ def _runs(
     """One for each chain that the settings ask for."""
     try:
         runs = independent_runs(
-            problem, data, key, settings.num_samples, settings.num_chains,
-            name="population", checkpoint=checkpoint, workers=workers, progress=progress,
-        )  # fmt: skip
+            problem,
+            data,
+            key,
+            settings.num_samples,
+            settings.num_chains,
+            name="population",
+            checkpoint=checkpoint,
+            workers=workers,
+            progress=progress,
+        )
     except smc.Collapse as fault:
         raise InputError(f"{fault} (--num-samples), or choose --sampler nuts") from None
     timing.gradients += sum(r.gradients for r in runs)

@@ -51,8 +51,14 @@ def independent_runs(
         log_evidence, gradients, seconds = stored["numbers"]
         runs.append(
             smc.Result(
-                stored["z"], stored["log_likelihood"], float(log_evidence), [],
-                int(stored["points"]), int(gradients), float(seconds), stored["reasons"].tolist(),
+                stored["z"],
+                stored["log_likelihood"],
+                float(log_evidence),
+                [],
+                int(stored["points"]),
+                int(gradients),
+                float(seconds),
+                stored["reasons"].tolist(),
             )
-        )  # fmt: skip
+        )
     return runs

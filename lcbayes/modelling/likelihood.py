@@ -46,9 +46,15 @@ class Contaminated(dist.Normal):
     reparametrized_params: list[str] = []  # noqa: RUF012
 
     def __init__(
-        self, loc: Any, scale: Any, share: Any, width: Any, passes: Passes | None = None,
-        *, validate_args: bool | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        loc: Any,
+        scale: Any,
+        share: Any,
+        width: Any,
+        passes: Passes | None = None,
+        *,
+        validate_args: bool | None = None,
+    ) -> None:
         self.share, self.width, self.passes = jnp.asarray(share), jnp.asarray(width), passes
         super().__init__(loc, scale, validate_args=validate_args)
 

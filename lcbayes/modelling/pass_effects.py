@@ -82,9 +82,13 @@ def _longest(curve: LightCurve) -> float:
 
 
 def innovations(
-    passes: Passes, value: jax.Array, mean: jax.Array, sd: jax.Array, spread: jax.Array,
+    passes: Passes,
+    value: jax.Array,
+    mean: jax.Array,
+    sd: jax.Array,
+    spread: jax.Array,
     drift: jax.Array,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+) -> tuple[jax.Array, jax.Array]:
     """Centre and width (T,) of each point given the earlier ones of its pass.
 
     The points of a pass share an offset and a drift, yₖ ~ N(mₖ + hₖᵀ b, σₖ²), hₖ = (1, xₖ),

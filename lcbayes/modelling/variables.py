@@ -5,14 +5,33 @@ from __future__ import annotations
 from collections.abc import Collection
 
 CARRIERS = frozenset(
-    {"normals", "omega_unit", "period_shift", "mode", "expected", "flux", "log_level", "noise_unit",
-     "tilt_unit", "logit_outlier_share", "log_outlier_excess", "member_unit", "site_unit",
-     "r_sum", "specular_share"}
-)  # fmt: skip
+    {
+        "normals",
+        "omega_unit",
+        "period_shift",
+        "mode",
+        "expected",
+        "flux",
+        "log_level",
+        "noise_unit",
+        "tilt_unit",
+        "logit_outlier_share",
+        "log_outlier_excess",
+        "member_unit",
+        "site_unit",
+        "r_sum",
+        "specular_share",
+    }
+)
 
 SPIN = (
-    "pole_lon_deg", "pole_lat_deg", "period_h", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
-)  # fmt: skip
+    "pole_lon_deg",
+    "pole_lat_deg",
+    "period_h",
+    "omega_x_rad_s",
+    "omega_y_rad_s",
+    "omega_z_rad_s",
+)
 
 
 def reported(names: Collection[str]) -> list[str]:

@@ -14,9 +14,21 @@ from lcbayes.modelling.variables import SPIN
 
 TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
 ROW = (
-    "name", "status", "model", "n_facets", "n_obs", "n_solutions", "weight", "chi2", "dof", "rms",
-    "max_rhat", "min_ess_bulk", "albedo_area_m2", "albedo_area_m2_sd",
-)  # fmt: skip
+    "name",
+    "status",
+    "model",
+    "n_facets",
+    "n_obs",
+    "n_solutions",
+    "weight",
+    "chi2",
+    "dof",
+    "rms",
+    "max_rhat",
+    "min_ess_bulk",
+    "albedo_area_m2",
+    "albedo_area_m2_sd",
+)
 LAST = ("seconds", "curve", "reasons")
 
 

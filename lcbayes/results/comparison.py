@@ -153,9 +153,18 @@ TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of the table that people read."""
     heads = [
-        "facets", "ln Z (nat)", "spread", "probability", "5 % to 95 %", "elpd LOO (nat)",
-        "LOO from best", "stacking", "max k", f"k > {BAD_K}", "chi2/dof",
-    ]  # fmt: skip
+        "facets",
+        "ln Z (nat)",
+        "spread",
+        "probability",
+        "5 % to 95 %",
+        "elpd LOO (nat)",
+        "LOO from best",
+        "stacking",
+        "max k",
+        f"k > {BAD_K}",
+        "chi2/dof",
+    ]
     rows = []
     ends = (summary["sparse"] or {}).get("n_facets")
     for row in summary["candidates"]:

@@ -27,20 +27,41 @@ Floats = NDArray[np.float64]
 
 # Axes of the variables that models record, after chain and draw.
 AXES: dict[str, tuple[str, ...]] = {
-    "albedo_area": ("facet",), "log_albedo_area": ("facet",), "phi": ("facet",), "g": ("facet",),
-    "normals": ("facet", "xyz"), "normals_base": ("facet", "xyz"),
-    "omega": ("axis",), "omega_unit": ("axis",), "scale": ("curve",), "log_level": ("level",),
-    "noise": ("curve",), "noise_unit": ("curve",),
-    "coefficients": ("coefficient",), "inertia_base": ("shape",), "inertia_ratio": ("moment",),
-    "area": ("facet",), "r_diff": ("facet",), "r_spec": ("facet",), "w": ("facet",),
-    "nu": ("facet",), "n": ("facet",), "m": ("facet",),
-    "member_offset": ("member",), "site_offset": ("site",),
-    "log_nu": ("facet",), "log_n": ("facet",), "log_m": ("facet",),
-}  # fmt: skip
+    "albedo_area": ("facet",),
+    "log_albedo_area": ("facet",),
+    "phi": ("facet",),
+    "g": ("facet",),
+    "normals": ("facet", "xyz"),
+    "normals_base": ("facet", "xyz"),
+    "omega": ("axis",),
+    "omega_unit": ("axis",),
+    "scale": ("curve",),
+    "log_level": ("level",),
+    "noise": ("curve",),
+    "noise_unit": ("curve",),
+    "coefficients": ("coefficient",),
+    "inertia_base": ("shape",),
+    "inertia_ratio": ("moment",),
+    "area": ("facet",),
+    "r_diff": ("facet",),
+    "r_spec": ("facet",),
+    "w": ("facet",),
+    "nu": ("facet",),
+    "n": ("facet",),
+    "m": ("facet",),
+    "member_offset": ("member",),
+    "site_offset": ("site",),
+    "log_nu": ("facet",),
+    "log_n": ("facet",),
+    "log_m": ("facet",),
+}
 STATS = {
-    "potential_energy": "lp", "accept_prob": "acceptance_rate", "num_steps": "n_steps",
-    "diverging": "diverging", "energy": "energy",
-}  # fmt: skip
+    "potential_energy": "lp",
+    "accept_prob": "acceptance_rate",
+    "num_steps": "n_steps",
+    "diverging": "diverging",
+    "energy": "energy",
+}
 
 
 def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
@@ -166,8 +187,11 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
             if variable.dtype.kind == "f" and variable.size > 10_000:
                 kind = "f4" if "time" in variable.dims else "f8"
                 encoding.setdefault(node.path, {})[str(name)] = {
-                    "zlib": True, "complevel": 1, "shuffle": True, "dtype": kind,
-                }  # fmt: skip
+                    "zlib": True,
+                    "complevel": 1,
+                    "shuffle": True,
+                    "dtype": kind,
+                }
     # made in memory: HDF5 crashes the process where the disk fills while it writes
     with _without_cluster():
         content = found.to_netcdf(engine="h5netcdf", encoding=encoding)

@@ -10,8 +10,14 @@ from lcbayes.core.errors import InputError
 # The samplers, and a warm-up that serves each: the exact kernels have more to find than NUTS.
 # Particles have no warm-up: they come from the prior.
 WARMUP = {
-    "nuts": 200, "ahmc": 600, "ahmc-paper": 600, "hmc": 600, "rmhmc": 600, "mh": 2000, "smc": 0,
-}  # fmt: skip
+    "nuts": 200,
+    "ahmc": 600,
+    "ahmc-paper": 600,
+    "hmc": 600,
+    "rmhmc": 600,
+    "mh": 2000,
+    "smc": 0,
+}
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # by default: draws of a chain, particles that move
 MOST_DRAWS = 3000  # of a chain, where by default it goes on until there are enough
@@ -55,9 +61,13 @@ class Settings:
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {
-            "num_warmup": 10, "num_samples": 10, "num_chains": 1, "num_starts": 0,
-            "max_modes": 1, "seed": 0,
-        }  # fmt: skip
+            "num_warmup": 10,
+            "num_samples": 10,
+            "num_chains": 1,
+            "num_starts": 0,
+            "max_modes": 1,
+            "seed": 0,
+        }
         if self.sampler == PARTICLES:  # what one run has lost only another one shows
             least |= {"num_warmup": 0, "num_chains": 2}
         for name, low in least.items():

@@ -203,9 +203,15 @@ class _Run:
             log_weights = np.full(len(z), -np.log(len(z)))
             self._tell()
         return Result(
-            z, log_likelihood.sum(axis=1), float(log_evidence), self.stages, len(z) // self.n,
-            self.gradients, time.monotonic() - begun, self.reasons,
-        )  # fmt: skip
+            z,
+            log_likelihood.sum(axis=1),
+            float(log_evidence),
+            self.stages,
+            len(z) // self.n,
+            self.gradients,
+            time.monotonic() - begun,
+            self.reasons,
+        )
 
     def _first(self, key: jax.Array) -> tuple[Floats, Floats, Floats, float]:
         """Draws from the prior, weighed by the model's factors, enough for n particles."""
@@ -257,10 +263,9 @@ class _Run:
         state = self._blocks(lambda z: moves.start(self.problem, at, z), z)
         probes = np.linspace(0, len(z) - 1, min(PROBES, len(z))).astype(int)
         information, variance = (
-            np.asarray(x) for x in self._blocks(
-                lambda z: moves.inform(self.problem, at, z), z[probes]
-            )
-        )  # fmt: skip
+            np.asarray(x)
+            for x in self._blocks(lambda z: moves.inform(self.problem, at, z), z[probes])
+        )
         width = _width(variance, z)
         passed, moved, accepted = [], 0.0, []
         while len(passed) < plan.max_moves and (len(passed) < plan.min_moves or moved < plan.moved):
@@ -269,11 +274,18 @@ class _Run:
             )
             out: Moved = self._blocks(
                 lambda k, s, tuning=tuning: moves.move(
-                    self.problem, at, self.data, self.path.bins, tuning, self.mirror,
-                    jax.random.wrap_key_data(k), s,
+                    self.problem,
+                    at,
+                    self.data,
+                    self.path.bins,
+                    tuning,
+                    self.mirror,
+                    jax.random.wrap_key_data(k),
+                    s,
                 ),
-                _keys(jax.random.fold_in(key, len(passed)), len(z)), state,
-            )  # fmt: skip
+                _keys(jax.random.fold_in(key, len(passed)), len(z)),
+                state,
+            )
             state = out.state
             passed.append((state.z, out.log_likelihood))
             accepted.append(float(np.mean(out.accept)))

@@ -16,9 +16,21 @@ MAX_LINES = 500
 
 # The rooms of the house from the ground up: a room imports only from rooms before it.
 ROOMS = (
-    "core", "geometry", "data", "physics", "modelling", "simulation", "samplers", "inference",
-    "inversion", "results", "models", "analysis", "tasks", "cli",
-)  # fmt: skip
+    "core",
+    "geometry",
+    "data",
+    "physics",
+    "modelling",
+    "simulation",
+    "samplers",
+    "inference",
+    "inversion",
+    "results",
+    "models",
+    "analysis",
+    "tasks",
+    "cli",
+)
 OUTSIDE = ("models", "analysis")  # installed into the package, but not of its twelve rooms
 AT_THE_TOP = {"__init__.py", "__main__.py", "py.typed"}
 JAX = "lcbayes.core.jax_setup"
@@ -157,10 +169,14 @@ def test_jax_comes_through_the_ground_floor(module):
 
 @pytest.mark.parametrize(
     "path",
-    [p for t in ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs")
-     for p in sorted((ROOT / t).rglob("*.py")) if not p.is_symlink()],
+    [
+        p
+        for t in ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs")
+        for p in sorted((ROOT / t).rglob("*.py"))
+        if not p.is_symlink()
+    ],
     ids=lambda p: str(p.relative_to(ROOT)),
-)  # fmt: skip
+)
 def test_files_stay_small(path):
     lines = path.read_text(encoding="utf-8").count("\n")
     assert lines <= MAX_LINES, f"{lines} lines: split it by job"

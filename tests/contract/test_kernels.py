@@ -273,8 +273,10 @@ def test_chains_on_two_devices(kind, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", script, *files],
         env=os.environ | {"PYTHONPATH": str(ROOT), "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(np.load(files[2]), draws(given(kind, "vectorized")), atol=1e-6)
 
@@ -344,9 +346,13 @@ def test_singular_metric_falls_back():
         return jnp.where(good, fisher(z), jnp.where(z["y"][1] < 0, 0.0, jnp.nan))
 
     kernel = AHMC(
-        potential_fn=potential, fisher_fn=holed, step_size=0.7, num_steps=3, proposal_scale=0.8,
+        potential_fn=potential,
+        fisher_fn=holed,
+        step_size=0.7,
+        num_steps=3,
+        proposal_scale=0.8,
         covariance=COVARIANCE,
-    )  # fmt: skip
+    )
     mcmc = sampler(kernel, num_warmup=0, num_samples=100, num_chains=100)
     mcmc.run(jax.random.key(0), init_params=starts(100))
     y = np.asarray(mcmc.get_samples(group_by_chain=True)["y"])[:, 20:]

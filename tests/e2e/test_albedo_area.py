@@ -48,8 +48,13 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert found["shape"]["dimensions"] == pytest.approx([2.0, 1.4, 0.8], rel=0.02)
     assert len(found["distribution"]["albedo_area_sd"]) == 250
     assert {c["name"] for c in found["cues"]} == {
-        "clusters", "angle-90", "angle-60", "angle-45", "arc", "uniform",
-    }  # fmt: skip
+        "clusters",
+        "angle-90",
+        "angle-60",
+        "angle-45",
+        "arc",
+        "uniform",
+    }
     body = shapes.read_obj(out / "shape.obj")
     assert np.sort(body.areas) == pytest.approx(np.sort(BRICK.areas), rel=0.02)
     assert (out / "shape.ply").read_text().startswith("ply\n")

@@ -48,9 +48,11 @@ ECSV = (
     "# - {name: flux, datatype: float64}\nt flux\n1 2\n2 3\n"
 )
 
-BOMB = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
-    f"# a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10)
-) + "# "  # fmt: skip
+BOMB = (
+    "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n"
+    + "".join(f"# a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10))
+    + "# "
+)
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,13 @@ CASES = {
     "column twice but for case": Case(swap("flux_err", "FLUX"), ("names both", "rename"), 1),
     "a column more than is read": Case(
         swap(HEADER, HEADER + "".join(f",c{i}" for i in range(60_000))),
-        ("60009 columns; at most 1000",), 1,
+        ("60009 columns; at most 1000",),
+        1,
     ),
     "a long note": Case(
         column("note", ["a", "a", "x" * 1001, "a", "a", "a"]),
-        ("column 'note' holds a cell of 1001 characters; at most 1000",), 4,
+        ("column 'note' holds a cell of 1001 characters; at most 1000",),
+        4,
     ),
     "a number of many digits": Case(
         row(2, f"20,{'1' * 5000}x,0.1,1,0,0,0,1,0"), ("column 'flux' holds a cell of 5001",), 4
@@ -197,9 +201,9 @@ CASES = {
         "# epoch_jd: 60429\n" + PLAIN, ("epoch_jd is '60429'", "MJD + 2400000.5"), 1
     ),
     "seconds without a date": Case(
-        UTC.replace("utc", "t").replace("2024-04-29T10:28:45Z", "0").replace(
-            "2024-04-29T10:30:27Z", "102"
-        ),
+        UTC.replace("utc", "t")
+        .replace("2024-04-29T10:28:45Z", "0")
+        .replace("2024-04-29T10:30:27Z", "102"),
         ("without a date", "epoch_jd"),
     ),
     # sites and sky
@@ -217,11 +221,19 @@ CASES = {
     "height under the site": Case(swap("543.3", "1.5", ALTAZ), ("height_km",), 2, ALTAZ_SITE),
     # elements
     "wrong checksum": Case(
-        TIMES, ("checksum is 6", "copy"), 1, PASS, tle=swap("2927", "2926", TLE),
+        TIMES,
+        ("checksum is 6", "copy"),
+        1,
+        PASS,
+        tle=swap("2927", "2926", TLE),
         blamed="object.tle",
     ),
     "second line of elements missing": Case(
-        TIMES, ("line 2 of the elements is missing",), 1, PASS, tle=TLE.split("\n")[0],
+        TIMES,
+        ("line 2 of the elements is missing",),
+        1,
+        PASS,
+        tle=TLE.split("\n")[0],
         blamed="object.tle",
     ),
     "no elements": Case(
@@ -269,7 +281,9 @@ CASES = {
     "directions and a site": Case(PLAIN, ("leave out --site",), None, ALTAZ_SITE),
     "all in the Earth's shadow": Case(
         TIMES.replace("T15:14:40", "T00:20:40").replace("T15:15:00", "T00:21:00"),
-        ("all 2 points lie in the Earth's shadow", "check"), None, PASS,
+        ("all 2 points lie in the Earth's shadow", "check"),
+        None,
+        PASS,
     ),
     "score without places": Case(
         "satellite_name,observation_time_utc,apparent_magnitude\nA,2024-04-29T10:28:45Z,2\n"
@@ -282,7 +296,8 @@ CASES = {
     "ecsv header and names differ": Case(swap("t flux", "t mag", ECSV), ("differ (flux, mag)",), 6),
     "ecsv with aliases of aliases": Case(
         swap("datatype:", f"{BOMB}meta: {{k: *a9}}\n# datatype:", ECSV),
-        ("its aliases stand for too much",), 1,
+        ("its aliases stand for too much",),
+        1,
     ),
     "ecsv that holds itself": Case(
         swap("datatype:", "x: &x [*x]\n# datatype:", ECSV), ("aliases stand for too much",), 1
@@ -305,7 +320,7 @@ CASES = {
     "ecsv in other units": Case(
         swap("{name: t,", "{name: t, unit: h,", ECSV), ("'t' is in h; expected s",)
     ),
-}  # fmt: skip
+}
 
 
 def run_cli(argv: list[str]) -> int:

@@ -47,10 +47,19 @@ def test_the_tester_sees_what_is_wrong(tmp_path, browser):
     page.write_text(FAULTY, encoding="utf-8")
     told = "\n".join(browsing.look(browser, page, widths=(browsing.NARROW,), turn=False).faults)
     for fault in (
-        "contrast 2.85", "px stick out at 390", "without alt", "broken image", "without a name",
-        "not one h1", "no language", "text of a file was run", "oh", "undefined",
-        "asks for http://127.0.0.1:9/x.js", "missing.png",
-    ):  # fmt: skip
+        "contrast 2.85",
+        "px stick out at 390",
+        "without alt",
+        "broken image",
+        "without a name",
+        "not one h1",
+        "no language",
+        "text of a file was run",
+        "oh",
+        "undefined",
+        "asks for http://127.0.0.1:9/x.js",
+        "missing.png",
+    ):
         assert fault in told, (fault, told)
 
 

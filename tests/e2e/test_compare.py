@@ -25,8 +25,22 @@ from lcbayes.core.errors import (
 from lcbayes.data.write import write
 from lcbayes.inference import facet_count, screening
 
-FEW = ("--facets", "1-2", "--spin", "none", "--num-particles", "30", "--num-runs", "2",
-       "--num-starts", "8", "--seed", "1", "--sparse", "2")  # fmt: skip
+FEW = (
+    "--facets",
+    "1-2",
+    "--spin",
+    "none",
+    "--num-particles",
+    "30",
+    "--num-runs",
+    "2",
+    "--num-starts",
+    "8",
+    "--seed",
+    "1",
+    "--sparse",
+    "2",
+)
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +80,13 @@ def result(curve) -> tuple[Path, int]:
 def test_what_is_written(result, curve):
     out, status = result
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
-        "compare.json", "compare.csv", "compare.html", "run.toml", "figures", "checkpoint"
-    }  # fmt: skip
+        "compare.json",
+        "compare.csv",
+        "compare.html",
+        "run.toml",
+        "figures",
+        "checkpoint",
+    }
     told = json.loads((out / "compare.json").read_text())
     assert status == (EXIT_DONE if told["converged"] else EXIT_NOT_TRUSTED)
     assert [row["n_facets"] for row in told["candidates"]] == [1, 2]

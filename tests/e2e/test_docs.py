@@ -167,11 +167,11 @@ SCENARIO = {
     "attitude": '[attitude]\nlaw = "fixed"\n',
     "geometry": (
         '[geometry]\nkind = "orbit"\ntle = "satellite.tle"\nstart = 2026-04-15T19:45:00Z\n'
-        'stop = 2026-04-15T20:10:00Z\nstep = 60.0\n'
+        "stop = 2026-04-15T20:10:00Z\nstep = 60.0\n"
         'site = { name = "Calar Alto", lat_deg = 37.2236, lon_deg = -2.5463, height_m = 2168.0 }\n'
     ),
     "noise": "[noise]\nsnr = 30.0\n",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=label)

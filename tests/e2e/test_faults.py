@@ -27,8 +27,21 @@ from lcbayes.core.jax_setup import jax
 from lcbayes.data.write import write
 
 ROOT = Path(__file__).parents[2]
-FIT = ["--n-facets", "1", "--spin", "none", "--num-chains", "2", "--num-warmup", "50",
-       "--num-samples", "100", "--num-starts", "8", "--no-report"]  # fmt: skip
+FIT = [
+    "--n-facets",
+    "1",
+    "--spin",
+    "none",
+    "--num-chains",
+    "2",
+    "--num-warmup",
+    "50",
+    "--num-samples",
+    "100",
+    "--num-starts",
+    "8",
+    "--no-report",
+]
 
 
 @contextmanager
@@ -174,10 +187,12 @@ def test_a_place_that_cannot_be_written(command, tmp_path, capsys):
 
 
 SOURCES = [
-    p for top in ("lcbayes", "models", "analysis") for p in (ROOT / top).rglob("*.py")
+    p
+    for top in ("lcbayes", "models", "analysis")
+    for p in (ROOT / top).rglob("*.py")
     if not p.is_relative_to(ROOT / "lcbayes" / "models")
     and not p.is_relative_to(ROOT / "lcbayes" / "analysis")
-]  # fmt: skip
+]
 
 
 def test_every_text_is_utf_8():

@@ -21,21 +21,63 @@ from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
 
-GOOD = ("--n-facets", "1", "--spin", "none", "--num-warmup", "200", "--num-samples", "250",
-        "--num-starts", "16")  # fmt: skip
-POOR = ("--n-facets", "1", "--spin", "none", "--num-warmup", "10", "--num-samples", "20",
-        "--num-starts", "8", "--num-chains", "2")  # fmt: skip
+GOOD = (
+    "--n-facets",
+    "1",
+    "--spin",
+    "none",
+    "--num-warmup",
+    "200",
+    "--num-samples",
+    "250",
+    "--num-starts",
+    "16",
+)
+POOR = (
+    "--n-facets",
+    "1",
+    "--spin",
+    "none",
+    "--num-warmup",
+    "10",
+    "--num-samples",
+    "20",
+    "--num-starts",
+    "8",
+    "--num-chains",
+    "2",
+)
 GROUPS = {
-    "posterior", "sample_stats", "log_likelihood", "posterior_predictive", "prior",
-    "observed_data", "constant_data", "modes/0",
-}  # fmt: skip
+    "posterior",
+    "sample_stats",
+    "log_likelihood",
+    "posterior_predictive",
+    "prior",
+    "observed_data",
+    "constant_data",
+    "modes/0",
+}
 KEYS = {
-    "": {"model", "n_facets", "n_obs", "seed", "converged", "reasons", "max_rhat", "min_ess_bulk",
-         "min_ess_tail", "divergences", "parameters", "modes", "fit", "timing"},
+    "": {
+        "model",
+        "n_facets",
+        "n_obs",
+        "seed",
+        "converged",
+        "reasons",
+        "max_rhat",
+        "min_ess_bulk",
+        "min_ess_tail",
+        "divergences",
+        "parameters",
+        "modes",
+        "fit",
+        "timing",
+    },
     "parameters": {"mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk"},
     "fit": {"rms", "chi2", "dof", "elpd_loo", "elpd_se", "log_evidence", "log_evidence_se"},
     "timing": {"compile_s", "warmup_s", "sampling_s", "gradients"},
-}  # fmt: skip
+}
 MINE = '''
 import numpyro
 import numpyro.distributions as dist
@@ -84,8 +126,14 @@ def test_done_with_every_file(good):
     out, status = good
     assert status == EXIT_DONE
     made = {p.name for p in out.iterdir()}
-    assert {"posterior.nc", "summary.json", "run.toml", "report.html", "figures",
-            "checkpoint"} <= made  # fmt: skip
+    assert {
+        "posterior.nc",
+        "summary.json",
+        "run.toml",
+        "report.html",
+        "figures",
+        "checkpoint",
+    } <= made
     assert not list((out / "checkpoint").iterdir())
 
 
@@ -292,7 +340,7 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--seed", "-1"], "--seed is -1"),
         (["--config", "none.toml"], "none.toml"),
     ],
-)  # fmt: skip
+)
 def test_wrong_options_are_told_in_one_line(curve, tmp_path, capsys, flags, says):
     out = tmp_path / "out"
     assert_refused(["fit", str(curve), "-o", str(out), *flags], out, says, capsys)

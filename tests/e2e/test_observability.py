@@ -54,8 +54,11 @@ def test_a_scenario_is_judged_and_planned(planned, look):
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {f"{n}.svg" for n in ("bounds", "hemisphere", "information", "plan", "seen")}
     assert {p.name for p in out.iterdir() if p.name != ".lock"} == {
-        "observability.json", "observability.html", "schedule.csv", "figures",
-    }  # fmt: skip
+        "observability.json",
+        "observability.html",
+        "schedule.csv",
+        "figures",
+    }
 
 
 def test_a_telephone_shows_figures_at_a_size_that_can_be_read(planned, browser):
@@ -80,11 +83,14 @@ NAMED = """<figure class="shape"><div class="viewer" hidden><canvas></canvas></d
 
 def test_names_on_the_sphere_do_not_overprint_each_other(browser):
     tab = browser.new_page()
-    tab.set_content("<canvas></canvas><script>window.said = {}; const pen ="
+    tab.set_content(
+        "<canvas></canvas><script>window.said = {}; const pen ="
         " CanvasRenderingContext2D.prototype, old = pen.fillText; pen.fillText = function (s, x, y)"
         " { said[s] = [x, y, this.measureText(s).width]; old.call(this, s, x, y); }</script>"
-        + NAMED + Path(style.__file__).with_name("templates").joinpath("viewer.js").read_text()
-        + "</script>")  # fmt: skip
+        + NAMED
+        + Path(style.__file__).with_name("templates").joinpath("viewer.js").read_text()
+        + "</script>"
+    )
     said = tab.evaluate("said")
     tab.close()
     assert set(said) == {"Sun", "best", "facet 6", "far"}

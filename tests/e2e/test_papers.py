@@ -15,9 +15,17 @@ from lcbayes.core.jax_setup import jnp
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = (
-    "figure2", "figure3", "figure4", "figure5", "figure6", "figure7", "figure8", "bias",
-    "hall_figure2", "hall_figure3",
-)  # fmt: skip
+    "figure2",
+    "figure3",
+    "figure4",
+    "figure5",
+    "figure6",
+    "figure7",
+    "figure8",
+    "bias",
+    "hall_figure2",
+    "hall_figure3",
+)
 SMALL_BURN_IN = ("--facets", "3", "--chains", "2", "--transitions", "20")
 
 

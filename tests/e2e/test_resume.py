@@ -18,9 +18,23 @@ import xarray as xr
 from lcbayes.data.write import write
 
 # Many blocks of a little work each, so that kills fall between and within them.
-FIT = ("--n-facets", "1", "--spin", "none", "--seed", "3", "--num-chains", "2",
-       "--num-warmup", "300", "--num-samples", "900", "--num-starts", "64",
-       "--no-report")  # fmt: skip
+FIT = (
+    "--n-facets",
+    "1",
+    "--spin",
+    "none",
+    "--seed",
+    "3",
+    "--num-chains",
+    "2",
+    "--num-warmup",
+    "300",
+    "--num-samples",
+    "900",
+    "--num-starts",
+    "64",
+    "--no-report",
+)
 STORED = 1 + (300 + 900) // 50  # the search, then block by block
 
 

@@ -39,8 +39,11 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     best = found["solutions"][0]
     assert best["period_h"] == pytest.approx(PERIOD, abs=2e-4)
     pole = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
-    near = POLE @ [np.cos(pole[0]) * np.cos(pole[1]), np.sin(pole[0]) * np.cos(pole[1]),
-                   np.sin(pole[1])]  # fmt: skip
+    near = POLE @ [
+        np.cos(pole[0]) * np.cos(pole[1]),
+        np.sin(pole[0]) * np.cos(pole[1]),
+        np.sin(pole[1]),
+    ]
     assert np.degrees(np.arccos(near)) < 5.0
     assert best["rms"] == pytest.approx(NOISE, rel=0.3)
     omega = [best[f"omega_{axis}_rad_s"] for axis in "xyz"]
@@ -61,8 +64,11 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert "Best spin: pole (" in page
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
     assert {p.name for p in (out / "figures").iterdir()} == {
-        "sky.svg", "periods.svg", "fit.svg", "shape.svg",
-    }  # fmt: skip
+        "sky.svg",
+        "periods.svg",
+        "fit.svg",
+        "shape.svg",
+    }
     assert len(shapes.read_obj(out / "shape.obj").areas) > 20
     assert not list(out.glob(".report*"))
     # the same command gives the same numbers

@@ -34,8 +34,20 @@ def files(tmp_path_factory):
 
 def test_attitude_test(files, tmp_path, capsys, look):
     out = tmp_path / "out"
-    argv = ["attitude-test", str(files / "weeks.csv"), "-o", str(out), "--bodies", "199",
-            "--law", "lvlh", "--law", "sun-north", "--law", "polar-spin:period_s=40"]  # fmt: skip
+    argv = [
+        "attitude-test",
+        str(files / "weeks.csv"),
+        "-o",
+        str(out),
+        "--bodies",
+        "199",
+        "--law",
+        "lvlh",
+        "--law",
+        "sun-north",
+        "--law",
+        "polar-spin:period_s=40",
+    ]
     assert main.main(argv) == EXIT_DONE
     told = capsys.readouterr().out
     assert "lvlh" in told.splitlines()[1]

@@ -37,8 +37,10 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
     assert np.degrees(np.arccos(truth["pole"] @ pole)) < 10
     assert {p.name for p in (out / "figures").iterdir()} == {
-        "periodogram.svg", "synodic.svg", "pole.svg",
-    }  # fmt: skip
+        "periodogram.svg",
+        "synodic.svg",
+        "pole.svg",
+    }
     assert not list(out.glob(".*"))
     look(out / "spin.html")
 

@@ -42,14 +42,23 @@ def test_one_half_of_pomenis_predicts_the_other(data_dir):
 
 
 SCORE = "starlink-v2mini-score/v2mini.csv"
-HELD = {"law": "nadir-gimbal-array", "facets": "+z,array:+x", "noise_law": "mixture",
-        "individuals": False}  # fmt: skip
+HELD = {
+    "law": "nadir-gimbal-array",
+    "facets": "+z,array:+x",
+    "noise_law": "mixture",
+    "individuals": False,
+}
 MEANS = {  # of the posterior of all passes, `benchmarks/score.py`
-    "log_albedo_area_held": [-0.29, -1.69], "r_sum_held": [0.04, 0.68],
-    "specular_share_held": [0.77, 0.66], "log_nu_held": [-0.87, 2.51], "log_sigma": -2.98,
-    "log_pass_sd": -1.25, "log_pass_drift_sd": -1.73, "logit_outlier_share": -2.92,
+    "log_albedo_area_held": [-0.29, -1.69],
+    "r_sum_held": [0.04, 0.68],
+    "specular_share_held": [0.77, 0.66],
+    "log_nu_held": [-0.87, 2.51],
+    "log_sigma": -2.98,
+    "log_pass_sd": -1.25,
+    "log_pass_drift_sd": -1.73,
+    "logit_outlier_share": -2.92,
     "log_outlier_excess": 1.54,
-}  # fmt: skip
+}
 
 
 def test_the_wrong_match_is_an_outlier_of_the_model(data_dir):

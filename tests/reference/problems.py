@@ -125,10 +125,13 @@ def _glossy() -> LightCurve:
     facet = jnp.asarray(small.NORMALS[:1]), jnp.asarray(small.AREAS[:1] / 0.7)
     flux = np.asarray(
         brightness.flux_brdf(
-            jnp.asarray(sun), jnp.asarray(obs), *facet, "blinn-phong",
+            jnp.asarray(sun),
+            jnp.asarray(obs),
+            *facet,
+            "blinn-phong",
             {k: jnp.array([v]) for k, v in surface.items()},
         )
-    )  # fmt: skip
+    )
     error = np.full(60, 0.05 * flux.mean())
     noisy = flux + error * np.random.default_rng(5).standard_normal(60)
     return small.curve(60, sun=sun, obs=obs, brightness=noisy, error=error)
@@ -144,12 +147,18 @@ def _dusk() -> LightCurve:
     position = (EARTH_KM + 550.0) * up
     line = EARTH_KM * site - position
     light = LightCurve(
-        t=np.linspace(0.0, 300.0, n), brightness=np.full(n, 6.0), error=None, kind="mag",
-        sun=np.tile(unit(np.array([1.0, -0.45, 0.0])), (n, 1)), obs=unit(line),
-        range_km=np.linalg.norm(line, axis=1), position_km=position,
-        velocity_km_s=7.6 * unit(np.cross(up, [0.3, 0.2, 1.0])), band=np.full(n, "V"),
+        t=np.linspace(0.0, 300.0, n),
+        brightness=np.full(n, 6.0),
+        error=None,
+        kind="mag",
+        sun=np.tile(unit(np.array([1.0, -0.45, 0.0])), (n, 1)),
+        obs=unit(line),
+        range_km=np.linalg.norm(line, axis=1),
+        position_km=position,
+        velocity_km_s=7.6 * unit(np.cross(up, [0.3, 0.2, 1.0])),
+        band=np.full(n, "V"),
         frame="icrs",
-    )  # fmt: skip
+    )
     truth = {"log_albedo_area_held": jnp.log(jnp.array([3.0, 8.0])), "log_sigma": jnp.log(0.2)}
     model = handlers.seed(registry.find("stabilised").bind(TWO_PANELS), 0)
     trace = handlers.trace(handlers.substitute(model, truth)).get_trace(Epochs.of(light))
@@ -164,31 +173,48 @@ def _flat() -> LightCurve:
 
 ALL = (
     Reference(
-        "one-facet", "three dimensions, skewed and bent", _two_passes,
-        scalars("log_albedo_area", "phi", "g"), options={"n_facets": 1, "spin": "none"},
+        "one-facet",
+        "three dimensions, skewed and bent",
+        _two_passes,
+        scalars("log_albedo_area", "phi", "g"),
+        options={"n_facets": 1, "spin": "none"},
     ),
     Reference(
-        "turning-facet", "a facet and its spin, correlated",
+        "turning-facet",
+        "a facet and its spin, correlated",
         lambda: small.curve(30, spinning=True, noise=0.15),
-        _turning, options={"n_facets": 1, "omega_sd": 0.02},
+        _turning,
+        options={"n_facets": 1, "omega_sd": 0.02},
     ),
     Reference(
-        "two-turning-facets", "eleven dimensions, one solution, facets alike",
+        "two-turning-facets",
+        "eleven dimensions, one solution, facets alike",
         lambda: small.curve(80, 2, spinning=True, noise=0.05),
-        _two_turning, options={"n_facets": 2, "omega_sd": 0.02},
+        _two_turning,
+        options={"n_facets": 2, "omega_sd": 0.02},
     ),
     Reference(
-        "glossy-facet", "bounded shares: what the data do not fix is the prior's",
-        _glossy, _lobe, "faceted-brdf",
+        "glossy-facet",
+        "bounded shares: what the data do not fix is the prior's",
+        _glossy,
+        _lobe,
+        "faceted-brdf",
         {"n_facets": 1, "spin": "none", "law": "blinn-phong"},
     ),
     Reference(
-        "stabilised", "magnitudes, Student-t residuals, a scatter to be found",
-        _dusk, _stabilised, "stabilised", TWO_PANELS,
+        "stabilised",
+        "magnitudes, Student-t residuals, a scatter to be found",
+        _dusk,
+        _stabilised,
+        "stabilised",
+        TWO_PANELS,
     ),
     Reference(
-        "banana", "a bent ridge, of a user's own model", _flat, scalars("x", "y"),
+        "banana",
+        "a bent ridge, of a user's own model",
+        _flat,
+        scalars("x", "y"),
         str(HERE / "banana.py"),
     ),
-)  # fmt: skip
+)
 BY_NAME = {one.name: one for one in ALL}

@@ -38,9 +38,14 @@ def test_narrow_draws_are_found_out():
         }
 
     found = calibrate(
-        small.curve(20, noise=0.1), "faceted", n=80, seed=2, quantities=narrowed,
-        **OPTIONS, **SHORT,
-    )  # fmt: skip
+        small.curve(20, noise=0.1),
+        "faceted",
+        n=80,
+        seed=2,
+        quantities=narrowed,
+        **OPTIONS,
+        **SHORT,
+    )
     assert found.p_values()[:-1].min() < EACH / 4
     assert found.coverage(0.9)[:-1].max() < 0.8
 

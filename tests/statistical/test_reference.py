@@ -31,11 +31,15 @@ DRAWS = {
     "smc": (12, 500, 1),
 }
 LONGER = {
-    ("banana", "nuts"): 8000, ("banana", "hmc"): 12_000, ("glossy-facet", "hmc"): 5000,
-    ("glossy-facet", "mh"): 40_000, ("turning-facet", "mh"): 60_000,
-    ("two-turning-facets", "mh"): 120_000, ("turning-facet", "smc"): 1000,
+    ("banana", "nuts"): 8000,
+    ("banana", "hmc"): 12_000,
+    ("glossy-facet", "hmc"): 5000,
+    ("glossy-facet", "mh"): 40_000,
+    ("turning-facet", "mh"): 60_000,
+    ("two-turning-facets", "mh"): 120_000,
+    ("turning-facet", "smc"): 1000,
     ("two-turning-facets", "smc"): 1000,
-}  # fmt: skip
+}
 QUICK = {("banana", "ahmc"), ("banana", "hmc"), ("banana", "mh"), ("one-facet", "nuts")}
 PAIRS = [
     pytest.param(*pair, marks=() if pair in QUICK else pytest.mark.slow)
@@ -48,9 +52,14 @@ def drawn(name: str, sampler: str) -> tuple[tuple[str, ...], np.ndarray]:
     one = problems.BY_NAME[name]
     chains, length, _ = DRAWS[sampler]
     found = lcbayes.fit(
-        one.curve, one.model, sampler=sampler, seed=7, num_chains=chains,
-        num_samples=LONGER.get((name, sampler), length), **one.options,
-    )  # fmt: skip
+        one.curve,
+        one.model,
+        sampler=sampler,
+        seed=7,
+        num_chains=chains,
+        num_samples=LONGER.get((name, sampler), length),
+        **one.options,
+    )
     names, draws, _ = one.draws(found)
     return names, draws
 

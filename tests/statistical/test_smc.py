@@ -111,9 +111,16 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     problem, data = small.posed(light, n_facets=2, spin="none")
     runs = smc.replicate(problem, data, jax.random.key(0), 250, N_RUNS, plan=PLAN)
     fitted = lcbayes.fit(
-        light, "faceted", n_facets=2, spin="none", seed=1, num_chains=2, num_samples=400,
-        num_warmup=200, num_starts=48,
-    )  # fmt: skip
+        light,
+        "faceted",
+        n_facets=2,
+        spin="none",
+        seed=1,
+        num_chains=2,
+        num_samples=400,
+        num_warmup=200,
+        num_starts=48,
+    )
     (mode,) = fitted.summary()["modes"]
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
     bridged = basins.measure(problem, data, runs.runs, order).weighed.log_evidence

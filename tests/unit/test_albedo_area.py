@@ -40,9 +40,13 @@ def test_columns_are_the_flux_of_unit_facets(text):
     areas = np.linspace(0.1, 1.0, 130)
     found = columns(seen, normals, np.zeros(130, int), (material,)) @ areas
     expected = brightness.flux_brdf(
-        jnp.asarray(seen.sun[0]), jnp.asarray(seen.obs[0]), jnp.asarray(normals),
-        jnp.asarray(areas), material.law, material.unit,
-    )  # fmt: skip
+        jnp.asarray(seen.sun[0]),
+        jnp.asarray(seen.obs[0]),
+        jnp.asarray(normals),
+        jnp.asarray(areas),
+        material.law,
+        material.unit,
+    )
     assert found == pytest.approx(np.asarray(expected), rel=1e-12)
 
 
@@ -65,9 +69,7 @@ def test_slopes_are_differences_of_columns(text):
             for sign in (1.0, -1.0)
         ]
         difference = (either[0] - either[1]) / (2 * step)
-        away = np.min(
-            np.abs([seen.sun[0] @ normals.T, seen.obs[0] @ normals.T]), axis=0
-        ) > 0.01  # fmt: skip
+        away = np.min(np.abs([seen.sun[0] @ normals.T, seen.obs[0] @ normals.T]), axis=0) > 0.01
         scale = np.abs(slope).max()
         assert slope[..., axis][away] == pytest.approx(difference[away], abs=1e-6 * scale)
 
@@ -106,9 +108,15 @@ def test_magnitudes_become_flux():
     mag = photometry.magnitude(jnp.asarray(flux), 7e5, photometry.sun_magnitude("V"))
     x = np.array([[1.0, 0, 0]] * 2)
     curve = LightCurve(
-        t=np.arange(2.0), brightness=np.asarray(mag), error=np.full(2, 0.01), sun=x, obs=x,
-        kind="mag", range_km=np.full(2, 700.0), band=np.array(["V", "V"]),
-    )  # fmt: skip
+        t=np.arange(2.0),
+        brightness=np.asarray(mag),
+        error=np.full(2, 0.01),
+        sun=x,
+        obs=x,
+        kind="mag",
+        range_km=np.full(2, 700.0),
+        band=np.array(["V", "V"]),
+    )
     seen = Observed.of(curve, Attitude())
     assert seen.flux == pytest.approx(flux, rel=1e-12)
     assert seen.error == pytest.approx(flux * 0.01 * np.log(10) * 0.4, rel=1e-12)

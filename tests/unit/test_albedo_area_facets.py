@@ -75,9 +75,15 @@ def test_facets_are_at_a_minimum(brick):
 def test_jacobian_of_facets_is_that_of_differences(brick, free):
     seen = brick[0]
     seen = Observed(
-        seen.flux, seen.error, np.arange(300) // 100, np.array([free, False, free]),
-        seen.sun, seen.obs, seen.weight, True,
-    )  # fmt: skip
+        seen.flux,
+        seen.error,
+        np.arange(300) // 100,
+        np.array([free, False, free]),
+        seen.sun,
+        seen.obs,
+        seen.weight,
+        True,
+    )
     vectors = directions(np.random.default_rng(0), 4) * [[0.5], [1.0], [2.0], [3.0]]
     which, scale = np.zeros(4, int), np.array([1.3, 1.0, 0.7]) if free else np.ones(3)
     _, jacobian, _ = linear(seen, vectors, which, scale, ONE)
@@ -86,10 +92,11 @@ def test_jacobian_of_facets_is_that_of_differences(brick, free):
     moved = scale.copy()
     moved[seen.free] += change[12:]
     either = [
-        linear(seen, vectors + s * change[:12].reshape(4, 3), which, scale + s * (moved - scale),
-               ONE)[0].flux
+        linear(
+            seen, vectors + s * change[:12].reshape(4, 3), which, scale + s * (moved - scale), ONE
+        )[0].flux
         for s in (1.0, -1.0)
-    ]  # fmt: skip
+    ]
     difference = (either[0] - either[1]) / 2 / seen.error
     assert jacobian @ change == pytest.approx(difference, abs=1e-7 * np.abs(jacobian).max())
 
@@ -124,9 +131,12 @@ def from_above(n_below: int = 0) -> LightCurve:
     flux = lambertian(sun, obs, BRICK)
     error = np.full(300, 0.003 * flux.mean())
     return replace(
-        curve_of(BRICK), sun=sun, obs=obs, error=error,
+        curve_of(BRICK),
+        sun=sun,
+        obs=obs,
+        error=error,
         brightness=flux + error * rng.normal(size=300),
-    )  # fmt: skip
+    )
 
 
 def test_a_dark_facet_takes_no_other_with_it():
@@ -165,8 +175,9 @@ def test_a_shiny_panel_on_a_dull_brick():
     assert list(np.bincount(found.which)) == [6, 1]
     for m in (0, 1):
         here = found.which == m
-        part = Distribution(found.normals[here], found.which[here], found.areas[here],
-                            found.scale, found.flux, 0.0)  # fmt: skip
+        part = Distribution(
+            found.normals[here], found.which[here], found.areas[here], found.scale, found.flux, 0.0
+        )
         index = matched(part, normals[which == m])
         assert part.areas[index] == pytest.approx(areas[which == m], rel=0.05)
 
@@ -235,9 +246,15 @@ def test_resampled_distributions_are_those_of_the_resampled_data(brick):
     for w, areas in zip(weight, draws, strict=True):
         here = w > 0
         part = Observed(
-            seen.flux[here], seen.error[here] / np.sqrt(w[here]), seen.curve[here], seen.free,
-            seen.sun[:, here], seen.obs[:, here], seen.weight, True,
-        )  # fmt: skip
+            seen.flux[here],
+            seen.error[here] / np.sqrt(w[here]),
+            seen.curve[here],
+            seen.free,
+            seen.sun[:, here],
+            seen.obs[:, here],
+            seen.weight,
+            True,
+        )
         again = solve(part, normals, which, matrix[here])
         model = matrix[here] @ areas
         chi2 = np.sum(((part.flux - model) / part.error) ** 2)

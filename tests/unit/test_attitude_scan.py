@@ -33,9 +33,10 @@ UNIT = 1e-7
 
 def a_spin(degree: int = 3, frequency: float = 5e-5) -> Spin:
     return Spin(
-        jnp.asarray(tilts(POLE[None])[0]), jnp.asarray(frequency),
+        jnp.asarray(tilts(POLE[None])[0]),
+        jnp.asarray(frequency),
         jnp.asarray(spinning.shape(degree)),
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +48,12 @@ def points_of(curve, *, known: bool = False, exposure_s: float = 0.0) -> Points:
     rng = np.random.default_rng(2)
     n = curve.n_obs
     full = replace(
-        curve, brightness=rng.uniform(0.5, 1.5, n), exposure_s=np.full(n, exposure_s),
+        curve,
+        brightness=rng.uniform(0.5, 1.5, n),
+        exposure_s=np.full(n, exposure_s),
         error=rng.uniform(0.02, 0.05, n) if known else None,
         free_scale=np.array([True, False, False, True]),
-    )  # fmt: skip
+    )
     return Points.of(full)
 
 
@@ -76,9 +79,12 @@ def test_brightness_is_that_of_the_models(curve):
     turned = rotations.spinning(points.t[0], rotations.brought_to(jnp.asarray(POLE)), 1.0 / 5e-5)
     share = jax.nn.softmax(body.harmonics @ spin.coefficients)
     expected = physics.flux(
-        rotations.to_body(turned, points.sun), rotations.to_body(turned, points.obs),
-        body.normals, share, spinning.LAW,
-    )  # fmt: skip
+        rotations.to_body(turned, points.sun),
+        rotations.to_body(turned, points.obs),
+        body.normals,
+        share,
+        spinning.LAW,
+    )
     np.testing.assert_allclose(brightness(body, points, spin).flux, expected, rtol=1e-11)
 
 
@@ -227,8 +233,14 @@ def test_ends_that_are_one_solution_are_counted_once():
     poles = np.array([[0.0, 0, 1], [0.05, 0, 1], [0, 1, 0], [0, 0, 1]])
     poles /= np.linalg.norm(poles, axis=1, keepdims=True)
     frequency = np.array([1.0, 1.0 + 1e-4, 1.0, 1.1])
-    ends = Ends(tilts(poles), frequency, np.zeros((4, 3)), np.array([5.0, 4.0, 6.0, np.nan]),
-                np.zeros((4, 1)), np.zeros(4))  # fmt: skip
+    ends = Ends(
+        tilts(poles),
+        frequency,
+        np.zeros((4, 3)),
+        np.array([5.0, 4.0, 6.0, np.nan]),
+        np.zeros((4, 1)),
+        np.zeros(4),
+    )
     kept, hits = solutions.distinct(ends, 100.0, 9)
     assert kept.value.tolist() == [4.0, 6.0]
     assert hits.tolist() == [2, 1]

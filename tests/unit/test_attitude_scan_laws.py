@@ -43,11 +43,15 @@ def passes(n: int = 160, seed: int = 0) -> LightCurve:
     turn = 2.0 * np.pi * t / (20 * 86400.0)
     sun = np.stack([np.cos(turn), 0.917 * np.sin(turn), 0.397 * np.sin(turn)], axis=1)
     return LightCurve(
-        t=t, brightness=np.ones(n), error=None,
+        t=t,
+        brightness=np.ones(n),
+        error=None,
         sun=sun / np.linalg.norm(sun, axis=1, keepdims=True),
-        obs=down / np.linalg.norm(down, axis=1, keepdims=True), frame="icrs",
-        position_km=place, velocity_km_s=motion,
-    )  # fmt: skip
+        obs=down / np.linalg.norm(down, axis=1, keepdims=True),
+        frame="icrs",
+        position_km=place,
+        velocity_km_s=motion,
+    )
 
 
 def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightCurve:
@@ -118,8 +122,9 @@ def test_one_law_with_several_settings_is_several_laws():
 
 def test_free_facets_polish_a_tumblers_spin():
     """From some degrees off: closer to the truth, and the fit that noise allows."""
-    curve = replace(passes(200), t=np.linspace(0.0, 600.0, 200), position_km=None,
-                    velocity_km_s=None)  # fmt: skip
+    curve = replace(
+        passes(200), t=np.linspace(0.0, 600.0, 200), position_km=None, velocity_km_s=None
+    )
     pole, frequency = np.array([0.36, 0.48, 0.8]), 1.0 / 90.0
     truth = faceted.Spinning(tilts(pole[None])[0], frequency)
     rotation = truth.rotation(jnp.asarray(curve.t), jnp.asarray(300.0))
@@ -157,10 +162,15 @@ def one_pass(n: int) -> LightCurve:
     view = 6371.0 * site / np.linalg.norm(site) - place
     sun = np.array([0.3, -0.9, 0.3]) / np.linalg.norm([0.3, -0.9, 0.3])
     return LightCurve(
-        t=t, brightness=np.ones(n), error=None, sun=np.tile(sun, (n, 1)),
-        obs=view / np.linalg.norm(view, axis=1, keepdims=True), frame="icrs",
-        position_km=place, velocity_km_s=motion,
-    )  # fmt: skip
+        t=t,
+        brightness=np.ones(n),
+        error=None,
+        sun=np.tile(sun, (n, 1)),
+        obs=view / np.linalg.norm(view, axis=1, keepdims=True),
+        frame="icrs",
+        position_km=place,
+        velocity_km_s=motion,
+    )
 
 
 @pytest.mark.slow
@@ -189,9 +199,17 @@ def judged_by_hand(chi2, used, n_obs, *, error_known=True):
         for i, (c, u) in enumerate(zip(chi2, used, strict=True))
     ]
     return Found(
-        settings, laws, n_obs, n_obs - used[0] - 1, error_known, "icrs", np.arange(1.0 * n_obs),
-        nothing.astype(int), nothing, n_laws=len(laws),
-    )  # fmt: skip
+        settings,
+        laws,
+        n_obs,
+        n_obs - used[0] - 1,
+        error_known,
+        "icrs",
+        np.arange(1.0 * n_obs),
+        nothing.astype(int),
+        nothing,
+        n_laws=len(laws),
+    )
 
 
 def test_what_noise_may_do_fits_as_well():
@@ -220,9 +238,12 @@ def test_more_numbers_than_points_and_too_good_a_fit_are_said():
 
 @pytest.mark.parametrize(
     ("period_s", "words"),
-    [(110.0, ""), (114.0, "within a step of the search, 7.4 s, of the end of the range, 120.0 s"),
-     (122.0, "beyond the end of the range, 120.0 s")],
-)  # fmt: skip
+    [
+        (110.0, ""),
+        (114.0, "within a step of the search, 7.4 s, of the end of the range, 120.0 s"),
+        (122.0, "beyond the end of the range, 120.0 s"),
+    ],
+)
 def test_the_end_of_a_range_is_said_with_how_far_it_is(period_s, words):
     found = judged_by_hand([100.0], [9], 120)
     hours = 1.0 / 3600.0
@@ -259,9 +280,13 @@ def test_periods_are_drawn_where_searches_ended_and_the_sky_has_its_lines(tmp_pa
     spin = replace(found.solutions[0], pole=poles[0], frequency=reached[0], relation="best")
     table = Table(poles, tried, poles, reached, np.linspace(100.0, 900.0, 9), np.ones(9, int))
     drawn = replace(
-        found, settings=settings, solutions=[spin], n_periods=9, screened=table,
+        found,
+        settings=settings,
+        solutions=[spin],
+        n_periods=9,
+        screened=table,
         sky=(poles, np.append(200.0, np.full(8, 40000.0) + np.arange(8))),
-    )  # fmt: skip
+    )
     with style.drawing():
         gallery = style.Gallery(tmp_path)
         kept = {}

@@ -121,9 +121,13 @@ def halves(geometry, seed: int):
     half = (np.arange(curve.n_obs) >= 250).astype(int)
     scaled = np.where(half == 1, 7.0, 1.0)
     return replace(
-        curve, brightness=curve.brightness * scaled, error=curve.error * scaled,
-        curve=half, curve_names=("a", "b"), free_scale=np.array([True, True]),
-    )  # fmt: skip
+        curve,
+        brightness=curve.brightness * scaled,
+        error=curve.error * scaled,
+        curve=half,
+        curve_names=("a", "b"),
+        free_scale=np.array([True, True]),
+    )
 
 
 @pytest.mark.statistical(false_alarm=EACH)

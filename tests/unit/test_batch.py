@@ -21,13 +21,19 @@ def test_a_csv_catalogue_names_curves_options_and_settings(tmp_path):
     )
     first, second = objects(tmp_path / "c.csv", {"seed": 2, "n_facets": 1, "spin": "none"})
     assert first == Object(
-        "a_b_1", str(tmp_path / "one.csv"), {"tle": str(tmp_path / "x.tle")}, {"seed": 2},
+        "a_b_1",
+        str(tmp_path / "one.csv"),
+        {"tle": str(tmp_path / "x.tle")},
+        {"seed": 2},
         {"n_facets": "3", "spin": "none"},
-    )  # fmt: skip
+    )
     assert second == Object(
-        "two_again", str(tmp_path / "two, again.csv"), {"error": 0.1}, {"seed": 7},
+        "two_again",
+        str(tmp_path / "two, again.csv"),
+        {"error": 0.1},
+        {"seed": 7},
         {"n_facets": 1, "spin": "none"},
-    )  # fmt: skip
+    )
 
 
 def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
@@ -98,12 +104,27 @@ def test_an_unforeseen_fault_is_told_in_words(tmp_path, monkeypatch):
 
 def rows() -> list[dict]:
     good = {
-        "name": "a", "curve": "a.csv", "status": "trusted", "reasons": [], "seconds": 2.0,
-        "model": "faceted", "n_facets": 2, "n_obs": 60, "n_solutions": 1, "weight": 1.0,
-        "chi2": 61.0, "dof": 51, "rms": 0.02, "max_rhat": 1.002, "min_ess_bulk": 900.0,
-        "omega_x_rad_s": 0.01, "omega_y_rad_s": 0.0, "omega_z_rad_s": 0.02,
-        "omega_x_rad_s_sd": 0.001, "albedo_area_m2": 5.0,
-    }  # fmt: skip
+        "name": "a",
+        "curve": "a.csv",
+        "status": "trusted",
+        "reasons": [],
+        "seconds": 2.0,
+        "model": "faceted",
+        "n_facets": 2,
+        "n_obs": 60,
+        "n_solutions": 1,
+        "weight": 1.0,
+        "chi2": 61.0,
+        "dof": 51,
+        "rms": 0.02,
+        "max_rhat": 1.002,
+        "min_ess_bulk": 900.0,
+        "omega_x_rad_s": 0.01,
+        "omega_y_rad_s": 0.0,
+        "omega_z_rad_s": 0.02,
+        "omega_x_rad_s_sd": 0.001,
+        "albedo_area_m2": 5.0,
+    }
     doubted = good | {
         "name": "b",
         "status": "not trusted",
@@ -117,9 +138,10 @@ def test_table_and_summary_count_and_name():
     said = catalogue.summarise("c.csv", rows(), 4, 1, 10.0, "2 processes")
     assert not said["converged"]
     assert said["reasons"] == [
-        "1 of 4 objects failed: c", "1 of 4 results must not be trusted: b",
+        "1 of 4 objects failed: c",
+        "1 of 4 results must not be trusted: b",
         "1 of 4 objects were not done",
-    ]  # fmt: skip
+    ]
     assert said["objects_per_hour"] == 720.0  # two were done now, one before
     read = list(csv.DictReader(catalogue.to_csv(rows()).splitlines()))
     assert [r["status"] for r in read] == ["trusted", "not trusted", "failed"]

@@ -173,10 +173,16 @@ def test_toml_comes_back(tmp_path):
     from lcbayes.core.toml import read_toml
 
     content = {
-        "curve": 'a "quoted" \\ näme\n.csv', "n": 3, "yes": True, "x": 1e-300, "inf": float("inf"),
-        "array": np.float64(0.1), "count": np.int64(7),
-        "options": {"period": 5.76198, "law": "lambertian", "no": False}, "empty": {},
-    }  # fmt: skip
+        "curve": 'a "quoted" \\ näme\n.csv',
+        "n": 3,
+        "yes": True,
+        "x": 1e-300,
+        "inf": float("inf"),
+        "array": np.float64(0.1),
+        "count": np.int64(7),
+        "options": {"period": 5.76198, "law": "lambertian", "no": False},
+        "empty": {},
+    }
     (tmp_path / "run.toml").write_text(to_toml(content))
     found = read_toml(tmp_path / "run.toml").values
     assert found == content
@@ -188,10 +194,15 @@ def test_digests_tell_light_curves_apart():
     n, t = 4, np.arange(4.0)
     axis = np.eye(3)[np.zeros(n, int)]
     curve = LightCurve(
-        t=t, brightness=np.ones(n), error=np.full(n, 0.1), sun=axis, obs=axis,
-        band=np.array(["V", "R", "V", "R"]), site=np.array(["a", "bc", "a", "bc"]),
+        t=t,
+        brightness=np.ones(n),
+        error=np.full(n, 0.1),
+        sun=axis,
+        obs=axis,
+        band=np.array(["V", "R", "V", "R"]),
+        site=np.array(["a", "bc", "a", "bc"]),
         range_km=np.full(n, 700.0),
-    )  # fmt: skip
+    )
     others = [
         replace(curve, kind="mag"),
         replace(curve, frame="icrs"),  # where laws find north

@@ -22,10 +22,18 @@ T = 40
 UNKNOWN = Misfit(None, 28.4, "gaussian")  # errors
 IDENTITY = {"model": "faceted"}
 RUN = {
-    "curve": "/far/pass.csv", "model": "faceted", "facets": "2,3,4", "sparse": 6, "seed": 3,
-    "num_particles": 50, "num_runs": 4, "num_starts": 0, "version": "1",
-    "options": {"spin": "none"}, "reading": {"error_floor": 0.01},
-}  # fmt: skip
+    "curve": "/far/pass.csv",
+    "model": "faceted",
+    "facets": "2,3,4",
+    "sparse": 6,
+    "seed": 3,
+    "num_particles": 50,
+    "num_runs": 4,
+    "num_starts": 0,
+    "version": "1",
+    "options": {"spin": "none"},
+    "reading": {"error_floor": 0.01},
+}
 
 
 def candidate(n: int, log_z: float, **changes) -> Candidate:
@@ -33,14 +41,22 @@ def candidate(n: int, log_z: float, **changes) -> Candidate:
     elpd = rng.normal(1.0 + 0.01 * log_z, 0.5, T)
     return replace(
         Candidate(
-            n_facets=n, n_parameters=3 * n + 3,
+            n_facets=n,
+            n_parameters=3 * n + 3,
             log_evidences=log_z + np.array([-0.1, 0.1, 0.0, 0.0]),
-            log_evidence=log_z, se=0.05, log_prior_mass=-0.3, loo=Loo(elpd, np.full(T, 0.2)),
-            misfit=Misfit(40.0, T - 3 * n - 3.0, "gaussian"), information=1.0, best=50.0 + n,
-            z_best=np.zeros(4 * n + 3), gradients=1000, seconds=2.0,
+            log_evidence=log_z,
+            se=0.05,
+            log_prior_mass=-0.3,
+            loo=Loo(elpd, np.full(T, 0.2)),
+            misfit=Misfit(40.0, T - 3 * n - 3.0, "gaussian"),
+            information=1.0,
+            best=50.0 + n,
+            z_best=np.zeros(4 * n + 3),
+            gradients=1000,
+            seconds=2.0,
         ),
         **changes,
-    )  # fmt: skip
+    )
 
 
 def found(*candidates: Candidate, **changes) -> Compared:

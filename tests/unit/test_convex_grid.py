@@ -28,8 +28,10 @@ SMALL = {"period": 6.0, "n_facets": 100, "degree": 3}
 
 def unit(lon_deg, lat_deg) -> np.ndarray:
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
-    return np.stack(np.broadcast_arrays(
-        np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)), axis=-1)  # fmt: skip
+    return np.stack(
+        np.broadcast_arrays(np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)),
+        axis=-1,
+    )
 
 
 def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
@@ -49,9 +51,17 @@ def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
     law = "lommel-seeliger-lambert"
     flux = np.asarray(brightness.flux(sun_body, obs_body, jnp.asarray(normals), area, law))
     flux = flux * (1 + 0.005 * rng.normal(size=len(t)))
-    return LightCurve(t=t, brightness=flux, error=None, sun=sun, obs=obs, curve=night,
-                      free_scale=np.full(8, free_scale), epoch_jd=2450000.0,
-                      frame="ecliptic-j2000")  # fmt: skip
+    return LightCurve(
+        t=t,
+        brightness=flux,
+        error=None,
+        sun=sun,
+        obs=obs,
+        curve=night,
+        free_scale=np.full(8, free_scale),
+        epoch_jd=2450000.0,
+        frame="ecliptic-j2000",
+    )
 
 
 def problem(curve: LightCurve, **options) -> tuple[Problem, Epochs]:
@@ -68,9 +78,17 @@ def test_a_sphere_is_constant_at_constant_phase_angle():
     axis = unit(*POLE_DEG)
     side = np.cross(axis, curve.sun)
     obs = curve.sun * np.cos(0.4) + np.sin(0.4) * side / np.linalg.norm(side, axis=1)[:, None]
-    same = LightCurve(t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun, obs=obs,
-                      curve=curve.curve, free_scale=curve.free_scale, epoch_jd=curve.epoch_jd,
-                      frame=curve.frame)  # fmt: skip
+    same = LightCurve(
+        t=curve.t,
+        brightness=curve.brightness,
+        error=None,
+        sun=curve.sun,
+        obs=obs,
+        curve=curve.curve,
+        free_scale=curve.free_scale,
+        epoch_jd=curve.epoch_jd,
+        frame=curve.frame,
+    )
     built, data = problem(same, n_facets=1000)
     flux = np.asarray(built.flux(start(data), data))
     assert np.std(flux) / np.mean(flux) < 2e-3
@@ -80,9 +98,17 @@ def test_a_sphere_is_constant_at_constant_phase_angle():
 
 def test_a_sphere_in_full_light_has_unit_flux():
     curve = observed()
-    full = LightCurve(t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun,
-                      obs=curve.sun, curve=curve.curve, free_scale=curve.free_scale,
-                      epoch_jd=curve.epoch_jd, frame=curve.frame)  # fmt: skip
+    full = LightCurve(
+        t=curve.t,
+        brightness=curve.brightness,
+        error=None,
+        sun=curve.sun,
+        obs=curve.sun,
+        curve=curve.curve,
+        free_scale=curve.free_scale,
+        epoch_jd=curve.epoch_jd,
+        frame=curve.frame,
+    )
     built, data = problem(full, n_facets=1000)
     flux = built.flux(start(data, log_lambert_c=jnp.array(-50.0)), data)
     np.testing.assert_allclose(flux, 1.0, rtol=5e-3)

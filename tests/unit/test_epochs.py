@@ -71,8 +71,12 @@ def test_levels_make_a_unit_scale_ordinary():
 
 def test_a_band_without_a_tabled_sun_is_taken_for_v():
     light = small.curve(
-        4, kind="mag", brightness=np.full(4, 6.0), error=None, range_km=np.full(4, 700.0),
+        4,
+        kind="mag",
+        brightness=np.full(4, 6.0),
+        error=None,
+        range_km=np.full(4, 700.0),
         band=np.array(["V", "R", "Clear", ""]),
-    )  # fmt: skip
+    )
     v, r = photometry.sun_magnitude("V"), photometry.sun_magnitude("R")
     np.testing.assert_array_equal(Epochs.of(light).zero_point, [v, r, v, v])

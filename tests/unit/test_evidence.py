@@ -152,9 +152,11 @@ def test_hits_are_counted_along_a_ridge(one_facet):
     inside = flat[:: len(flat) // 40]
     away = flat.mean(0) + 30 * flat.std(0)
     ends = SearchState(
-        jnp.asarray(np.vstack([inside, away])), jnp.zeros(len(inside) + 1),
-        jnp.ones(len(inside) + 1), jnp.zeros(len(inside) + 1, int),
-    )  # fmt: skip
+        jnp.asarray(np.vstack([inside, away])),
+        jnp.zeros(len(inside) + 1),
+        jnp.ones(len(inside) + 1),
+        jnp.zeros(len(inside) + 1, int),
+    )
     mode = fit.Mode(
         Solution(flat.mean(0), 0.0, 0.0, 1.0, 1), stretched, {}, bridge.LogEvidence(0.0, 0.1)
     )

@@ -37,9 +37,14 @@ def run(problem, data, checkpoint=None, sampler="nuts"):
     settings = Settings(sampler=sampler, num_warmup=100, num_samples=500, num_chains=2)
     with Silent().stage("sampling", 1, "draws") as track:
         return sampling.Sampler(problem, settings, 1).run(
-            "mode-0", np.zeros(problem.dim), data, jax.random.key(0),
-            checkpoint or Checkpoint(None, {}), sampling.Timing(), track,
-        )  # fmt: skip
+            "mode-0",
+            np.zeros(problem.dim),
+            data,
+            jax.random.key(0),
+            checkpoint or Checkpoint(None, {}),
+            sampling.Timing(),
+            track,
+        )
 
 
 def share(stats) -> float:

@@ -115,9 +115,12 @@ def test_fisher_is_the_corrected_appendix(case):
     error = factor * np.linspace(0.02, 0.08, T)
     light = small.curve(T, error=error, range_km=range_km)
     problem, data = small.posed(
-        light, n_facets=N, spin="free" if spin else "none", omega_sd=OMEGA_SD,
+        light,
+        n_facets=N,
+        spin="free" if spin else "none",
+        omega_sd=OMEGA_SD,
         log_area_sd=LOG_AREA_SD,
-    )  # fmt: skip
+    )
     sites = {"normals_base": BASE, "log_albedo_area": LOG_AREA, "omega_unit": OMEGA_UNIT}
     z = problem.ravel({k: jnp.asarray(sites[k]) for k in problem.names})
 
@@ -136,7 +139,8 @@ def test_fisher_is_the_corrected_appendix(case):
     found = np.asarray(jax.jit(problem.fisher)(z, data))
     assert problem.names == tuple(sorted(problem.names))  # the order that `chained` keeps
     scale = np.sqrt(np.diag(want))
-    np.testing.assert_allclose(found / np.outer(scale, scale), want / np.outer(scale, scale),
-                               atol=1e-10, rtol=0)  # fmt: skip
+    np.testing.assert_allclose(
+        found / np.outer(scale, scale), want / np.outer(scale, scale), atol=1e-10, rtol=0
+    )
     # The data say more than the prior of all but the radii: it is (A.1) that is tested.
     assert np.sum(np.diag(weighted.T @ weighted) > np.diag(prior(spin))) >= problem.dim - N

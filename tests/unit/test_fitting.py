@@ -62,13 +62,16 @@ def relative(level: float, **changes) -> LightCurve:
         ),
         (
             replace(
-                relative(-0.01), curve=np.arange(20) // 10, curve_names=("a", "b"),
-                brightness=np.repeat([1.0, -1.0], 10), free_scale=np.ones(2, bool),
+                relative(-0.01),
+                curve=np.arange(20) // 10,
+                curve_names=("a", "b"),
+                brightness=np.repeat([1.0, -1.0], 10),
+                free_scale=np.ones(2, bool),
             ),
             "the mean flux of the curve b is not positive",
         ),
     ],
-)  # fmt: skip
+)
 def test_fluxes_without_a_level_are_refused(curve, said):
     with pytest.raises(InputError, match=said):
         fitting.check_curve(curve)

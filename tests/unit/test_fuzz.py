@@ -8,11 +8,48 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 PIECES = [
-    b"\n", b",", b";", b'"', b"-", b"e999", b"nan", b"inf", b"#", b" ", b"\xff", b"\x00", b"\r",
-    b"\xef\xbb\xbf", b"=", b"[", b"[[", b"]", b"{", b"}", b"'", b"'''", b"0", b"9" * 40, b"1e308",
-    b"\xc3\xa9", b"true", b"2024-02-30T25:61:00Z", b"%", b"../", b"/", b"\\", b"-0", b"1_0",
-    b"&a ", b"*a", b"<<: ", b"\\u0000", b"1" * 400, b"0x" + b"f" * 5000, b"x" * 2000,
-]  # fmt: skip
+    b"\n",
+    b",",
+    b";",
+    b'"',
+    b"-",
+    b"e999",
+    b"nan",
+    b"inf",
+    b"#",
+    b" ",
+    b"\xff",
+    b"\x00",
+    b"\r",
+    b"\xef\xbb\xbf",
+    b"=",
+    b"[",
+    b"[[",
+    b"]",
+    b"{",
+    b"}",
+    b"'",
+    b"'''",
+    b"0",
+    b"9" * 40,
+    b"1e308",
+    b"\xc3\xa9",
+    b"true",
+    b"2024-02-30T25:61:00Z",
+    b"%",
+    b"../",
+    b"/",
+    b"\\",
+    b"-0",
+    b"1_0",
+    b"&a ",
+    b"*a",
+    b"<<: ",
+    b"\\u0000",
+    b"1" * 400,
+    b"0x" + b"f" * 5000,
+    b"x" * 2000,
+]
 
 
 @st.composite
@@ -42,9 +79,12 @@ def test_sound_texts_are_read(name, tmp_path):
 @pytest.mark.parametrize("name", readers.READERS)
 def test_damaged_texts_are_read_or_refused(name, tmp_path):
     @settings(
-        max_examples=40, deadline=None, derandomize=True, database=None,
+        max_examples=40,
+        deadline=None,
+        derandomize=True,
+        database=None,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-    )  # fmt: skip
+    )
     @given(damaged(name))
     @example(b"")
     @example(b"\x00" * 50)

@@ -32,8 +32,11 @@ def test_a_users_file(mine):
     entry = registry.find(mine(GOOD))
     assert (entry.summary, entry.facet_sites, entry.hook("starts")) == ("mine", ("a",), None)
     assert {k: (o.type, o.required) for k, o in entry.options.items()} == {
-        "depth": (float, True), "count": (int, False), "dark": (bool, False), "law": (str, False),
-    }  # fmt: skip
+        "depth": (float, True),
+        "count": (int, False),
+        "dark": (bool, False),
+        "law": (str, False),
+    }
     checked = entry.check({"depth": "0.5", "count": "3", "dark": "true"})
     assert checked == {"depth": 0.5, "count": 3, "dark": True}
     assert entry.check({"depth": 1, "count": 3.0})["count"] == 3

@@ -81,9 +81,14 @@ def turning(t, brightness, error, kind="flux"):
     """A light curve under a bisector that moves by a twentieth of a degree per second."""
     a = np.radians(20.0 + 0.1 * (t - t[0]))
     return LightCurve(
-        t=t, brightness=brightness, error=error, kind=kind, range_km=np.full(t.size, 1000.0),
-        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)), obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
-    )  # fmt: skip
+        t=t,
+        brightness=brightness,
+        error=error,
+        kind=kind,
+        range_km=np.full(t.size, 1000.0),
+        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)),
+        obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
+    )
 
 
 @pytest.mark.statistical(false_alarm=EACH)

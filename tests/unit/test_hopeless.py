@@ -75,8 +75,9 @@ def test_problems_of_other_sites_give_no_bodies(one):
     assert len(screening.with_fewer(turning, z, smaller, SITES, data)) == 2  # ω is left out
     small_one = np.asarray(smaller.prior_draw(jax.random.key(9), data))
     assert screening.with_fewer(smaller, small_one, turning, SITES, data).shape == (
-        0, turning.dim,
-    )  # fmt: skip
+        0,
+        turning.dim,
+    )
 
 
 def test_more_facets_that_fit_worse_have_lost_their_way():

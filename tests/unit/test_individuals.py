@@ -42,12 +42,19 @@ def fleet(n: int, n_passes: int = 3, n_points: int = 5, seed: int = 0) -> LightC
     names = tuple(f"sat {i}" for i in range(n))
     light = LightCurve(
         t=DAY * np.tile(np.repeat(np.arange(n_passes), n_points), n) + step,
-        brightness=np.zeros(where.size), error=np.full(where.size, 0.01), kind="mag",
-        sun=np.tile(unit(np.array([1.0, -0.3, 0.0])), (where.size, 1)), obs=unit(line),
-        range_km=np.linalg.norm(line, axis=1), position_km=position,
-        curve=np.repeat(np.arange(n), n_passes * n_points), curve_names=names,
-        free_scale=np.zeros(n, bool), band=np.full(where.size, "V"), frame="icrs",
-    )  # fmt: skip
+        brightness=np.zeros(where.size),
+        error=np.full(where.size, 0.01),
+        kind="mag",
+        sun=np.tile(unit(np.array([1.0, -0.3, 0.0])), (where.size, 1)),
+        obs=unit(line),
+        range_km=np.linalg.norm(line, axis=1),
+        position_km=position,
+        curve=np.repeat(np.arange(n), n_passes * n_points),
+        curve_names=names,
+        free_scale=np.zeros(n, bool),
+        band=np.full(where.size, "V"),
+        frame="icrs",
+    )
     problem, data = posed(light, individuals=False)
     z = jnp.zeros(problem.dim)
     mean = np.asarray(problem.constrain(z, data)["expected"])

@@ -198,8 +198,12 @@ def score_row(name="A", minute=28, mag="2.4", err="0.2", ra="296.5", alt="52", l
 
 def test_score(tmp_path):
     path = tmp_path / "score.csv"
-    rows = [score_row("B", 30), score_row("A", 29), score_row("B", 28, code="H06"),
-            score_row("A", 28, lit=False)]  # fmt: skip
+    rows = [
+        score_row("B", 30),
+        score_row("A", 29),
+        score_row("B", 28, code="H06"),
+        score_row("A", 28, lit=False),
+    ]
     path.write_text("\n".join([SCORE_HEAD, *rows]))
     curve = read(path)
     assert curve.source["format"] == "score"
@@ -216,14 +220,23 @@ def test_score(tmp_path):
 def test_score_rows_that_cannot_be_used_are_counted(tmp_path):
     path = tmp_path / "score.csv"
     rows = [score_row("A", m) for m in (10, 11)]
-    rows += [score_row(mag=""), score_row(mag="", minute=31), score_row(err=""), score_row(ra=""),
-             score_row(alt="-3")]  # fmt: skip
+    rows += [
+        score_row(mag=""),
+        score_row(mag="", minute=31),
+        score_row(err=""),
+        score_row(ra=""),
+        score_row(alt="-3"),
+    ]
     path.write_text("\n".join([SCORE_HEAD, *rows]))
     curve = read(path)
     assert curve.n_obs == 2
     notes = curve.source["notes"]
-    for said in ("2 points without a magnitude", "1 point without an uncertainty",
-                 "1 point without a place in the sky", "1 point below the horizon"):  # fmt: skip
+    for said in (
+        "2 points without a magnitude",
+        "1 point without an uncertainty",
+        "1 point without a place in the sky",
+        "1 point below the horizon",
+    ):
         assert said + " left out" in notes
     assert read(path, error=0.1).n_obs == 3
     assert read_geometry(path).n_obs == 5  # magnitudes are not asked for
@@ -236,8 +249,9 @@ def test_score_velocities_are_those_of_the_elements(tmp_path, seen):
     """Rates by differences of SGP4's places, over 0.2 s; one of right ascension is spoilt."""
     t, place = seen[0], Site.parse(SITE)
     turned = lambda g: (  # noqa: E731
-        np.degrees(np.arctan2(-g.obs[:, 1], -g.obs[:, 0])), np.degrees(np.arcsin(-g.obs[:, 2]))
-    )  # fmt: skip
+        np.degrees(np.arctan2(-g.obs[:, 1], -g.obs[:, 0])),
+        np.degrees(np.arcsin(-g.obs[:, 2])),
+    )
     geometry, *ends = (
         from_tle(Times.of(MIDNIGHT, t + h), place, parse_tle(ISS, "iss")) for h in (0, -0.1, 0.1)
     )
@@ -253,10 +267,17 @@ def test_score_velocities_are_those_of_the_elements(tmp_path, seen):
     rows = [
         f"ISS,25544,{utc(s)},2.4,0.2,43.65,41.431,2030,none,,CLEAR,{a},{d},{r},{h},True,{v},{e},{n}"
         for s, a, d, r, h, v, e, n in zip(
-            t, ra % 360.0, dec, geometry.range_km, geometry.altitude_deg, away, east,
-            (dec1 - dec0) / 0.2, strict=True,
+            t,
+            ra % 360.0,
+            dec,
+            geometry.range_km,
+            geometry.altitude_deg,
+            away,
+            east,
+            (dec1 - dec0) / 0.2,
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
     path = tmp_path / "score.csv"
     path.write_text("\n".join([head, *rows]))
     curve = read(path)

@@ -414,9 +414,13 @@ def test_extra_columns_may_not_pose_as_others(tmp_path):
     curve = read_text(tmp_path, PLAIN)
     for name in ("mag", "UTC"):
         posing = LightCurve(
-            t=curve.t, brightness=curve.brightness, error=None, sun=curve.sun, obs=curve.obs,
+            t=curve.t,
+            brightness=curve.brightness,
+            error=None,
+            sun=curve.sun,
+            obs=curve.obs,
             extra={name: curve.t},
-        )  # fmt: skip
+        )
         with pytest.raises(InputError, match="rename it"):
             write(posing, tmp_path / "out.csv")
 

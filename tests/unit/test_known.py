@@ -22,8 +22,10 @@ NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 
 def sites(**change):
     found = {
-        "omega": np.array([0.0, 0.0, 0.02]), "normals": NORMALS, "albedo_area": np.array([2.0, 3.0])
-    }  # fmt: skip
+        "omega": np.array([0.0, 0.0, 0.02]),
+        "normals": NORMALS,
+        "albedo_area": np.array([2.0, 3.0]),
+    }
     return {k: jnp.asarray(v) for k, v in (found | change).items()}
 
 
@@ -50,7 +52,7 @@ def test_targets_move_as_what_they_name():
         ("all", {"omega": [step, 0.0, 0.02]}, step, ""),
         ("albedo_area", {"albedo_area": [2.0, 3.0 + step]}, step, ""),
     ):
-        (key, value), = moved.items()  # fmt: skip
+        ((key, value),) = moved.items()
         slope = jax.jacfwd(lambda x, name=name, key=key: of_sites(sites(**{key: x}), name)[0])
         change = np.tensordot(slope(sites()[key]), np.asarray(value) - sites()[key], np.ndim(value))
         assert of_sites(sites(), name)[1] == unit

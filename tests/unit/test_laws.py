@@ -204,10 +204,15 @@ def test_names_and_settings():
 
 @pytest.mark.parametrize(
     "text",
-    ["fixed", "lvlh", "lvlh:yaw_deg=4.5,roll_deg=-0.1", "sun-spin:period_s=300,phase_deg=1e-07",
-     "constant-rate:x=0,y=0.1,z=-2",
-     "principal-axis:pole_lon_deg=1,pole_lat_deg=0,period_s=9,phase0_deg=2"],
-)  # fmt: skip
+    [
+        "fixed",
+        "lvlh",
+        "lvlh:yaw_deg=4.5,roll_deg=-0.1",
+        "sun-spin:period_s=300,phase_deg=1e-07",
+        "constant-rate:x=0,y=0.1,z=-2",
+        "principal-axis:pole_lon_deg=1,pole_lat_deg=0,period_s=9,phase0_deg=2",
+    ],
+)
 def test_laws_are_spelled_as_they_are_read(text):
     law = catalogue.parse(text)
     assert catalogue.spelled(law) == text
@@ -236,8 +241,14 @@ def test_faults(text, said):
 
 
 def seen(**changes) -> LightCurve:
-    given = {"t": np.asarray(T), "brightness": np.ones(41), "error": None, "frame": "icrs",
-             "sun": np.asarray(ORBIT.sun), "obs": np.asarray(ORBIT.sun)}  # fmt: skip
+    given = {
+        "t": np.asarray(T),
+        "brightness": np.ones(41),
+        "error": None,
+        "frame": "icrs",
+        "sun": np.asarray(ORBIT.sun),
+        "obs": np.asarray(ORBIT.sun),
+    }
     return LightCurve(**(given | changes))
 
 
@@ -303,8 +314,14 @@ def test_velocities_from_places_of_an_eccentric_orbit(anomaly):
 
     r = 6700.0 * 1.7 / (1 + 0.7 * np.cos(anomaly))
     speed = np.sqrt(398600.4418 / (6700.0 * 1.7))
-    start = [r * np.cos(anomaly), r * np.sin(anomaly), 0.0, -speed * np.sin(anomaly),
-             speed * (0.7 + np.cos(anomaly)), 0.0]  # fmt: skip
+    start = [
+        r * np.cos(anomaly),
+        r * np.sin(anomaly),
+        0.0,
+        -speed * np.sin(anomaly),
+        speed * (0.7 + np.cos(anomaly)),
+        0.0,
+    ]
     start = np.concatenate([INCLINED @ start[:3], INCLINED @ start[3:]])
     t = np.arange(0.0, 200.0, 3.0)
     y = solve_ivp(motion, (0.0, 200.0), start, "DOP853", t, rtol=1e-12, atol=1e-9).y.T
@@ -370,8 +387,10 @@ def test_places_that_give_no_velocity():
         two = place * np.where(np.arange(30) % 2, part, 1.0)[:, None]
         assert velocity_from_places(t, two, none) is None
     assert velocity_from_places(t, place, np.arange(30)) is None  # a point of each
-    assert velocity_from_places(np.append(t, 4000.0), iss(np.append(t, 4000.0))[0],
-                                np.zeros(31, int)) is None  # fmt: skip
+    assert (
+        velocity_from_places(np.append(t, 4000.0), iss(np.append(t, 4000.0))[0], np.zeros(31, int))
+        is None
+    )
     assert velocity_from_places(np.zeros(30), place, none) is None
     assert velocity_from_places(np.zeros(30), place[:1].repeat(30, 0), none) is None
     assert velocity_from_places(np.full(1, 5.0), place[:1], none[:1]) is None

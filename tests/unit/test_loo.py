@@ -133,9 +133,10 @@ def test_stacking_where_exponentials_vanish():
     a, b = normal(0.0, rng.standard_normal((2, 50)), 0.7)
     common = 700.0 * rng.standard_normal(50)
     common[7] = -2000.0
-    plain, shifted = stacking({1: made(a), 2: made(b)}), stacking(
-        {1: made(a + common), 2: made(b + common)}
-    )  # fmt: skip
+    plain, shifted = (
+        stacking({1: made(a), 2: made(b)}),
+        stacking({1: made(a + common), 2: made(b + common)}),
+    )
     np.testing.assert_allclose(shifted.weight, plain.weight, atol=1e-3)
     np.testing.assert_allclose(shifted.diff, plain.diff, rtol=1e-6)
 

@@ -50,9 +50,13 @@ def test_flux_with_ranges_is_irradiance():
 def test_magnitudes_are_those_of_photometry():
     r = np.linspace(500.0, 900.0, 6)
     light = small.curve(
-        6, kind="mag", brightness=np.full(6, 7.0), error=np.full(6, 0.1), range_km=r,
+        6,
+        kind="mag",
+        brightness=np.full(6, 7.0),
+        error=np.full(6, 0.1),
+        range_km=r,
         band=np.array(["V"] * 6),
-    )  # fmt: skip
+    )
     flux = jnp.linspace(0.1, 1.0, 6)
     want = photometry.magnitude(flux, jnp.asarray(1e3 * r), photometry.sun_magnitude("V"))
     found = likelihood.expected(Epochs.of(light), flux, jnp.ones(1))
@@ -114,9 +118,12 @@ def test_student_t():
 
 def test_unknown_noise_is_relative_to_each_curve():
     light = small.curve(
-        8, error=None, curve=np.repeat([0, 1], 4), curve_names=("a", "b"),
+        8,
+        error=None,
+        curve=np.repeat([0, 1], 4),
+        curve_names=("a", "b"),
         free_scale=np.array([False, False]),
-    )  # fmt: skip
+    )
     data, flux = Epochs.of(light), np.linspace(0.5, 1.5, 8)
     y = np.asarray(data.brightness)
     unit = np.array([0.4, -1.2])  # how far each curve's noise is from the typical one

@@ -226,9 +226,7 @@ def test_bounds_are_those_of_the_inverse():
     np.testing.assert_allclose(bound(j), np.sqrt(np.diag(np.linalg.inv(j.T @ j))), rtol=1e-9)
     j = np.column_stack([j[:, 0], j[:, 1], j[:, 1] * 2.0, np.zeros(30)])
     found = bound(j)
-    assert found[0] == pytest.approx(
-        np.linalg.inv(j[:, :2].T @ j[:, :2])[0, 0] ** 0.5, rel=1e-9
-    )  # fmt: skip
+    assert found[0] == pytest.approx(np.linalg.inv(j[:, :2].T @ j[:, :2])[0, 0] ** 0.5, rel=1e-9)
     assert np.isinf(found[1:]).all()
     made = Campaign(Unknowns.of(scenario.load("one-facet")), rng.standard_normal((9, 3)))
     precision = made.fisher + np.diag(made.unknowns.prior_sd**-2.0)
@@ -372,8 +370,11 @@ def test_targets_turn_unknowns_into_what_is_asked():
     theta[:3] = change
     moved = np.linalg.norm(pole.factor[0] / unknowns.prior_sd @ theta)
     after = omega + change
-    angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(omega, after))
-                                 / np.linalg.norm(omega) / np.linalg.norm(after)))  # fmt: skip
+    angle = np.degrees(
+        np.arcsin(
+            np.linalg.norm(np.cross(omega, after)) / np.linalg.norm(omega) / np.linalg.norm(after)
+        )
+    )
     assert moved == pytest.approx(angle, rel=1e-4)
     assert of_unknowns(unknowns, "normal:1").factor.shape == (1, 2, 9)
     assert of_unknowns(unknowns, "all").unit == "1"

@@ -61,24 +61,42 @@ def odds(*p, error=0.02) -> Odds:
 
 NONE = "no other number tried is likely"
 SENTENCES = [
-    ((1, 2, 3, 4, 5), odds(0, 0.01, 0.71, 0.27, 0.01),
-     "3 facets are most probable (0.71); 4 (0.27) cannot be excluded"),
-    ((2, 3, 4, 5), odds(0, 0.53, 0.46, 0.01),
-     "the data cannot tell 3 from 4 facets (0.53, 0.46)"),
-    ((3, 4, 5, 6), odds(0.48, 0.41, 0.1, 0.01),
-     "the data cannot tell 3 from 4 facets (0.48, 0.41), and 5 (0.10) cannot be excluded"),
-    ((3, 4, 5, 6), odds(0.3, 0.36, 0.33, 0.01),
-     "the data cannot tell 3 and 4 from 5 facets (0.30, 0.36, 0.33)"),
+    (
+        (1, 2, 3, 4, 5),
+        odds(0, 0.01, 0.71, 0.27, 0.01),
+        "3 facets are most probable (0.71); 4 (0.27) cannot be excluded",
+    ),
+    ((2, 3, 4, 5), odds(0, 0.53, 0.46, 0.01), "the data cannot tell 3 from 4 facets (0.53, 0.46)"),
+    (
+        (3, 4, 5, 6),
+        odds(0.48, 0.41, 0.1, 0.01),
+        "the data cannot tell 3 from 4 facets (0.48, 0.41), and 5 (0.10) cannot be excluded",
+    ),
+    (
+        (3, 4, 5, 6),
+        odds(0.3, 0.36, 0.33, 0.01),
+        "the data cannot tell 3 and 4 from 5 facets (0.30, 0.36, 0.33)",
+    ),
     ((1, 2, 3), odds(0.999, 0.001, 0.0), f"1 facet is most probable (> 0.99); {NONE}"),
     ((1, 2, 3), odds(0.98, 0.02, 0.0), f"1 facet is most probable (0.98); {NONE}"),
-    ((1, 2, 3), odds(0.0, 0.02, 0.98),
-     f"3 facets are most probable (0.98); {NONE}; more than 3 were not tried"),
-    ((1, 2, 3), odds(0.0, 0.8, 0.2),
-     "2 facets are most probable (0.80); 3 (0.20) cannot be excluded; more than 3 were not tried"),
-    ((1, 2, 3, 4), odds(0.14, 0.7, 0.16, 0.0),
-     "2 facets are most probable (0.70); 3 (0.16) and 1 (0.14) cannot be excluded"),
+    (
+        (1, 2, 3),
+        odds(0.0, 0.02, 0.98),
+        f"3 facets are most probable (0.98); {NONE}; more than 3 were not tried",
+    ),
+    (
+        (1, 2, 3),
+        odds(0.0, 0.8, 0.2),
+        "2 facets are most probable (0.80); 3 (0.20) cannot be excluded; "
+        "more than 3 were not tried",
+    ),
+    (
+        (1, 2, 3, 4),
+        odds(0.14, 0.7, 0.16, 0.0),
+        "2 facets are most probable (0.70); 3 (0.16) and 1 (0.14) cannot be excluded",
+    ),
     ((2, 4, 9), odds(0.5, 0.5, 0.0), "the data cannot tell 2 from 4 facets (0.50, 0.50)"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("counts", "given", "says"), SENTENCES, ids=lambda x: str(x)[:30])

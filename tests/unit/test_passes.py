@@ -37,11 +37,18 @@ def curve(n_each: int = 3) -> LightCurve:
     site = np.full(n, "north")
     site[-1] = "south"
     return LightCurve(
-        t=t, brightness=np.linspace(5.0, 6.0, n),
-        error=np.full(n, 0.1), kind="mag", sun=unit, obs=unit,
-        curve=np.repeat([0, 1], 2 * n_each), curve_names=("a", "b"),
-        free_scale=np.zeros(2, bool), site=site, range_km=np.full(n, 1e-3),
-    )  # fmt: skip
+        t=t,
+        brightness=np.linspace(5.0, 6.0, n),
+        error=np.full(n, 0.1),
+        kind="mag",
+        sun=unit,
+        obs=unit,
+        curve=np.repeat([0, 1], 2 * n_each),
+        curve_names=("a", "b"),
+        free_scale=np.zeros(2, bool),
+        site=site,
+        range_km=np.full(n, 1e-3),
+    )
 
 
 def test_passes_are_of_one_group_and_site_without_a_gap():

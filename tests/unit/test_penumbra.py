@@ -169,9 +169,13 @@ def test_earthshine_in_low_orbit_by_an_integral_over_the_ground(angle):
 def asked_for() -> Namespace:
     folder = Path(scenarios.__file__).parent
     return Namespace(
-        curve=folder / "box-wing.csv", tle=folder / "box-wing.tle", format=None, site=None,
-        error=None, error_floor=None,
-    )  # fmt: skip
+        curve=folder / "box-wing.csv",
+        tle=folder / "box-wing.tle",
+        format=None,
+        site=None,
+        error=None,
+        error_floor=None,
+    )
 
 
 def test_methods_that_know_of_no_penumbra_leave_its_points_out_and_say_so(asked_for, capsys):
@@ -210,9 +214,15 @@ def seen(days: np.ndarray, range_km: np.ndarray) -> LightCurve:
     sun = sun_position(Times.of(epoch_jd, t))
     sun /= np.linalg.norm(sun, axis=1, keepdims=True)
     return LightCurve(
-        t=t, brightness=np.ones(days.size), error=None, sun=sun, obs=sun, range_km=range_km,
-        epoch_jd=epoch_jd, frame="icrs",
-    )  # fmt: skip
+        t=t,
+        brightness=np.ones(days.size),
+        error=None,
+        sun=sun,
+        obs=sun,
+        range_km=range_km,
+        epoch_jd=epoch_jd,
+        frame="icrs",
+    )
 
 
 def test_brightness_follows_the_sunlight():

@@ -296,9 +296,14 @@ def hinks_numbers():
 
 def magnitude_of_facet(params, sun, obs, normal, u):
     sent = flux_brdf(
-        sun[None], obs[None], normal[None], jnp.ones(1), "ashikhmin-shirley-distribution",
-        params, u[None],
-    )  # fmt: skip
+        sun[None],
+        obs[None],
+        normal[None],
+        jnp.ones(1),
+        "ashikhmin-shirley-distribution",
+        params,
+        u[None],
+    )
     return -2.5 * jnp.log10(sent[0])
 
 

@@ -67,9 +67,17 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
     monkeypatch.setattr(basins.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
     return population.sample(
-        problem, data, [], order, settings, jax.random.key(0), 1, Checkpoint(None, {}),
-        Timing(), Silent(),
-    )  # fmt: skip
+        problem,
+        data,
+        [],
+        order,
+        settings,
+        jax.random.key(0),
+        1,
+        Checkpoint(None, {}),
+        Timing(),
+        Silent(),
+    )
 
 
 def mixed(posed, two, shares, seed: int) -> list[np.ndarray]:

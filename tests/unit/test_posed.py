@@ -97,8 +97,11 @@ def test_threads_trace_beside_each_other_while_programs_are_let_go_of(monkeypatc
         kernel = chains.kernel(problem)
         state = chains.start(kernel, jax.random.key(n), 10, whitening, data)
         fisher = compiled(problem.fisher)(z, data)
-        return [float(compiled(problem.potential)(z, data)), float(fisher[0, 0]),
-                float(state.potential_energy)]  # fmt: skip
+        return [
+            float(compiled(problem.potential)(z, data)),
+            float(fisher[0, 0]),
+            float(state.potential_energy),
+        ]
 
     with ThreadPoolExecutor(2) as pool:
         beside = list(pool.map(numbers, (8, 9)))

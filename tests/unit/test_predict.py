@@ -62,8 +62,11 @@ def test_mean_is_the_models(light):
     """At one draw without spread the mean is what the model expects, also in a part of them."""
     problem, data = small.posed(light, **ONE)
     z = small.truth(problem, data, 1)
-    sites = {k: np.asarray(v)[None, None] for k, v in problem.constrain(z, data).items()
-             if k not in ("flux", "expected")}  # fmt: skip
+    sites = {
+        k: np.asarray(v)[None, None]
+        for k, v in problem.constrain(z, data).items()
+        if k not in ("flux", "expected")
+    }
     columns, _ = predict(dataset(sites), light, light, "faceted", ONE)
     want = jax.jit(problem.moments)(z, data).mean
     np.testing.assert_allclose(columns["flux_mean"], want, rtol=1e-12)
@@ -86,9 +89,11 @@ def test_a_turning_body_is_predicted_on_the_fits_clock():
 
 def test_free_scales_are_carried_to_the_curve_of_that_name(light):
     unknown = replace(
-        light, brightness=50 * light.brightness, error=50 * light.error,
+        light,
+        brightness=50 * light.brightness,
+        error=50 * light.error,
         free_scale=np.array([True]),
-    )  # fmt: skip
+    )
     draws = posterior(unknown)
     columns, notes = predict(draws, unknown, unknown, "faceted", ONE)
     inside = (columns["flux_q05"] < unknown.brightness) & (unknown.brightness < columns["flux_q95"])

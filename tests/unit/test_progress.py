@@ -71,8 +71,10 @@ def test_what_goes_on_says_how_much_is_left(capsys, monkeypatch):
         track.advance(50, "done")
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == [
-        "sampling: 100 draws", "sampling: 100/100 draws", "sampling: 200/200 draws",
-    ]  # fmt: skip
+        "sampling: 100 draws",
+        "sampling: 100/100 draws",
+        "sampling: 200/200 draws",
+    ]
     assert lines[-1].endswith("; done")
 
 
@@ -85,6 +87,8 @@ def test_the_rate_is_of_what_follows_the_first(capsys, monkeypatch):
         for _ in range(3):
             track.advance(10)
     assert capsys.readouterr().err.splitlines() == [
-        "searching: 100 steps", "searching: 10/100 steps",
-        "searching: 20/100 steps, 1/s, 80 s left", "searching: 30/100 steps, 1/s, 70 s left",
-    ]  # fmt: skip
+        "searching: 100 steps",
+        "searching: 10/100 steps",
+        "searching: 20/100 steps, 1/s, 80 s left",
+        "searching: 30/100 steps, 1/s, 70 s left",
+    ]

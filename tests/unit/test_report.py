@@ -82,19 +82,33 @@ def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_p
     assert report.write(copy) == copy / "report.html"
     assert (copy / "report.html").read_bytes() == before
     assert {p.name for p in copy.iterdir()} == {
-        "posterior.nc", "summary.json", "run.toml", "report.html", "figures"
-    }  # fmt: skip
+        "posterior.nc",
+        "summary.json",
+        "run.toml",
+        "report.html",
+        "figures",
+    }
     assert {p.suffix for p in (copy / "figures").iterdir()} == {".svg"}
 
 
 def test_sections_come_in_order(faceted):
     text = page(faceted).text
     heads = [
-        "pass.csv", "2 solutions explain the data", "Key results", "What was observed",
-        "What was assumed", "turns at a constant angular velocity", "Light curve", "Shape",
-        "Facets on the body", "Spin axis on the sky", "Parameters", "R-hat", "Can it be trusted?",
+        "pass.csv",
+        "2 solutions explain the data",
+        "Key results",
+        "What was observed",
+        "What was assumed",
+        "turns at a constant angular velocity",
+        "Light curve",
+        "Shape",
+        "Facets on the body",
+        "Spin axis on the sky",
+        "Parameters",
+        "R-hat",
+        "Can it be trusted?",
         "lcbayes fit --config run.toml",
-    ]  # fmt: skip
+    ]
     place = 0
     for head in heads:
         place = text.index(head, place)  # fails where it is not, or comes too early

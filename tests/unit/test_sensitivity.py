@@ -119,7 +119,7 @@ def test_isotropic_facets_without_axes():
     found = jax.jit(jax.vmap(ours))(sun, obs, normals, area, params)
     _, turn, slopes = jax.jit(
         jax.vmap(lambda s, o, n, a, p: by_autodiff(law, s, o, n, a, p, None))
-    )(sun, obs, normals, area, params)  # fmt: skip
+    )(sun, obs, normals, area, params)
     assert relative(found.attitude[:, 0], np.asarray(turn)).max() < 1e-9
     np.testing.assert_allclose(found.parameters["nu"][:, 0], slopes["nu"], rtol=1e-9, atol=1e-300)
     both = params | {"nv": params["nu"]}

@@ -38,9 +38,12 @@ def seen(name: str, n: int = 200, noise: float = 0.02, seed: int = 0) -> LightCu
     flux = sent(candidates()[name], Surface(), sun, obs)
     error = np.full(n, noise * np.median(flux[flux > 0]))
     return LightCurve(
-        t=1000.0 * np.arange(float(n)), brightness=flux + error * rng.normal(size=n), error=error,
-        sun=sun, obs=obs,
-    )  # fmt: skip
+        t=1000.0 * np.arange(float(n)),
+        brightness=flux + error * rng.normal(size=n),
+        error=error,
+        sun=sun,
+        obs=obs,
+    )
 
 
 def some(*names: str) -> dict[str, shapes.Body]:
@@ -144,9 +147,11 @@ def test_points_that_follow_each_other_are_thinned():
     assert curve.error is not None
     held = curve.select(np.repeat(np.arange(200), 5))
     held = replace(
-        held, t=np.arange(1000.0), brightness=held.brightness
+        held,
+        t=np.arange(1000.0),
+        brightness=held.brightness
         + np.repeat(curve.error, 5) * np.random.default_rng(0).normal(size=1000),
-    )  # fmt: skip
+    )
     found = shape_match(held, some("plate"), n_nulls=40, n_draws=2000)
     assert 3.0 < found.correlation < 8.0
     assert len(found.phase) <= 1000 / 3.0
@@ -156,8 +161,9 @@ def test_a_stabilised_object_is_said_to_be_one():
     geometry = passes(550.0, 53.0, days=28, step=120.0)
     law = catalogue.find("lvlh")
     bodies = ensemble.draw(8, np.random.default_rng(0))
-    found = shape_match(measured(geometry, law, bodies, 0.05, 0), some("cube"),
-                        n_nulls=40, n_draws=2000)  # fmt: skip
+    found = shape_match(
+        measured(geometry, law, bodies, 0.05, 0), some("cube"), n_nulls=40, n_draws=2000
+    )
     assert any("looks stabilised" in reason for reason in found.reasons)
 
 

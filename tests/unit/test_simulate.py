@@ -193,9 +193,7 @@ def test_dark_epochs_have_no_magnitude_and_the_truth_is_of_the_first_point():
     with pytest.raises(InputError, match="no facet is lit and seen at any of 121 epochs"):
         simulate(replace(case, body=away, attitude=Fixed()), 0)
     with pytest.raises(InputError, match=r"noise\.snr has no meaning"):
-        simulate(
-            scenario(body=away, attitude=Fixed(), noise=Noise("snr", 9.0)), 0
-        )  # fmt: skip
+        simulate(scenario(body=away, attitude=Fixed(), noise=Noise("snr", 9.0)), 0)
 
 
 def test_only_what_can_be_observed_is():

@@ -28,8 +28,11 @@ def made(folder, reasons: list[str], refused: str = small_report.UNTRUSTED) -> s
 def test_the_page(tmp_path, reasons, look):
     page = made(tmp_path, reasons)
     assert {p.name for p in tmp_path.iterdir()} == {
-        "single_facet.json", "single_facet.txt", "single_facet.html", "figures"
-    }  # fmt: skip
+        "single_facet.json",
+        "single_facet.txt",
+        "single_facet.html",
+        "figures",
+    }
     assert json.loads((tmp_path / "single_facet.json").read_text())["rms"] is None
     assert ("NOT to be trusted.</h2>" in page) is bool(reasons)
     assert ("The conditions of the method hold." in page) is not bool(reasons)

@@ -269,10 +269,12 @@ def test_a_constant_has_no_period(value, error, ripple):
     t = np.arange(0.0, 600.0, 2.0)
     a = np.radians(20.0 + 0.1 * t)
     curve = LightCurve(
-        t=t, brightness=value * (1.0 + ripple * np.sin(t / 5.0)),
+        t=t,
+        brightness=value * (1.0 + ripple * np.sin(t / 5.0)),
         error=None if error is None else np.full(t.size, error),
-        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)), obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
-    )  # fmt: skip
+        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)),
+        obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
+    )
     found = estimate(curve, n_shuffles=99)
     assert found.false_alarm == 1.0
     assert "no period is seen" in found.reasons[0]
@@ -288,9 +290,12 @@ def changed(flux_of, seed=0, snr=100.0):
     flux = flux_of(base.t)
     error = np.full(base.n_obs, flux.mean() / snr)
     return LightCurve(
-        t=base.t, brightness=flux + error * rng.normal(size=base.n_obs), error=error,
-        sun=base.sun, obs=base.obs,
-    )  # fmt: skip
+        t=base.t,
+        brightness=flux + error * rng.normal(size=base.n_obs),
+        error=error,
+        sun=base.sun,
+        obs=base.obs,
+    )
 
 
 def test_a_slow_spin_a_tumbler_and_a_single_flash_are_refused():

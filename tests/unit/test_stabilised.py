@@ -95,15 +95,22 @@ def test_lists_that_are_none(text, says):
 def test_flux_is_the_sum_over_the_frames_of_its_facets():
     """Body, array and another law at once, by hand; the magnitude follows from range and band."""
     curve = sky()
-    found = traced(curve, law="nadir-sun-array", reflectance="lambertian",
-                   facets="+z@3.0, array:+x@11, sun-pointing:+x@2", scatter=0.3)  # fmt: skip
+    found = traced(
+        curve,
+        law="nadir-sun-array",
+        reflectance="lambertian",
+        facets="+z@3.0, array:+x@11, sun-pointing:+x@2",
+        scatter=0.3,
+    )
     made = frames(catalogue.find("nadir-sun-array"), curve)
     pointer = frames(catalogue.find("sun-pointing"), curve).body
     want = np.zeros(N)
     assert made.array is not None
     seen = (
-        (made.body, [0, 0, 1.0], 3.0), (made.array, [1.0, 0, 0], 11.0), (pointer, [1.0, 0, 0], 2.0)
-    )  # fmt: skip
+        (made.body, [0, 0, 1.0], 3.0),
+        (made.array, [1.0, 0, 0], 11.0),
+        (pointer, [1.0, 0, 0], 2.0),
+    )
     for (axes, normal, area), albedo in zip(seen, found["r_diff"], strict=True):
         sun, obs = (np.einsum("tji,tj->ti", axes, v) for v in (curve.sun, curve.obs))
         want += albedo * lambert(sun, obs, np.array(normal), area)
@@ -211,16 +218,17 @@ def test_earthshine_adds_what_the_ground_sends():
 def several(n_each: int = 4) -> LightCurve:
     n = 3 * n_each
     return replace(
-        sky(n), curve=np.repeat(np.arange(3), n_each), curve_names=("a", "b", "c"),
-        free_scale=np.zeros(3, bool), site=np.array(["north", "south"] * (n // 2)),
-    )  # fmt: skip
+        sky(n),
+        curve=np.repeat(np.arange(3), n_each),
+        curve_names=("a", "b", "c"),
+        free_scale=np.zeros(3, bool),
+        site=np.array(["north", "south"] * (n // 2)),
+    )
 
 
 def test_members_and_sites_are_known_again_at_other_epochs():
     fitted = several()
-    wanted = replace(
-        several(), curve_names=("c", "new", "a"), site=np.array(["south", "west"] * 6)
-    )  # fmt: skip
+    wanted = replace(several(), curve_names=("c", "new", "a"), site=np.array(["south", "west"] * 6))
     data = Epochs.of(wanted, fitted)
     assert data.member.tolist() == [2] * 4 + [3] * 4 + [0] * 4
     assert data.site.tolist() == [1, 2] * 6
@@ -229,8 +237,13 @@ def test_members_and_sites_are_known_again_at_other_epochs():
 
 def test_members_and_sites_shift_magnitudes():
     found = traced(several(), reflectance="lambertian", facets="+z@3,+x@5")
-    alone = traced(several(), reflectance="lambertian", facets="+z@3,+x@5", individuals=False,
-                   site_offsets=False)  # fmt: skip
+    alone = traced(
+        several(),
+        reflectance="lambertian",
+        facets="+z@3,+x@5",
+        individuals=False,
+        site_offsets=False,
+    )
     data = Epochs.of(several())
     shift = found["member_offset"][data.member] + found["site_offset"][data.site]
     assert found["member_unit"].shape == (4,)  # and one for a member not seen yet
@@ -274,8 +287,13 @@ def test_scatter_adds_to_the_errors_of_the_file():
 def test_gradients_are_those_of_differences():
     """With everything switched on."""
     curve = several()
-    options = {"n_facets": 2, "facets": "+x~5", "extinction": True, "noise_law": "mixture",
-               "law": "lvlh"}  # fmt: skip
+    options = {
+        "n_facets": 2,
+        "facets": "+x~5",
+        "extinction": True,
+        "noise_law": "mixture",
+        "law": "lvlh",
+    }
     data = Epochs.of(curve)
     problem = Problem(registry.find("stabilised").bind(options), data)
     z = problem.prior_draw(jax.random.key(4), data)

@@ -41,9 +41,14 @@ def test_parameters_of_independent_draws():
     }
     table = summary.parameters(draws)
     assert set(table) == {
-        "albedo_area[0]", "albedo_area[1]", "omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s",
-        "phi[0]", "phi[1]",
-    }  # fmt: skip
+        "albedo_area[0]",
+        "albedo_area[1]",
+        "omega_x_rad_s",
+        "omega_y_rad_s",
+        "omega_z_rad_s",
+        "phi[0]",
+        "phi[1]",
+    }
     row = table["albedo_area[0]"]
     np.testing.assert_allclose(row["q05"], np.quantile(draws["albedo_area"][..., 0], 0.05))
     np.testing.assert_allclose(row["sd"], draws["albedo_area"][..., 0].std(ddof=1))
@@ -59,10 +64,15 @@ FIT = Misfit(100.0, 100.0, "gaussian")
 def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
     stats = {"diverging": np.zeros((4, 500), bool)}
     modes = [
-        Mode(Solution(np.zeros(2), 0.0, 0.0, 1.0, hits), np.zeros((4, 500, 2)), stats,
-             LogEvidence(0.0, se), 1.0 if i == 0 else weight)
+        Mode(
+            Solution(np.zeros(2), 0.0, 0.0, 1.0, hits),
+            np.zeros((4, 500, 2)),
+            stats,
+            LogEvidence(0.0, se),
+            1.0 if i == 0 else weight,
+        )
         for i in range(n_modes)
-    ]  # fmt: skip
+    ]
     posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[])
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
     return list(summary._reasons(posterior, entries, fit))  # type: ignore[arg-type]

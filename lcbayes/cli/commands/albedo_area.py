@@ -34,20 +34,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result_arguments(parser, "albedo_area")
     add_attitude_arguments(parser)
     parser.add_argument(
-        "--material", action="append", metavar="LAW[:NAME=VALUE,...]",
+        "--material",
+        action="append",
+        metavar="LAW[:NAME=VALUE,...]",
         help="a reflecting component; may be given several times (default lambertian)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--n-normals", type=int, default=400, metavar="N", help="normals of the grid (default 400)"
     )
     parser.add_argument(
-        "--smoothness", type=float, default=0.0, metavar="W",
+        "--smoothness",
+        type=float,
+        default=0.0,
+        metavar="W",
         help="weight of smoothness over the grid; 0 (default) for bodies with edges",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--facet-cost", type=float, metavar="CHI2",
+        "--facet-cost",
+        type=float,
+        metavar="CHI2",
         help="what a facet must lower chi2 by to be kept (default 3 ln N of the points)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--albedo", type=float, default=1.0, metavar="A", help="of all facets, for the shape's size"
     )
@@ -55,9 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--bootstrap", type=int, default=100, metavar="N", help="resampled data sets (default 100)"
     )
     parser.add_argument(
-        "--nulls", type=int, default=199, metavar="N",
+        "--nulls",
+        type=int,
+        default=199,
+        metavar="N",
         help="simulated bodies per null of the shape cues (default 199); 0: no cues",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

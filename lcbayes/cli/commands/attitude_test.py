@@ -32,21 +32,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result_arguments(parser, "attitude_test", optional=True)
     parser.add_argument("--list", action="store_true", help="name the laws and stop")
     parser.add_argument(
-        "--law", action="append", metavar="LAW[:NAME=NUMBER,...]",
+        "--law",
+        action="append",
+        metavar="LAW[:NAME=NUMBER,...]",
         help="an attitude law; may be given several times (default: the catalogue)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--level", type=float, default=0.01, metavar="P",
+        "--level",
+        type=float,
+        default=0.01,
+        metavar="P",
         help="reject laws below this p-value (default 0.01)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--separation", type=float, default=4.0, metavar="DEG",
+        "--separation",
+        type=float,
+        default=4.0,
+        metavar="DEG",
         help="largest angle between directions that count as alike (default 4)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--bodies", type=int, default=499, metavar="N",
+        "--bodies",
+        type=int,
+        default=499,
+        metavar="N",
         help="bodies drawn for the distribution under each law (default 499)",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -64,9 +64,14 @@ def run(args: argparse.Namespace) -> int:
     from lcbayes.tasks.batch.run import batch
 
     found = batch(
-        args.catalogue, out=args.out, common=common, scheduler=args.scheduler,
-        workers=args.workers, reports=args.reports, progress=Silent() if args.json else Console(),
-    )  # fmt: skip
+        args.catalogue,
+        out=args.out,
+        common=common,
+        scheduler=args.scheduler,
+        workers=args.workers,
+        reports=args.reports,
+        progress=Silent() if args.json else Console(),
+    )
     where = args.out if args.no_report else found.report(args.out)
     if args.json:
         sys.stdout.write((args.out / "batch.json").read_text(encoding="utf-8"))

@@ -79,9 +79,14 @@ def run(args: argparse.Namespace) -> int:
 
     progress = Silent() if args.json else Console()
     found = compare(
-        curve, counts, out=args.out, report=not args.no_report, progress=progress,
-        reading=how_read(args), **keywords,
-    )  # fmt: skip
+        curve,
+        counts,
+        out=args.out,
+        report=not args.no_report,
+        progress=progress,
+        reading=how_read(args),
+        **keywords,
+    )
     if args.json:
         sys.stdout.write((args.out / "compare.json").read_text(encoding="utf-8"))
     else:

@@ -90,9 +90,13 @@ def run(args: argparse.Namespace) -> int:
 
     progress = Silent() if args.json else Console()
     found = fit(
-        curve, out=args.out, report=not args.no_report, progress=progress, reading=how_read(args),
+        curve,
+        out=args.out,
+        report=not args.no_report,
+        progress=progress,
+        reading=how_read(args),
         **keywords,
-    )  # fmt: skip
+    )
     summary = found.summary()
     if args.json:
         json.dump(

@@ -36,17 +36,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result_arguments(parser, "glints", seed=False)
     add_attitude_arguments(parser)
     parser.add_argument(
-        "--sun-tracking", metavar="X,Y,Z",
+        "--sun-tracking",
+        metavar="X,Y,Z",
         help="ask for panels that follow the Sun about this axis (0,0,1 for a geostationary orbit)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--alarm", type=float, default=0.01, metavar="P",
+        "--alarm",
+        type=float,
+        default=0.01,
+        metavar="P",
         help="chance of a false glint per light curve (default 0.01)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--longest", type=float, metavar="S",
+        "--longest",
+        type=float,
+        metavar="S",
         help="longest glint, s (default: while the bisector moves by 6 deg)",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

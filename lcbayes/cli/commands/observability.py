@@ -34,21 +34,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
     )
     parser.add_argument(
-        "--unknown", metavar="GROUP,...", default="spin,normals,areas,surface",
+        "--unknown",
+        metavar="GROUP,...",
+        default="spin,normals,areas,surface",
         help="what is not known: attitude, spin, normals, areas, surface (default: the last four)",
-    )  # fmt: skip
+    )
     parser.add_argument("--plan", type=int, metavar="N", help="choose the best N visits")
     parser.add_argument(
         "--target", default="pole", help=f"what the plan is to find out: {TARGETS} (default pole)"
     )
     parser.add_argument(
-        "--criterion", choices=("A", "D"), default="A",
+        "--criterion",
+        choices=("A", "D"),
+        default="A",
         help="A: least mean variance (default); D: most information",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--visit", type=float, default=0.0, metavar="SECONDS",
+        "--visit",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
         help="length of a visit (default 0: single measurements)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--posterior", type=Path, metavar="DIR", help="plan with what an earlier fit knows"
     )

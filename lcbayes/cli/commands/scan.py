@@ -44,21 +44,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--period", metavar="P", help="sidereal period of a spin, h (or 30s)")
     parser.add_argument("--period-range", metavar="FROM,TO", help="periods to try, h (or 20s,90s)")
     parser.add_argument(
-        "--period-step", type=float, default=0.8, metavar="X",
+        "--period-step",
+        type=float,
+        default=0.8,
+        metavar="X",
         help="between trial periods, in half turns over the data (default 0.8)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--law", action="append", metavar="NAME",
+        "--law",
+        action="append",
+        metavar="NAME",
         help="a stabilised attitude, or all; may be given several times",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--reflectance", metavar="LAW",
+        "--reflectance",
+        metavar="LAW",
         help="lambertian, non-lambertian (default) or lommel-seeliger-lambert (for asteroids)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--common-noise", action="store_true",
+        "--common-noise",
+        action="store_true",
         help="errors unknown: one relative noise level, not one for each curve",
-    )  # fmt: skip
+    )
     add_settings(parser, SETTINGS)
     parser.add_argument("--scheduler", metavar="ADDRESS", help="an existing Dask cluster: tcp://…")
     parser.add_argument("--no-report", action="store_true", help="write the numbers alone")

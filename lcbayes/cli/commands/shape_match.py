@@ -31,9 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
     add_result_arguments(parser, "shape_match")
     parser.add_argument(
-        "--shape", action="append", metavar="NAME|FILE.obj",
+        "--shape",
+        action="append",
+        metavar="NAME|FILE.obj",
         help="a candidate; may be given several times (default: all built-in shapes)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--r-diff", type=float, default=0.3, metavar="R", help="diffuse reflectance (default 0.3)"
     )
@@ -41,13 +43,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--r-spec", type=float, default=0.3, metavar="R", help="specular reflectance (default 0.3)"
     )
     parser.add_argument(
-        "--exponent", type=float, default=100.0, metavar="N",
+        "--exponent",
+        type=float,
+        default=100.0,
+        metavar="N",
         help="of the specular lobe (Blinn-Phong; default 100)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--level", type=float, default=0.05, metavar="P",
+        "--level",
+        type=float,
+        default=0.05,
+        metavar="P",
         help="reject candidates below this p-value (default 0.05)",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,9 +81,13 @@ def run(args: argparse.Namespace) -> int:
             )
     surface = Surface(args.r_diff, args.r_spec, args.exponent)
     result = shape_match(
-        curve, bodies, surface=surface, level=args.level, seed=args.seed,
+        curve,
+        bodies,
+        surface=surface,
+        level=args.level,
+        seed=args.seed,
         progress=Silent() if args.json else Console(),
-    )  # fmt: skip
+    )
     about = asked(args, curve) | {
         "surface": vars(surface),
     }

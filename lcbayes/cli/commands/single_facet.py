@@ -29,9 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
     add_result_arguments(parser, "single_facet")
     parser.add_argument(
-        "--law", metavar="LAW[:NAME=NUMBER,...]",
+        "--law",
+        metavar="LAW[:NAME=NUMBER,...]",
         help="attitude law that holds the facet (default: lvlh with an orbit, else inertial)",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,9 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
     add_result_arguments(parser, "spin")
     parser.add_argument(
-        "--shuffles", type=int, default=199, metavar="N",
+        "--shuffles",
+        type=int,
+        default=199,
+        metavar="N",
         help="of the test for periodicity (default 199, at least 99)",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -149,10 +149,21 @@ def _score_sites(table: Table) -> np.ndarray:
     device = table.texts.get("instrument", none)
     lat, lon = (table.number(name) for name in SITE[:2])
     rows = zip(code, lat, lon, device, strict=True)
-    return np.array([" ".join(filter(None, (
-        str(mpc) or f"{abs(y):.3f}{'NS'[int(y < 0)]} {abs(x):.3f}{'EW'[int(x < 0)]}",
-        "" if name.lower() == "none" else str(name),
-    ))) for mpc, y, x, name in rows])  # fmt: skip
+    return np.array(
+        [
+            " ".join(
+                filter(
+                    None,
+                    (
+                        str(mpc)
+                        or f"{abs(y):.3f}{'NS'[int(y < 0)]} {abs(x):.3f}{'EW'[int(x < 0)]}",
+                        "" if name.lower() == "none" else str(name),
+                    ),
+                )
+            )
+            for mpc, y, x, name in rows
+        ]
+    )
 
 
 def read_pomenis(file: TextFile, options: Options) -> LightCurve:

@@ -139,9 +139,13 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
     else:
         words = f"{len(flat)} flat facet{'s' * (len(flat) != 1)} at least"
     return Cue(
-        "clusters", largest, _p(largest, null), "the ellipsoid that fits best", words,
+        "clusters",
+        largest,
+        _p(largest, null),
+        "the ellipsoid that fits best",
+        words,
         {"clusters": found, "n_flat": len(flat)},
-    )  # fmt: skip
+    )
 
 
 def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, few: Distribution) -> Cue:
@@ -158,10 +162,13 @@ def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, few: Dist
             f"great circle, in {along} facets: a cylinder, a cone or a prism"
         )
     return Cue(
-        "arc", statistic, p,
+        "arc",
+        statistic,
+        p,
         "the larger p of two: the ellipsoid that fits best; the same facets facing at random",
-        words, {"pole": pole, "n_facets": along},
-    )  # fmt: skip
+        words,
+        {"pole": pole, "n_facets": along},
+    )
 
 
 def _uniform(maps: Maps, areas: Floats, scattered: Floats) -> Cue:

@@ -129,9 +129,13 @@ def refine(
     kept = worth > min(SETTLED, 0.5 * worth.max())
     kept[len(coarse.areas) - still : len(coarse.areas)] = still > 0
     return Distribution(
-        found.normals[kept], found.which[kept], found.areas[kept],
-        found.scale, found.flux, found.chi2,
-    )  # fmt: skip
+        found.normals[kept],
+        found.which[kept],
+        found.areas[kept],
+        found.scale,
+        found.flux,
+        found.chi2,
+    )
 
 
 def _around(normals: Floats, angle: float) -> Floats:

@@ -205,10 +205,21 @@ def invert(
     finer = None if fine is None else _shape(fine, albedo, unseen)[0]
     parameters = np.sum(best.areas > 0) * (1 if found is None else 3) + np.sum(seen.free)
     result = Inversion(
-        seen, materials, on_grid, grid_sd, found, draws, found_cues, gap, changed, shape,
-        None if finer is None else finer.volume, no_shape,
-        unseen, max(int(len(seen.flux) - parameters), 1),
-    )  # fmt: skip
+        seen,
+        materials,
+        on_grid,
+        grid_sd,
+        found,
+        draws,
+        found_cues,
+        gap,
+        changed,
+        shape,
+        None if finer is None else finer.volume,
+        no_shape,
+        unseen,
+        max(int(len(seen.flux) - parameters), 1),
+    )
     result.reasons.extend(_doubts(result))
     return result
 
@@ -229,9 +240,11 @@ def _shape(
         why = "so no convex body of one albedo has them"
         if unseen > 0:
             why = f"so albedos differ, or facets are missing: {_dark(unseen)}"
-        return None, 0.0, (
-            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2f} exceeds {OPEN}, {why}"
-        )  # fmt: skip
+        return (
+            None,
+            0.0,
+            (f"facets do not close: |sum(A n)| / sum(A) = {gap:.2f} exceeds {OPEN}, {why}"),
+        )
     try:
         closed = close(best.normals, best.areas)
         body = minkowski(best.normals, closed / albedo)

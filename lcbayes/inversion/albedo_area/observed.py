@@ -118,9 +118,15 @@ class Observed:
             sun.append(np.einsum("tij,ti->tj", turn, data.sun))
             obs.append(np.einsum("tij,ti->tj", turn, data.obs))
         return cls(
-            flux, error, group, np.asarray(data.free_scale, bool),
-            np.stack(sun), np.stack(obs), weight, data.has_error,
-        )  # fmt: skip
+            flux,
+            error,
+            group,
+            np.asarray(data.free_scale, bool),
+            np.stack(sun),
+            np.stack(obs),
+            weight,
+            data.has_error,
+        )
 
     def with_flux(self, flux: Floats) -> Observed:
         """The same epochs and errors with another flux."""

@@ -134,9 +134,12 @@ def _spins(
     )
     found.n_periods = len(tried.frequencies)
     coarse = SmoothBody.of(
-        COARSE_FACETS, min(COARSE_DEGREE, settings.degree), settings.reflectance, closed=closed,
+        COARSE_FACETS,
+        min(COARSE_DEGREE, settings.degree),
+        settings.reflectance,
+        closed=closed,
         dtype=np.float32,
-    )  # fmt: skip
+    )
     fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance, closed=closed)
     with (
         _timed(found, "screen_s"),
@@ -153,9 +156,13 @@ def _spins(
     ends = Ends.joined([ends, more])
     least = ends.squares[np.argmin(ends.value)]
     found.screened = Table(
-        rows[0], rows[1], ends.pole, ends.frequency, search.misfit(points, ends.squares, least),
+        rows[0],
+        rows[1],
+        ends.pole,
+        ends.frequency,
+        search.misfit(points, ends.squares, least),
         ends.steps,
-    )  # fmt: skip
+    )
     kept, _ = distinct(ends, span, settings.keep)
     if settings.n_sky > 0:
         # where few poles were tried, the map may know better ones
@@ -252,10 +259,13 @@ def _faceted_solutions(
         track.advance(1)
     turned = [done[i][0] for i in range(len(rows))]
     ends = Ends(
-        np.array([s.tilt for s in turned]), np.array([s.frequency for s in turned]),
-        ends.coefficients, np.array([0.5 * done[i][1].chi2 for i in range(len(rows))]),
-        ends.squares, np.arange(len(rows)),
-    ).forward()  # fmt: skip
+        np.array([s.tilt for s in turned]),
+        np.array([s.frequency for s in turned]),
+        ends.coefficients,
+        np.array([0.5 * done[i][1].chi2 for i in range(len(rows))]),
+        ends.squares,
+        np.arange(len(rows)),
+    ).forward()
     merged, hits = _merged(ends, hits, span)
     out = []
     for k, i in enumerate(merged.steps):  # the row it was

@@ -131,7 +131,12 @@ def _nearest(
         return (seen.flux - body.flux) / seen.error
 
     end = least_squares(
-        residual, np.ones(3), diff_step=NUDGE, x_scale=[0.05, 0.05, 0.1],
-        max_nfev=MOST_STEPS, xtol=1e-6, ftol=1e-5,
-    )  # fmt: skip
+        residual,
+        np.ones(3),
+        diff_step=NUDGE,
+        x_scale=[0.05, 0.05, 0.1],
+        max_nfev=MOST_STEPS,
+        xtol=1e-6,
+        ftol=1e-5,
+    )
     return start.moved(end.x - 1.0, span)

@@ -84,11 +84,17 @@ class Points:
         # a noise level must not part a group that shares a scale: that is solved for at one level
         noise = np.zeros_like(scale) if common_noise or data.has_error else scale
         return cls(
-            jnp.asarray(t), jnp.asarray(instant), data.sun, data.obs,
-            jnp.asarray(flux / unit), jnp.asarray(error / unit),
-            jnp.asarray(_members(scale)), jnp.asarray(_members(noise)),
-            jnp.asarray(max(float(data.t_span), 1e-6)), data.has_error,
-        )  # fmt: skip
+            jnp.asarray(t),
+            jnp.asarray(instant),
+            data.sun,
+            data.obs,
+            jnp.asarray(flux / unit),
+            jnp.asarray(error / unit),
+            jnp.asarray(_members(scale)),
+            jnp.asarray(_members(noise)),
+            jnp.asarray(max(float(data.t_span), 1e-6)),
+            data.has_error,
+        )
 
     def host(self) -> Points:
         """The same on NumPy arrays, to be sent elsewhere."""

@@ -145,9 +145,16 @@ class Found:
     def table(self) -> tuple[list[str], Iterable[list[str]]]:
         """Heads and rows of `hypotheses.csv`."""
         heads = [
-            "law", "start_lon_deg", "start_lat_deg", "start_period_h", "pole_lon_deg",
-            "pole_lat_deg", "period_h", "chi2", "steps",
-        ]  # fmt: skip
+            "law",
+            "start_lon_deg",
+            "start_lat_deg",
+            "start_period_h",
+            "pole_lon_deg",
+            "pole_lat_deg",
+            "period_h",
+            "chi2",
+            "steps",
+        ]
         rows = []
         if self.screened is not None:
             s = self.screened

@@ -40,18 +40,28 @@ SCREEN, REFINE = Effort(20, 1.0), Effort(150, 0.03)
 
 
 def screen(
-    points: Points, body: SmoothBody, grid: Grid, run: Run, checkpoint: Checkpoint,
-    name: str, track: Track,
-) -> Ends:  # fmt: skip
+    points: Points,
+    body: SmoothBody,
+    grid: Grid,
+    run: Run,
+    checkpoint: Checkpoint,
+    name: str,
+    track: Track,
+) -> Ends:
     """Every hypothesis of the grid, started as a sphere; in the order of `Grid.rows`."""
     shared = body, points.host(), FREE, SCREEN
     return _spread(_from_spheres, shared, list(grid.rows()), run, checkpoint, name, track)
 
 
 def refine(
-    points: Points, body: SmoothBody, ends: Ends, run: Run, checkpoint: Checkpoint,
-    name: str, track: Track,
-) -> Ends:  # fmt: skip
+    points: Points,
+    body: SmoothBody,
+    ends: Ends,
+    run: Run,
+    checkpoint: Checkpoint,
+    name: str,
+    track: Track,
+) -> Ends:
     """Those hypotheses with a finer body, from where they ended before, until they settle."""
     shared = body, points.host(), FREE, REFINE
     rows = list(finer(body, ends))
@@ -59,9 +69,14 @@ def refine(
 
 
 def sky(
-    points: Points, body: SmoothBody, poles: Floats, frequency: float, run: Run,
-    checkpoint: Checkpoint, track: Track,
-) -> Ends:  # fmt: skip
+    points: Points,
+    body: SmoothBody,
+    poles: Floats,
+    frequency: float,
+    run: Run,
+    checkpoint: Checkpoint,
+    track: Track,
+) -> Ends:
     """The best body with each of these poles held, at this frequency."""
     shared = body, points.host(), POLE_HELD, SCREEN
     rows = [poles, np.full(len(poles), frequency)]

@@ -96,9 +96,13 @@ def judge(
             continue
         residual = (flux - body.flux) / mean
         out[i] = Solution(
-            name, body.chi2, float(np.sqrt(np.mean(residual**2))), residual,
-            body.normals, body.areas / max(body.areas.sum(), 1e-300),
-        )  # fmt: skip
+            name,
+            body.chi2,
+            float(np.sqrt(np.mean(residual**2))),
+            residual,
+            body.normals,
+            body.areas / max(body.areas.sum(), 1e-300),
+        )
     return [out[i] for i in sorted(out)], dark
 
 
@@ -119,6 +123,8 @@ def _offset(law: Law) -> tuple[float, ...]:
 def _judged(shared: tuple, frames: Floats, array: Floats | None) -> Distribution:
     curve, reflectance = shared
     return best_body(
-        curve, Given(frames), Material.parse(reflectance),
+        curve,
+        Given(frames),
+        Material.parse(reflectance),
         array=None if array is None else Given(array),
-    )  # fmt: skip
+    )

@@ -138,9 +138,7 @@ def analyse(
                 else "one glint alone fixes no direction: nothing tests that it is a facet's"
             )
     glints = [replace(one, row=int(rows[one.row])) for one in glints]
-    return Glints(
-        t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes
-    )  # fmt: skip
+    return Glints(t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes)
 
 
 def _averaged(
@@ -225,9 +223,11 @@ def _panel(
 ) -> Tracking | None:
     at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
     found = tracking(
-        seen, np.array([p for p, _ in at]), np.array([r for _, r in at]),
+        seen,
+        np.array([p for p, _ in at]),
+        np.array([r for _, r in at]),
         axis / np.linalg.norm(axis),
-    )  # fmt: skip
+    )
     if len(glints) < 2:
         reasons.append("one glint alone fixes no offset: nothing tests that a panel makes it")
         return None

@@ -198,9 +198,16 @@ def _calm(total: Floats) -> Floats:
 
 
 def _measure(
-    t: Floats, flux: Floats, level: Baseline, rows: Ints, start: int, size: int,
-    stretch: int, score: float, p: float,
-) -> Glint:  # fmt: skip
+    t: Floats,
+    flux: Floats,
+    level: Baseline,
+    rows: Ints,
+    start: int,
+    size: int,
+    stretch: int,
+    score: float,
+    p: float,
+) -> Glint:
     """Time, width and height of a Gaussian profile over the baseline."""
     step = float(np.median(np.diff(t[rows])))
     excess = flux[rows] - level.flux[rows]
@@ -232,6 +239,14 @@ def _measure(
     error = float(np.hypot(min(error, fwhm), 0.05 * fwhm))
     nearest = rows[int(np.argmin(np.abs(t[rows] - at)))]
     return Glint(
-        int(nearest), stretch, float(at), max(error, 0.3 * step if fwhm <= 2 * step else 0.0), fwhm,
-        height, float(level.flux[nearest]), score, p, bool(fwhm > 2 * step),
-    )  # fmt: skip
+        int(nearest),
+        stretch,
+        float(at),
+        max(error, 0.3 * step if fwhm <= 2 * step else 0.0),
+        fwhm,
+        height,
+        float(level.flux[nearest]),
+        score,
+        p,
+        bool(fwhm > 2 * step),
+    )

@@ -255,6 +255,12 @@ def tracking(seen: Sequence[Sighting], sun: Floats, sun_rate: Floats, axis: Floa
     weight = errors**-2
     mean = float(np.average(offsets, weights=weight))
     return Tracking(
-        offsets, errors, np.arcsin(b @ axis), np.arcsin(sun @ axis), mean,
-        float(weight.sum() ** -0.5), float(np.sum(((offsets - mean) / errors) ** 2)), len(b) - 1,
-    )  # fmt: skip
+        offsets,
+        errors,
+        np.arcsin(b @ axis),
+        np.arcsin(sun @ axis),
+        mean,
+        float(weight.sum() ** -0.5),
+        float(np.sum(((offsets - mean) / errors) ** 2)),
+        len(b) - 1,
+    )

@@ -256,19 +256,28 @@ def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
 
 
 def _test(
-    law: Attitude, axes: Sequence[Floats], seen: Reduced, reach: float, n_bodies: int,
-    level: float, seed: int,
-) -> Verdict:  # fmt: skip
+    law: Attitude,
+    axes: Sequence[Floats],
+    seen: Reduced,
+    reach: float,
+    n_bodies: int,
+    level: float,
+    seed: int,
+) -> Verdict:
     """The verdict on one law."""
     parts = in_body(axes, seen)
     found = alike(parts, seen, reach)
     if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
         return Verdict(
-            law.name, law.settings(), False,
+            law.name,
+            law.settings(),
+            False,
             f"{len(found.i)} pairs among {found.n_points} points are alike; "
             f"{MIN_PAIRS} pairs among {MIN_POINTS} points are needed",
-            n_pairs=len(found.i), n_points=found.n_points, pairs=found,
-        )  # fmt: skip
+            n_pairs=len(found.i),
+            n_points=found.n_points,
+            pairs=found,
+        )
     rng = np.random.default_rng(seed)
     bodies = ensemble.draw(n_bodies, rng, articulated=len(parts) > 1)
     flux = ensemble.fluxes(bodies, *parts[0], parts[1] if len(parts) > 1 else None)
@@ -276,19 +285,31 @@ def _test(
     usable = mean > 0
     if not _smallest(int(np.sum(usable))) < level:
         return Verdict(
-            law.name, law.settings(), False,
+            law.name,
+            law.settings(),
+            False,
             f"only {np.sum(usable)} of {n_bodies} bodies are lit and seen; give more --bodies",
-            n_pairs=len(found.i), n_points=found.n_points, pairs=found,
-        )  # fmt: skip
+            n_pairs=len(found.i),
+            n_points=found.n_points,
+            pairs=found,
+        )
     flux = flux[usable] * (seen.flux.mean() / mean[usable])[:, None]
     flux = flux + seen.error * rng.standard_normal(flux.shape)
     null = statistic(flux, seen.error, found)
     mine = float(statistic(seen.flux[None], seen.error, found)[0])
     p = (1 + np.sum(null >= mine)) / (1 + len(null))
     return Verdict(
-        law.name, law.settings(), True, "", float(p), mine, float(np.median(null)),
-        len(found.i), found.n_points, pairs=found,
-    )  # fmt: skip
+        law.name,
+        law.settings(),
+        True,
+        "",
+        float(p),
+        mine,
+        float(np.median(null)),
+        len(found.i),
+        found.n_points,
+        pairs=found,
+    )
 
 
 def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -> Pairs:

@@ -102,10 +102,13 @@ def fluxes(bodies: Bodies, sun: Floats, obs: Floats, panel: tuple[Floats, Floats
 
 def _send(bodies: Bodies, which: NDArray[np.bool_], sun: Floats, obs: Floats) -> jax.Array:
     return _many(
-        jnp.asarray(sun), jnp.asarray(obs),
-        *(jnp.asarray(x[:, which]) for x in
-          (bodies.normals, bodies.areas, bodies.r_diff, bodies.r_spec, bodies.exponent)),
-    )  # fmt: skip
+        jnp.asarray(sun),
+        jnp.asarray(obs),
+        *(
+            jnp.asarray(x[:, which])
+            for x in (bodies.normals, bodies.areas, bodies.r_diff, bodies.r_spec, bodies.exponent)
+        ),
+    )
 
 
 @jax.jit

@@ -73,9 +73,15 @@ def reduce(curve: LightCurve) -> Reduced:
     new = (np.diff(label) != 0) | (np.diff(t) > GAP_S)
     loose = np.where(curve.free_scale[curve.curve], curve.curve, -1)
     return Reduced(
-        t, seen.flux[order], seen.error[order], curve.sun[order], curve.obs[order],
-        np.concatenate([[0], np.cumsum(new)]), _numbered(loose, curve.band)[order], order,
-    )  # fmt: skip
+        t,
+        seen.flux[order],
+        seen.error[order],
+        curve.sun[order],
+        curve.obs[order],
+        np.concatenate([[0], np.cumsum(new)]),
+        _numbered(loose, curve.band)[order],
+        order,
+    )
 
 
 def turns(law: Law, eph: Ephemeris, seen: Reduced) -> list[Floats]:

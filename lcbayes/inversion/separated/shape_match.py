@@ -199,9 +199,19 @@ def shape_match(
     with progress.stage("matching shapes", len(bodies), "shapes") as track:
         for name, body in bodies.items():
             found.append(
-                _match(name, body, surface, curve.kind, seen, phase, magnitude, n_nulls, n_draws,
-                       np.random.default_rng(seed))
-            )  # fmt: skip
+                _match(
+                    name,
+                    body,
+                    surface,
+                    curve.kind,
+                    seen,
+                    phase,
+                    magnitude,
+                    n_nulls,
+                    n_draws,
+                    np.random.default_rng(seed),
+                )
+            )
             track.advance(1, name)
     found.sort(key=lambda m: (-min(m.p_value, level), m.excess))
     return ShapeMatch(
@@ -346,10 +356,17 @@ def sent(body: shapes.Body, surface: Surface, sun: Floats, obs: Floats) -> Float
     rows = np.arange(padded) % n
     normals, areas = jnp.asarray(body.normals), jnp.asarray(body.areas)
     values = [
-        _block(jnp.asarray(sun[rows[i : i + block]]), jnp.asarray(obs[rows[i : i + block]]),
-               normals, areas, surface.r_diff, surface.r_spec, surface.exponent)
+        _block(
+            jnp.asarray(sun[rows[i : i + block]]),
+            jnp.asarray(obs[rows[i : i + block]]),
+            normals,
+            areas,
+            surface.r_diff,
+            surface.r_spec,
+            surface.exponent,
+        )
         for i in range(0, padded, block)
-    ]  # fmt: skip
+    ]
     return np.concatenate([np.asarray(v) for v in values])[:n]
 
 
@@ -360,9 +377,17 @@ def _block(sun, obs, normals, areas, r_diff, r_spec, exponent):
 
 
 def _match(
-    name: str, body: shapes.Body, surface: Surface, kind: str, seen: Reduced, phase: Floats,
-    magnitude: Floats, n_nulls: int, n_draws: int, rng: np.random.Generator,
-) -> Match:  # fmt: skip
+    name: str,
+    body: shapes.Body,
+    surface: Surface,
+    kind: str,
+    seen: Reduced,
+    phase: Floats,
+    magnitude: Floats,
+    n_nulls: int,
+    n_draws: int,
+    rng: np.random.Generator,
+) -> Match:
     """One candidate."""
     n = len(phase)
     # a point of the observations for every draw, each equally often: the same phase frequencies

@@ -206,9 +206,24 @@ def single_facet(
     share = min(1.0, float(own[k] / max(model[k], seen.error[k])))
     area = alpha if not np.any(curve.free_scale) else np.nan
     found = SingleFacet(
-        law.name, best, area, share, normals, fall, cell, region, kind, float(p), chi2, dof,
-        edges, model, smooth, seen, [],
-    )  # fmt: skip
+        law.name,
+        best,
+        area,
+        share,
+        normals,
+        fall,
+        cell,
+        region,
+        kind,
+        float(p),
+        chi2,
+        dof,
+        edges,
+        model,
+        smooth,
+        seen,
+        [],
+    )
     found.reasons.extend(_reasons(found, obs))
     return found
 
@@ -365,9 +380,14 @@ def _kinds(
 
 
 def _edges(
-    normals: Floats, weight: Floats, best: Floats, sun: Floats, obs: Floats, seen: Reduced,
+    normals: Floats,
+    weight: Floats,
+    best: Floats,
+    sun: Floats,
+    obs: Floats,
+    seen: Reduced,
     site: NDArray[np.str_],
-) -> list[Edge]:  # fmt: skip
+) -> list[Edge]:
     """The edges that the best normal crosses, with the spread of their times over the region."""
     switch, by_view, up, when = _switches(np.concatenate([best[None], normals]), sun, obs, seen)
     out = []
@@ -381,7 +401,13 @@ def _edges(
             middle = np.average(times, weights=weight[rows])
             spread = float(np.sqrt(np.average((times - middle) ** 2, weights=weight[rows])))
         out.append(
-            Edge(int(seen.one_pass[k]), str(site[k]), float(when[0, k]), spread,
-                 "visibility" if by_view[0, k] else "illumination", bool(up[0, k]))
-        )  # fmt: skip
+            Edge(
+                int(seen.one_pass[k]),
+                str(site[k]),
+                float(when[0, k]),
+                spread,
+                "visibility" if by_view[0, k] else "illumination",
+                bool(up[0, k]),
+            )
+        )
     return out

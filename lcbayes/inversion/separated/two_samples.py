@@ -58,10 +58,12 @@ class Reference:
             points[i, : len(sample)] = np.clip(sample, self.low, self.high)
             weight[i, : len(sample)] = 1.0 / len(sample)
         found = _distances(
-            *map(jnp.asarray, (points, weight, self._potential, self._below, self._origins,
-                               self.low, self.high)),
+            *map(
+                jnp.asarray,
+                (points, weight, self._potential, self._below, self._origins, self.low, self.high),
+            ),
             self._own,
-        )  # fmt: skip
+        )
         return np.asarray(found[0]), np.asarray(found[1])
 
 

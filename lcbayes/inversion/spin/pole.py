@@ -217,14 +217,16 @@ def posterior(seen: Phases) -> Sky:
     size = float(np.sum(w.sum(axis=(0, 1, 3)) * np.array(SHAPE_DEG)))
     by = w.sum(axis=(0, 1, 2))
     return Sky(
-        poles, cell, weight,
+        poles,
+        cell,
+        weight,
         (seen.base + mean / (2 * np.pi)) / m,
         np.sqrt(np.maximum(second - mean**2, 0.0)) / (2 * np.pi) / m,
         {name: float(x) for name, x in zip(SYMMETRIES, by, strict=True)},
         size,
         float(chi2[np.unravel_index(np.argmax(w), w.shape)]),
         len(seen.t) - seen.constants.shape[1] - 3,
-    )  # fmt: skip
+    )
 
 
 def _evaluate(poles: Floats, seen: Phases) -> tuple[Floats, Floats, Floats, Floats]:

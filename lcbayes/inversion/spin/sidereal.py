@@ -148,8 +148,11 @@ def estimate(
     if curve.error is not None:
         alarm = max(alarm, periods.chance(passes, grid, power))
     found: dict[str, Any] = {
-        "passes": passes, "grid": grid, "power": power, "false_alarm": alarm,
-    }  # fmt: skip
+        "passes": passes,
+        "grid": grid,
+        "power": power,
+        "false_alarm": alarm,
+    }
     conditions: list[Condition] = []
     found["conditions"] = conditions
     highest = max(one.nyquist for one in passes)
@@ -175,11 +178,12 @@ def _explain(found: dict[str, Any], conditions: list[Condition]) -> None:
     passes, grid = found["passes"], found["grid"]
     line = float(grid[np.argmax(found["power"])])
     if not ask(
-        REPEATS, found["false_alarm"] <= ALARM,
+        REPEATS,
+        found["false_alarm"] <= ALARM,
         f"a period is seen (false-alarm probability {found['false_alarm']:.2g})",
         f"no period is seen: noise has a peak as high with probability "
         f"{found['false_alarm']:.2g}, and {ALARM:g} is asked for",
-    ):  # fmt: skip
+    ):
         return
     base, harmonics = periods.base(passes, periods.refine(passes, line, [1]))
     base = periods.refine(passes, base, harmonics)
@@ -187,37 +191,41 @@ def _explain(found: dict[str, Any], conditions: list[Condition]) -> None:
     longest = max(passes, key=lambda p: p.length)
     cycles = longest.length * base
     if not ask(
-        RAPID, cycles >= MIN_CYCLES,
+        RAPID,
+        cycles >= MIN_CYCLES,
         f"the longest pass has {cycles:.1f} cycles",
         f"the spin is not rapid enough: the longest pass holds {cycles:.1f} cycles of the "
         f"strongest period, {1 / base:.4g} s, and {MIN_CYCLES:g} are needed to measure it within a "
         "pass",
-    ):  # fmt: skip
+    ):
         return
     if not ask(
-        STABLE, found["skill"] >= MIN_SKILL,
+        STABLE,
+        found["skill"] >= MIN_SKILL,
         f"a stretch foretells {100 * found['skill']:.0f} % of the variance of the next",
         f"the brightness does not repeat steadily: with {1 / base:.4g} s a stretch foretells "
         f"{100 * max(found['skill'], 0.0):.0f} % of the variance of the next, and "
         f"{100 * MIN_SKILL:.0f} % are asked for",
-    ):  # fmt: skip
+    ):
         return
     other, part = periods.other_line(passes, grid, base, harmonics)
     if not ask(
-        STABLE, part <= MAX_OTHER,
+        STABLE,
+        part <= MAX_OTHER,
         "no second period",
         f"the spin is not stable: a line at {1 / other:.4g} s, no harmonic of {1 / base:.4g} s, "
         f"has {100 * part:.0f} % of the variance, as when a body tumbles",
-    ):  # fmt: skip
+    ):
         return
     seen = phases(passes, base, harmonics)
     found["phases"] = seen
     if not ask(
-        RAPID, seen is not None,
+        RAPID,
+        seen is not None,
         "harmonics are steady and strong enough",
         "no harmonic keeps an amplitude of five times its error all along a pass, so the period "
         "cannot be followed within one",
-    ):  # fmt: skip
+    ):
         return
     assert seen is not None
     found["base"], found["harmonics"] = base, harmonics
@@ -225,29 +233,32 @@ def _explain(found: dict[str, Any], conditions: list[Condition]) -> None:
     found["windows"] = synodic(passes, base, harmonics)
     same = periods.constant(seen.phase, seen.error, np.column_stack([seen.t, seen.constants]))
     measured = ask(
-        MEASURABLE, same <= ALARM,
+        MEASURABLE,
+        same <= ALARM,
         f"the synodic period varies (p = {same:.1g} for a constant one)",
         f"the synodic period does not measurably differ from the sidereal one: one constant "
         f"period explains all passes (p = {same:.2g})",
-    )  # fmt: skip
+    )
     if not measured:
         return
     sky = posterior(seen)
     found["sky"] = sky
     fit = float(stats.chi2.sf(sky.chi2, max(sky.freedom, 1)))
     ask(
-        STABLE, fit >= MIN_FIT,
+        STABLE,
+        fit >= MIN_FIT,
         f"a pole explains the phases (chi2 {sky.chi2:.1f} for {sky.freedom} degrees of freedom)",
         f"no constant spin explains the phases: chi2 is {sky.chi2:.0f} for {sky.freedom} degrees "
         "of freedom; the spin changes, or the axis moves",
-    )  # fmt: skip
+    )
     ask(
-        MEASURABLE, sky.area <= MAX_AREA,
+        MEASURABLE,
+        sky.area <= MAX_AREA,
         f"the pole lies within {100 * sky.area:.2g} % of the sky",
         f"the difference between synodic and sidereal period leaves the pole open: its 90 % region "
         f"is {100 * sky.area:.0f} % of the sky, and {100 * MAX_AREA:.0f} % are the most that is "
         "given; add passes of other geometry",
-    )  # fmt: skip
+    )
     found["solutions"] = solutions(sky)
 
 

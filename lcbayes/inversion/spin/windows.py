@@ -185,9 +185,16 @@ def phases(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Pha
     table = np.array(rows_out)
     line_of, harmonic, which = table[:, 3:].astype(int).T
     return Phases(
-        table[:, 0], table[:, 1], table[:, 2], line_of, harmonic, which,
-        np.array(sun), np.array(obs), base,
-    )  # fmt: skip
+        table[:, 0],
+        table[:, 1],
+        table[:, 2],
+        line_of,
+        harmonic,
+        which,
+        np.array(sun),
+        np.array(obs),
+        base,
+    )
 
 
 def _harmonics(

@@ -243,8 +243,13 @@ class Law:
     def keys(self) -> tuple[str, ...]:
         """What can be set of it."""
         own = ("period_s", "phase_deg") if self.spins else ()
-        return ("yaw_deg", "pitch_deg", "roll_deg", *own,
-                *(("array_offset_deg",) if self.array else ()))  # fmt: skip
+        return (
+            "yaw_deg",
+            "pitch_deg",
+            "roll_deg",
+            *own,
+            *(("array_offset_deg",) if self.array else ()),
+        )
 
     def set(self, **settings: Scalar) -> Law:
         """The same law with other settings.

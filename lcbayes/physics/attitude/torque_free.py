@@ -190,9 +190,15 @@ def _motion(omega: jax.Array, inertia: jax.Array) -> tuple[jax.Array, Motion]:
     high = jnp.where(path.near, null4, null2)
     null = jnp.stack([-low / high, null3 / high, low / null3])
     return steady, Motion(
-        path.axes, path.amplitude / path.length * null, path.inner, path.outer, path.speed,
-        path.phase, path.precession, path.near,
-    )  # fmt: skip
+        path.axes,
+        path.amplitude / path.length * null,
+        path.inner,
+        path.outer,
+        path.speed,
+        path.phase,
+        path.precession,
+        path.near,
+    )
 
 
 def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
@@ -239,9 +245,17 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     slope = -2.0 * N @ imaginary / (1.0 + jnp.sum(real))  # d ln θ₃/dy at iy, or by y' at y'
     precession = length / j2 - sign * a * a3**2 * m1 / length - speed * slope
     return Polhode(
-        axes, momentum, jnp.stack([side * side2 * a1, side2 * a2, side * a3]), m1, near,
-        speed, scale * v, outer, inner, precession,
-    )  # fmt: skip
+        axes,
+        momentum,
+        jnp.stack([side * side2 * a1, side2 * a2, side * a3]),
+        m1,
+        near,
+        speed,
+        scale * v,
+        outer,
+        inner,
+        precession,
+    )
 
 
 def carlson(x: jax.Array, y: jax.Array, z: jax.Array) -> jax.Array:

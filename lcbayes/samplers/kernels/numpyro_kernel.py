@@ -216,9 +216,14 @@ class Kernel(MCMCKernel):
         record = getattr(self._tuner, "longest", 0)
         new, info = self._transition(state, params, target, record)
         tuning = self._tuner.update(
-            state.adapt_state, state.i, state.num_warmup, k, ravel_pytree(new.z)[0], info,
+            state.adapt_state,
+            state.i,
+            state.num_warmup,
+            k,
+            ravel_pytree(new.z)[0],
+            info,
             target.fisher,
-        )  # fmt: skip
+        )
         # What warm-up found shows at its end.
         return new._replace(adapt_state=tuning, step_size=self._tuner.params(tuning).step_size)
 

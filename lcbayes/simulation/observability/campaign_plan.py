@@ -119,9 +119,14 @@ def plan(
             starts.append(np.array(here)[alone[name].visits])
     schedule = planning.best(stacked, target.factor, n, criterion, starts)
     return Plan(
-        target, criterion, groups, schedule, regular, alone,
+        target,
+        criterion,
+        groups,
+        schedule,
+        regular,
+        alone,
         _even_needed(stacked, target.factor, float(schedule.sd[-1]), n),
-    )  # fmt: skip
+    )
 
 
 def _even_needed(stacked: Floats, targets: Floats, wanted: float, n: int) -> int | None:

@@ -120,9 +120,18 @@ def measure(scenario: Scenario) -> Measurements:
     bodies = tuple(np.asarray(x) for x in in_body(scenario, along, along.sun, obs))
     brightest = scenario.body.normals[np.argmax(by_facet(scenario, *bodies), axis=1)]
     return Measurements(
-        curve, clean, flux, unit, mag, mag_err, slope, gradient * unit[:, None], information,
-        np.asarray(nullspace(jnp.asarray(slope), jnp.asarray(brightest))), *bodies,
-    )  # fmt: skip
+        curve,
+        clean,
+        flux,
+        unit,
+        mag,
+        mag_err,
+        slope,
+        gradient * unit[:, None],
+        information,
+        np.asarray(nullspace(jnp.asarray(slope), jnp.asarray(brightest))),
+        *bodies,
+    )
 
 
 def by_facet(scenario: Scenario, sun_body: Floats, obs_body: Floats) -> Floats:

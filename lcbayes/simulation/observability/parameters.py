@@ -169,12 +169,14 @@ class Unknowns:
             turn = jax.vmap(lambda a: rotations.constant_rate(jnp.ones(1), a)[0])(about)
             normals, axes = (jnp.einsum("nij,nj->ni", turn, x) for x in (normals, axes))
         if any(p.group == "areas" for p in self.parameters):
-            log = [value.get(f"log_area_{i}", value.get(f"log_albedo_area_{i}", 0.0))
-                   for i in range(n)]  # fmt: skip
+            log = [
+                value.get(f"log_area_{i}", value.get(f"log_albedo_area_{i}", 0.0)) for i in range(n)
+            ]
             areas = areas * jnp.exp(jnp.asarray(log))
         return replace(
-            scenario, body=body._replace(normals=normals, u_axes=axes, areas=areas)  # pyright: ignore
-        )  # fmt: skip
+            scenario,
+            body=body._replace(normals=normals, u_axes=axes, areas=areas),  # pyright: ignore
+        )
 
 
 def _all(scenario: Scenario) -> list[Parameter]:
@@ -186,9 +188,7 @@ def _all(scenario: Scenario) -> list[Parameter]:
         # its size is known to order of magnitude, its direction not: beyond, nothing is linear
         rate = float(np.linalg.norm(scenario.attitude.omega_rad_s))
         wide = DIRECTION_SD * rate if rate > 0.0 else SLOW
-        found += [
-            Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"
-        ]  # fmt: skip
+        found += [Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"]
     elif isinstance(scenario.attitude, TorqueFree):
         raise InputError(
             f"scenario {scenario.name!r}: observability does not count the unknowns of a "

@@ -206,9 +206,13 @@ def _choose(measured: jax.Array, targets: jax.Array, order: jax.Array, n: int, c
             0, a.shape[2], lambda j, state: learn(state[0][:, chosen, j], *state), (a, b)
         )
         return (
-            a, b, used.at[chosen].set(True), visits.at[i].set(chosen), gain.at[i].set(told),
+            a,
+            b,
+            used.at[chosen].set(True),
+            visits.at[i].set(chosen),
+            gain.at[i].set(told),
             variance.at[i].set(jnp.mean(jnp.sum(b**2, axis=2))),
-        )  # fmt: skip
+        )
 
     room, used = jnp.zeros(len(order)), jnp.zeros(measured.shape[1], bool)
     start = (measured, targets, used, order, room, room)

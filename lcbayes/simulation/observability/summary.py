@@ -22,8 +22,19 @@ from lcbayes.simulation.observability.trades import Trade
 from lcbayes.simulation.scenarios.scenario import PrincipalAxis, Scenario
 
 Floats = NDArray[np.float64]
-COLUMNS = ("rank", "utc", "t_s", "site", "duration_s", "n_measurements", "range_km", "phase_deg",
-           "mag", "gain_nats", "sd_after")  # fmt: skip
+COLUMNS = (
+    "rank",
+    "utc",
+    "t_s",
+    "site",
+    "duration_s",
+    "n_measurements",
+    "range_km",
+    "phase_deg",
+    "mag",
+    "gain_nats",
+    "sd_after",
+)
 MAP_DIRECTIONS = 20_000
 
 
@@ -228,9 +239,11 @@ def linearity_words(found: Findings) -> str:
         )
     worst = bent[np.argsort(-off[bent])][:3]
     told = [
-        f"{parameters[i].words} ({100.0 * off[i]:.0f} %)" if off[i] < 1.0
-        else f"{parameters[i].words} (more than their length)" for i in worst
-    ]  # fmt: skip
+        f"{parameters[i].words} ({100.0 * off[i]:.0f} %)"
+        if off[i] < 1.0
+        else f"{parameters[i].words} (more than their length)"
+        for i in worst
+    ]
     return (
         f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
         "brightness is not linear within two standard deviations, and intervals are off, most "
@@ -312,6 +325,11 @@ def table(rows: list[Mapping[str, Any]], unit: str) -> str:
     """`schedule.csv`: a header with the units, a line for each visit."""
     last = "sd_after" if unit == "1" else f"sd_after_{unit.replace('/', '_per_')}"
     head = ",".join([*COLUMNS[:-1], last])
-    lines = [",".join("" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v)
-                      for v in row.values()) for row in rows]  # fmt: skip
+    lines = [
+        ",".join(
+            "" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v)
+            for v in row.values()
+        )
+        for row in rows
+    ]
     return "\n".join([head, *lines, ""])

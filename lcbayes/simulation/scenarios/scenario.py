@@ -115,9 +115,17 @@ def load(scenario: str | Path) -> Scenario:
             None, "has no 'range_km'; a magnitude needs a distance (or set output.kind = 'flux')"
         )
     return Scenario(
-        path.stem, body, materials, attitude, geometry, noise, kind, band, exposure,
+        path.stem,
+        body,
+        materials,
+        attitude,
+        geometry,
+        noise,
+        kind,
+        band,
+        exposure,
         on_array if attitude.array else (),
-    )  # fmt: skip
+    )
 
 
 def _attitude(table: Table) -> Attitude:

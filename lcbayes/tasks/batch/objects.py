@@ -17,9 +17,16 @@ from lcbayes.core.toml import read_toml
 
 READING = {"format": str, "tle": str, "site": str, "error": float, "error_floor": float}
 KEYWORDS = {
-    "model": str, "sampler": str, "seed": int, "num_warmup": int, "num_samples": int,
-    "num_chains": int, "num_starts": int, "max_modes": int, "start_from": str,
-}  # fmt: skip
+    "model": str,
+    "sampler": str,
+    "seed": int,
+    "num_warmup": int,
+    "num_samples": int,
+    "num_chains": int,
+    "num_starts": int,
+    "max_modes": int,
+    "start_from": str,
+}
 KINDS = {str: "a text", int: "a whole number", float: "a number"}
 PATHS = ("tle", "start_from")  # from the folder of the catalogue, as the light curves
 CURVES = {".csv", ".ecsv", ".lcs", ".txt", ".dat"}

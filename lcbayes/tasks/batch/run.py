@@ -51,8 +51,9 @@ class Batch(Judged):
 
     def __repr__(self) -> str:
         s = self._summary
-        counts = ", ".join(f"{s[f'n_{k}']} {k.replace('_', ' ')}" for k in
-                           ("trusted", "not_trusted", "failed"))  # fmt: skip
+        counts = ", ".join(
+            f"{s[f'n_{k}']} {k.replace('_', ' ')}" for k in ("trusted", "not_trusted", "failed")
+        )
         return f"Batch({s['n_objects']} objects: {counts})"
 
 
@@ -170,6 +171,7 @@ def _crew(
 
 def _dead(one: Object, fault: BaseException) -> dict[str, Any]:
     if type(fault).__name__ == "KilledWorker":
-        return worker.failed(one, f"{DEATHS + 1} workers died of it: too little memory, or a fault "
-                                "of a library")  # fmt: skip
+        return worker.failed(
+            one, f"{DEATHS + 1} workers died of it: too little memory, or a fault of a library"
+        )
     return worker.failed(one, f"{type(fault).__name__}: {fault}")

@@ -57,9 +57,13 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     try:
         curve = read(one.curve, **one.reading)
         found = fit(
-            curve, out=folder, report=with_report, reading=one.reading, **one.keywords,
+            curve,
+            out=folder,
+            report=with_report,
+            reading=one.reading,
+            **one.keywords,
             **one.options,
-        )  # fmt: skip
+        )
     except InputError as fault:
         return failed(one, str(fault), time.monotonic() - begun)
     except Exception as fault:  # whatever ails one object, the others are to be done
@@ -78,9 +82,12 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
 def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, Any]:
     """The row of an object without a result."""
     return {
-        "name": one.name, "curve": one.curve, "status": FAILED, "reasons": [reason],
+        "name": one.name,
+        "curve": one.curve,
+        "status": FAILED,
+        "reasons": [reason],
         "seconds": seconds,
-    }  # fmt: skip
+    }
 
 
 def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:

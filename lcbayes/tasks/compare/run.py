@@ -147,9 +147,11 @@ def compare(
     progress = progress or Silent()
     counts = _counts(n_facets)
     for name, value, least in (
-        ("num_particles", num_particles, 10), ("num_runs", num_runs, 2),
-        ("num_starts", num_starts, 0), ("seed", seed, 0),
-    ):  # fmt: skip
+        ("num_particles", num_particles, 10),
+        ("num_runs", num_runs, 2),
+        ("num_starts", num_starts, 0),
+        ("seed", seed, 0),
+    ):
         if not isinstance(value, int) or value < least:
             flag = name.replace("_", "-")
             raise InputError(f"--{flag} is {value!r}; give a whole number >= {least}")
@@ -166,9 +168,13 @@ def compare(
         found = engine.run(curve, entry, checked, counts, settings, sparse, checkpoint, progress)
         summary = summarise(found, identity, curve.n_obs, seed)
         numbers = {
-            "command": "compare", **asked, "seed": seed, "num_particles": num_particles,
-            "num_runs": num_runs, "num_starts": num_starts,
-        }  # fmt: skip
+            "command": "compare",
+            **asked,
+            "seed": seed,
+            "num_particles": num_particles,
+            "num_runs": num_runs,
+            "num_starts": num_starts,
+        }
         compared = Comparison(summary, record(curve, model, numbers, checked, reading))
         if folder is not None:
             compared.report(folder) if report else compared.save(folder)

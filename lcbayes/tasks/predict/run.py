@@ -113,9 +113,14 @@ def noise_free(
     for start in range(0, wanted.n_obs, CHUNK):
         rows = np.arange(start, min(start + CHUNK, wanted.n_obs))
         parts.append(
-            _means(ready.problem, ready.sites, wanted.select(rows), fitted,
-                   scale[:, wanted.curve[rows]])
-        )  # fmt: skip
+            _means(
+                ready.problem,
+                ready.sites,
+                wanted.select(rows),
+                fitted,
+                scale[:, wanted.curve[rows]],
+            )
+        )
     mean = np.concatenate(parts, axis=1)
     if own_level.any():
         mean = _relative(mean, wanted, own_level, fitted.kind)

@@ -164,22 +164,35 @@ def scan(
 
     progress = progress or Silent()
     for name, value, least, most in (
-        ("n-poles", n_poles, 1, 10_000), ("n-facets", n_facets, 50, MOST_FACETS),
-        ("degree", degree, 1, MOST_DEGREE), ("keep", keep, 1, MOST_KEPT),
+        ("n-poles", n_poles, 1, 10_000),
+        ("n-facets", n_facets, 50, MOST_FACETS),
+        ("degree", degree, 1, MOST_DEGREE),
+        ("keep", keep, 1, MOST_KEPT),
         ("n-sky", n_sky, 0, 100_000),
-    ):  # fmt: skip
+    ):
         if not least <= value <= most:
             raise InputError(f"--{name} is {value}; give a whole number from {least} to {most}")
     check_curve(curve)
     reflectance = reflectance or (ASTEROID if curve.frame == "ecliptic-j2000" else SATELLITE)
     settings = engine.Settings(
-        period_h, period_range_h, tuple(laws or ()), reflectance, n_poles, period_step,
-        n_facets, degree, keep, n_sky, common_noise,
-    )  # fmt: skip
+        period_h,
+        period_range_h,
+        tuple(laws or ()),
+        reflectance,
+        n_poles,
+        period_step,
+        n_facets,
+        degree,
+        keep,
+        n_sky,
+        common_noise,
+    )
     identity = {
-        "input": digest(curve), "command": "scan", "settings": repr(settings),
+        "input": digest(curve),
+        "command": "scan",
+        "settings": repr(settings),
         "version": installed_version(),
-    }  # fmt: skip
+    }
     with alone_in(out, WRITTEN) as folder:
         if folder is not None and (folder / "posterior.nc").exists():
             raise InputError(f"{folder} holds a fit; give another folder with -o")
