@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from lcbayes.core.errors import InputError
 
@@ -152,3 +156,21 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
             f"{path} cannot be written ({fault.strerror}); give a path in a folder that exists "
             "and may be written to"
         ) from None
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write JSON; a number that is none is null."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {str(k): plain(v) for k, v in value.items()}
+        if isinstance(value, list | tuple | np.ndarray):
+            return [plain(v) for v in value]
+        if isinstance(value, np.generic):
+            value = value.item()
+        if isinstance(value, float) and not np.isfinite(value):
+            return None
+        return value
+
+    text = json.dumps(plain(content), indent=1) + "\n"
+    write_atomic(path, lambda p: p.write_text(text, encoding="utf-8"))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import TextFile, read_text
+from lcbayes.core.files import TextFile, read_bytes, read_text
 from lcbayes.data.formats import satellites
 from lcbayes.data.formats.build import build
 from lcbayes.data.formats.columns import NUMERIC, Options
@@ -68,7 +71,8 @@ def read(
     Returns
     -------
     LightCurve
-        ``source["notes"]`` says what was left out or assumed.
+        ``source`` says how it was read (``reading``, JSON) and, as ``notes``, what was left out or
+        assumed.
 
     Raises
     ------
@@ -78,7 +82,13 @@ def read(
     curve = _read(path, format, Options(_path(tle), site, error, error_floor))
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
-    return curve
+    given = {"format": format, "site": site, "error": error, "error_floor": error_floor}
+    reading = {name: value for name, value in given.items() if value is not None}
+    source = dict(curve.source)
+    if tle is not None:
+        reading["tle"] = os.path.abspath(tle)
+        source["tle_sha256"] = hashlib.sha256(read_bytes(tle)).hexdigest()
+    return replace(curve, source=source | {"reading": json.dumps(reading)})
 
 
 def read_geometry(

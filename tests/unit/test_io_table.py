@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.toml import to_toml
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.read import read, read_geometry
 from lcbayes.data.write import write
-from lcbayes.results.folder import to_toml
 from lcbayes.simulation.scenarios.scenario import load
 
 HEADER = "t,flux,flux_err,sun_x,sun_y,sun_z,obs_x,obs_y,obs_z"
