@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from _results import table, write_section
-from arviz_stats.base.array import array_stats
+from arviz_stats.base import array_stats
 from scipy import optimize, special, stats
 
 import lcbayes

@@ -90,7 +90,7 @@ def _tail(n_draws: int) -> int:
 
 def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
     """Log weights (S, T) with a tail of that many draws smoothed, and Pareto k (T,)."""
-    from arviz_stats.base.array import array_stats
+    from arviz_stats.base import array_stats
 
     n = len(ratio)
     # ArviZ takes the tail's length from an efficiency: 3 √(S / r), rounded down
@@ -115,7 +115,7 @@ def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
     """
     import arviz as az
     import xarray as xr
-    from arviz_stats.utils import ELPDData
+    from arviz_stats import ELPDData
 
     best = np.max([one.elpd for one in pointwise.values()], axis=0)
     given = {}

@@ -9,9 +9,9 @@ import numpy as np
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.segments import pass_numbers
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
-from lcbayes.modelling import pass_effects as passes
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.modelling.pass_effects import Passes
 from lcbayes.physics import photometry
@@ -198,7 +198,7 @@ class Epochs:
 def _has_passes(curve: LightCurve) -> bool:
     if curve.n_curves == 1:
         return False
-    return curve.n_curves < int(passes.numbers(curve).max()) + 1 < curve.n_obs
+    return curve.n_curves < int(pass_numbers(curve).max()) + 1 < curve.n_obs
 
 
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:

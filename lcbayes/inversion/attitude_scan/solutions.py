@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.data.segments import Gap, split
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.spin import Ends
 
@@ -47,8 +48,8 @@ class Geometry:
         values, vectors = np.linalg.eigh(sun.T @ sun + obs.T @ obs)
         flat = values[0] <= FLAT**2 * values[1]
         t, span = np.sort(np.asarray(points.t).mean(axis=0)), float(points.span)
-        parts = np.split(t, np.flatnonzero(np.diff(t) > GAP * span) + 1)
-        middle = np.array([p.mean() for p in parts])
+        parts = split(t, np.zeros(t.size, int), Gap(GAP * span))
+        middle = np.array([t[rows].mean() for rows in parts])
         apart = np.abs(middle[:, None] - middle)[np.triu_indices(len(middle), 1)]
         return cls(vectors[:, 0] if flat else None, span, np.append(apart, span))
 

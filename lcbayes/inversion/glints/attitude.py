@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import labels, stretches
+from lcbayes.data.segments import labels, nights
 from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Attitude, Observed
 from lcbayes.inversion.glints.detect import Baseline, Glint, detect
 from lcbayes.inversion.glints.directions import (
@@ -100,7 +100,7 @@ def analyse(
     rows, flux, error = _averaged(curve, every, observed)
     t, label = curve.t[rows], every[rows]
     sun, obs = observed.sun.mean(axis=0)[rows], observed.obs.mean(axis=0)[rows]
-    parts = stretches(t, label)
+    parts = nights(t, label)
     if not parts:
         raise InputError("no stretch without gaps has 30 points; glints need denser sampling")
     middle = bisector(sun, obs)
