@@ -13,13 +13,13 @@ from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Solution, Spin
 
 NAME = "spin"
 REFUSED = "no pole and no sidereal period"
-HOUR = 3600.0
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # drawn; told
 
 
@@ -78,7 +78,7 @@ def _solution(s: Solution) -> dict[str, Any]:
         "pole_lon_deg": float(lon),
         "pole_lat_deg": float(lat),
         "radius_deg": float(np.degrees(s.radius)),
-        "period_h": 1.0 / s.frequency / HOUR,
+        "period_h": 1.0 / s.frequency / HOUR_S,
         "period_s": 1.0 / s.frequency,
         "period_sd_s": s.error / s.frequency**2,
         "cycles_per_turn": s.multiple,

@@ -90,14 +90,17 @@ def _tail(n_draws: int) -> int:
 
 def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
     """Log weights (S, T) with a tail of that many draws smoothed, and Pareto k (T,)."""
-    from arviz_stats.base import array_stats
+    import arviz_stats  # registers the accessor azstats  # noqa: F401
+    import xarray as xr
 
     n = len(ratio)
+    log_ratio: Any = xr.DataArray(-ratio, dims=("draw", "time"))
     # ArviZ takes the tail's length from an efficiency: 3 √(S / r), rounded down
     efficiency: Any = 1.0 if n_tail == _tail(n) else 9.0 * n / (n_tail + 0.5) ** 2
     with np.errstate(all="ignore"):  # weights too far apart for a fit: k is NaN
-        smooth, khat = array_stats.psislw(-ratio, r_eff=efficiency, axis=0)
-    smooth, khat = np.moveaxis(smooth, -1, 0), np.nan_to_num(np.asarray(khat, float), nan=np.inf)
+        smooth, khat = log_ratio.azstats.psislw(dim="draw", r_eff=efficiency)
+    smooth = smooth.transpose("draw", "time").to_numpy()
+    khat = np.nan_to_num(khat.to_numpy().astype(float), nan=np.inf)
     bad = ~np.all(np.isfinite(smooth), axis=0)  # a tail whose width is below rounding
     return np.where(bad, ratio, smooth), np.where(bad, np.inf, khat)
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import EARTH_GM, EARTH_J2, EARTH_RADIUS_KM, OBLIQUITY
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_GM, EARTH_KM
-from lcbayes.physics.attitude.laws import OBLIQUITY, Attitude, Ephemeris, Frames
+from lcbayes.physics.attitude.laws import Attitude, Ephemeris, Frames
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +21,6 @@ SLACK_S = 1e-3  # of those bounds, for times that were rounded
 PARTNERS = 25  # places at most, evenly out of those within the bounds
 MAX_LEFT = 1e-3  # of the radius that an orbit may leave of its places, rms of a component
 MAX_UNSURE = 0.1  # rad of the direction of flight, beyond which it is none
-J2 = 1.08262668e-3  # of the Earth, EGM2008
 TILT = {
     "icrs": (0.0, OBLIQUITY),
     "ecliptic-j2000": (-OBLIQUITY, 0.0),
@@ -163,5 +162,5 @@ def _series(dt: Floats, rate2: Floats, p: Floats, q: Floats) -> tuple[Floats, Fl
 def _oblate(places: Floats, radius: Floats) -> Floats:
     """Acceleration by the Earth's J2, km/s², (T, 3); the axes' z is taken for the Earth's pole."""
     sine2 = (places[:, 2:] / radius[:, None]) ** 2
-    size = 1.5 * J2 * EARTH_GM * EARTH_KM**2 / radius[:, None] ** 5
+    size = 1.5 * EARTH_J2 * EARTH_GM * EARTH_RADIUS_KM**2 / radius[:, None] ** 5
     return -size * places * (np.array([1.0, 1.0, 3.0]) - 5 * sine2)

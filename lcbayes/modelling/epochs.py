@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
@@ -134,7 +135,7 @@ class Epochs:
         n = curve.n_obs
         dilution = np.ones(n)
         if curve.range_km is not None:
-            solar = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
+            solar = SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
             dilution = solar * earth_shadow.irradiance(curve) / (1e3 * curve.range_km) ** 2
         # A band without a tabled Sun (an unfiltered camera, say) is taken for V; reports say so.
         sun_v = photometry.sun_magnitude("V")

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from lcbayes.core.constants import EARTH_RATE, OBLIQUITY
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
@@ -20,7 +21,14 @@ from lcbayes.geometry.times import Times
 from lcbayes.geometry.tle import parse_tle
 from lcbayes.modelling.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
 from lcbayes.physics.attitude import catalogue, laws
-from lcbayes.physics.attitude.laws import TARGETS, ConstantRate, Ephemeris, Fixed, PrincipalAxis
+from lcbayes.physics.attitude.laws import (
+    TARGETS,
+    ConstantRate,
+    Ephemeris,
+    Fixed,
+    PrincipalAxis,
+    Tabulated,
+)
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
 
@@ -44,7 +52,7 @@ def orbit(t: jax.Array, eccentricity: float = 0.0, season: float = 0.0) -> Ephem
     lon = 5.5 + season * t
     sun = jnp.stack([0.6 * jnp.cos(lon), 0.6 * jnp.sin(lon), jnp.full(t.shape, 0.8)], axis=1)
     north = jnp.array([0.0, 0.0, 1.0])
-    ecliptic = jnp.array([0.0, -np.sin(laws.OBLIQUITY), np.cos(laws.OBLIQUITY)])
+    ecliptic = jnp.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
     return Ephemeris(t, sun, position, velocity, north, ecliptic)
 
 
@@ -276,7 +284,7 @@ def iss(t) -> tuple[np.ndarray, np.ndarray]:
 def coarse(t, place, degrees, km) -> np.ndarray:
     """Places as seen from a site under the middle of the pass, angles and ranges rounded."""
     site = 6371.0 * unit(place[len(t) // 2]) + np.array([100.0, 300.0, -200.0])
-    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, laws.EARTH_RATE]))
+    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, EARTH_RATE]))
     line = place - turn.apply(site)
     far = np.linalg.norm(line, axis=1)
     up, right = np.arcsin(line[:, 2] / far), np.arctan2(line[:, 1], line[:, 0])
@@ -467,3 +475,34 @@ def test_elements_give_an_orbit():
     kept = curve.select(np.arange(5))
     np.testing.assert_array_equal(kept.velocity_km_s, curve.velocity_km_s[:5])
     assert ephemeris(replace(curve, position_km=None, velocity_km_s=None)).position_km is None
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PrincipalAxis(1.0, 91.0, 2.0), "-90 to 90"),
+        (lambda: PrincipalAxis(1.0, 1.0, 0.0), "period_s is 0"),
+        (lambda: PrincipalAxis(1.0, 1.0, float("nan")), "finite"),
+        (lambda: ConstantRate((0.0, float("inf"), 0.0)), "finite"),
+    ],
+)
+def test_laws_of_impossible_numbers(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_the_phase_of_a_spin_is_that_at_its_epoch():
+    t = jnp.array([0.0, 30.0])
+    at = Ephemeris(t, jnp.zeros((2, 3)))
+    spin = PrincipalAxis(40.0, -30.0, 120.0, 15.0, t0_s=30.0)
+    first = PrincipalAxis(40.0, -30.0, 120.0, 15.0)
+    np.testing.assert_array_equal(spin.frames(at).body[1], first.frames(at).body[0])
+    assert "t0_s" not in first.settings()
+    assert spin.settings()["t0_s"] == 30.0
+
+
+def test_a_tabulated_attitude_is_given_back():
+    axes = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
+    law = Tabulated(axes)
+    np.testing.assert_array_equal(law.frames(Ephemeris(jnp.zeros(2), jnp.zeros((2, 3)))).body, axes)
+    assert law.settings() == {"axes": axes.tolist()}

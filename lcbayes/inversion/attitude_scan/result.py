@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.inversion.attitude_scan.grid import HOUR
+from lcbayes.core.constants import HOUR_S
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class Solution:
         return {
             "pole_lon_deg": lon,
             "pole_lat_deg": lat,
-            "period_h": 1.0 / (HOUR * self.frequency),
+            "period_h": 1.0 / (HOUR_S * self.frequency),
             **{f"omega_{axis}_rad_s": float(x) for axis, x in zip("xyz", omega, strict=True)},
         }
 
@@ -136,7 +136,7 @@ class Found:
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: periods that are closer turn the body by less than once more over the data."""
-        return period_h**2 / (float(np.ptp(self.t)) / HOUR)
+        return period_h**2 / (float(np.ptp(self.t)) / HOUR_S)
 
     @property
     def n_hypotheses(self) -> int:
@@ -161,7 +161,7 @@ class Found:
             for i in range(len(s.chi2)):
                 angles = (*lon_lat(s.start[i]), *lon_lat(s.pole[i]))
                 a, b, c, d = (f"{x:.4f}" for x in angles)
-                tried, period = (f"{1.0 / (HOUR * f):.9g}" for f in (s.tried[i], s.frequency[i]))
+                tried, period = (f"{1.0 / (HOUR_S * f):.9g}" for f in (s.tried[i], s.frequency[i]))
                 rows.append(
                     [
                         "constant-rate",
@@ -185,7 +185,7 @@ class Found:
 
 def readable_period(hours: float) -> tuple[float, str]:
     """A period in hours, or in seconds where it is short, and its unit."""
-    return (hours, "h") if hours >= SHORTEST_H else (HOUR * hours, "s")
+    return (hours, "h") if hours >= SHORTEST_H else (HOUR_S * hours, "s")
 
 
 def written_period(hours: float, resolution_h: float) -> str:

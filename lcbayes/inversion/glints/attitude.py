@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.segments import labels, nights
-from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Observed
 from lcbayes.inversion.glints.detect import Baseline, Glint, detect
 from lcbayes.inversion.glints.directions import (
     Direction,
@@ -22,6 +22,7 @@ from lcbayes.inversion.glints.directions import (
     tracking,
 )
 from lcbayes.inversion.glints.instants import instants, rounding
+from lcbayes.physics.attitude.laws import Attitude, Fixed
 
 Floats = NDArray[np.float64]
 
@@ -93,9 +94,9 @@ def analyse(
     InputError
         There is no brightness, no stretch has 30 points, or an axis goes with a spin.
     """
-    if axis is not None and attitude is not None and attitude != Attitude():
+    if axis is not None and attitude is not None and attitude != Fixed():
         raise InputError("a panel that follows the Sun has no spin; give one of axis and attitude")
-    observed = Observed.of(curve, attitude or Attitude())
+    observed = Observed.of(curve, attitude or Fixed())
     every = labels(curve)
     rows, flux, error = _averaged(curve, every, observed)
     t, label = curve.t[rows], every[rows]

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.data import segments
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
-from lcbayes.physics.attitude.laws import Attitude as Law
-from lcbayes.physics.attitude.laws import Ephemeris
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Attitude, Ephemeris, Fixed
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = NDArray[np.integer]
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ def reduce(curve: LightCurve) -> Reduced:
             "the light curve gives no errors, so that noise cannot be told from a change; give "
             "flux_err or mag_err, or one for all points with --error"
         )
-    seen = Observed.of(curve, Attitude())
+    seen = Observed.of(curve, Fixed())
     label = _numbered(curve.curve, curve.site, curve.band)
     passes = segments.split(curve.t, label)
     order = np.concatenate(passes)
@@ -82,7 +81,7 @@ def reduce(curve: LightCurve) -> Reduced:
     )
 
 
-def turns(law: Law, eph: Ephemeris, seen: Reduced) -> list[Floats]:
+def turns(law: Attitude, eph: Ephemeris, seen: Reduced) -> list[Floats]:
     """Axes (T, 3, 3) of the body and, where the law turns one, of its array, point by point.
 
     ``eph`` is that of the whole light curve, so that a law is compiled for one length alone.

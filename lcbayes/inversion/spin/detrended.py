@@ -59,9 +59,10 @@ class Pass:
 def split(curve: LightCurve) -> list[Pass]:
     """The passes of a light curve with at least `MIN_POINTS` points.
 
-    A pass is of one group, site and band and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux is brought to unit distance where the range
-    is known, and divided by a cubic in time. Errors that are unknown are taken from differences of
-    third order, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which a smooth curve leaves alone.
+    A pass is of one group, site and band and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux
+    is brought to unit distance where the range is known, and divided by a cubic in time. Errors
+    that are unknown are taken from differences of third order, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which a
+    smooth curve leaves alone.
 
     Raises
     ------
