@@ -11,7 +11,8 @@ from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.core.constants import HOUR_S
-from lcbayes.inversion.attitude_scan.result import Found, Solution, lon_lat, readable_period
+from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.inversion.attitude_scan.result import Found, Solution, readable_period
 from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
@@ -57,7 +58,7 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
             continue  # of another period than the map
         assert s.pole is not None
-        x, y = place(*map(np.array, lon_lat(s.pole)))
+        x, y = place(*map(np.array, lon_lat_deg(s.pole)))
         _ring(axes, float(x), float(y), str(i + 1))
     frame = FRAMES.get(found.frame, found.frame)
     caption = (

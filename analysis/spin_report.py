@@ -10,11 +10,11 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Solution, Spin
 
@@ -73,7 +73,7 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
 
 
 def _solution(s: Solution) -> dict[str, Any]:
-    lon, lat = lon_lat(s.pole)
+    lon, lat = lon_lat_deg(s.pole)
     return {
         "pole_lon_deg": float(lon),
         "pole_lat_deg": float(lat),
@@ -104,7 +104,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"longest pass: {show(folded, spread)} ± {show(spread, spread)} s)"
         )
     for s in result.solutions[:MOST_SOLUTIONS]:
-        lon, lat = lon_lat(s.pole)
+        lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
         lines.append(
@@ -229,7 +229,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     inside = sky.region()
-    x, y = place(*lon_lat(sky.poles[inside]))
+    x, y = place(*lon_lat_deg(sky.poles[inside]))
     weight = sky.weight.sum(axis=1)[inside]
     size = 1.0e4 * sky.cell
     axes.scatter(
@@ -244,7 +244,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
         label="90 % region",
     )
     for i, s in enumerate(result.solutions[:MOST_SOLUTIONS]):
-        x, y = place(*lon_lat(s.pole))
+        x, y = place(*lon_lat_deg(s.pole))
         axes.scatter(
             x,
             y,

@@ -27,10 +27,10 @@ from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console, Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.read import read
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.attitude_scan import search, solutions
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.points import Points
-from lcbayes.inversion.attitude_scan.result import lon_lat
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.spin import FREE, Ends, solve, spheres
 from lcbayes.physics.bodies import facets
@@ -88,7 +88,7 @@ def ariadne() -> None:
         exact = SmoothBody.of(500, 6, LAW)
         total = np.sum(search.residuals(points, exact, best) ** 2)
         off = [degrees_off(p, *ARIADNE) for p in ends.pole]
-        lon, lat = lon_lat(best.pole[0])
+        lon, lat = lon_lat_deg(best.pole[0])
         rows.append(
             [
                 np.dtype(kind).name,
@@ -163,7 +163,7 @@ def periods() -> None:
         ["refining 12 solutions, s in all", f"{refining:.1f}"],
         ["best after screening: period, h", f"{1.0 / (HOUR_S * ends.frequency[first]):.6f}"],
         ["best after refining: period, h", f"{1.0 / (HOUR_S * better.frequency[best]):.6f}"],
-        ["its pole", "({:.2f}, {:+.2f})".format(*lon_lat(better.pole[best]))],
+        ["its pole", "({:.2f}, {:+.2f})".format(*lon_lat_deg(better.pole[best]))],
         [
             "residuals of the best trial period away from it, ÷ its own",
             f"{np.sqrt(chi2[~near].min() / chi2.min()):.2f}",
@@ -192,7 +192,7 @@ def hertha() -> None:
     rows = []
     for i, s in enumerate(found.found.solutions[:4], start=1):
         assert s.pole is not None
-        lon, lat = lon_lat(s.pole)
+        lon, lat = lon_lat_deg(s.pole)
         rows.append(
             [
                 str(i),

@@ -24,6 +24,7 @@ import lcbayes
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference.goodness_of_fit import MIN_FIT
 from lcbayes.inference.problem_cache import posed
 from lcbayes.modelling import registry
@@ -105,7 +106,7 @@ def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
 
 def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     lon, lat = np.radians(lon), np.radians(lat)
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+    return unit_vector(lon, lat)
 
 
 def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[float, float, bool]]:

@@ -88,9 +88,7 @@ def model(
     normals, harmonics, degrees = grid(n_facets, degree)
     pole = priors.directions("pole", 1)[0]
     tilt = rotations.brought_to(pole)
-    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
-    numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
-    numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
+    priors.pole_angles(pole)
     period_s = period * HOUR_S
     shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
     period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)

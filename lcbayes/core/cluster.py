@@ -136,6 +136,23 @@ def _knows_lcbayes(client: Any) -> None:
         )
 
 
+_LOST = object()  # in the place of a result that went with its worker
+
+
+def _outcome(done: Any, keep_going: bool, last: bool, gone: tuple[type[Exception], ...]) -> Any:
+    """The result of a task, its exception where the others go on, or `_LOST`: to be done again."""
+    if done.status == "error" and keep_going:
+        return done.exception()
+    if done.status == "error" and last:
+        done.result()  # raises
+    if done.status != "finished":
+        return _LOST
+    try:
+        return done.result()
+    except (CancelledError, *gone):
+        return _LOST
+
+
 def _dask(
     client: Any,
     function: Callable[..., Any],
@@ -167,19 +184,10 @@ def _dask(
         try:
             for done in done_by_dask(waiting):
                 i = waiting[done]
-                if done.status == "error" and (keep_going or attempt == TRIES - 1):
-                    if not keep_going:
-                        done.result()
-                    found = done.exception()
-                elif done.status == "finished":
-                    try:
-                        found = done.result()
-                    except (CancelledError, *gone):  # it went with its worker, or with all
-                        continue
-                else:
-                    continue
-                del left[i]
-                yield i, found
+                found = _outcome(done, keep_going, attempt == TRIES - 1, gone)
+                if found is not _LOST:
+                    del left[i]
+                    yield i, found
         finally:
             with suppress(*gone):
                 client.cancel(list(waiting))

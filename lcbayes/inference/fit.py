@@ -23,6 +23,7 @@ from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
@@ -195,10 +196,8 @@ class _Fit:
             data,
             found.solutions,
             order,
-            self.settings,
+            Execution(self.settings, self.workers, self.checkpoint),
             key,
-            self.workers,
-            self.checkpoint,
             self.timing,
             self.progress,
         )

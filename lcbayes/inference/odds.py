@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
+
 Floats = NDArray[np.float64]
 
 DRAWS = 20_000  # of what the evidences may be
@@ -92,14 +94,14 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
     far = [k for k in left if k not in near]
 
     def named(ks: Sequence[int]) -> str:
-        return listed([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
+        return join_words([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
 
     chance = _two(odds.probability[top])
     if near:
         alike = sorted([top, *near], key=lambda k: counts[k])
         *others, last = [str(counts[k]) for k in alike]
         chances = ", ".join(_two(odds.probability[k]) for k in alike)
-        text = f"the data cannot tell {listed(others)} from {last} facets ({chances})"
+        text = f"the data cannot tell {join_words(others)} from {last} facets ({chances})"
         if far:
             text += f", and {named(far)} cannot be excluded"
     else:
@@ -130,11 +132,6 @@ def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
 def facets(n: int) -> str:
     """1 facet, 2 facets."""
     return f"{n} facet" if n == 1 else f"{n} facets"
-
-
-def listed(words: Sequence[str]) -> str:
-    """As in: a, b and c."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _two(probability: float) -> str:

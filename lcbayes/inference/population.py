@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
@@ -20,13 +19,12 @@ from lcbayes.inference import basins, solutions
 from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import LOST, Mode, left_out
-from lcbayes.inference.replicates import independent_runs
+from lcbayes.inference.replicates import Execution
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.sampling import Timing
-from lcbayes.samplers.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -41,10 +39,8 @@ def sample(
     data: Epochs,
     found: Sequence[solutions.Solution],
     order: FacetOrder,
-    settings: Settings,
+    execution: Execution,
     key: jax.Array,
-    workers: int,
-    checkpoint: Checkpoint,
     timing: Timing,
     progress: Silent,
 ) -> tuple[list[Mode], LogEvidence, list[str]]:
@@ -59,7 +55,8 @@ def sample(
     found
         Of the search, as centres to begin with.
     """
-    runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
+    settings = execution.settings
+    runs = _runs(problem, data, execution, key, timing, progress)
     by_optima, label, placed, weighed = basins.measure(
         problem,
         data,
@@ -68,7 +65,7 @@ def sample(
         seed=settings.seed,
         most=4 * settings.max_modes,
         known=[s.z for s in found],
-        workers=workers,
+        workers=execution.workers,
     )
     weight = weighed.weight
     shown = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST]
@@ -101,28 +98,17 @@ def sample(
 
 
 def _runs(
-    problem,
-    data,
-    settings: Settings,
-    key,
-    workers,
-    checkpoint: Checkpoint,
+    problem: Problem,
+    data: Epochs,
+    execution: Execution,
+    key: jax.Array,
     timing: Timing,
-    progress,
+    progress: Silent,
 ) -> list[smc.Result]:
     """One for each chain that the settings ask for."""
     try:
-        runs = independent_runs(
-            problem,
-            data,
-            key,
-            settings.num_samples,
-            settings.num_chains,
-            name="population",
-            checkpoint=checkpoint,
-            workers=workers,
-            progress=progress,
-        )
+        n_runs = execution.settings.num_chains
+        runs = execution.runs(problem, data, key, n_runs, "population", progress)
     except smc.Collapse as fault:
         raise InputError(f"{fault} (--num-samples), or choose --sampler nuts") from None
     timing.gradients += sum(r.gradients for r in runs)

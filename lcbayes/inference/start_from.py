@@ -11,6 +11,7 @@ import numpy as np
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
@@ -47,7 +48,7 @@ def placed(
         sites[OMEGA] = omega / float(options["omega_sd"])
     else:
         lon, lat = np.radians([[s["pole_lon_deg"], s["pole_lat_deg"]] for s in which]).T
-        pole = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+        pole = unit_vector(lon, lat)
         sites[POLE] = pole.reshape(sites[POLE].shape)
         period = np.array([s["period_h"] for s in which])
         given = float(options["period"])

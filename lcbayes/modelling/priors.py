@@ -220,11 +220,16 @@ def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
     tensor = inertia(inertia_sd)
     momentum = tensor @ omega
     pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
+    pole_angles(pole)
+
+    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors)
+
+
+def pole_angles(pole: jax.Array) -> None:
+    """Deterministic sites ``pole_lon_deg`` and ``pole_lat_deg`` of a unit vector (3,)."""
     lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
     numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
-
-    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors)
 
 
 def lit_and_seen(

@@ -27,7 +27,6 @@ from lcbayes.physics.attitude.laws import (
     Ephemeris,
     Fixed,
     PrincipalAxis,
-    Tabulated,
 )
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
@@ -475,34 +474,3 @@ def test_elements_give_an_orbit():
     kept = curve.select(np.arange(5))
     np.testing.assert_array_equal(kept.velocity_km_s, curve.velocity_km_s[:5])
     assert ephemeris(replace(curve, position_km=None, velocity_km_s=None)).position_km is None
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: PrincipalAxis(1.0, 91.0, 2.0), "-90 to 90"),
-        (lambda: PrincipalAxis(1.0, 1.0, 0.0), "period_s is 0"),
-        (lambda: PrincipalAxis(1.0, 1.0, float("nan")), "finite"),
-        (lambda: ConstantRate((0.0, float("inf"), 0.0)), "finite"),
-    ],
-)
-def test_laws_of_impossible_numbers(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
-
-
-def test_the_phase_of_a_spin_is_that_at_its_epoch():
-    t = jnp.array([0.0, 30.0])
-    at = Ephemeris(t, jnp.zeros((2, 3)))
-    spin = PrincipalAxis(40.0, -30.0, 120.0, 15.0, t0_s=30.0)
-    first = PrincipalAxis(40.0, -30.0, 120.0, 15.0)
-    np.testing.assert_array_equal(spin.frames(at).body[1], first.frames(at).body[0])
-    assert "t0_s" not in first.settings()
-    assert spin.settings()["t0_s"] == 30.0
-
-
-def test_a_tabulated_attitude_is_given_back():
-    axes = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    law = Tabulated(axes)
-    np.testing.assert_array_equal(law.frames(Ephemeris(jnp.zeros(2), jnp.zeros((2, 3)))).body, axes)
-    assert law.settings() == {"axes": axes.tolist()}

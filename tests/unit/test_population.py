@@ -11,6 +11,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import basins, population
 from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.samplers import smc
 from lcbayes.samplers.chains import Whitening
@@ -71,10 +72,8 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
         data,
         [],
         order,
-        settings,
+        Execution(settings, 1, Checkpoint(None, {})),
         jax.random.key(0),
-        1,
-        Checkpoint(None, {}),
         Timing(),
         Silent(),
     )

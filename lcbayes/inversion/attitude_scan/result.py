@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.constants import HOUR_S
+from lcbayes.geometry.spherical import lon_lat_deg
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class Solution:
         """Pole and period by their names in files; nothing for laws."""
         if self.pole is None or self.frequency is None:
             return {}
-        lon, lat = lon_lat(self.pole)
+        lon, lat = map(float, lon_lat_deg(self.pole))
         omega = 2.0 * np.pi * self.frequency * self.pole
         return {
             "pole_lon_deg": lon,
@@ -159,7 +160,7 @@ class Found:
         if self.screened is not None:
             s = self.screened
             for i in range(len(s.chi2)):
-                angles = (*lon_lat(s.start[i]), *lon_lat(s.pole[i]))
+                angles = (*lon_lat_deg(s.start[i]), *lon_lat_deg(s.pole[i]))
                 a, b, c, d = (f"{x:.4f}" for x in angles)
                 tried, period = (f"{1.0 / (HOUR_S * f):.9g}" for f in (s.tried[i], s.frequency[i]))
                 rows.append(
@@ -193,9 +194,3 @@ def written_period(hours: float, resolution_h: float) -> str:
     period, unit = readable_period(hours)
     decimals = 2 - math.floor(math.log10(resolution_h * period / hours))
     return f"{period:.{max(decimals, 0)}f} {unit}"
-
-
-def lon_lat(pole: Floats) -> tuple[float, float]:
-    """Longitude in [0, 360) and latitude of a unit vector, degrees."""
-    lon = float(np.degrees(np.arctan2(pole[1], pole[0]))) % 360.0
-    return lon, float(np.degrees(np.arcsin(np.clip(pole[2], -1.0, 1.0))))

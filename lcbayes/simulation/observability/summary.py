@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
 from lcbayes.physics.bodies.facets import grid
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.simulation.observability.campaign import Campaign
@@ -247,7 +248,7 @@ def linearity_words(found: Findings) -> str:
     return (
         f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
         "brightness is not linear within two standard deviations, and intervals are off, most "
-        f"for {' and '.join([', '.join(told[:-1]), told[-1]] if told[1:] else told)}"
+        f"for {join_words(told)}"
     )
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
 from lcbayes.simulation.observability.campaign import NOTHING, Campaign
 from lcbayes.simulation.observability.measurements import Measurements, by_facet
 from lcbayes.simulation.observability.parameters import Parameter, Unknowns
@@ -196,13 +197,13 @@ def _sentence(
     if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore
         apart = "how one is tilted against the other"
         what = "how their area is shared out" if kinds == {"area"} else apart
-        listed = _and([str(f) for f in sorted(alone)])  # pyright: ignore
+        listed = join_words([str(f) for f in sorted(alone)])  # pyright: ignore
         return f"facets {listed} face the same way, and {what} is {how}"
     if len(kinds) == 1 and kept[0].kind in ("area", "tilt") and len(alone) == len(kept):
-        listed = _and(sorted((str(p.facet) for p in kept), key=int))
+        listed = join_words(sorted((str(p.facet) for p in kept), key=int))
         noun = f"{kept[0].noun}s" if kept[0].kind == "area" else "tilts"
         return f"the {noun} of facets {listed} trade against each other: {how}"
-    return f"the {_and([p.words for p in kept])} trade: {how}"
+    return f"the {join_words([p.words for p in kept])} trade: {how}"
 
 
 def _alike(unknowns: Unknowns, facets: list[int]) -> bool:
@@ -268,7 +269,3 @@ def _direction(d: Floats, path: Floats | None) -> str:
     if angle > 60.0:
         return "across the pass direction"
     return f"at {angle:.0f} deg to the pass direction"
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
