@@ -146,7 +146,7 @@ def ariadne() -> Posterior:
         "period_shift": (5.761980 - 5.762) * 3600.0 / period_sd,
     }
     z = _climb(plain, plain.ravel(sites), data)
-    data = correlation.weighed(plain, np.asarray(z), data)
+    data = correlation.tempered(plain, np.asarray(z), data)
     z = _climb(plain, z, data)
     problem = Problem(model, data, coordinates(data, **options))
     return _at(problem, problem.ravel(plain.constrain(z, data)), data)

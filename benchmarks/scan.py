@@ -21,7 +21,7 @@ import numpy as np
 from _results import table, write_section
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console, Silent
@@ -134,7 +134,7 @@ def periods() -> None:
     points = Points.of(data("43_Ariadne_rel"), phase_law_known=False)
     tried = grid(10, float(points.span), None, RANGE)
     body = coarse()
-    with crew() as run:
+    with worker_pool() as run:
         few = Grid(tried.poles, tried.frequencies[:4])  # compiles
         screened(points, body, few, run)
         begun = time.perf_counter()
@@ -221,7 +221,7 @@ def workers() -> None:
     middle = int(np.argmin(np.abs(whole.frequencies - 1.0 / (HOUR_S * PERIOD))))
     tried = Grid(whole.poles, whole.frequencies[middle - 24 : middle + 24])
     body, rows = coarse(), []
-    with crew() as run:
+    with worker_pool() as run:
         screened(points, body, tried, run)
         begun = time.perf_counter()
         threads = screened(points, body, tried, run)
@@ -230,7 +230,7 @@ def workers() -> None:
         )
     orders = [np.argsort(threads.value, kind="stable")]
     for count in (1, 2):
-        with crew(n_workers=count) as run:
+        with worker_pool(n_workers=count) as run:
             screened(points, body, tried, run)  # each worker compiles
             begun = time.perf_counter()
             ends = screened(points, body, tried, run)
@@ -245,7 +245,7 @@ def workers() -> None:
         address = cluster.scheduler_address
         with distributed.Client(address) as client:
             pid = client.run(os.getpid)
-        with crew(scheduler=address) as run:
+        with worker_pool(scheduler=address) as run:
             screened(points, body, tried, run)
             killed = Killer(min(pid.values()), tried.size // 2)
             begun = time.perf_counter()

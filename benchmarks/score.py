@@ -29,7 +29,7 @@ from lcbayes.core.progress import Console, Silent
 from lcbayes.data import segments
 from lcbayes.data.read import read
 from lcbayes.inference.loo import BAD_K
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers.sampling import Sampler, Timing
@@ -112,7 +112,7 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
     model, options = CANDIDATES[name]
     entry = registry.find(model)
     data = Epochs.of(curve)
-    problem = posed(entry, entry.check(options), data)[1]
+    problem = build_problem(entry, entry.check(options), data)[1]
     count = kept.posterior.sizes["chain"] * kept.posterior.sizes["draw"]
     sites = {k: kept.posterior[k].values for k in problem.names}
     flat = {k: jnp.asarray(v.reshape(count, *v.shape[2:])) for k, v in sites.items()}

@@ -28,12 +28,12 @@ SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0:
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
 LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
-LEAST_LAMBERT = 0.03
+MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c; c = x where x is larger than the least, else e^x
     [
-        AffineTransform(0.0, 1.0 / LEAST_LAMBERT),
+        AffineTransform(0.0, 1.0 / MIN_LAMBERT),
         SoftplusTransform(),
-        AffineTransform(0.0, LEAST_LAMBERT, domain=constraints.positive),
+        AffineTransform(0.0, MIN_LAMBERT, domain=constraints.positive),
         ExpTransform().inv,
     ]
 )

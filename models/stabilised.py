@@ -130,7 +130,7 @@ def model(
     if free:
         axes = _law(law, "").frames(data.orbit).body
         sun, obs = rotations.to_body(axes, data.sun), rotations.to_body(axes, data.obs)
-        priors.lit_and_seen(sun, obs, normals[len(listed) :])
+        priors.visibility_prior(sun, obs, normals[len(listed) :])
     flux = (photometry.exposed(at, data.exposure_s) if data.has_exposure else at)(data.t)
     fainter = jnp.zeros(data.t.shape)  # mag
     if individuals and data.n_members > 1 and data.calibrated:

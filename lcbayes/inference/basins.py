@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.modes import OVERLAP, overlap
+from lcbayes.inference.modes import MERGE_OVERLAP, overlap
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -24,14 +24,15 @@ from lcbayes.samplers.tempering import log_sum
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-POINTS = 8  # of each particle's chain that are looked at
-CLIMBERS = 32  # particles of each run that climb to the optimum they are near
-MOST = 24  # optima
-LEAST = 4  # points of a region for each parameter, below which it is not measured ...
-MEASURED = 0.5  # ... and the share of all points that must lie in those that are
-GOOD = 0.3  # error of a bridged evidence, in nats, above which it is not taken
-ASTRAY, LIKELY = 6.0, 0.5  # errors of the way's evidence, and of one run's at least, to be told of
-ROWS = 256  # evaluated at a time
+POINTS = 8  # of each particle's chain that are used
+CLIMBERS = 32  # particles of each run that are optimised
+MAX_OPTIMA = 24
+MIN_POINTS_PER_PARAMETER = 4  # of a region whose evidence is bridged
+MIN_MEASURED_SHARE = 0.5  # of all points, in regions whose evidence is bridged
+MAX_BRIDGE_ERROR = 0.3  # standard error of a bridged evidence that is used, nats
+MAX_DEVIATION = 6.0  # of the tempered evidence from the bridged one, in standard errors
+MIN_RUN_SD = 0.5  # of the evidence of one run in that error, nats
+BATCH = 256  # points evaluated at a time
 
 
 class Regions:
@@ -64,7 +65,7 @@ class Regions:
         z: Floats,
         order: FacetOrder,
         *,
-        most: int = MOST,
+        most: int = MAX_OPTIMA,
         known: Sequence[Floats] = (),
         workers: int = 1,
     ) -> Regions:
@@ -102,7 +103,7 @@ class Regions:
                 one, other = matched[a][label == a], matched[b][label == b]
                 if min(len(one), len(other)) < few:
                     continue
-                if overlap(one, other, self.order)[0] > OVERLAP:
+                if overlap(one, other, self.order)[0] > MERGE_OVERLAP:
                     label[label == b] = a
                     self.stands_for[self.stands_for == b] = a
                     present.remove(b)
@@ -140,7 +141,7 @@ class Regions:
         found = {}
         for k in np.unique(label):
             own = shuffled[label[shuffled] == k]
-            if len(own) >= LEAST * self.problem.dim:
+            if len(own) >= MIN_POINTS_PER_PARAMETER * self.problem.dim:
                 found[int(k)] = self._bridged(int(k), rows[own], len(np.unique(chain[own])), rng)
         return found
 
@@ -208,7 +209,7 @@ def measure(
     order: FacetOrder,
     *,
     seed: int = 0,
-    most: int = MOST,
+    most: int = MAX_OPTIMA,
     known: Sequence[Floats] = (),
     workers: int = 1,
 ) -> Measured:
@@ -269,7 +270,7 @@ def weigh(
     between, apart = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
     reasons = []
     off = total.value - by_path.value
-    if abs(off) > ASTRAY * max(path.std(ddof=1), LIKELY) / np.sqrt(n_runs):
+    if abs(off) > MAX_DEVIATION * max(path.std(ddof=1), MIN_RUN_SD) / np.sqrt(n_runs):
         reasons.append(
             f"the evidence of the particles' way from the prior is off by {abs(off):.1f} nats from "
             "that of where they ended: take more particles"
@@ -296,13 +297,13 @@ def _bridged(
     found = regions.evidence(label, z, n_chains, rng)
     measured = np.array(sorted(found), int)
     share = float(shares[measured].sum())
-    if share < MEASURED:
+    if share < MIN_MEASURED_SHARE:
         return None
     values, errors = np.array([found[k] for k in measured]).T
     inside = log_sum(values)
     part = np.exp(values - inside)
     se = float(np.linalg.norm(part * errors))
-    if se > GOOD:
+    if se > MAX_BRIDGE_ERROR:
         return None
     weight, weight_sd = shares.copy(), np.zeros(len(shares))
     weight[measured] = share * part
@@ -329,8 +330,8 @@ def evenly(rows: NDArray, n: int) -> NDArray:
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """−ln p(y, z) of rows (n, D), (n,); compiled once, however many they are."""
     n = len(z)
-    padded = np.resize(z, (-(-n // ROWS) * ROWS, z.shape[1]))
-    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, ROWS, z.shape[1])]
+    padded = np.resize(z, (-(-n // BATCH) * BATCH, z.shape[1]))
+    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, BATCH, z.shape[1])]
     return np.concatenate([np.asarray(p) for p in parts])[:n]
 
 

@@ -27,7 +27,7 @@ from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
 from lcbayes.inference.prior_mass import log_prior_mass
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.screening import RuledOut
 from lcbayes.modelling.epochs import Epochs
@@ -35,7 +35,7 @@ from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import smc
 from lcbayes.samplers.settings import Settings
-from lcbayes.samplers.tempering_path import in_time
+from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 
@@ -148,7 +148,7 @@ def run(
     plain = dict(options)
     sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # of the path alone
     with entry.blamed():
-        problems = {n: posed(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
+        problems = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
     begun = time.monotonic()
     optima = {
@@ -162,7 +162,7 @@ def run(
             "geometry, or widen the priors"
         )
     weighed_at = max(optima, key=lambda n: _log_likelihood(problems[n], optima[n], data))
-    weighed = information.weighed(problems[weighed_at], optima[weighed_at], data)
+    weighed = information.tempered(problems[weighed_at], optima[weighed_at], data)
     search_s = time.monotonic() - begun
 
     execution = Execution(settings, workers, checkpoint)
@@ -210,7 +210,7 @@ class _Comparison:
         if self.path and self.path.n_facets not in self.problems:
             n = self.path.n_facets
             options = {**start.options, "n_facets": n}
-            self.problems[n] = posed(self.entry, options, self.data)[0]
+            self.problems[n] = build_problem(self.entry, options, self.data)[0]
             parts.total += _cost(n)
 
     def _sparse_path(
@@ -222,7 +222,7 @@ class _Comparison:
             "sparsity": start.weight,
             "log_area_sd": sparse.LOG_AREA_SD,
         }
-        problem = posed(self.entry, changed, self.weighed)[0]
+        problem = build_problem(self.entry, changed, self.weighed)[0]
         (found,) = self.execution.runs(problem, self.weighed, key, 1, "sparse", progress)
         return sparse.path(problem, self.weighed, self.entry.facet_sites, found, start.weight)
 
@@ -236,9 +236,9 @@ class _Comparison:
                 continue
             settings = self.execution.settings
             with parts.part(_cost(n), facets(n), settings.num_chains) as within:
-                keys = (jax.random.fold_in(key, n) for key in (key_runs, key_mass))
+                own_runs, own_mass = (jax.random.fold_in(key, n) for key in (key_runs, key_mass))
                 try:
-                    self.candidates[n] = self._measured(n, *keys, within)
+                    self.candidates[n] = self._measured(n, own_runs, own_mass, within)
                 except (smc.Collapse, InputError) as fault:
                     self.failed.append(f"{facets(n)}: {fault}")
 
@@ -313,8 +313,8 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
-        starts, way = prior_draws(problem, keys, data), in_time(problem, data)
-        ends = search.race(problem, data, starts, workers, progress, way)
+        starts, way = prior_draws(problem, keys, data), time_ordered(problem, data)
+        ends = search.successive_halving(problem, data, starts, workers, progress, way)
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None
@@ -334,7 +334,7 @@ def _candidate(
     optimum = search.polish(problem, data, best[None], 1).z[0]
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
-    own = information.weighed(problem, best, data)
+    own = information.tempered(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
     reasons += weighed.reasons
     return Candidate(

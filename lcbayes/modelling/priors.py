@@ -232,7 +232,7 @@ def pole_angles(pole: jax.Array) -> None:
     numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
 
 
-def lit_and_seen(
+def visibility_prior(
     sun_body: jax.Array, obs_body: jax.Array, normals: jax.Array, softness: float = 0.02
 ) -> None:
     """Each facet is lit and seen at least once: directions (T, 3) and normals (N, 3), body frame.
@@ -248,7 +248,7 @@ def lit_and_seen(
     best = jax.lax.stop_gradient(jnp.argmax(both, axis=1))
     mu0, mu = (jnp.sum(normals * v[best], axis=1) for v in (sun_body, obs_body))
     m = jnp.minimum(mu0, mu)
-    numpyro.factor("lit_and_seen", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
+    numpyro.factor("visibility", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
 
 
 def _positive(name: str, value: float) -> None:

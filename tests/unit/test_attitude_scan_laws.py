@@ -11,7 +11,7 @@ from scipy import stats
 
 import lcbayes
 from lcbayes.analysis import scan_plots, style
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
@@ -74,7 +74,7 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
 
 def judged(curve: LightCurve):
     laws, left_out = stabilised.chosen(("all",), curve, None)
-    with crew() as run, Silent().stage("", 1, "") as track:
+    with worker_pool() as run, Silent().stage("", 1, "") as track:
         found, dark = stabilised.judge(curve, laws, LAW, run, track)
     return sorted(found, key=lambda s: s.chi2), left_out | dark
 

@@ -19,7 +19,13 @@ from lcbayes.data.read import read
 from lcbayes.data.write import write
 from lcbayes.geometry.times import Times
 from lcbayes.geometry.tle import parse_tle
-from lcbayes.modelling.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
+from lcbayes.modelling.ephemeris import (
+    _fitted,
+    ephemeris,
+    frames,
+    velocity_direction_sd_deg,
+    velocity_from_places,
+)
 from lcbayes.physics.attitude import catalogue, laws
 from lcbayes.physics.attitude.laws import (
     TARGETS,
@@ -223,7 +229,7 @@ def test_names_and_settings():
 def test_laws_are_spelled_as_they_are_read(text):
     law = catalogue.parse(text)
     assert catalogue.spelled(law) == text
-    assert catalogue.told_apart([law, catalogue.find("lvlh-backward"), law])[law.name] == law
+    assert catalogue.by_unique_name([law, catalogue.find("lvlh-backward"), law])[law.name] == law
 
 
 @pytest.mark.parametrize(
@@ -369,8 +375,9 @@ def test_how_unsure_directions_are_is_known():
     ratio = rms / np.sqrt(np.mean(np.square(told), axis=0))
     assert np.all((ratio > 0.7) & (ratio < 1.4))
     one = seen(position_km=place[:1].repeat(41, 0), t=np.arange(41.0))
-    assert unsure_deg(one) is None
-    assert unsure_deg(seen(position_km=place[:41], t=t[:41], velocity_km_s=motion[:41])) is None
+    assert velocity_direction_sd_deg(one) is None
+    known = seen(position_km=place[:41], t=t[:41], velocity_km_s=motion[:41])
+    assert velocity_direction_sd_deg(known) is None
 
 
 def test_velocities_of_several_passes_and_curves():

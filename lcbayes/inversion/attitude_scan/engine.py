@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.cluster import Run, crew
+from lcbayes.core.cluster import Run, worker_pool
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
@@ -102,7 +102,7 @@ def run(
     )
     chosen, found.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     found.n_laws = len(chosen)
-    with crew(scheduler, n_workers) as workers:
+    with worker_pool(scheduler, n_workers) as workers:
         if spins:
             _spins(curve, points, settings, found, workers, checkpoint, progress)
         if chosen:

@@ -63,7 +63,7 @@ def chosen(
         raise InputError(
             "none of the laws can be judged: " + next(iter(left_out.values()), "none is given")
         )
-    return catalogue.told_apart(laws), left_out
+    return catalogue.by_unique_name(laws), left_out
 
 
 def _named(name: str, period_h: float | None) -> Attitude:
