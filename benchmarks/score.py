@@ -137,7 +137,7 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
 
 def _moments(problem, z: np.ndarray, data: Epochs) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd (S, T) of each point by itself."""
-    alone = data.apart()
+    alone = data.without_passes()
     found = jax.jit(lambda rows: jax.lax.map(lambda row: problem.moments(row, alone), rows))(z)
     return np.asarray(found.mean), np.asarray(found.sd)
 

@@ -63,7 +63,7 @@ def sample(
         runs,
         order,
         seed=settings.seed,
-        most=4 * settings.max_modes,
+        max_optima=4 * settings.max_modes,
         known=[s.z for s in found],
         workers=execution.workers,
     )

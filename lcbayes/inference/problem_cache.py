@@ -25,8 +25,8 @@ def build_problem(
 ) -> tuple[Problem, Problem]:
     """The posterior of a model given a light curve, in plain and in sampling coordinates.
 
-    The two are the same object for a model without sampling coordinates of its own. Such coordinates
-    may depend on the light curve; problems are shared only where they are equal.
+    The two are one object for a model without sampling coordinates of its own. Such coordinates may
+    depend on the light curve; problems are shared only where they are equal.
 
     At most `MAX_STRUCTURES` structures are kept; the next one empties the cache. Fits that still
     use an earlier problem keep it and compile again.

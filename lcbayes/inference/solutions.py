@@ -70,7 +70,7 @@ def distinct(
                 continue
             metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
             evidence = _laplace(potential, metrics[-1])
-            rms = _residual_rms(problem, z, data.apart(), unit)
+            rms = _residual_rms(problem, z, data.without_passes(), unit)
             found.append(Solution(z, float(potential), evidence, rms, 1))
     return found
 
@@ -143,7 +143,9 @@ def refined(
     unit = np.asarray(data.noise_unit)[data.curve]
     climbed = [replace(s, z=z) for s, z in zip(found, rows, strict=True)]
     climbed = optimise_held(pooled, problem, data, climbed)
-    return [replace(s, rms=_residual_rms(problem, s.z, data.apart(), unit)) for s in climbed]
+    return [
+        replace(s, rms=_residual_rms(problem, s.z, data.without_passes(), unit)) for s in climbed
+    ]
 
 
 def optimise_held(

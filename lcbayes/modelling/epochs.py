@@ -170,9 +170,9 @@ class Epochs:
             has_passes=has_passes,
         )
 
-    def apart(self) -> Epochs:
+    def without_passes(self) -> Epochs:
         """Each point a pass of its own: what is said of it then rests on no other point."""
-        return replace(self, passes=self.passes.apart())
+        return replace(self, passes=self.passes.without_passes())
 
 
 def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:

@@ -49,7 +49,7 @@ class Passes(NamedTuple):
         each = jnp.arange(n)
         return cls(each, each, each, jnp.zeros(n))
 
-    def apart(self) -> Passes:
+    def without_passes(self) -> Passes:
         """Every point a pass of its own, at the same time since the middle of it."""
         return self.single(len(self.order))._replace(elapsed=self.elapsed)
 

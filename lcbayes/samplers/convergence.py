@@ -13,7 +13,7 @@ MAX_RHAT = 1.01
 MIN_ESS = 400.0
 MAX_DIVERGING = 0.005  # share of divergent transitions
 MAX_RHAT_TO_CONTINUE = 1.1  # above, longer chains are not expected to mix
-# The check is made in unconstrained coordinates; reported quantities may have fewer effective draws.
+# The check is of unconstrained coordinates; reported quantities may have fewer effective draws.
 LENGTH_MARGIN = 1.2
 
 

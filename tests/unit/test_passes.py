@@ -84,7 +84,9 @@ def test_innovations_make_up_the_joint_density():
     whole = np.diag(sd**2) + (0.49 + 0.16 * np.outer(X, X)) * (NUMBER[:, None] == NUMBER)
     want = stats.multivariate_normal(mean, whole).logpdf(y)
     assert float(stats.norm.logpdf(y, loc, scale).sum()) == pytest.approx(want, rel=1e-12)
-    alone = pass_effects.innovations(TOGETHER.apart(), *map(jnp.asarray, (y, mean, sd, 0.7, 0.4)))
+    alone = pass_effects.innovations(
+        TOGETHER.without_passes(), *map(jnp.asarray, (y, mean, sd, 0.7, 0.4))
+    )
     np.testing.assert_allclose(alone[0], mean)
     np.testing.assert_allclose(alone[1], np.sqrt(np.diag(whole)))
 
@@ -140,7 +142,7 @@ def test_observing_with_passes(law):
     np.testing.assert_allclose(np.asarray(fn.scale)[first], wide[first])
     rest = np.setdiff1d(np.arange(12), first)
     assert np.all(np.asarray(fn.scale)[rest] < wide[rest])
-    apart = handlers.trace(model).get_trace(data.apart(), jnp.ones(12), law, 0.3, True)
+    apart = handlers.trace(model).get_trace(data.without_passes(), jnp.ones(12), law, 0.3, True)
     np.testing.assert_allclose(apart["brightness"]["fn"].loc, mean)
     np.testing.assert_allclose(apart["brightness"]["fn"].scale, wide)
 

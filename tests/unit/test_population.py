@@ -65,7 +65,7 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
     ]
     monkeypatch.setattr(population, "_runs", lambda *_: runs)
     monkeypatch.setattr(basins, "optima", lambda *_: [solution(z) for z in at])
-    monkeypatch.setattr(basins.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
+    monkeypatch.setattr(basins.Basins, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
     return population.sample(
         problem,

@@ -10,7 +10,7 @@ from false_alarms import EACH, limit, squares
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import basins
-from lcbayes.inference.basins import Regions
+from lcbayes.inference.basins import Basins
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.solutions import Solution
 
@@ -55,12 +55,12 @@ def drawn(rng: np.random.Generator, counts: tuple[int, int]) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def cut() -> Regions:
+def cut() -> Basins:
     order = FacetOrder(PROBLEM, ("facet",))  # type: ignore[arg-type]
-    return Regions(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
+    return Basins(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
 
 
-def weighed(cut: Regions, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> basins.Weighed:
+def weighed(cut: Basins, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> basins.Weighed:
     label, rows = cut.place(z)
     return basins.weigh(cut, label, rows, path, n_chains, rng)
 
