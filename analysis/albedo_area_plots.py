@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import draw_line, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.albedo_area.inversion import Inversion
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
             here = few.which == m
             if not np.any(here):
                 continue
-            x, y = place(*lon_lat(few.normals[here]))
+            x, y = place(*lon_lat_deg(few.normals[here]))
             axes.scatter(
                 x,
                 y,

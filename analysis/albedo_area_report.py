@@ -10,8 +10,8 @@ import numpy as np
 
 from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.numerals import show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.albedo_area.inversion import Inversion
 
 NAME = "albedo_area"
@@ -110,7 +110,7 @@ def _facets(result: Inversion) -> list[dict[str, Any]]:
     spread = [None] * len(few.areas)
     if result.draws is not None:
         spread = list(np.linalg.norm(result.draws.vectors, axis=2).std(axis=0))
-    lon, lat = lon_lat(few.normals)
+    lon, lat = lon_lat_deg(few.normals)
     return [
         {
             "normal": few.normals[i],

@@ -10,10 +10,10 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import digits, show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.geometry.times import Times
 from lcbayes.inversion.glints.attitude import Glints
 from lcbayes.inversion.glints.detect import Glint
@@ -38,7 +38,7 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
     panel = result.panel
     rows = []
     for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
-        lon, lat = lon_lat(seen.bisector)
+        lon, lat = lon_lat_deg(seen.bisector)
         rows.append(
             vars(one)
             | {
@@ -80,7 +80,7 @@ def _sharp(result: Glints, i: int) -> bool:
 
 
 def _direction(d: Direction) -> dict[str, Any]:
-    lon, lat = lon_lat(d.vector)
+    lon, lat = lon_lat_deg(d.vector)
     longer, shorter = d.ellipse
     return {
         "vector": d.vector,
@@ -129,7 +129,7 @@ def _table(result: Glints, curve: LightCurve) -> list[str]:
     head = row.format("", "time", "pass", "width", "height", "sigma", "direction", "")
     lines = [head.rstrip()]
     for i, one in enumerate(result.glints[:LISTED]):
-        lon, lat = (show(float(x), 10.0) for x in lon_lat(result.seen[i].bisector))
+        lon, lat = (show(float(x), 10.0) for x in lon_lat_deg(result.seen[i].bisector))
         narrow = [] if one.resolved else ["not resolved"]
         wire = ["wire-like"] if _sharp(result, i) else []
         lines.append(
@@ -156,7 +156,7 @@ def _time(one: Glint, curve: LightCurve) -> str:
 
 
 def _where(d: Direction) -> str:
-    lon, lat = lon_lat(d.vector)
+    lon, lat = lon_lat_deg(d.vector)
     longer, shorter = np.degrees(d.ellipse)
     return (
         f"({show(float(lon), shorter)}, {show(float(lat), shorter)}) deg, "
@@ -220,7 +220,7 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     b = np.array([s.bisector for s in result.seen])
-    x, y = place(*lon_lat(b))
+    x, y = place(*lon_lat_deg(b))
     axes.plot(x, y, ".", ms=5, color=DATA, label="bisectors at glints")
     known = [("facet, 90 %", f, colour(1), 1.0) for f in result.facets]
     if result.cylinder is not None:
@@ -234,7 +234,7 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
     for name, d, hue, sign in known:
         label = None if name in said else name
         draw_line(axes, sign * _outline(d), color=hue, lw=1.3, label=label)
-        x, y = place(*lon_lat(sign * d.vector))
+        x, y = place(*lon_lat_deg(sign * d.vector))
         axes.plot(x, y, "+", ms=7, color=hue)
         said.add(name)
     figure.legend(loc="outside lower center", ncols=3)

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import date, duration
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+from lcbayes.data.segments import Gap, split
 
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
+PANEL = Gap(1800.0, 30.0)  # between the panels of a figure
+CONNECTED = Gap(0.0, 10.0)  # across which no band is drawn
 SPARSE = 3600.0  # s; points farther apart are not joined
 FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -30,19 +33,15 @@ class Segment:
 
 def segments(results: Results) -> list[Segment]:
     """Split the light curve by `curve`, site and at long gaps; lone points stay together."""
-    whole, split = [], []
+    whole, panels = [], []
     sites = results.labels.get("site", np.full(results.t.size, ""))
     for c, site in sorted(set(zip(results.curve.tolist(), sites.tolist(), strict=True))):
         points = np.flatnonzero((results.curve == c) & (sites == site))
         whole.append(Segment(points, c, site))
-        steps = np.diff(results.t[points])
-        if steps.size == 0:
-            split.append(whole[-1])
-            continue
-        gaps = np.flatnonzero(steps > max(30 * float(np.median(steps)), 1800.0)) + 1
-        split += [Segment(part, c, site) for part in np.split(points, gaps)]
-    mean_size = results.t.size / len(split)
-    chosen = whole if len(split) > len(whole) and mean_size < 5 else split
+        parts = split(results.t[points], np.zeros(points.size, int), PANEL)
+        panels += [Segment(points[rows], c, site) for rows in parts]
+    mean_size = results.t.size / len(panels)
+    chosen = whole if len(panels) > len(whole) and mean_size < 5 else panels
     return sorted(chosen, key=lambda s: results.t[s.points[0]])
 
 
@@ -102,11 +101,7 @@ def _label(results: Results) -> tuple[str, float]:
 
 def runs(x: Floats) -> list[NDArray[np.int64]]:
     """Stretches without a gap, over which a band may be drawn: nothing is said in between."""
-    steps = np.diff(x)
-    if steps.size == 0:
-        return [np.arange(x.size)]
-    gaps = np.flatnonzero(steps > 10 * float(np.median(steps))) + 1
-    return np.split(np.arange(x.size), gaps)
+    return split(x, np.zeros(x.size, int), CONNECTED)
 
 
 def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.simulation.observability.summary import Findings
 
 Floats = NDArray[np.float64]
@@ -157,21 +157,27 @@ def _hemisphere(found: Findings, gallery: Gallery) -> Image:
     )
     path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
     axes.plot(
-        *place(*lon_lat(m.obs_body[path])),
+        *place(*lon_lat_deg(m.obs_body[path])),
         ".",
         ms=1.6,
         color="white",
         alpha=0.7,
         label="observer, all measurements",
     )
-    axes.plot(*place(*lon_lat(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
+    axes.plot(*place(*lon_lat_deg(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
     axes.plot(
-        *place(*lon_lat(m.sun_body[i])), "*", ms=13, color="#ffd23f", mec=INK, mew=0.6, label="Sun"
+        *place(*lon_lat_deg(m.sun_body[i])),
+        "*",
+        ms=13,
+        color="#ffd23f",
+        mec=INK,
+        mew=0.6,
+        label="Sun",
     )
     body = found.scenario.body
     if len(body.areas) <= 40:
         axes.plot(
-            *place(*lon_lat(body.normals)),
+            *place(*lon_lat_deg(body.normals)),
             "s",
             ms=5,
             mfc="none",
@@ -203,7 +209,7 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     order = np.argsort(share)
     both = np.concatenate([g[order], -g[order]])
     picture = axes.scatter(
-        *place(*lon_lat(both)),
+        *place(*lon_lat_deg(both)),
         c=np.tile(share[order], 2) * DECADES - DECADES,
         s=10,
         cmap=CMAP,
@@ -215,7 +221,7 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03, label="log₁₀ of information, best = 0")
     for row, (name, hue) in enumerate((("n₁", PALETTE[1]), ("n₂", PALETTE[3]))):
         ends = np.stack([m.nullspace[i, row], -m.nullspace[i, row]])
-        lon, lat = place(*lon_lat(ends))
+        lon, lat = place(*lon_lat_deg(ends))
         axes.plot(
             lon,
             lat,

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
-from lcbayes.inversion.attitude_scan.grid import HOUR
-from lcbayes.inversion.attitude_scan.result import Found, Solution, lon_lat, readable_period
+from lcbayes.core.constants import HOUR_S
+from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.inversion.attitude_scan.result import Found, Solution, readable_period
 from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
@@ -57,7 +58,7 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
             continue  # of another period than the map
         assert s.pole is not None
-        x, y = place(*map(np.array, lon_lat(s.pole)))
+        x, y = place(*map(np.array, lon_lat_deg(s.pole)))
         _ring(axes, float(x), float(y), str(i + 1))
     frame = FRAMES.get(found.frame, found.frame)
     caption = (
@@ -96,7 +97,7 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     scaled = np.log(ends) if wide else ends
     scaled = scaled + MARGIN * np.ptp(scaled) * np.array([-1.0, 1.0])
     first, last = np.exp(scaled) if wide else scaled
-    reached = 1.0 / (HOUR * table.frequency)
+    reached = 1.0 / (HOUR_S * table.frequency)
     shown = (reached >= first) & (reached <= last)
     reached, worse = reached[shown], np.sqrt(table.chi2[shown] / table.chi2.min())
     unit, name = readable_period(shortest)
@@ -172,7 +173,7 @@ def _numbers(
     places: list[list[Any]] = []
     reach = 0.02 * (shown[1] - shown[0])
     for i, s in _spins(found):
-        at = 1.0 / (HOUR * (s.frequency or np.inf))
+        at = 1.0 / (HOUR_S * (s.frequency or np.inf))
         if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not shown[0] <= at <= shown[1]:
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)

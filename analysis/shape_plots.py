@@ -13,6 +13,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import FAINT, Gallery, Image, colour
 from lcbayes.core.errors import InputError
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron
@@ -129,7 +130,7 @@ def _view(lon: float, lat: float) -> Floats:
     """Rows: right, up and towards the reader, of a reader at this longitude and latitude."""
     a, b = np.radians([lon, lat])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
-    towards = np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    towards = unit_vector(a, b)
     return np.stack([right, np.cross(towards, right), towards])
 
 

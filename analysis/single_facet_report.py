@@ -10,9 +10,9 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.light_curve_plots import runs
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
 NAME = "single_facet"
@@ -35,7 +35,7 @@ def write(result: SingleFacet, folder: Path, about: Mapping[str, Any]) -> None:
 
 def numbers(result: SingleFacet) -> dict[str, Any]:
     """The content of `single_facet.json`: body axes of the law, degrees, s, m²."""
-    lon, lat = lon_lat(result.normal[None])
+    lon, lat = lon_lat_deg(result.normal[None])
     return {
         "n_obs": len(result.seen.t),
         "trusted": not result.reasons,
@@ -70,7 +70,7 @@ def words(result: SingleFacet) -> list[str]:
     )
     if result.reasons:
         return lines
-    lon, lat = lon_lat(result.normal[None])
+    lon, lat = lon_lat_deg(result.normal[None])
     lines.append(
         f"the facet's normal, body axes of {result.law}: azimuth {lon[0]:.1f} deg, latitude "
         f"{lat[0]:.1f} deg{_side(result)}; with 90 % probability within "
@@ -165,13 +165,13 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
     axes = mollweide(figure)
     cloud = result.normals[result.region]
     cloud = cloud[:: max(1, len(cloud) // 4000)]
-    x, y = place(*lon_lat(cloud))
+    x, y = place(*lon_lat_deg(cloud))
     axes.plot(x, y, ".", ms=3, mew=0, color=colour(0), label="90 % region", rasterized=True)
-    x, y = place(*lon_lat(result.normal[None]))
+    x, y = place(*lon_lat_deg(result.normal[None]))
     axes.plot(x, y, "o", ms=13, mfc="none", mec=DATA, mew=1.2, label="best normal")
     if result.law in FLYING:
         for name, v in SIDES.items():
-            x, y = place(*lon_lat(np.array([v], float)))
+            x, y = place(*lon_lat_deg(np.array([v], float)))
             short = name.split()[1] if name.startswith("the ") else name
             shift = (-14, -9) if name == "aft" else (0, 8 * np.sign(y[0]) if y[0] else -9)
             axes.annotate(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lcbayes.analysis.numerals import show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Spin
 
@@ -34,7 +34,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"longest pass: {show(folded, spread)} ± {show(spread, spread)} s)"
         )
     for s in result.solutions[:MOST_SOLUTIONS]:
-        lon, lat = lon_lat(s.pole)
+        lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
         lines.append(
@@ -159,7 +159,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     inside = sky.region()
-    x, y = place(*lon_lat(sky.poles[inside]))
+    x, y = place(*lon_lat_deg(sky.poles[inside]))
     weight = sky.weight.sum(axis=1)[inside]
     size = 1.0e4 * sky.cell
     axes.scatter(
@@ -174,7 +174,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
         label="90 % region",
     )
     for i, s in enumerate(result.solutions[:MOST_SOLUTIONS]):
-        x, y = place(*lon_lat(s.pole))
+        x, y = place(*lon_lat_deg(s.pole))
         axes.scatter(
             x,
             y,

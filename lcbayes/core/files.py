@@ -16,7 +16,7 @@ import numpy as np
 
 from lcbayes.core.errors import InputError
 
-MOST_BYTES = 512 << 20
+MAX_BYTES = 512 << 20
 _GZIP = b"\x1f\x8b"
 PIECE = 1 << 20  # bytes to look at before more are read
 
@@ -45,7 +45,7 @@ def printable(path: str | os.PathLike[str]) -> str:
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
     """What a file of text holds; what its size or its beginning rules out is not read.
 
     Raises

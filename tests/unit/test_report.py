@@ -254,13 +254,6 @@ def test_dates_and_durations():
     assert duration(25 * 365.25 * 86400) == "25 years"
 
 
-def test_unwrap_keeps_angles_together():
-    draws = np.array([[359.0, 1.0, 3.0, 357.0]])
-    moved = quantities.unwrap(draws, 360.0)
-    assert np.ptp(moved) == pytest.approx(6.0)
-    assert np.cos(np.radians(moved)) == pytest.approx(np.cos(np.radians(draws)))
-
-
 def test_passes_are_told_apart_and_lone_points_are_not():
     def split(t, curve):
         results = SimpleNamespace(t=np.asarray(t, float), curve=np.asarray(curve), labels={})

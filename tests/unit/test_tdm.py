@@ -106,7 +106,7 @@ def times_overhead(first, second):
     )
     high = [int(k) for k in np.flatnonzero(altitude > 20.0)]
     first_pass = high[0]
-    return [(time[k].isot, 5.0) for k in (first_pass, first_pass + 1)]
+    return [(str(time.isot[k]), 5.0) for k in (first_pass, first_pass + 1)]
 
 
 @pytest.mark.parametrize(
