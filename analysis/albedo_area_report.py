@@ -159,9 +159,9 @@ def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
     return {
         "n_faces": len(body.faces),
         "dimensions": size if calibrated else size / size.min(),
-        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore
+        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
         "volume": body.volume if calibrated else None,
-        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore
+        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
         "volume_finer_facets": result.finer_volume if calibrated else None,
         "moments_of_inertia": moments if calibrated else moments / moments.min(),
         "principal_axes": axes,

@@ -132,7 +132,7 @@ def _hemisphere(found: Findings, gallery: Gallery) -> Image:
     x, y = np.meshgrid(
         np.radians(0.5 * (lon[1:] + lon[:-1])), np.radians(0.5 * (lat[1:] + lat[:-1]))
     )
-    directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore
+    directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore[reportArgumentType]
     information = found.map_information(directions.reshape(-1, 3)).reshape(x.shape)
     positive = np.where(information > 0.0, information, np.nan)
     top = float(np.nanmax(positive))

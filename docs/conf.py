@@ -13,7 +13,7 @@ sys.path.insert(0, str(ROOT))
 project = "lcbayes"
 author = "The lcbayes developers"
 version = release = re.search(  # type: ignore[union-attr]
-    r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.M
+    r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
 )[1]
 
 extensions = [

@@ -264,7 +264,7 @@ def test_unwrap_keeps_angles_together():
 def test_passes_are_told_apart_and_lone_points_are_not():
     def split(t, curve):
         results = SimpleNamespace(t=np.asarray(t, float), curve=np.asarray(curve), labels={})
-        return [list(s.points) for s in light_curve_plots.segments(results)]  # pyright: ignore
+        return [list(s.points) for s in light_curve_plots.segments(results)]  # pyright: ignore[reportArgumentType]
 
     two = [*range(0, 60, 5), *range(9000, 9060, 5)]
     assert [len(p) for p in split(two, [0] * 24)] == [12, 12]
