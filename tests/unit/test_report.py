@@ -169,7 +169,7 @@ def test_asteroid_gets_a_body_and_both_poles(asteroid):
     text = page(asteroid).text
     for words in ("253.", "70.", "5.761980", "ecliptic J2000", "dark in every draw", "300 values"):
         assert (words in text) == (words != "300 values")
-    assert "The 12 of 14 stretches" in text
+    assert "The 12 most informative of 14 segments" in text
     assert "The convex body" in text
     assert "log_sigma" not in text
     assert "expected[" not in text
