@@ -15,9 +15,9 @@ from lcbayes.analysis import observability_plots as plots
 from lcbayes.analysis import style
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.pages import environment
-from lcbayes.core.files import write_atomic
-from lcbayes.results.folder import alone_in, installed_version
-from lcbayes.results.posterior import save_json
+from lcbayes.core.files import write_atomic, write_json
+from lcbayes.core.version import installed_version
+from lcbayes.results.folder import alone_in
 from lcbayes.simulation.observability import summary
 from lcbayes.simulation.observability.summary import Findings
 
@@ -53,7 +53,7 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
         else:
             rows = summary.table(content["plan"]["schedule"], content["plan"]["unit"])
             write_atomic(folder / SCHEDULE, lambda p: p.write_text(rows, encoding="utf-8"))
-        save_json(content, folder / NUMBERS)
+        write_json(content, folder / NUMBERS)
         return folder / NUMBERS
 
 

@@ -8,13 +8,17 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.style import Gallery, drawing
 from lcbayes.core.errors import InputError
-from lcbayes.results.folder import installed_version, put_in_place
-from lcbayes.results.posterior import save_json
+from lcbayes.core.files import write_json
+from lcbayes.core.version import installed_version
+from lcbayes.results.folder import put_in_place
+
+if TYPE_CHECKING:
+    from lcbayes.results.result import Result
 
 UNTRUSTED = "NOT to be trusted"
 
@@ -51,7 +55,7 @@ def write(
     try:
         figures = scratch / "figures"
         figures.mkdir(mode=0o755)
-        save_json(content, scratch / f"{name}.json")
+        write_json(content, scratch / f"{name}.json")
         (scratch / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
         with drawing():
             gallery = Gallery(figures)
@@ -79,6 +83,42 @@ def write(
         put_in_place(scratch, folder)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def write_page(
+    folder: Path,
+    result: Result,
+    draw: Callable[[Gallery], None],
+    refused: str = UNTRUSTED,
+) -> None:
+    """Write ``report.html`` and ``figures/`` of a result without a posterior.
+
+    Parameters
+    ----------
+    folder : where the numbers are
+    draw : puts its figures into the gallery it is given
+    refused : heading of the reasons, where there are some
+    """
+    figures = folder / "figures"
+    figures.mkdir()
+    with drawing():
+        gallery = Gallery(figures)
+        draw(gallery)
+    content = result.content
+    page = (
+        environment()
+        .get_template("small.html.j2")
+        .render(
+            title=Path(str(content.get("curve", ""))).name or result.task,
+            what=result.task.replace("-", " "),
+            refused=refused[:1].upper() + refused[1:],
+            content=content | {"reasons": [reason.text for reason in result.reasons]},
+            lines=result.lines(),
+            images=gallery.images,
+            version=installed_version(),
+        )
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def tell(folder: Path, name: str, lines: Sequence[str], as_json: bool) -> None:

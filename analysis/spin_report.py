@@ -1,94 +1,24 @@
-"""What `lcbayes spin` writes: the numbers, the words and the figures."""
+"""The words and figures of `lcbayes spin`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.pole import azimuths
-from lcbayes.inversion.spin.sidereal import Solution, Spin
+from lcbayes.inversion.spin.sidereal import Spin
 
-NAME = "spin"
 REFUSED = "no pole and no sidereal period"
-HOUR = 3600.0
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # in the figure; in the text
 
 
-def write(result: Spin, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
-    """`spin.json`, `spin.txt` and `figures/`."""
-    content = dict(about) | numbers(result, curve)
-    lines = words(result, curve)
-    small_report.write(
-        folder, NAME, content, lines, lambda g: draw(result, curve, g), refused=REFUSED
-    )
-
-
-def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
-    """The content of `spin.json`."""
-    base, sky, windows = result.base, result.sky, result.windows
-    return {
-        "n_obs": curve.n_obs,
-        "passes": [
-            {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
-        ],
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "notes": result.notes,
-        "conditions": [vars(c) for c in result.conditions],
-        "false_alarm_probability": result.false_alarm,
-        "photometric_period_s": None if base is None else 1.0 / base,
-        "harmonics": result.harmonics,
-        "repeatability": result.skill,
-        "epoch_folding": None
-        if result.folded is None
-        else {
-            "period_s": 1.0 / result.folded[0],
-            "period_sd_s": result.folded[1] / result.folded[0] ** 2,
-        },
-        "synodic": None
-        if windows is None
-        else {
-            "t": windows.t,
-            "period_s": 1.0 / windows.frequency,
-            "period_sd_s": windows.error / windows.frequency**2,
-            "pass": windows.which,
-        },
-        "solutions": [_solution(s) for s in result.solutions],
-        # of the fit, where one was made: not to be read as an answer where a condition fails
-        "sky_fraction": None if sky is None else sky.area,
-        "symmetry": None if sky is None else sky.symmetry,
-        "shape_shift_deg": None if sky is None else sky.shape_deg,
-        "chi2": None if sky is None else sky.chi2,
-        "dof": None if sky is None else sky.freedom,
-    }
-
-
-def _solution(s: Solution) -> dict[str, Any]:
-    lon, lat = lon_lat(s.pole)
-    return {
-        "pole_lon_deg": float(lon),
-        "pole_lat_deg": float(lat),
-        "radius_deg": float(np.degrees(s.radius)),
-        "period_h": 1.0 / s.frequency / HOUR,
-        "period_s": 1.0 / s.frequency,
-        "period_sd_s": s.error / s.frequency**2,
-        "cycles_per_turn": s.multiple,
-        "weight": s.weight,
-    }
-
-
 def words(result: Spin, curve: LightCurve) -> list[str]:
-    """The result as text; caveats come first."""
-    lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
+    """The result as text, without the verdict."""
+    lines: list[str] = []
     if len(result.solutions) > 1:
         lines.append(f"{len(result.solutions)} solutions: the periods do not distinguish them")
     left = curve.n_obs - sum(p.t.size for p in result.passes)

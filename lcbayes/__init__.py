@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lcbayes.tasks.fit.run import fit as fit
     from lcbayes.tasks.scan.run import Scan as Scan
     from lcbayes.tasks.scan.run import scan as scan
+    from lcbayes.tasks.spin.run import spin as spin
 
 _HOMES = {
     "Batch": "lcbayes.tasks.batch.run",
@@ -34,6 +35,7 @@ _HOMES = {
     "fit": "lcbayes.tasks.fit.run",
     "read": "lcbayes.data.read",
     "scan": "lcbayes.tasks.scan.run",
+    "spin": "lcbayes.tasks.spin.run",
     "write": "lcbayes.data.write",
 }
 __all__ = [
@@ -48,6 +50,7 @@ __all__ = [
     "fit",
     "read",
     "scan",
+    "spin",
     "write",
 ]
 

@@ -7,9 +7,14 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
+from typing import Any
 
+from lcbayes.cli import task
+from lcbayes.cli.options import join_negative_values
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
+from lcbayes.tasks.task import Task
 
 COMMANDS = (
     "simulate",
@@ -30,6 +35,8 @@ COMMANDS = (
     "models",
     "doctor",
 )
+
+TASKS = ("spin",)
 
 EPILOG = """\
 examples:
@@ -52,6 +59,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
+        if name in TASKS:
+            _add_task(commands, name)
+            continue
         module = import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}")
         sub = commands.add_parser(
             name,
@@ -65,6 +75,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_task(commands: Any, name: str) -> None:
+    declared: Task = import_module(f"lcbayes.tasks.{name.replace('-', '_')}.options").TASK
+    parser = commands.add_parser(
+        name,
+        help=declared.summary,
+        description=declared.summary[0].upper() + declared.summary[1:] + ".",
+        epilog=declared.details,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    task.add_arguments(parser, declared)
+    parser.set_defaults(run=partial(task.run, task=declared))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit status."""
     for name in ("stdout", "stderr"):
@@ -75,11 +98,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     parser = _parser()
     try:
-        args = parser.parse_args(argv)
+        words = join_negative_values(sys.argv[1:] if argv is None else argv)
+        args = parser.parse_args(words)
     except SystemExit as stop:  # argparse has said what is wrong
         return int(stop.code or 0)
     if args.version:
-        from lcbayes.results.folder import installed_version
+        from lcbayes.core.version import installed_version
 
         print(f"lcbayes {installed_version()}")
         return 0

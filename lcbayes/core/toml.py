@@ -1,16 +1,19 @@
-"""Reading TOML files with messages that name file, line, table, key and what is expected."""
+"""TOML: writing, and reading with messages that name file, line, key and what is expected."""
 
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import re
 import sys
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import printable, read_bytes
@@ -267,3 +270,22 @@ def _dotted(place: Place, root: str = "the file") -> str:
     for part in place:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
     return text or root
+
+
+def to_toml(content: Mapping[str, Any]) -> str:
+    """TOML of a table of scalars and one level of tables."""
+    lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
+    for name, table in content.items():
+        if isinstance(table, Mapping):
+            lines += ["", f"[{name}]", *(f"{k} = {_toml_value(v)}" for k, v in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    return json.dumps(printable(str(value)), ensure_ascii=False)

@@ -63,8 +63,8 @@ class LightCurve:
     extra : mapping
         Columns of the file that have no meaning here, (T,) each, kept as they are.
     source : mapping
-        Where the curve came from: ``file``, ``format``, ``sha256``; ``notes`` says what a reader
-        left out or assumed.
+        Where the curve came from: ``file``, ``format``, ``sha256``, ``tle_sha256``; ``reading`` is
+        the options it was read with (JSON), and ``notes`` says what a reader left out or assumed.
 
     Raises
     ------

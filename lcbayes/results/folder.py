@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lcbayes.core.checkpoint import IDENTITY
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import printable
+from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 
 LOCK, RECORD = ".lock", "run.toml"
@@ -102,33 +98,6 @@ def alone_in(out: str | Path | None, written: Iterable[str]) -> Iterator[Path | 
 def _worked_in(folder: Path) -> bool:
     """Whether a run has left more there than it begins with."""
     return any(p.is_file() and p.name not in (LOCK, IDENTITY) for p in folder.rglob("*"))
-
-
-def to_toml(content: Mapping[str, Any]) -> str:
-    """TOML of a table of scalars and one level of tables."""
-    lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
-    for name, table in content.items():
-        if isinstance(table, Mapping):
-            lines += ["", f"[{name}]", *(f"{k} = {_toml_value(v)}" for k, v in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    return json.dumps(printable(str(value)), ensure_ascii=False)
-
-
-def installed_version() -> str:
-    """Of lcbayes."""
-    try:
-        return version("lcbayes")
-    except PackageNotFoundError:  # an uninstalled checkout
-        return "0+checkout"
 
 
 def record(

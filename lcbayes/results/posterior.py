@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -203,21 +202,3 @@ def _without_cluster() -> AbstractContextManager[Any]:
     in memory has none."""
     dask = sys.modules.get("dask")
     return nullcontext() if dask is None else dask.config.set(scheduler="threads")
-
-
-def save_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write JSON; a number that is none is null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {str(k): plain(v) for k, v in value.items()}
-        if isinstance(value, list | tuple | np.ndarray):
-            return [plain(v) for v in value]
-        if isinstance(value, np.generic):
-            value = value.item()
-        if isinstance(value, float) and not np.isfinite(value):
-            return None
-        return value
-
-    text = json.dumps(plain(content), indent=1) + "\n"
-    write_atomic(path, lambda p: p.write_text(text, encoding="utf-8"))

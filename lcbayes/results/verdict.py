@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lcbayes.core.files import write_atomic
-from lcbayes.results.folder import to_toml
+from lcbayes.core.toml import to_toml
 
 
 class Judged:
@@ -32,9 +32,9 @@ class Judged:
         return self._summary
 
     def _write(self, folder: Path, name: str) -> None:
-        from lcbayes.results.posterior import save_json
+        from lcbayes.core.files import write_json
 
-        save_json(self._summary, folder / name)
+        write_json(self._summary, folder / name)
         write_atomic(
             folder / "run.toml", lambda p: p.write_text(to_toml(self._run), encoding="utf-8")
         )

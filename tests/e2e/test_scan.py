@@ -13,8 +13,8 @@ from refusals import assert_refused
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.core.files import write_json
 from lcbayes.physics.bodies import shapes
-from lcbayes.results.posterior import save_json
 
 POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
 QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
@@ -143,7 +143,7 @@ def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
 
 def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
     (tmp_path / "posterior.nc").write_text("")
-    save_json({"model": "faceted"}, tmp_path / "summary.json")
+    write_json({"model": "faceted"}, tmp_path / "summary.json")
     _, argv, _ = asteroid
     assert main.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT
     assert "holds a fit; give another folder" in capsys.readouterr().err

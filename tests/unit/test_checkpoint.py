@@ -13,9 +13,10 @@ import pytest
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
+from lcbayes.core.toml import to_toml
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import digest
-from lcbayes.results.folder import REPORT, alone_in, made_aside, to_toml
+from lcbayes.results.folder import REPORT, alone_in, made_aside
 
 IDENTITY = {"seed": 1, "model": "faceted"}
 

@@ -13,8 +13,9 @@ from typing import Any
 from lcbayes.core.cluster import Run, crew
 from lcbayes.core.files import write_atomic
 from lcbayes.core.progress import Silent
+from lcbayes.core.version import installed_version
 from lcbayes.results import catalogue as table
-from lcbayes.results.folder import alone_in, installed_version, made_aside, make_folder
+from lcbayes.results.folder import alone_in, made_aside, make_folder
 from lcbayes.results.verdict import Judged
 from lcbayes.tasks.batch import worker
 from lcbayes.tasks.batch.objects import Object, objects

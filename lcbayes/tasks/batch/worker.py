@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
+from lcbayes.core.version import installed_version
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
-from lcbayes.results.folder import installed_version
 from lcbayes.tasks.batch.objects import PATHS, Object
 
 if TYPE_CHECKING:

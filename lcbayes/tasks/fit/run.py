@@ -14,15 +14,9 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import printable
 from lcbayes.core.progress import Silent
+from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.results.folder import (
-    REPORT,
-    alone_in,
-    installed_version,
-    made_aside,
-    make_folder,
-    record,
-)
+from lcbayes.results.folder import REPORT, alone_in, made_aside, make_folder, record
 from lcbayes.results.verdict import Judged
 
 if TYPE_CHECKING:

@@ -1,0 +1,53 @@
+"""Options of tasks on the command line."""
+
+from __future__ import annotations
+
+import argparse
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from typing import Any
+
+from lcbayes.core.options import Option, Options, declared_options
+
+
+def add_options(parser: ArgumentParser, options: type[Options]) -> None:
+    """Add a flag for every option; its absence leaves the default to the options."""
+    for name, declared in declared_options(options).items():
+        names = [declared.flag]
+        if declared.declared.short:
+            names.insert(0, f"-{declared.declared.short}")
+        parser.add_argument(*names, dest=name, **_keywords(declared))
+
+
+def _keywords(declared: Option) -> dict[str, Any]:
+    text = declared.description.replace("%", "%%")
+    common = {"default": argparse.SUPPRESS, "help": text}
+    if declared.kind is bool:
+        return common | {"action": "store_true"}
+    d = declared.declared
+    choices = "{" + ",".join(d.choices) + "}" if d.choices else None
+    placeholder = d.metavar or choices or {int: "N", float: "X"}.get(declared.kind, "TEXT")
+    if declared.repeated and d.parse is None:
+        common["action"] = "append"
+    return common | {"metavar": placeholder}
+
+
+def options_from(args: Namespace, options: type[Options]) -> dict[str, Any]:
+    """The options that were given, as text."""
+    return {name: vars(args)[name] for name in declared_options(options) if name in args}
+
+
+def join_negative_values(argv: Sequence[str]) -> list[str]:
+    """``--site -47.06,15.49,490`` as ``--site=-47.06,15.49,490``.
+
+    A value that begins with a minus sign and a digit would be taken for an option.
+    """
+    joined: list[str] = []
+    for word in argv:
+        negative = word[:1] == "-" and word[1:2] in ".0123456789" and len(word) > 1
+        option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
+        if negative and option:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined

@@ -1,0 +1,242 @@
+"""Options of tasks, declared once: type, unit, range, default and one line of help.
+
+A task declares its options as a frozen dataclass whose fields are made by `option`:
+
+    @dataclass(frozen=True)
+    class SpinOptions(Options):
+        shuffles: int = option(199, low=99, help="permutations of the test for periodicity")
+        max_age: float = option(30.0, unit="days", above=0.0, help="oldest elements to accept")
+
+The fields make the Python signature and its documentation, the command line, ``run.toml`` and the
+columns of a catalogue. Values are checked when the object is made, wherever they came from.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Self, get_args, get_origin, get_type_hints
+
+from lcbayes.core.errors import InputError
+
+_KEY = "option"
+_BOOL = {"true": True, "false": False}
+_EXPECTED = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a field says of itself beyond its type and default.
+
+    Attributes
+    ----------
+    help : one line without a full stop
+    unit : of the value, as printed
+    low, high : inclusive bounds
+    above : exclusive lower bound
+    choices : the values allowed
+    metavar : the placeholder on the command line
+    flag : name on the command line where it is not the field's name
+    short : single letter on the command line
+    parse : turns the text of the command line or of ``run.toml`` into the value
+    """
+
+    help: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    above: float | None = None
+    choices: tuple[str, ...] = ()
+    metavar: str | None = None
+    flag: str | None = None
+    short: str | None = None
+    parse: Callable[[str], Any] | None = None
+
+
+def option(default: Any = MISSING, *, help: str, **declared: Any) -> Any:
+    """A field of an options dataclass; see `Declaration` for what can be declared."""
+    metadata = {_KEY: Declaration(help, **declared)}
+    if isinstance(default, list | dict):
+        return dataclasses.field(default_factory=default.copy, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: its field's name, type and default with what was declared.
+
+    Attributes
+    ----------
+    kind : int, float, bool, str or Path
+    optional : whether None is allowed
+    repeated : whether the value is a tuple of ``kind``
+    """
+
+    name: str
+    kind: type
+    optional: bool
+    repeated: bool
+    default: Any
+    declared: Declaration
+
+    @property
+    def required(self) -> bool:
+        return self.default is MISSING
+
+    @property
+    def flag(self) -> str:
+        """The long option on the command line."""
+        return "--" + (self.declared.flag or self.name).replace("_", "-")
+
+    @property
+    def description(self) -> str:
+        """Help with the unit, the choices and the default."""
+        d = self.declared
+        notes = [d.unit] if d.unit else []
+        if d.choices and d.metavar is not None:
+            notes.append(f"one of {', '.join(d.choices)}")
+        if not self.required and self.default not in (None, "", ()) and self.kind is not bool:
+            shown = ",".join(map(str, self.default)) if self.repeated else self.default
+            notes.append(f"default {shown}")
+        return d.help + (f" ({'; '.join(notes)})" if notes else "")
+
+    def check(self, value: Any) -> Any:
+        """The value in its type.
+
+        Raises
+        ------
+        InputError
+            It has another type or lies outside the range.
+        """
+        if value is None and self.optional:
+            return None
+        if self.declared.parse is not None and isinstance(value, str):
+            value = self.declared.parse(value)
+            if not self.repeated and not isinstance(value, self.kind):
+                return value
+        if self.repeated:
+            items = value if isinstance(value, tuple | list) else (value,)
+            return tuple(self._one(v) for v in items)
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        try:
+            converted = self._converted(value)
+        except (TypeError, ValueError, KeyError, OverflowError):
+            expected = _EXPECTED.get(self.kind, "a path")
+            raise InputError(
+                f"{self.flag} is {value!r}; expected {expected}{self._range()}"
+            ) from None
+        d = self.declared
+        if d.choices and converted not in d.choices:
+            raise InputError(f"{self.flag} is {value!r}; available: {', '.join(d.choices)}")
+        outside = self.kind in (int, float) and not (
+            (d.low is None or converted >= d.low)
+            and (d.high is None or converted <= d.high)
+            and (d.above is None or converted > d.above)
+        )
+        if outside:
+            expected = _EXPECTED[self.kind]
+            raise InputError(f"{self.flag} is {value!r}; expected {expected}{self._range()}")
+        return converted
+
+    def _converted(self, value: Any) -> Any:
+        if self.kind is Path:
+            return Path(value)
+        if self.kind is bool:
+            if isinstance(value, str):
+                return _BOOL[value.lower()]
+            if not isinstance(value, bool):
+                raise TypeError
+            return value
+        if isinstance(value, bool) and self.kind in (int, float):
+            raise TypeError
+        if self.kind is int:
+            number = int(value)
+            if float(value) != number:
+                raise ValueError
+            return number
+        if self.kind is float:
+            number = float(value)
+            if not math.isfinite(number):
+                raise ValueError
+            return number
+        if not isinstance(value, str):
+            raise TypeError
+        return value
+
+    def _range(self) -> str:
+        """The range in words, with the unit."""
+        d = self.declared
+        unit = f" {d.unit}" if d.unit else ""
+        if d.above is not None:
+            limit = f" and <= {d.high:g}" if d.high is not None else ""
+            return f" > {d.above:g}{limit}{unit}"
+        if d.low is not None and d.high is not None:
+            return f" from {d.low:g} to {d.high:g}{unit}"
+        if d.low is not None:
+            return f" >= {d.low:g}{unit}"
+        if d.high is not None:
+            return f" <= {d.high:g}{unit}"
+        return unit
+
+
+class Options:
+    """Base of the options of a task: a frozen dataclass whose fields `option` makes."""
+
+    def __post_init__(self) -> None:
+        for name, declared in declared_options(type(self)).items():
+            object.__setattr__(self, name, declared.check(getattr(self, name)))
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """Options from a mapping, as ``run.toml`` and catalogues hold them.
+
+        Raises
+        ------
+        InputError
+            A name is unknown, a required one is missing, or a value is at fault.
+        """
+        known = declared_options(cls)
+        for name in given:
+            if name not in known:
+                raise InputError(f"unknown option {name!r}; available: {', '.join(known)}")
+        for name, declared in known.items():
+            if declared.required and name not in given:
+                raise InputError(f"{declared.flag} is missing; {declared.declared.help}")
+        return cls(**given)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Names and values without those that are None, for ``run.toml``."""
+        values = {name: getattr(self, name) for name in declared_options(type(self))}
+        return {name: v for name, v in values.items() if v is not None}
+
+
+@cache
+def declared_options(cls: type) -> dict[str, Option]:
+    """The options of a dataclass by name, in the order of declaration."""
+    hints = get_type_hints(cls)
+    found = {}
+    for field in dataclasses.fields(cls):
+        if _KEY in field.metadata:
+            found[field.name] = _option(field, hints[field.name])
+    return found
+
+
+def _option(field: Field[Any], hint: Any) -> Option:
+    optional = False
+    if get_origin(hint) is UnionType:
+        arguments = [a for a in get_args(hint) if a is not NoneType]
+        optional = len(arguments) < len(get_args(hint))
+        hint = arguments[0]
+    repeated = get_origin(hint) is tuple
+    kind = get_args(hint)[0] if repeated else hint
+    default = field.default
+    if default is MISSING and field.default_factory is not MISSING:
+        default = field.default_factory()
+    return Option(field.name, kind, optional, repeated, default, field.metadata[_KEY])

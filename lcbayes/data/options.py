@@ -1,0 +1,30 @@
+"""What may have to be said about a light curve before it can be read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lcbayes.core.options import Options, option
+
+
+@dataclass(frozen=True)
+class ReadOptions(Options):
+    """Options of `lcbayes.read`."""
+
+    format: str | None = option(None, help="format of the file; recognised from its content")
+    tle: Path | None = option(None, metavar="FILE", help="two-line elements of the object")
+    columns: str | None = option(
+        None,
+        metavar="NAME=COLUMN,...",
+        help='names of the columns in the file, as mag=V,mag_err=err,utc="Date/Time (UTC)"',
+    )
+    site: str | None = option(
+        None, metavar="LAT,LON,H", help="observer: degrees north, degrees east, metres"
+    )
+    error: float | None = option(
+        None, metavar="SD", help="one error for all points, instead of the file's"
+    )
+    error_floor: float | None = option(
+        None, metavar="SD", help="smallest error to admit; smaller ones are raised to it"
+    )

@@ -1,0 +1,131 @@
+"""What every task returns: a verdict, a table, the data behind it, and how it is written."""
+
+from __future__ import annotations
+
+import html
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lcbayes.core.files import write_json
+from lcbayes.core.reasons import Reason
+from lcbayes.results import store
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DO_NOT_TRUST = "DO NOT TRUST THIS RESULT:"
+
+
+class Result(ABC):
+    """A result of a task.
+
+    Parameters
+    ----------
+    content : mapping
+        What ``summary.json`` holds beside the verdict.
+    reasons : of the verdict; empty where the result is trusted
+    record : mapping
+        What ``run.toml`` holds: how to run it again, and the hashes of what was read.
+
+    Attributes
+    ----------
+    task : name of the task on the command line
+    """
+
+    task: ClassVar[str]
+
+    def __init__(
+        self, content: Mapping[str, Any], reasons: Sequence[Reason], record: Mapping[str, Any]
+    ) -> None:
+        self._content = dict(content)
+        self.reasons = tuple(reasons)
+        self.record = dict(record)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no reason against the result was found."""
+        return not self.reasons
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What ``summary.json`` holds."""
+        verdict = {
+            "schema": store.SCHEMA,
+            "task": self.task,
+            "trusted": self.trusted,
+            "reasons": [reason._asdict() for reason in self.reasons],
+        }
+        return verdict | self._content
+
+    @property
+    def data(self) -> Any:
+        """The numbers behind the summary: a DataTree of draws, or what the task computed."""
+        return self._content
+
+    @abstractmethod
+    def summary(self) -> pd.DataFrame:
+        """The result as a table: one row a quantity or a solution, with units in the columns."""
+
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """The result as lines of text, without the verdict."""
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables to write into ``tables/`` as CSV, by name."""
+        return {}
+
+    def write_files(self, folder: Path) -> None:  # noqa: B027 - most tasks add no files
+        """Write what belongs to the numbers beside the summary, such as draws and shapes."""
+
+    @abstractmethod
+    def write_page(self, folder: Path) -> None:
+        """Write ``report.html`` and ``figures/`` into a folder that holds the numbers."""
+
+    def text(self) -> str:
+        """The verdict, where it is against the result, and the lines."""
+        verdict = [DO_NOT_TRUST, *(f"  - {reason}" for reason in self.reasons)]
+        return "\n".join([*(verdict if self.reasons else []), *self.lines()])
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the numbers: ``summary.json``, ``run.toml``, ``tables/`` and what the task adds.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written or holds results of another task.
+        """
+        with store.results_folder(folder, self.task) as opened:
+            self.write(opened, report=False)
+        return Path(folder)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write what `save` does, the figures and ``report.html``, whose path is returned."""
+        with store.results_folder(folder, self.task) as opened:
+            self.write(opened, report=True)
+        return Path(folder) / "report.html"
+
+    def write(self, folder: store.ResultsFolder, *, report: bool) -> None:
+        """Write into a folder that this process has locked."""
+        with folder.staging() as staging:
+            write_json(self.content, staging / store.SUMMARY)
+            if tables := self.tables():
+                (staging / "tables").mkdir()
+            for name, table in tables.items():
+                table.to_csv(staging / "tables" / f"{name}.csv", index=False, lineterminator="\n")
+            self.write_files(staging)
+            store.write_record(staging, {"task": self.task, **self.record})
+            if report:
+                self.write_page(staging)
+
+    def __repr__(self) -> str:
+        verdict = "trusted" if self.trusted else "NOT to be trusted"
+        return f"<{type(self).__name__}: {verdict}>\n{self.text()}"
+
+    def _repr_html_(self) -> str:
+        verdict = ""
+        if self.reasons:
+            items = "".join(f"<li>{html.escape(reason.text)}</li>" for reason in self.reasons)
+            verdict = f"<p><b>{DO_NOT_TRUST}</b></p><ul>{items}</ul>"
+        return verdict + self.summary().to_html(index=False)

@@ -1,0 +1,169 @@
+"""Results folders: one lock, one staging folder, one way to publish and to guard a folder.
+
+A folder holds the result of one task. What a task writes is made in a staging folder within it and
+put in place file by file when it is complete, so that a run that is killed leaves the earlier
+result as it was. ``run.toml`` records the task, its options, the version, and every input file with
+its hash.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lcbayes.core.checkpoint import IDENTITY, Checkpoint
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import write_atomic
+from lcbayes.core.toml import to_toml
+
+SCHEMA = 2
+RECORD, SUMMARY, LOCK, CHECKPOINT = "run.toml", "summary.json", ".lock", "checkpoint"
+STAGING = ".new-"  # prefix of staging folders
+# What tasks write. Of an earlier result of the same task all of it is removed.
+WRITTEN = (
+    "posterior.nc",
+    SUMMARY,
+    RECORD,
+    "report.html",
+    "figures",
+    "tables",
+    "observability.json",
+    "shape.*",
+    "shape-[0-9]*.*",
+)
+
+
+@dataclass(frozen=True)
+class ResultsFolder:
+    """A results folder that is locked for one run.
+
+    Attributes
+    ----------
+    path : the folder
+    task : name of the task whose results it holds
+    """
+
+    path: Path
+    task: str
+
+    def checkpoint(self, identity: dict[str, Any], say: Callable[[str], None]) -> Checkpoint:
+        """What an earlier run of the same identity left to go on from."""
+        return Checkpoint(self.path / CHECKPOINT, identity, say)
+
+    @contextlib.contextmanager
+    def staging(self) -> Iterator[Path]:
+        """A folder to write a result into; it replaces the earlier result when the block ends."""
+        scratch = Path(tempfile.mkdtemp(prefix=STAGING, dir=self.path))
+        try:
+            yield scratch
+            self._publish(scratch)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+    def _publish(self, scratch: Path) -> None:
+        made = {path.name for path in scratch.iterdir()}
+        if (self.path / RECORD).exists():  # otherwise files of these names are the user's own
+            for old in [path for pattern in WRITTEN for path in self.path.glob(pattern)]:
+                if old.name not in made or old.is_dir():
+                    _remove(old)
+        for name in sorted(made, key=lambda name: name == RECORD):  # the record last
+            os.replace(scratch / name, self.path / name)
+
+
+@contextlib.contextmanager
+def results_folder(out: str | Path, task: str) -> Iterator[ResultsFolder]:
+    """The folder, made if need be, locked, and cleared of what a killed run left unfinished.
+
+    Raises
+    ------
+    InputError
+        It cannot be written, another run is writing into it, or it holds results of another task.
+    """
+    fresh = not Path(out).exists()
+    path = _made(out)
+    check_task(path, task)
+    with open(path / LOCK, "a+", encoding="utf-8") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"another run is writing into {path}; wait for it or choose another folder with -o"
+            ) from None
+        lock.truncate(0)
+        lock.write(task)  # whose checkpoint it is, until a record says so
+        lock.flush()
+        for unfinished in path.glob(f"{STAGING}*"):
+            _remove(unfinished)
+        try:
+            yield ResultsFolder(path, task)
+        except InputError:
+            if fresh and not _has_work(path):  # a refused run leaves nothing behind
+                shutil.rmtree(path, ignore_errors=True)
+            raise
+
+
+def task_of(folder: Path) -> str | None:
+    """The task whose results a folder holds; None where it holds none."""
+    try:
+        content = tomllib.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except OSError:
+        return None
+    except ValueError:
+        content = {}
+    task = content.get("task", "of another version")
+    return task if isinstance(task, str) else None
+
+
+def check_task(folder: Path, task: str) -> None:
+    """An InputError where a folder holds the results of another task."""
+    held = task_of(folder) or _interrupted(folder)
+    if held is not None and held != task:
+        raise InputError(
+            f"the folder {folder} already holds results of lcbayes {held}; choose another with -o"
+        )
+
+
+def _interrupted(folder: Path) -> str | None:
+    """The task of a run that was stopped and can go on."""
+    if not any((folder / CHECKPOINT).glob("*.npz")):
+        return None
+    return (folder / LOCK).read_text(encoding="utf-8") or None if (folder / LOCK).exists() else None
+
+
+def _made(out: str | Path) -> Path:
+    path = Path(out)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise InputError(
+            f"the folder {path} cannot be made ({fault.strerror}); choose another with -o"
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise InputError(f"the folder {path} cannot be written; choose another with -o")
+    return path
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
+def _has_work(path: Path) -> bool:
+    """Whether a run has left more there than it begins with."""
+    return any(p.is_file() and p.name not in (LOCK, IDENTITY) for p in path.rglob("*"))
+
+
+def write_record(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write ``run.toml``."""
+    text = to_toml({"schema": SCHEMA, **record})
+    write_atomic(folder / RECORD, lambda p: p.write_text(text, encoding="utf-8"))

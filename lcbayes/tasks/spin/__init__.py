@@ -1,0 +1,1 @@
+"""`lcbayes spin`: sidereal period and pole from how the synodic period varies."""

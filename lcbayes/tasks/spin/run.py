@@ -1,0 +1,43 @@
+"""`lcbayes.spin`."""
+
+from __future__ import annotations
+
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.spin import estimate
+from lcbayes.tasks.spin.options import TASK, SpinOptions
+from lcbayes.tasks.spin.result import SpinResult
+from lcbayes.tasks.task import Context, task_function
+
+
+@task_function(TASK)
+def spin(curve: LightCurve, options: SpinOptions, context: Context) -> SpinResult:
+    """Sidereal period and pole of a spinning object, without a shape.
+
+    The synodic period varies as the phase-angle bisector turns about the pole; fitted along several
+    passes, the variation gives the pole and the sidereal period.
+
+    {parameters}
+
+    Returns
+    -------
+    SpinResult
+        ``data`` is a `lcbayes.inversion.spin.Spin`; ``summary()`` has one row a solution.
+
+    Raises
+    ------
+    InputError
+        The light curve or an option is at fault.
+
+    References
+    ----------
+    Hall et al. 2007, AMOS Conference, sec. 3.2.
+
+    Examples
+    --------
+    >>> result = lcbayes.spin("passes.csv", shuffles=199, out="spin")   # doctest: +SKIP
+    >>> result.summary()["sidereal_period_s"]                           # doctest: +SKIP
+    """
+    found = estimate(
+        curve, n_shuffles=options.shuffles, seed=options.seed, progress=context.progress
+    )
+    return SpinResult(found, curve)

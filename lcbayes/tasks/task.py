@@ -1,0 +1,203 @@
+"""One shape for every task: a declaration, from which shell and Python take names and defaults.
+
+``tasks/NAME/options.py`` declares the options and a `Task`; it is light, so that the command line
+starts quickly. ``tasks/NAME/run.py`` defines the function that `task_function` makes public;
+``tasks/NAME/result.py`` what it returns.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field
+from functools import wraps
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lcbayes.core.options import Option, Options, declared_options
+from lcbayes.core.progress import Silent
+
+if TYPE_CHECKING:
+    from lcbayes.core.checkpoint import Checkpoint
+    from lcbayes.data.lightcurve import LightCurve
+    from lcbayes.results.result import Result
+    from lcbayes.results.store import ResultsFolder
+
+CURVE = "curve"  # name of the first parameter of tasks that take a light curve
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task as the command line and the documentation name it.
+
+    Attributes
+    ----------
+    name : on the command line, such as "attitude-test"
+    summary : one line, without a capital and a full stop
+    details : what `--help` says below the options: examples, conditions, files written
+    options : the dataclass of its options
+    source : name of its first argument: "curve", "scenario", "folder", "catalogue"
+    source_help : one line about it
+    fully_lit : whether points in the Earth's penumbra are left out before the task starts
+    """
+
+    name: str
+    summary: str
+    details: str
+    options: type[Options]
+    source: str = CURVE
+    source_help: str = "light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
+    fully_lit: bool = False
+
+    @property
+    def function(self) -> str:
+        """Name of the function in Python."""
+        return self.name.replace("-", "_")
+
+
+@dataclass
+class Context:
+    """What a task needs to know of the run it is in.
+
+    Attributes
+    ----------
+    progress : where to report progress
+    folder : the results folder, locked for this run, or None
+    """
+
+    progress: Silent
+    folder: ResultsFolder | None = None
+    _checkpoint: Checkpoint | None = field(default=None, repr=False)
+
+    def checkpoint(self, identity: dict[str, Any]) -> Checkpoint:
+        """The checkpoint of this run; ``identity`` is everything that decides its numbers."""
+        from lcbayes.core.checkpoint import Checkpoint
+
+        if self.folder is None:
+            return Checkpoint(None, identity)
+        self._checkpoint = self.folder.checkpoint(identity, self.progress.say)
+        return self._checkpoint
+
+    def finish(self) -> None:
+        """The result is written: remove what the run left to go on from."""
+        if self._checkpoint is not None:
+            self._checkpoint.finish()
+
+
+def task_function(task: Task) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make ``run(source, options, context)`` the public function of a task.
+
+    The function takes the source, then the options of the task by keyword, then ``out`` (a results
+    folder), ``report`` (whether to write the page there too) and ``progress``. A path may be given
+    in place of a light curve. Its docstring has a section on parameters that is made from the
+    declaration in place of a line ``{parameters}``.
+    """
+
+    def decorate(run: Callable[..., Result]) -> Callable[..., Result]:
+        @wraps(run)
+        def public(
+            source: Any,
+            *,
+            out: str | Path | None = None,
+            report: bool = True,
+            progress: Silent | None = None,
+            **given: Any,
+        ) -> Result:
+            options = task.options.of(given)
+            value = light_curve(source, task) if task.source == CURVE else source
+            context = Context(progress or Silent())
+            if out is None:
+                return recorded(task, run(value, options, context), options, value)
+            from lcbayes.results.store import results_folder
+
+            with results_folder(out, task.name) as context.folder:
+                result = recorded(task, run(value, options, context), options, value)
+                result.write(context.folder, report=report)
+                context.finish()
+            return result
+
+        public.__name__ = public.__qualname__ = task.function
+        public.__signature__ = signature(task, run)  # pyright: ignore[reportAttributeAccessIssue]
+        public.__doc__ = documented(task, run.__doc__ or "")
+        public.__annotations__ = {}
+        return public
+
+    return decorate
+
+
+def recorded(task: Task, result: Result, options: Options, value: Any) -> Result:
+    """The result with the record of its run; what the task itself records is kept."""
+    from lcbayes.results.record import record_of
+
+    curve = value if task.source == CURVE else None
+    result.record = record_of(task.name, options.as_dict(), curve) | result.record
+    return result
+
+
+def light_curve(source: Any, task: Task) -> LightCurve:
+    """The light curve itself, or that of a path, without penumbral points where the task asks."""
+    from lcbayes.core.errors import InputError
+    from lcbayes.data.earth_shadow import fully_lit
+    from lcbayes.data.lightcurve import LightCurve
+    from lcbayes.data.read import read
+
+    if isinstance(source, str | Path):
+        source = read(source)
+    if not isinstance(source, LightCurve):
+        raise InputError(
+            f"the light curve is of type {type(source).__name__}; give the path of a file, or "
+            "what lcbayes.read returns"
+        )
+    return fully_lit(source) if task.fully_lit else source
+
+
+def signature(task: Task, run: Callable[..., Any]) -> Signature:
+    """The signature of the public function of a task."""
+    parameters = [Parameter(task.source, Parameter.POSITIONAL_OR_KEYWORD)]
+    for name, declared in declared_options(task.options).items():
+        default = Parameter.empty if declared.default is MISSING else declared.default
+        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
+    for name, default in (("out", None), ("report", True), ("progress", None)):
+        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
+    returned = inspect.signature(run).return_annotation
+    return Signature(parameters, return_annotation=returned)
+
+
+def documented(task: Task, doc: str) -> str:
+    """The docstring with its section on parameters, which the declaration makes."""
+    lines = ["Parameters", "----------", f"{task.source} : {_source_type(task)}"]
+    lines.append(f"    {task.source_help[:1].upper()}{task.source_help[1:]}.")
+    for declared in declared_options(task.options).values():
+        lines += [f"{declared.name} : {_type(declared)}", f"    {_sentence(declared)}"]
+    lines += [
+        "out : path, optional",
+        "    Folder for the results; a run that was stopped goes on there to the same numbers.",
+        "report : bool",
+        "    Whether to write the figures and ``report.html`` there too. Default: True.",
+        "progress : lcbayes.core.progress.Console, optional",
+        "    Shows how far the run is.",
+    ]
+    return inspect.cleandoc(doc).replace("{parameters}", "\n".join(lines))
+
+
+def _source_type(task: Task) -> str:
+    return "LightCurve or path" if task.source == CURVE else "path"
+
+
+def _type(declared: Option) -> str:
+    name = "{" + ", ".join(map(repr, declared.declared.choices)) + "}"
+    if not declared.declared.choices:
+        name = "path" if declared.kind is Path else declared.kind.__name__
+    if declared.repeated:
+        name = f"sequence of {name}"
+    return name + (", optional" if declared.optional else "")
+
+
+def _sentence(declared: Option) -> str:
+    d = declared.declared
+    unit = f", {d.unit}" if d.unit else ""
+    default = ""
+    if not declared.required and declared.default is not None:
+        default = f" Default: {declared.default!r}."
+    return f"{d.help[:1].upper()}{d.help[1:]}{unit}.{default}"
