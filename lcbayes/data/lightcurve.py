@@ -231,7 +231,7 @@ class LightCurve:
             },
             curve=curve,
             free_scale=self.free_scale[kept],
-            curve_names=tuple(self.curve_names[i] for i in kept.tolist()),
+            curve_names=tuple(self.curve_names[int(i)] for i in kept),
             extra={name: value[index] for name, value in self.extra.items()},
         )
 
