@@ -238,7 +238,7 @@ def _segment_title(results: Results, part: Segment) -> str:
     """Curve, site, date and number of points, as far as they distinguish segments."""
     title = f"{part.points.size} points"
     if epoch := results.attrs.get("epoch_jd"):
-        title = f"{date(float(epoch) + results.t[part.points[0]] / 86400)} · {title}"
+        title = f"{date(float(epoch) + float(results.t[part.points[0]]) / 86400)} · {title}"
     if part.site and np.unique(results.labels["site"]).size > 1:
         title = f"{part.site} · {title}"
     if np.unique(results.curve).size > 1:
