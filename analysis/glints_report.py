@@ -23,7 +23,7 @@ from lcbayes.physics.bodies.facets import across
 NAME = "glints"
 REFUSED = "no direction found"
 MOST = 4  # stretches that are drawn: those with the strongest glints
-LISTED = 12  # glints that are told
+LISTED = 12  # glints in the table
 
 
 def write(result: Glints, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
@@ -96,10 +96,10 @@ def _direction(d: Direction) -> dict[str, Any]:
 
 
 def words(result: Glints, curve: LightCurve) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
-    told = "; heights in baselines, directions of bisectors" if result.glints else ""
-    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{told}")
+    legend = "; heights in baselines, directions of bisectors" if result.glints else ""
+    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{legend}")
     if result.glints:
         lines += _table(result, curve)
     if len(result.glints) > LISTED:
@@ -201,7 +201,7 @@ def draw_curve(result: Glints, gallery: Gallery) -> None:
                 )
         axes.set_ylim(top=1.15 * float(np.max(result.flux[rows])) / unit)
         axes.set_ylabel("flux ÷ median")
-    figure.axes[-1].set_xlabel("time in the stretch (min)")
+    figure.axes[-1].set_xlabel("time in the segment (min)")
     figure.axes[0].legend(loc="upper right")
     gallery.add(figure, "glints", "Light curve with numbered glints.", "Glints, numbered.")
 
@@ -216,7 +216,7 @@ def _outline(d: Direction, n: int = 181) -> np.ndarray:
 
 
 def draw_sky(result: Glints, gallery: Gallery) -> None:
-    """Bisectors at the glints, and the 90 % regions of what they point to, body axes."""
+    """Bisectors at the glints and the 90 % regions of the derived directions, body axes."""
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     b = np.array([s.bisector for s in result.seen])
@@ -230,18 +230,18 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
         first, second = across(result.cylinder.vector)
         circle = np.cos(turn) * first + np.sin(turn) * second
         draw_line(axes, circle, color=FAINT, lw=0.8, label="across the cylinder")
-    said: set[str] = set()
+    labelled: set[str] = set()
     for name, d, hue, sign in known:
-        label = None if name in said else name
+        label = None if name in labelled else name
         draw_line(axes, sign * _outline(d), color=hue, lw=1.3, label=label)
         x, y = place(*lon_lat_deg(sign * d.vector))
         axes.plot(x, y, "+", ms=7, color=hue)
-        said.add(name)
+        labelled.add(name)
     figure.legend(loc="outside lower center", ncols=3)
     gallery.add(
         figure,
         "directions",
-        "Map of bisectors at glints and of what they point to.",
+        "Map of the bisectors at glints and of the derived directions.",
         "Body axes: inertial unless an attitude was given.",
     )
 

@@ -1,4 +1,4 @@
-"""The numbers of a report: parameters with their diagnostics, and the few that matter most."""
+"""The numbers of a report: parameters with their diagnostics, and the most important ones."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "member_offset": ("how much fainter a curve is than its kind", "mag", 0.0),
     "site_sd": ("how zero points of sites differ, sd", "mag", 0.0),
     "site_offset": ("zero point of a site", "mag", 0.0),
-    "pass_sd": ("what points of a pass share, sd", "mag", 0.0),
-    "pass_drift_sd": ("what drifts within a pass, sd", "mag", 0.0),
+    "pass_sd": ("common offset of a pass, sd", "mag", 0.0),
+    "pass_drift_sd": ("drift within a pass, sd", "mag", 0.0),
     "extinction": ("extinction", "mag per airmass", 0.0),
     "outlier_share": ("share of outliers", "", 0.0),
     "outlier_width": ("width of outliers, in scales", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
     "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }
-# What a reader asks for first; used where only a few can be shown.
+# In order of importance; used where only some can be shown.
 IMPORTANT = (
     "period_h",
     "pole_lon_deg",
@@ -192,7 +192,7 @@ def _diagnostics(stack: Floats) -> Floats:
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
-    """The few that matter most to a reader; of many facets those with most light."""
+    """The most important parameters; of many facets, the brightest."""
     rank = {name: i for i, name in enumerate(IMPORTANT)}
     all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
     known = [q for q in all_of_them if _base(q.name) in rank]
@@ -215,7 +215,7 @@ def _base(name: str) -> str:
 
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
-    """What the solution says of the spin, in units people use."""
+    """The spin of the solution, in common units."""
     draws = mode.draws
     found = []
     if "omega" in draws:
@@ -227,7 +227,7 @@ def spin(results: Results, mode: Mode) -> list[Quantity]:
             names = ("longitude", "latitude")
         found.append(Quantity("rate", "rotation rate", "deg/s", rate))
         if np.std(rate) < 0.2 * np.mean(rate):
-            found.append(Quantity("turn", "one turn takes", "s", 360.0 / rate))
+            found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
         found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
         found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
     for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):

@@ -27,7 +27,7 @@ LIGHT = np.array([-0.35, 0.45, 0.82])  # in the axes of the picture: right, up, 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the page shows: ``scene`` goes to the viewer as JSON, ``image`` to paper."""
+    """``scene`` is for the viewer, as JSON; ``image`` is for print."""
 
     mode: Mode
     image: Image
@@ -90,7 +90,7 @@ def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]
     try:
         return minkowski(normals, close(normals, areas)), ""
     except InputError as fault:
-        return None, f"No convex body was found ({fault})."
+        return None, f"No convex body was constructed ({fault})."
 
 
 def _proportions(body: Polyhedron) -> str:
@@ -203,7 +203,7 @@ def _normal(face: Floats) -> Floats:
 def _shade(
     hue: tuple[float, float, float], normal: Floats, dim: float
 ) -> tuple[float, float, float, float]:
-    """Colour of a face under the light; ``dim`` is what a face turned from it still shows."""
+    """Colour of a face under the light; ``dim`` is the brightness of a face turned away from it."""
     towards = normal if normal[2] > 0 else -normal
     light = dim + (1 - dim) * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
     r, g, b = (min(1.0, light * x) for x in hue)

@@ -84,9 +84,9 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
         _number(axes, float(lon), float(lat), str(i))
     name = f"facets-{mode.index + 1}"
     caption = (
-        f"{_prefix(results, mode)}Where each facet faces, in the body frame (azimuth to the right, "
-        "pole of the body axes at the top). A cloud is what the data allow; the area of a ring is "
-        "the mean albedo-area of the facet, numbered as in posterior.nc."
+        f"{_prefix(results, mode)}Directions of the facet normals in the body frame (azimuth to "
+        "the right, pole of the body axes at the top). A cloud shows the posterior draws; the area "
+        "of a ring is the mean albedo-area of the facet, numbered as in posterior.nc."
     )
     alt = f"Map of the body frame with draws of {areas.shape[-1]} facet normals."
     return [gallery.add(figure, name, alt, caption)]
@@ -201,7 +201,7 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
 def _enlarge(
     gallery: Gallery, several: bool, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
 ) -> Image:
-    """The cloud of one solution and how fast it turns."""
+    """The cloud of one solution, with its rotation rate."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
     figure.get_layout_engine().set(wspace=0.09)

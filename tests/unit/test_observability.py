@@ -170,7 +170,7 @@ def test_one_exponent_of_an_isotropic_facet_moves_both(panel, measured):
     unknowns = Unknowns.of(with_nu(40.0), ["surface"])
     assert unknowns.names == ("panel.r_diff", "panel.r_spec", "panel.log_nu")
     some = [x[:3] for x in (m.curve.t, m.curve.sun, m.curve.obs)]
-    moved = unknowns.flux(np.array([0.0, 0.0, np.log(1.5)]), *some)  # pyright: ignore
+    moved = unknowns.flux(np.array([0.0, 0.0, np.log(1.5)]), *some)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(moved, flux_at(with_nu(60.0), *some), rtol=1e-12)
 
 

@@ -194,10 +194,10 @@ def _sentence(
                 f"for {degrees:.2g} deg; {how}"
             )
     kinds = {p.kind for p in kept}
-    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore
+    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore[reportArgumentType]
         apart = "how one is tilted against the other"
         what = "how their area is shared out" if kinds == {"area"} else apart
-        listed = join_words([str(f) for f in sorted(alone)])  # pyright: ignore
+        listed = join_words([str(f) for f in sorted(alone)])  # pyright: ignore[reportArgumentType]
         return f"facets {listed} face the same way, and {what} is {how}"
     if len(kinds) == 1 and kept[0].kind in ("area", "tilt") and len(alone) == len(kept):
         listed = join_words(sorted((str(p.facet) for p in kept), key=int))
@@ -233,7 +233,7 @@ def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Par
         if p.group == "normals" and p.name[-1] in "uv":
             u = body.u_axes[p.facet]
             axis = u if p.name[-1] == "u" else np.cross(body.normals[p.facet], u)
-            tilts[p.facet] = tilts.get(p.facet, np.zeros(3)) + c * axis  # pyright: ignore
+            tilts[p.facet] = tilts.get(p.facet, np.zeros(3)) + c * axis  # pyright: ignore[reportArgumentType, reportCallIssue]
         elif p.name.startswith("omega_"):
             spin["xyz".index(p.name[-1])] = c
         else:
