@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import small
-from false_alarms import EACH, limit
 from numpyro.infer import MCMC
 
 from lcbayes.core.errors import InputError
@@ -24,6 +22,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers.kernels import AHMC, HMC, RMHMC, MetropolisHastings
+from tests.helpers import small_curves
+from tests.helpers.false_alarms import EACH, limit
 
 ROOT = Path(__file__).parents[2]
 COVARIANCE = np.array([[1.0, 0.5], [0.5, 0.8]])
@@ -305,7 +305,7 @@ def test_progress_bar_and_flat_vectors(capsys):
 
 @cache
 def posed():
-    light = small.curve(20)
+    light = small_curves.curve(20)
     model = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
     return model, Epochs.of(light)
 

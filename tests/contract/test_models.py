@@ -6,14 +6,14 @@ import inspect
 
 import numpy as np
 import pytest
-import small
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from tests.helpers import small_curves
 
-LIGHT = small.curve(24, 2, error=None, free_scale=np.array([True]))
+LIGHT = small_curves.curve(24, 2, error=None, free_scale=np.array([True]))
 NEEDED = {
     "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
     "stabilised": {"law": "inertial"},  # the one that needs no orbit

@@ -6,12 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import burn_in
 import numpy as np
 import pytest
-import six_facets
 
 from lcbayes.core.jax_setup import jnp
+from tests.helpers import paper_scripts
+
+burn_in, six_facets = map(paper_scripts.load, ("burn_in", "six_facets"))
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = (

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
 
 from lcbayes.cli.main import main
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
+from tests.helpers import small_curves
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
 
@@ -21,7 +21,7 @@ PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-repo
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(40), path)
+    write(small_curves.curve(40), path)
     return path
 
 

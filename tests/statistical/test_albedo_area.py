@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from false_alarms import EACH, squares
-from seen import curve_of
 
 from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import grid, solve
@@ -13,6 +11,8 @@ from lcbayes.inversion.albedo_area.facets import few, refine
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.observed import Attitude, Observed
 from lcbayes.physics.bodies import shapes
+from tests.helpers.false_alarms import EACH, squares
+from tests.helpers.known_bodies import curve_of
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)

@@ -12,12 +12,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from false_alarms import EACH, counts, limit
-from reference import agreement, problems, stored
 from scipy import stats
 
 import lcbayes
 from lcbayes.samplers.settings import PUBLISHED, WARMUP
+from tests.helpers.false_alarms import EACH, counts, limit
+from tests.reference import agreement, problems, stored
 
 SHIFT, NARROW = 0.2, -np.log(0.85)  # found out, posterior sd and ln of the width
 # Chains, draws of each, stretches it is cut into: runs of particles are independent, what is in one
