@@ -189,6 +189,7 @@ def test_other_arguments_make_another_posterior():
     assert not np.array_equal(one, other)
 
 
+@pytest.mark.parametrize("kind", dear(KINDS, ("mh", "ahmc")))
 def test_seed_and_pickled_kernel_decide(kind):
     """A kernel that was stored draws the same numbers from the same seed, others from another."""
     mcmc = sampler(pickle.loads(pickle.dumps(make(kind))), num_chains=2)

@@ -54,7 +54,7 @@ def curve(tmp_path_factory) -> Path:
 def result(curve) -> tuple[Path, int]:
     """Folder and exit status of a run that is stopped once and goes on.
 
-    That it comes to the numbers of one that is not stopped is held by test_independent.py.
+    That it comes to the numbers of one that is not stopped is held by test_replicates.py.
     """
     out, save, stored = curve.parent / "out", Checkpoint.save, []
     command = ["compare", str(curve), "-o", str(out), *FEW]
@@ -158,6 +158,7 @@ def test_numbers_of_facets():
             numbers(text)
 
 
+@pytest.mark.slow
 def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch):
     """Two facets include one: whatever the search found for two, it has a chance."""
     search = facet_count._best_fit

@@ -250,6 +250,7 @@ def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(posterior(Path("out"))["size"], posterior(Path("again"))["size"])
 
 
+@pytest.mark.slow
 def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
     light = small_curves.magnitudes(40)
     write(light, tmp_path / "mag.csv")

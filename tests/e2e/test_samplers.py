@@ -33,6 +33,7 @@ def summary(folder: Path) -> dict:
     return json.loads((folder / "summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_published_sampler_is_never_trusted(curve, capsys):
     out = curve.parent / "ahmc-paper"
     few = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
@@ -76,7 +77,7 @@ def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
             main(command)
 
 
-@pytest.mark.parametrize("sampler", FEW)
+@pytest.mark.parametrize("sampler", [pytest.param("ahmc", marks=pytest.mark.slow), "smc"])
 def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, monkeypatch, capsys):
     """Stopped early and again late; the exact state is on disk."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"

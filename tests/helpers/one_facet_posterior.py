@@ -219,6 +219,12 @@ class Quadrature:
         second = [p @ (x - m) ** 2 for p, x, m in zip(marginals, self.axes, mean, strict=True)]
         return mean, np.sqrt(np.array(second))
 
+    def marginal(self, *which: str) -> Floats:
+        """Probability over the cells of one or two of `NAMES`, in that order."""
+        index = [NAMES.index(name) for name in which]
+        p = self.weights.sum(axis=tuple(i for i in range(3) if i not in index))
+        return p if index == sorted(index) else p.T
+
     def draws(self, n: int, rng: np.random.Generator) -> Floats:
         """n draws from the piecewise constant density, (n, 3)."""
         cell = rng.choice(self.log_density.size, size=n, p=self.weights.ravel())

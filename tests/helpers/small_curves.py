@@ -28,6 +28,20 @@ def directions(n: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     return tuple(v / np.linalg.norm(v, axis=-1, keepdims=True))  # type: ignore[return-value]
 
 
+@jax.jit
+def _flux(
+    t: jax.Array,
+    omega: jax.Array,
+    sun: jax.Array,
+    obs: jax.Array,
+    normals: jax.Array,
+    areas: jax.Array,
+) -> jax.Array:
+    rotation = rotations.constant_rate(t, omega)
+    sun, obs = rotations.to_body(rotation, sun), rotations.to_body(rotation, obs)
+    return brightness.flux(sun, obs, normals, areas, "non-lambertian")
+
+
 def curve(
     n: int = 30,
     n_facets: int = 1,
@@ -44,16 +58,7 @@ def curve(
     if sun is None or obs is None:
         sun, obs = directions(n)
     t = np.linspace(0.0, 60.0, n)
-    rotation = rotations.constant_rate(jnp.asarray(t), jnp.asarray(OMEGA * spinning))
-    flux = np.asarray(
-        brightness.flux(
-            rotations.to_body(rotation, jnp.asarray(sun)),
-            rotations.to_body(rotation, jnp.asarray(obs)),
-            jnp.asarray(NORMALS[:n_facets]),
-            jnp.asarray(AREAS[:n_facets]),
-            "non-lambertian",
-        )
-    )
+    flux = np.asarray(_flux(t, OMEGA * spinning, sun, obs, NORMALS[:n_facets], AREAS[:n_facets]))
     sd = noise * flux.mean()
     rng = np.random.default_rng(seed)
     given: dict[str, Any] = {

@@ -19,12 +19,11 @@ SHORT: dict[str, Any] = {"num_warmup": 100, "num_samples": 250, "num_chains": 2,
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_fits_hold_the_truth_as_often_as_they_say():
-    found = calibrate(
-        small_curves.curve(20, noise=0.1), "faceted", n=12, seed=2, **OPTIONS, **SHORT
-    )
+@pytest.mark.parametrize("n", [3, pytest.param(12, marks=pytest.mark.slow)])
+def test_fits_hold_the_truth_as_often_as_they_say(n):
+    found = calibrate(small_curves.curve(20, noise=0.1), "faceted", n=n, seed=2, **OPTIONS, **SHORT)
     assert found.names == ("albedo_area[0]", "g[0]", "phi[0]", "log_likelihood")
-    assert found.places.shape == (12, 4)
+    assert found.places.shape == (n, 4)
     assert found.p_values().min() > EACH / 4
 
 

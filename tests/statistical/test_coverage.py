@@ -94,6 +94,7 @@ def test_chains_place_the_truth_where_the_posterior_does(exact, sampled):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTH)
 def test_central_intervals_hold_the_truth(exact, name):
     """Binomial, 100 seeds. Intervals of 90 % would hold 59 truths if they were half as long as they

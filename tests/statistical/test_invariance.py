@@ -36,7 +36,9 @@ EXACT = {
 PUBLISHED = ({"step_size": 0.4, "num_steps": 5}, 400)
 
 
-@pytest.fixture(scope="module", params=["gaussian", "banana", "facet"])
+@pytest.fixture(
+    scope="module", params=["gaussian", "banana", pytest.param("facet", marks=pytest.mark.slow)]
+)
 def target(request) -> target_densities.Target:
     return getattr(target_densities, request.param)()
 
@@ -69,7 +71,9 @@ def test_exact_kernels_agree_with_quadrature(target, cls):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-@pytest.mark.parametrize("target", ["gaussian", "banana"], indirect=True)
+@pytest.mark.parametrize(
+    "target", ["gaussian", pytest.param("banana", marks=pytest.mark.slow)], indirect=True
+)
 def test_rmhmc_in_brief(target):
     """Its implicit steps cost a hundred Fisher matrices each: 10⁴ draws in the quick suite."""
     settings, draws = EXACT[target.name, RMHMC]

@@ -146,8 +146,8 @@ def p_values(posed: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -
 @pytest.mark.parametrize(
     ("name", "repeats"),
     [
-        ("mh", REPEATS),
-        ("hmc", REPEATS),
+        pytest.param("mh", REPEATS, marks=pytest.mark.slow),
+        pytest.param("hmc", REPEATS, marks=pytest.mark.slow),
         ("ahmc", REPEATS),
         pytest.param("rmhmc", FEW, marks=pytest.mark.slow),
         pytest.param("rmhmc", REPEATS, marks=pytest.mark.slow),

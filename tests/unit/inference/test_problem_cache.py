@@ -79,9 +79,9 @@ def test_a_second_light_curve_compiles_nothing_and_gives_its_own_numbers():
 
 def slow(data: Epochs):
     """Other threads come in between any two of its sites."""
-    time.sleep(0.02)
+    time.sleep(0.005)
     x = numpyro.sample("x", dist.Normal(0.0, 1.0))
-    time.sleep(0.02)
+    time.sleep(0.005)
     likelihood.observe(data, jnp.exp(x) * jnp.ones_like(data.t))
 
 

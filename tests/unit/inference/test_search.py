@@ -176,6 +176,7 @@ def test_points_of_less_weight_move_the_optimum_towards_the_prior(one):
     assert moved.log_evidence != found.log_evidence
 
 
+@pytest.mark.slow
 def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_solution():
     """Two facets that turn, 120 of the usual 423 starts: over six draws of them."""
     data = Epochs.of(simulate(load("two-facet-spin"), 1)[0])

@@ -26,6 +26,7 @@ RUN = jax.jit(torque_free)
 RATE = jax.jit(
     lambda t, w, j: jax.jvp(lambda t: torque_free(t, w, j), (t,), (jnp.ones_like(t),))[1]
 )
+SLOPE = jax.jit(jax.jacrev(torque_free, 1))
 TIMES = np.linspace(0.0, 200.0, 40)  # s; one number of them, one compilation
 FLIPS = 0.5 * np.arange(361)  # s, of flips at 1 rad/s; in the steps of `exact`
 PRINCIPAL = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
@@ -147,14 +148,13 @@ def test_flat_spin_however_flat():
 def test_slopes_next_to_the_separatrix(e):
     """By ω, against differences, for as long as the attitude hangs on e; and finite at rest."""
     omega, tensor, t = np.array([e, 1.0, 0.5 * e]), np.diag([1.0, 2.0, 3.0]), FLIPS
-    slope = jax.jit(jax.jacrev(torque_free, 1))
-    found = np.asarray(slope(t, omega, tensor))
+    found = np.asarray(SLOPE(t, omega, tensor))
     for k, step in enumerate(np.diag([1e-5 * e, 1e-8, 1e-5 * e])):
         want = (RUN(t, omega + step, tensor) - RUN(t, omega - step, tensor)) / (2.0 * step[k])
         np.testing.assert_allclose(found[..., k], want, atol=2e-6 * np.abs(want).max())
     on_it = np.array([e, 1.0, e / np.sqrt(3.0)])  # to rounding
-    assert np.all(np.isfinite(slope(t, on_it, tensor)))
-    assert np.all(np.isfinite(slope(t, np.array([0.0, 1.0, 0.0]), tensor)))
+    assert np.all(np.isfinite(SLOPE(t, on_it, tensor)))
+    assert np.all(np.isfinite(SLOPE(t, np.array([0.0, 1.0, 0.0]), tensor)))
 
 
 def test_energy_and_angular_momentum_are_kept_for_ten_thousand_seconds():
@@ -205,7 +205,31 @@ def test_slopes_are_those_of_differences():
         assert found[k] == pytest.approx(float(want), abs=2e-5 * np.abs(found).max())
 
 
-@pytest.mark.parametrize("name", ["about the largest", "about the smallest", "prolate"])
+def weighted(p, motion, vectors, weights):
+    """Σ w v² over the vectors v in the body, and v; ``p`` changes ω and then the tensor, and may be
+    shorter than three and the changes of the tensor."""
+    omega, tensor, changes = motion
+    p = jnp.concatenate([p, jnp.zeros(3 + len(changes) - len(p))])
+    spin, moments = omega + 0.01 * p[:3], tensor + 0.1 * jnp.tensordot(p[3:], changes, 1)
+    body = torque_free_to_body(jnp.asarray(TIMES), spin, moments, vectors)[0]
+    return jnp.sum(weights * jnp.square(body)), body
+
+
+@jax.jit
+def first_derivatives(p, *given):
+    """In both modes: by p of the vectors, and of their weighted sum; and the vectors."""
+    slopes = jax.jacfwd(lambda p: weighted(p, *given)[1])(p)
+    gradient, body = jax.grad(weighted, has_aux=True)(p, *given)
+    return body, slopes, gradient
+
+
+SECOND = jax.jit(jax.jacfwd(lambda p, *given: jax.grad(weighted, has_aux=True)(p, *given)[0]))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["about the largest", "about the smallest", pytest.param("prolate", marks=pytest.mark.slow)],
+)
 def test_vectors_in_the_body_and_their_derivatives(name):
     """Those of the attitude; first derivatives in both modes and second ones, by differences. A
     prolate body has two equal moments, in which nothing can be differentiated: ω alone."""
@@ -216,30 +240,23 @@ def test_vectors_in_the_body_and_their_derivatives(name):
     changes = (changes + np.swapaxes(changes, 1, 2)) * (name != "prolate")
     free = 3 if name == "prolate" else 8
 
-    def seen(p):
-        p = jnp.concatenate([p, jnp.zeros(8 - free)])
-        spin, moments = omega + 0.01 * p[:3], tensor + 0.1 * jnp.tensordot(p[3:], changes, 1)
-        return torque_free_to_body(*map(jnp.asarray, (TIMES, spin, moments, vectors)))[0]
-
-    def total(p):
-        return jnp.sum(weights * jnp.square(seen(p)))
-
-    body, slopes = jax.jit(seen), jax.jit(jax.jacfwd(seen))
-    gradient, hessian = jax.jit(jax.grad(total)), jax.jit(jax.hessian(total))
+    given = (omega, tensor, changes), vectors, weights
     p = np.zeros(free)
     attitudes = np.asarray(RUN(TIMES, omega, tensor))
-    np.testing.assert_allclose(body(p), np.einsum("tji,tj->ti", attitudes, vectors), atol=1e-12)
-    along = np.asarray(slopes(p))
+    body, along, gradient = map(np.asarray, first_derivatives(p, *given))
+    np.testing.assert_allclose(body, np.einsum("tji,tj->ti", attitudes, vectors), atol=1e-12)
     for k, step in enumerate(1e-6 * np.eye(free)):
+        after, before = (first_derivatives(x, *given)[0] for x in (step, -step))
         np.testing.assert_allclose(
-            along[..., k], (body(step) - body(-step)) / 2e-6, atol=1e-7 * np.abs(along).max()
+            along[..., k], (after - before) / 2e-6, atol=1e-7 * np.abs(along).max()
         )
-    both = 2.0 * np.einsum("ti,ti,tik->k", weights, body(p), along)
-    np.testing.assert_allclose(gradient(p), both, rtol=1e-9, atol=1e-9 * np.abs(both).max())
-    second = np.asarray(hessian(p))
+    both = 2.0 * np.einsum("ti,ti,tik->k", weights, body, along)
+    np.testing.assert_allclose(gradient, both, rtol=1e-9, atol=1e-9 * np.abs(both).max())
+    second = np.asarray(SECOND(p, *given))
     for k, step in enumerate(1e-5 * np.eye(free)):
+        after, before = (first_derivatives(x, *given)[2] for x in (step, -step))
         np.testing.assert_allclose(
-            second[k], (gradient(step) - gradient(-step)) / 2e-5, atol=1e-6 * np.abs(second).max()
+            second[k], (after - before) / 2e-5, atol=1e-6 * np.abs(second).max()
         )
 
 
