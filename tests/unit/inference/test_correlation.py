@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import correlation
@@ -15,11 +16,9 @@ from tests.helpers.false_alarms import EACH, counts, limit
 
 def autoregressive(n: int, rho: float, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    x = np.empty(n)
-    x[0] = rng.standard_normal()
-    for i in range(1, n):
-        x[i] = rho * x[i - 1] + np.sqrt(1 - rho**2) * rng.standard_normal()
-    return x
+    noise = rng.standard_normal(n)
+    noise[1:] *= np.sqrt(1 - rho**2)
+    return np.asarray(lfilter([1.0], [1.0, -rho], noise))
 
 
 @pytest.mark.statistical(false_alarm=EACH)

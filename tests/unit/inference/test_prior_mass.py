@@ -46,7 +46,10 @@ def test_a_gaussian_factor():
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-@pytest.mark.parametrize("n_facets", [1, 2, 3])
+@pytest.mark.parametrize(
+    "n_facets",
+    [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)],
+)
 def test_facets_in_a_lune(n_facets):
     """Sun and observer at 60°: a normal is lit and seen in a lune of 120°, a third of the sphere,
     whose two edges of length π are soft; facets are independent."""
