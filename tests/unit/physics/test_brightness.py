@@ -141,13 +141,14 @@ def test_long_curves_in_blocks_give_the_same(monkeypatch):
     def misfit(*args: Any):
         return jnp.sum(flux(*args) ** 2)
 
-    slopes = jax.grad(misfit, (0, 1, 2, 3))(*args)
+    slopes = jax.jit(jax.grad(misfit, (0, 1, 2, 3)))(*args)
     for block in (60, 6 * 103, 10_000):  # a remainder, none, and one short block only
         monkeypatch.setattr(brightness, "_BLOCK_FEW", block)
         np.testing.assert_allclose(flux(*args), whole, rtol=1e-14)
-        for found, expected in zip(jax.grad(misfit, (0, 1, 2, 3))(*args), slopes, strict=True):
+        here = jax.jit(jax.grad(misfit, (0, 1, 2, 3)))(*args)
+        for found, expected in zip(here, slopes, strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
-        forward = jax.jacfwd(lambda alpha: flux(*args[:3], albedo_area=alpha))(args[3])
+        forward = jax.jit(jax.jacfwd(lambda alpha: flux(*args[:3], albedo_area=alpha)))(args[3])
         np.testing.assert_allclose(forward @ args[3], whole, rtol=1e-13)
 
 
@@ -162,9 +163,9 @@ def test_derivatives_are_finite_and_one_sided_at_the_edge(law):
     def total(*args: Any):
         return jnp.sum(flux(*args, law=law))
 
-    slopes = jax.grad(total, (0, 1, 2, 3))(sun, obs, normals, jnp.ones(4))
+    slopes = jax.jit(jax.grad(total, (0, 1, 2, 3)))(sun, obs, normals, jnp.ones(4))
     assert all(np.all(np.isfinite(g)) for g in slopes)
-    dark = jax.grad(total, 2)(sun[:1], obs[:1], normals[:1], jnp.ones(1))  # s·n = 0
+    dark = jax.jit(jax.grad(total, 2))(sun[:1], obs[:1], normals[:1], jnp.ones(1))  # s·n = 0
     np.testing.assert_array_equal(dark, np.zeros((1, 3)))
 
 
@@ -225,7 +226,7 @@ def test_corrected_appendix_agrees_with_autodiff_and_the_printed_one_does_not():
         bodies = (to_body(a, jnp.asarray(v)[None]) for v in (sun, obs))
         return flux(*bodies, normals=normal(phi, g)[None], albedo_area=jnp.asarray(alpha)[None])[0]
 
-    exact = jax.grad(model, (0, 1, 2))(*(jnp.float64(v) for v in (alpha, phi, g)))
+    exact = jax.jit(jax.grad(model, (0, 1, 2)))(*(jnp.float64(v) for v in (alpha, phi, g)))
     q, z = float(sun @ rotation @ n), float(obs @ rotation @ n)
     assert min(q, z) > 0.3
     right, wrong, wrong_g = appendix(alpha, phi, g, q, z, sun, obs, rotation)
