@@ -149,7 +149,10 @@ def test_a_disk_that_fills_while_a_report_is_written(tmp_path, capsys):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("command", ["simulate", "convert", "glints", "observability"])
+@pytest.mark.parametrize(
+    "command",
+    ["simulate", "convert", "glints", pytest.param("observability", marks=pytest.mark.slow)],
+)
 def test_a_disk_that_fills_leaves_no_half_of_a_file(command, tmp_path, capsys):
     write(small_curves.curve(40), tmp_path / "curve.csv")
     out = tmp_path / ("new.csv" if command in ("simulate", "convert") else "new")

@@ -52,7 +52,7 @@ def test_help_has_an_example(name, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("figure2", ()),
+        pytest.param("figure2", (), marks=pytest.mark.slow),
         ("hall_figure3", ("--draws", "3000")),
         pytest.param("hall_figure2", (), marks=pytest.mark.slow),
         pytest.param("figure3", ("--draws", "80"), marks=pytest.mark.slow),

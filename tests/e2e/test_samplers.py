@@ -112,6 +112,7 @@ def test_particles_are_refused_where_the_prior_is_too_wide(curve, tmp_path, caps
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_config_keeps_the_sampler(curve, tmp_path):
     """A run.toml names its sampler and its warm-up, so `--config` gives the same draws."""
     first, again = tmp_path / "first", tmp_path / "again"

@@ -19,6 +19,7 @@ ONE = (LAMBERTIAN,)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 def test_areas_directions_and_volume_scatter_as_they_say():
     area, across, volume = [], [], []
     for seed in range(10):

@@ -1,6 +1,6 @@
 """Does a kernel leave its target invariant? Moments against quadrature at 10⁵ effective draws.
 
-Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that `targets`
+Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that `target_densities`
 computes on grids, means and variances both (`far`); the published rule, under the same test, must
 not.
 """
@@ -98,6 +98,7 @@ def test_published_rule_does_not(target):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 def test_small_steps_of_the_published_rule_sample_another_density():
     """In one dimension: F π instead of π, whatever the acceptance (docs/sampler.md).
 

@@ -301,7 +301,7 @@ def test_loo_pit_of_a_normal_mean_is_the_exact_one(power, n):
     assert pit.values[:2] == pytest.approx(plain, abs=0.02)
 
 
-@pytest.mark.parametrize(("chains", "draws"), [(1, 2), (2, 12)])
+@pytest.mark.parametrize(("chains", "draws"), [pytest.param(1, 2, marks=pytest.mark.slow), (2, 12)])
 def test_very_short_runs_still_get_a_page(faceted, tmp_path, chains, draws):
     with xr.open_datatree(faceted / "posterior.nc", engine="h5netcdf") as tree:
         groups = {

@@ -61,7 +61,9 @@ def test_fisher_is_jacobian_and_prior(case):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-@pytest.mark.parametrize("name", ["unknown noise", "student-t"])
+@pytest.mark.parametrize(
+    "name", ["unknown noise", pytest.param("student-t", marks=pytest.mark.slow)]
+)
 def test_fisher_is_the_expected_curvature(name):
     """Mean over replicated data of the Hessian of −ln likelihood at the point that made them."""
     light, options = CASES[name]

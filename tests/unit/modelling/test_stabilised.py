@@ -284,6 +284,7 @@ def test_scatter_adds_to_the_errors_of_the_file():
     np.testing.assert_allclose(problem.moments(z, data).sd, np.hypot(0.2, sigma), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences():
     """With everything switched on."""
     curve = several()

@@ -323,6 +323,7 @@ sigma = 1e-9
 """
 
 
+@pytest.mark.slow
 def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
     (tmp_path / "tumbler.toml").write_text(SCENARIO)
     what = load(tmp_path / "tumbler.toml")

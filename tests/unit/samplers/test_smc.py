@@ -83,6 +83,7 @@ def test_moments_of_a_gaussian(gaussian, runs):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 def test_points_of_less_weight(gaussian, runs):
     """The evidence is that of exp(−U) at the data's own information; weaker data scatter less."""
     problem, data = gaussian

@@ -272,7 +272,14 @@ def test_doctor(capsys, monkeypatch, tmp_path):
     assert {"python", "jax devices", "compilation cache", "cores", "memory"} <= names
 
 
-@pytest.mark.parametrize("name", ["box-wing", "one-facet", "two-facet-spin"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("box-wing", marks=pytest.mark.slow),
+        "one-facet",
+        pytest.param("two-facet-spin", marks=pytest.mark.slow),
+    ],
+)
 def test_a_model_given_the_truth_explains_the_curve(name):
     """Simulation and model are two paths to one brightness: ranges, spin, penumbra and all."""
     curve, made = simulate(load(name), 1)
