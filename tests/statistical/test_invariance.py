@@ -1,8 +1,8 @@
 """Does a kernel leave its target invariant? Moments against quadrature at 10⁵ effective draws.
 
-Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that `target_densities`
-computes on grids, means and variances both (`far`); the published rule, under the same test, must
-not.
+Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that
+`target_densities` computes on grids, means and variances both (`far`); the published rule, under
+the same test, must not.
 """
 
 from __future__ import annotations
