@@ -22,13 +22,12 @@ import numpy as np
 from _results import table, write_section
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from leo import spinner, steady  # noqa: E402
+sys.path.insert(0, str(ROOT))
 
 from lcbayes.data.read import read  # noqa: E402
 from lcbayes.inversion.spin import Spin, estimate  # noqa: E402
 from lcbayes.inversion.spin.sidereal import MEASURABLE, REPEATS  # noqa: E402
+from tests.helpers.low_earth_orbit import spinner, steady  # noqa: E402
 
 PASSES = (2, 4, 6)
 NOISES = (20.0, 100.0)  # signal over noise of a point, of the mean flux

@@ -31,8 +31,8 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-import leo
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.helpers import low_earth_orbit
 
 SEEDS = range(20)
 N_FACETS, NOISE = 3, 0.02
@@ -51,7 +51,7 @@ ASKED = {k: OPTIONS[k] for k in ("n_facets", "spin", "omega_sd")}
 
 def geometry(rng: np.random.Generator) -> LightCurve:
     """Three sites along the ground track see the body one after the other."""
-    orbit = leo.Orbit.random(rng)
+    orbit = low_earth_orbit.Orbit.random(rng)
     t, sun, obs, which = [], [], [], []
     for i, (start, end) in enumerate(PASSES):
         at = np.linspace(start, end, POINTS)
@@ -60,7 +60,9 @@ def geometry(rng: np.random.Generator) -> LightCurve:
         site = replace(
             orbit,
             lat=np.arcsin(z) + rng.normal(0.0, 0.08),
-            lon=np.arctan2(y, x) - 2 * np.pi * at.mean() / leo.DAY + rng.normal(0.0, 0.08),
+            lon=np.arctan2(y, x)
+            - 2 * np.pi * at.mean() / low_earth_orbit.DAY
+            + rng.normal(0.0, 0.08),
         )
         place, ground = site.place(at)
         t.append(at)

@@ -7,13 +7,13 @@ import re
 
 import numpy as np
 import pytest
-from refusals import assert_refused
-from seen import curve_of
 
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.physics.bodies import shapes
+from tests.helpers.known_bodies import curve_of
+from tests.helpers.refused_input import assert_refused
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 QUICK = ["--n-normals", "250", "--nulls", "19", "--bootstrap", "20"]

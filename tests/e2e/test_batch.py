@@ -7,7 +7,6 @@ import json
 from contextlib import contextmanager
 
 import pytest
-import small
 import xarray as xr
 
 from lcbayes.cli.main import main
@@ -15,6 +14,7 @@ from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXI
 from lcbayes.data.write import write
 from lcbayes.tasks.batch import run as batching
 from lcbayes.tasks.batch import worker
+from tests.helpers import small_curves
 
 FEW = ("--n-facets", "1", "--spin", "none", "--num-starts", "8", "--num-chains", "2")
 
@@ -24,7 +24,9 @@ def catalogue(tmp_path, monkeypatch):
     """Three objects, the second cut off in a line; done by threads, which need no other process."""
     monkeypatch.setattr(batching, "find_spec", lambda _: None)
     for i in range(3):
-        write(small.curve(16 + i, seed=i), tmp_path / f"{i}.csv")  # no two of one structure
+        write(
+            small_curves.curve(16, seed=i), tmp_path / f"{i}.csv"
+        )  # one structure, one compilation
     text = (tmp_path / "1.csv").read_text().splitlines()
     (tmp_path / "1.csv").write_text("\n".join([*text[:9], text[9][:12]]) + "\n")
     path = tmp_path / "night.csv"
@@ -73,7 +75,7 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     assert json.loads((out / "objects" / "third" / "summary.json").read_text())["seed"] == 5
     assert "DO NOT TRUST" in capsys.readouterr().out
 
-    write(small.curve(17, seed=1), tmp_path / "1.csv")  # mended: it alone is done
+    write(small_curves.curve(16, seed=1), tmp_path / "1.csv")  # mended: it alone is done
     done.clear()
     assert main(command) == EXIT_DONE
     assert done == ["second"]

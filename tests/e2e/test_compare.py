@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
-from refusals import assert_refused
 
 import lcbayes
 from lcbayes.cli.commands.compare import numbers
@@ -24,6 +22,8 @@ from lcbayes.core.errors import (
 )
 from lcbayes.data.write import write
 from lcbayes.inference import facet_count, screening
+from tests.helpers import small_curves
+from tests.helpers.refused_input import assert_refused
 
 FEW = (
     "--facets",
@@ -46,7 +46,7 @@ FEW = (
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(16), path)
+    write(small_curves.curve(16), path)
     return path
 
 
@@ -54,7 +54,7 @@ def curve(tmp_path_factory) -> Path:
 def result(curve) -> tuple[Path, int]:
     """Folder and exit status of a run that is stopped once and goes on.
 
-    That it comes to the numbers of one that is not stopped is held by test_independent.py.
+    That it comes to the numbers of one that is not stopped is held by test_replicates.py.
     """
     out, save, stored = curve.parent / "out", Checkpoint.save, []
     command = ["compare", str(curve), "-o", str(out), *FEW]
@@ -103,13 +103,12 @@ def test_what_is_written(result, curve):
 
 def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30."""
-    import one_facet
-
     from lcbayes.modelling.epochs import Epochs
+    from tests.helpers import one_facet_posterior
 
     row = json.loads((result[0] / "compare.json").read_text())["candidates"][0]
     data = Epochs.of(lcbayes.read(curve))
-    exact = one_facet.Quadrature.of(data).log_evidence(data)
+    exact = one_facet_posterior.Quadrature.of(data).log_evidence(data)
     assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
 
 
@@ -159,6 +158,7 @@ def test_numbers_of_facets():
             numbers(text)
 
 
+@pytest.mark.slow
 def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch):
     """Two facets include one: whatever the search found for two, it has a chance."""
     search = facet_count._best_fit
@@ -173,7 +173,7 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
     monkeypatch.setattr(facet_count, "_best_fit", poor_for_two)
     monkeypatch.setattr(screening, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
     found = lcbayes.compare(
-        small.curve(16), (1, 2), spin="none", num_particles=12, num_runs=2, num_starts=8
+        small_curves.curve(16), (1, 2), spin="none", num_particles=12, num_runs=2, num_starts=8
     )
     assert sorted(found.probability) == [1, 2]
     assert found.probability[2] > 0.0

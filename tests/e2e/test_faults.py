@@ -15,8 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import results_folders
-import small
 from jax.experimental.compilation_cache import compilation_cache
 
 from lcbayes.analysis import report
@@ -25,6 +23,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import EXIT_BAD_INPUT
 from lcbayes.core.jax_setup import jax
 from lcbayes.data.write import write
+from tests.helpers import results_folders, small_curves
 
 ROOT = Path(__file__).parents[2]
 FIT = [
@@ -82,7 +81,7 @@ def assert_told(capsys, *words: str) -> None:
 
 
 def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
-    write(small.curve(40), tmp_path / "curve.csv")
+    write(small_curves.curve(40), tmp_path / "curve.csv")
     out = tmp_path / "out"
     fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT]
     assert main.main([*fit, "--seed", "1"]) in (0, 3)
@@ -113,7 +112,7 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
 
 def test_a_run_stopped_at_its_report_goes_on_to_it(tmp_path, capsys, monkeypatch):
     """With nothing of an earlier result left, and nothing sampled again."""
-    write(small.curve(40), tmp_path / "curve.csv")
+    write(small_curves.curve(40), tmp_path / "curve.csv")
     out = tmp_path / "out"
     fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT[:-1]]
     assert main.main([*fit, "--seed", "1"]) in (0, 3)
@@ -150,9 +149,12 @@ def test_a_disk_that_fills_while_a_report_is_written(tmp_path, capsys):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("command", ["simulate", "convert", "glints", "observability"])
+@pytest.mark.parametrize(
+    "command",
+    ["simulate", "convert", "glints", pytest.param("observability", marks=pytest.mark.slow)],
+)
 def test_a_disk_that_fills_leaves_no_half_of_a_file(command, tmp_path, capsys):
-    write(small.curve(40), tmp_path / "curve.csv")
+    write(small_curves.curve(40), tmp_path / "curve.csv")
     out = tmp_path / ("new.csv" if command in ("simulate", "convert") else "new")
     words = {
         "simulate": ["one-facet", "-o", str(out)],
@@ -170,7 +172,7 @@ def test_a_disk_that_fills_leaves_no_half_of_a_file(command, tmp_path, capsys):
 @pytest.mark.parametrize("command", ["simulate", "fit", "glints", "observability", "batch", "scan"])
 def test_a_place_that_cannot_be_written(command, tmp_path, capsys):
     """Below a file, where no folder can be: also for who may write anywhere."""
-    write(small.curve(40), tmp_path / "curve.csv")
+    write(small_curves.curve(40), tmp_path / "curve.csv")
     (tmp_path / "file").write_text("mine")
     out = tmp_path / "file" / "out"
     words = {

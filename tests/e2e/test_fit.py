@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
-from refusals import assert_refused
 
 from lcbayes.cli.commands import fit as fit_command
 from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
+from tests.helpers import small_curves
+from tests.helpers.refused_input import assert_refused
 
 GOOD = (
     "--n-facets",
@@ -96,7 +96,7 @@ def model(data, *, depth: float = 1.0, dimmer: bool = False):
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(40), path)
+    write(small_curves.curve(40), path)
     return path
 
 
@@ -140,7 +140,7 @@ def test_done_with_every_file(good):
 def test_finds_the_truth(good):
     found = posterior(good[0])
     area = found["albedo_area"]
-    assert abs(area.mean() - small.AREAS[0]) < 4 * area.std()
+    assert abs(area.mean() - small_curves.AREAS[0]) < 4 * area.std()
     np.testing.assert_allclose(np.linalg.norm(found["normals"], axis=-1), 1.0)
 
 
@@ -250,8 +250,9 @@ def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(posterior(Path("out"))["size"], posterior(Path("again"))["size"])
 
 
+@pytest.mark.slow
 def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
-    light = small.magnitudes(40)
+    light = small_curves.magnitudes(40)
     write(light, tmp_path / "mag.csv")
     out = tmp_path / "out"
     assert (
@@ -272,7 +273,7 @@ def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["fit"]["rms_unit"] == "mag"
     area = summary["parameters"]["albedo_area[0]"]
-    assert area["q05"] - 3 * area["sd"] < small.AREAS[0] < area["q95"] + 3 * area["sd"]
+    assert area["q05"] - 3 * area["sd"] < small_curves.AREAS[0] < area["q95"] + 3 * area["sd"]
 
 
 def test_predict_writes_a_csv(curve, good, tmp_path):

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import NARROW
 
 from lcbayes.analysis import style
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from tests.helpers.browser_pages import NARROW
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
 
 from lcbayes.cli.main import main
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
+from tests.helpers import small_curves
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
 
@@ -21,7 +21,7 @@ PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-repo
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(40), path)
+    write(small_curves.curve(40), path)
     return path
 
 
@@ -33,6 +33,7 @@ def summary(folder: Path) -> dict:
     return json.loads((folder / "summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_published_sampler_is_never_trusted(curve, capsys):
     out = curve.parent / "ahmc-paper"
     few = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
@@ -76,7 +77,7 @@ def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
             main(command)
 
 
-@pytest.mark.parametrize("sampler", FEW)
+@pytest.mark.parametrize("sampler", [pytest.param("ahmc", marks=pytest.mark.slow), "smc"])
 def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, monkeypatch, capsys):
     """Stopped early and again late; the exact state is on disk."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
@@ -111,6 +112,7 @@ def test_particles_are_refused_where_the_prior_is_too_wide(curve, tmp_path, caps
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_config_keeps_the_sampler(curve, tmp_path):
     """A run.toml names its sampler and its warm-up, so `--config` gives the same draws."""
     first, again = tmp_path / "first", tmp_path / "again"

@@ -7,14 +7,14 @@ import json
 
 import numpy as np
 import pytest
-import spinning
-from refusals import assert_refused
 
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
 from lcbayes.core.files import write_json
 from lcbayes.physics.bodies import shapes
+from tests.helpers import spinning_bodies
+from tests.helpers.refused_input import assert_refused
 
 POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
 QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
@@ -24,7 +24,9 @@ QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4",
 def asteroid(tmp_path_factory):
     """A curve file and the results of a scan of it."""
     folder = tmp_path_factory.mktemp("scan")
-    curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE)
+    curve = spinning_bodies.observed(
+        spinning_bodies.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE
+    )
     lcbayes.write(curve, folder / "asteroid.csv")
     argv = ["scan", str(folder / "asteroid.csv"), "--period-range", "4.99,5.01", *QUICK]
     return folder, argv, main.main([*argv, "-o", str(folder / "out")])
@@ -135,7 +137,7 @@ def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
     fit = ["fit", str(folder / "asteroid.csv"), "--model", "convex-grid", "-o", str(tmp_path / "x")]
     assert main.main([*fit, "--start-from", str(tmp_path)]) == EXIT_BAD_INPUT
     assert "holds no scan" in capsys.readouterr().err
-    lcbayes.write(spinning.geometry(2, 5), tmp_path / "other.csv")
+    lcbayes.write(spinning_bodies.geometry(2, 5), tmp_path / "other.csv")
     fit[1] = str(tmp_path / "other.csv")
     assert main.main([*fit, "--start-from", str(folder / "out")]) == EXIT_BAD_INPUT
     assert "is of another light curve" in capsys.readouterr().err

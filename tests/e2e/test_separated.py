@@ -6,14 +6,14 @@ import json
 
 import numpy as np
 import pytest
-from facets_in_pass import crossing, flux_of, one_pass, with_noise
-from passes import measured, passes
 
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.separated import ensemble
 from lcbayes.physics.attitude import catalogue
+from tests.helpers.simulated_passes import measured, passes
+from tests.helpers.single_facet_passes import crossing, flux_of, one_pass, with_noise
 
 LVLH = catalogue.find("lvlh")
 

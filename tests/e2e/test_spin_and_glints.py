@@ -8,9 +8,6 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from flashes import no_flashes, wire_flashes
-from leo import spinner, steady
-from refusals import assert_refused
 
 import lcbayes
 from lcbayes.analysis import glints_report
@@ -18,6 +15,9 @@ from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.glints import analyse
 from lcbayes.physics.attitude.laws import ConstantRate
+from tests.helpers.low_earth_orbit import spinner, steady
+from tests.helpers.refused_input import assert_refused
+from tests.helpers.simulated_glints import no_flashes, wire_flashes
 
 
 def test_a_spin_from_file_to_pole(tmp_path, capsys, look):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from false_alarms import EACH, counts
 
 import lcbayes
 from lcbayes.core.jax_setup import jax, jnp
@@ -12,6 +11,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.tasks.predict.run import predict
+from tests.helpers.false_alarms import EACH, counts
 
 pytestmark = pytest.mark.real
 FILE = "starlink-v1.5-pomenis/pomenis_observations.csv"

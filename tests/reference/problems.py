@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import one_facet
-import small
 from numpy.typing import NDArray
 from numpyro import handlers
 
@@ -23,6 +21,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.physics import brightness
 from lcbayes.simulation.simulate import simulate
 from lcbayes.tasks.fit.run import Fit
+from tests.helpers import one_facet_posterior, small_curves
 
 Floats = NDArray[np.float64]
 Sites = Mapping[str, Floats]
@@ -114,15 +113,15 @@ def _stabilised(sites: Sites) -> dict[str, Floats]:
 
 def _two_passes() -> LightCurve:
     """As in secs. VII.A and B of the paper, 11 points each, noise a quarter of the peak."""
-    truth = one_facet.Truth(g=0.15)
-    return simulate(one_facet.experiment(2, truth=truth, sigma=0.7, step=10.0), 1)[0]
+    truth = one_facet_posterior.Truth(g=0.15)
+    return simulate(one_facet_posterior.experiment(2, truth=truth, sigma=0.7, step=10.0), 1)[0]
 
 
 def _glossy() -> LightCurve:
     """One facet with a broad Blinn-Phong lobe, 60 points, errors of 5 % of the mean."""
-    sun, obs = small.directions(60, seed=4)
+    sun, obs = small_curves.directions(60, seed=4)
     surface = {"r_diff": 0.3, "r_spec": 0.4, "n": 12.0}
-    facet = jnp.asarray(small.NORMALS[:1]), jnp.asarray(small.AREAS[:1] / 0.7)
+    facet = jnp.asarray(small_curves.NORMALS[:1]), jnp.asarray(small_curves.AREAS[:1] / 0.7)
     flux = np.asarray(
         brightness.flux_brdf(
             jnp.asarray(sun),
@@ -134,7 +133,7 @@ def _glossy() -> LightCurve:
     )
     error = np.full(60, 0.05 * flux.mean())
     noisy = flux + error * np.random.default_rng(5).standard_normal(60)
-    return small.curve(60, sun=sun, obs=obs, brightness=noisy, error=error)
+    return small_curves.curve(60, sun=sun, obs=obs, brightness=noisy, error=error)
 
 
 def _dusk() -> LightCurve:
@@ -168,7 +167,7 @@ def _dusk() -> LightCurve:
 
 def _flat() -> LightCurve:
     """Flux 0.5 ± 1.4 in three points: of y + x²."""
-    return small.curve(3, brightness=np.array([0.9, -0.6, 1.2]), error=np.full(3, 2.5))
+    return small_curves.curve(3, brightness=np.array([0.9, -0.6, 1.2]), error=np.full(3, 2.5))
 
 
 ALL = (
@@ -182,14 +181,14 @@ ALL = (
     Reference(
         "turning-facet",
         "a facet and its spin, correlated",
-        lambda: small.curve(30, spinning=True, noise=0.15),
+        lambda: small_curves.curve(30, spinning=True, noise=0.15),
         _turning,
         options={"n_facets": 1, "omega_sd": 0.02},
     ),
     Reference(
         "two-turning-facets",
         "eleven dimensions, one solution, facets alike",
-        lambda: small.curve(80, 2, spinning=True, noise=0.05),
+        lambda: small_curves.curve(80, 2, spinning=True, noise=0.05),
         _two_turning,
         options={"n_facets": 2, "omega_sd": 0.02},
     ),
