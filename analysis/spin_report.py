@@ -41,18 +41,20 @@ def numbers(result: Spin, curve: LightCurve) -> dict[str, Any]:
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
         "notes": result.notes,
         "conditions": [vars(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
         "repeatability": result.skill,
-        "epoch_folding": None
-        if result.folded is None
+        "longest_pass": None
+        if result.mean is None
         else {
-            "period_s": 1.0 / result.folded[0],
-            "period_sd_s": result.folded[1] / result.folded[0] ** 2,
+            "period_s": result.mean.period,
+            "period_sd_s": result.mean.period_error,
+            "drift": result.mean.drift,
+            "drift_sd": result.mean.drift_error,
         },
         "synodic": None
         if windows is None
@@ -96,12 +98,14 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
     left = curve.n_obs - sum(p.t.size for p in result.passes)
     short = f", {left} points in passes too short" if left else ""
     lines.append(f"{len(result.passes)} pass(es) of {curve.n_obs - left} points{short}")
-    if result.base is not None and result.folded is not None:
-        period, folded = 1 / result.base, 1 / result.folded[0]
-        spread = result.folded[1] * folded**2
+    if result.base is not None and result.mean is not None:
+        mean = result.mean
+        period, spread = mean.period, mean.period_error
+        drift, drift_sd = 100.0 * mean.drift, 100.0 * mean.drift_error
         lines.append(
-            f"brightness repeats with {show(period, spread)} s on average (epoch folding of the "
-            f"longest pass: {show(folded, spread)} ± {show(spread, spread)} s)"
+            f"brightness repeats with {show(1.0 / result.base, spread)} s on average; mean synodic "
+            f"period of the longest pass {show(period, spread)} ± {show(spread, spread)} s, whose "
+            f"frequency changes by {show(drift, drift_sd)} ± {show(drift_sd, drift_sd)} % along it"
         )
     for s in result.solutions[:MOST_SOLUTIONS]:
         lon, lat = lon_lat(s.pole)
