@@ -193,3 +193,27 @@ def no_power() -> Reason:
 
 def no_law_tested(count: int, total: int, each: Reason) -> Reason:
     return Reason(each.code, f"no law could be tested; {count} of {total}: each {each.text}")
+
+
+def too_few_independent(count: int, least: int) -> Reason:
+    return Reason(
+        "too-few-independent-points",
+        f"{count} observations are independent of each other, and {least} are needed: brightness "
+        "follows itself from point to point; observe more passes",
+    )
+
+
+def narrow_phase_angles(span: float, least: float) -> Reason:
+    return Reason(
+        "narrow-phase-angles",
+        f"phase angles span {span:.0f} deg (5 to 95 %), and {least:g} deg are needed",
+    )
+
+
+def stabilised(law: str, p_value: float, ratio: float) -> Reason:
+    return Reason(
+        "stabilised",
+        f"the object looks stabilised: where the law {law!r} repeats the directions, brightness "
+        f"repeats itself (p = {p_value:.3f}, differences {100 * ratio:.0f} % of those between "
+        "points at random), so that orientations are not random",
+    )

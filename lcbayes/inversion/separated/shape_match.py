@@ -3,8 +3,12 @@
 A body seen in many unrelated orientations has a brightness that is random, distributed as its
 shape and the phase angle say. Candidates are turned at random, lit at the phase angles of the
 observations, and made as noisy; the distribution of the observations in the plane of phase angle
-and magnitude is held against theirs. Size and albedo are unknown: magnitudes are taken against
-their median. p-values are ranks among samples of the candidate itself.
+and magnitude is compared with theirs. Size and albedo are unknown: magnitudes are taken against
+their median. p-values are ranks among samples of the candidate itself, in two states of motion:
+every point in an orientation of its own, as of a tumbling body seen over a long time; and a spin
+about one fixed axis, drawn anew for each sample with the body's orientation on it, at the
+directions of the observations and with unrelated rotational phases. A candidate is rejected where
+both reject it, and always together with the surface that was assumed.
 
 References
 ----------
@@ -19,11 +23,14 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated.attitude_test import alike
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.inversion.separated.two_samples import Reference
@@ -41,6 +48,7 @@ MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
 BLOCK = 500_000  # facets times samples at once
 STEP_DEG, TURNS = 1.0, 240  # phase angles that a shape is sampled at, orientations at each
 STABLE_P, STABLE_PAIRS, STABLE_REACH_DEG = 0.01, 30, 8.0
+STABLE_RATIO = 0.6  # of differences under a law to those at random, of a stabilised body
 STABLE_LAWS = ("inertial", "lvlh", "yaw-steering", "sun-north", "sun-pointing", "earth-north")
 
 
@@ -83,7 +91,9 @@ class Match:
     Attributes
     ----------
     name : of the candidate
-    p_kolmogorov, p_energy : probability of so large a distance if this is the shape
+    p_kolmogorov, p_energy : probability of so large a distance if this is the shape and its
+        orientation is random at every point
+    p_fixed_axis : the same if it spins about a fixed axis, of both distances together
     kolmogorov, energy : distances
     excess : energy distance above its mean under the candidate, in standard deviations
     phase, magnitude : (M,) rad, mag
@@ -93,6 +103,7 @@ class Match:
     name: str
     p_kolmogorov: float
     p_energy: float
+    p_fixed_axis: float
     kolmogorov: float
     energy: float
     excess: float
@@ -100,9 +111,14 @@ class Match:
     magnitude: Floats
 
     @property
-    def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
+    def p_random(self) -> float:
+        """Of both tests together (Bonferroni) if orientations are random."""
         return min(1.0, 2.0 * min(self.p_kolmogorov, self.p_energy))
+
+    @property
+    def p_value(self) -> float:
+        """The larger of both motions: that of the shape, however it turns."""
+        return max(self.p_random, self.p_fixed_axis)
 
 
 @dataclass(frozen=True)
@@ -113,6 +129,7 @@ class ShapeMatch:
     ----------
     matches : by p-value, then by ``excess``
     level : probability below which a candidate is rejected
+    surface : of all candidates
     phase, magnitude : (n,) rad, mag
         Of the observations that were used, magnitudes against their median.
     n_obs, n_faint, stride : points given; left out below a signal of 3σ; one in how many is taken
@@ -122,13 +139,14 @@ class ShapeMatch:
 
     matches: tuple[Match, ...]
     level: float
+    surface: Surface
     phase: Floats
     magnitude: Floats
     n_obs: int
     n_faint: int
     stride: int
     correlation: float
-    reasons: list[str]
+    reasons: list[Reason]
 
     @property
     def consistent(self) -> list[Match]:
@@ -194,28 +212,17 @@ def shape_match(
     phase, magnitude = _phase(seen), -2.5 * np.log10(seen.flux)
     magnitude = magnitude - np.median(magnitude)
     reasons = _reasons(curve, seen, phase, magnitude, rng)
+    observations = Observations(seen, phase, magnitude, curve.kind, n_nulls, n_draws)
     bodies = candidates() if bodies is None else bodies
     found = []
     with progress.stage("matching shapes", len(bodies), "shapes") as track:
         for name, body in bodies.items():
-            found.append(
-                _match(
-                    name,
-                    body,
-                    surface,
-                    curve.kind,
-                    seen,
-                    phase,
-                    magnitude,
-                    n_nulls,
-                    n_draws,
-                    np.random.default_rng(seed),
-                )
-            )
+            rng = np.random.default_rng(seed)
+            found.append(_match(name, body, surface, observations, rng))
             track.advance(1, name)
     found.sort(key=lambda m: (-min(m.p_value, level), m.excess))
     return ShapeMatch(
-        tuple(found), level, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
+        tuple(found), level, surface, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
     )
 
 
@@ -252,40 +259,34 @@ def _without_trend(phase: Floats, magnitude: Floats) -> Floats:
 
 def _reasons(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> list[str]:
+) -> list[Reason]:
     out = []
     if len(phase) < MIN_INDEPENDENT:
-        out.append(
-            f"{len(phase)} observations are independent of each other, and {MIN_INDEPENDENT} are "
-            "needed: brightness follows itself from point to point; observe more passes"
-        )
+        out.append(why.too_few_independent(len(phase), MIN_INDEPENDENT))
     span = float(np.degrees(np.subtract(*np.quantile(phase, [0.95, 0.05]))))
     if span < LEAST_SPAN_DEG:
-        out.append(
-            f"phase angles span {span:.0f} deg (5 to 95 %), and {LEAST_SPAN_DEG:g} deg are needed"
-        )
-    stable, law = stabilised(curve, seen, phase, magnitude, rng)
-    if stable < STABLE_P:
-        out.append(
-            f"the object looks stabilised: where the law {law!r} repeats the directions, "
-            f"brightness repeats itself (p = {stable:.3f}), so that orientations are not random"
-        )
+        out.append(why.narrow_phase_angles(span, LEAST_SPAN_DEG))
+    stable, law, ratio = stabilised(curve, seen, phase, magnitude, rng)
+    if stable < STABLE_P and ratio < STABLE_RATIO:
+        out.append(why.stabilised(law, stable, ratio))
     return out
 
 
 def stabilised(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> tuple[float, str]:
-    """p-value that brightness does not repeat itself under any common law, and the nearest law.
+) -> tuple[float, str, float]:
+    """p-value that brightness does not repeat itself under any common law, the nearest law, ratio.
 
     Of pairs that a law makes alike the mean absolute difference of magnitude, trend with phase
     taken out, ranked among permutations of the points; the smallest over laws against the smallest
-    of the permutations. 1 where no law has pairs enough.
+    of the permutations. The ratio is that difference over the mean of the permutations: a body that
+    spins about a fixed axis depends on its geometry a little, a stabilised one repeats itself. 1
+    where no law has pairs enough.
     """
     left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
     eph = ephemeris(curve)
     tried = np.array([left, *(rng.permutation(left) for _ in range(199))])
-    scores, names = [], []
+    scores, names, ratios = [], [], []
     for name in STABLE_LAWS:
         law = catalogue.find(name)
         try:
@@ -298,11 +299,13 @@ def stabilised(
         mean = np.mean(np.abs(tried[:, pairs.i] - tried[:, pairs.j]), axis=1)
         scores.append((mean - mean[1:].mean()) / mean[1:].std())
         names.append(name)
+        ratios.append(float(mean[0] / mean[1:].mean()))
     if not names:
-        return 1.0, ""
+        return 1.0, "", 1.0
     least = np.min(scores, axis=0)
     p = (1 + np.sum(least[1:] <= least[0])) / len(least)
-    return float(p), names[int(np.argmin([s[0] for s in scores]))]
+    nearest = int(np.argmin([s[0] for s in scores]))
+    return float(p), names[nearest], ratios[nearest]
 
 
 def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -376,53 +379,111 @@ def _block(sun, obs, normals, areas, r_diff, r_spec, exponent):
     return flux_brdf(sun, obs, normals, areas, "blinn-phong", params)
 
 
+@dataclass(frozen=True)
+class Observations:
+    """What every candidate is compared with, and how often.
+
+    Attributes
+    ----------
+    seen : Reduced
+    phase, magnitude : (n,) rad, mag
+        Magnitudes against their median.
+    kind : of the light curve's brightness
+    n_nulls, n_draws : samples that p-values rank among, draws that a distribution is known by
+    """
+
+    seen: Reduced
+    phase: Floats
+    magnitude: Floats
+    kind: str
+    n_nulls: int
+    n_draws: int
+
+
 def _match(
-    name: str,
-    body: shapes.Body,
-    surface: Surface,
-    kind: str,
-    seen: Reduced,
-    phase: Floats,
-    magnitude: Floats,
-    n_nulls: int,
-    n_draws: int,
-    rng: np.random.Generator,
+    name: str, body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
 ) -> Match:
     """One candidate."""
-    n = len(phase)
+    n, phase = len(of.phase), of.phase
     # a point of the observations for every draw, each equally often: the same phase frequencies
-    which = np.arange(3 * n_draws) % n
+    which = np.arange(3 * of.n_draws) % n
     flux = cast(body, surface).draw(phase[which], rng)
-    level = _level(flux, seen)
-    values, kept = _noisy(flux * level, which, kind, seen, rng)
+    values, kept = _noisy(flux * _level(flux, of.seen), which, of.kind, of.seen, rng)
     which, values = which[kept], values[kept]
     if len(values) < 2 * n:
-        return Match(name, 0.0, 0.0, 1.0, np.inf, np.inf, phase[which], values)
-    draws = rng.permutation(len(values))[:n_draws]
+        return Match(name, 0.0, 0.0, 0.0, 1.0, np.inf, np.inf, phase[which], values)
+    draws = rng.permutation(len(values))[: of.n_draws]
     middle = float(np.median(values[draws]))
     where, y = phase[which[draws]], values[draws] - middle
     unit = np.array([np.std(phase), np.std(np.clip(y, -REACH_MAG, REACH_MAG))])
     low = np.array([phase.min() - 1e-9, -REACH_MAG]) / unit
     high = np.array([phase.max() + 1e-9, REACH_MAG]) / unit
     reference = Reference(np.stack([where, y], axis=1) / unit, low, high)
-    mine = np.stack([phase, magnitude], axis=1) / unit
-    samples = [mine]
+    at_random = _random_samples(which, values, of, rng)
+    spinning = _spinning_samples(body, surface, of, rng)
+    samples = [(phase, of.magnitude), *at_random, *spinning]
+    distances = np.stack(
+        reference.distances([np.stack(sample, axis=1) / unit for sample in samples]), axis=1
+    )
+    own, null = distances[0], distances[1 : 1 + of.n_nulls]
+    p = (1 + np.sum(null >= own, axis=0)) / (1 + of.n_nulls)
+    fixed = distances[1 + of.n_nulls :]
+    p_fixed = (1 + np.sum(fixed >= own, axis=0)) / (1 + len(fixed))
+    excess = (own[1] - null[:, 1].mean()) / null[:, 1].std()
+    return Match(
+        name,
+        float(p[0]),
+        float(p[1]),
+        min(1.0, 2.0 * float(p_fixed.min())),
+        float(own[0]),
+        float(own[1]),
+        float(excess),
+        where,
+        y,
+    )
+
+
+def _random_samples(
+    which: Ints, values: Floats, of: Observations, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """Phase angles and magnitudes of samples of a candidate whose orientation is random."""
+    n = len(of.phase)
     by_point = np.argsort(which, kind="stable")
     # each point of the observations once, where it is bright enough in some draw
     count = np.bincount(which, minlength=n)
     bright = np.flatnonzero(count)
     begin = np.searchsorted(which[by_point], bright)
-    for _ in range(n_nulls):
+    samples = []
+    for _ in range(of.n_nulls):
         chosen = by_point[begin + (rng.random(n)[bright] * count[bright]).astype(int)]
         again = values[chosen]
-        samples.append(np.stack([phase[bright], again - np.median(again)], axis=1) / unit)
-    found = np.stack(reference.distances(samples), axis=1)
-    own, null = found[0], found[1:]
-    p = (1 + np.sum(null >= own, axis=0)) / (1 + n_nulls)
-    excess = (own[1] - null[:, 1].mean()) / null[:, 1].std()
-    return Match(
-        name, float(p[0]), float(p[1]), float(own[0]), float(own[1]), float(excess), where, y
-    )
+        samples.append((of.phase[bright], again - np.median(again)))
+    return samples
+
+
+def _spinning_samples(
+    body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """The same of a candidate that spins about an axis fixed in space and in the body."""
+    n = len(of.phase)
+    sun, obs = np.empty((of.n_nulls, n, 3)), np.empty((of.n_nulls, n, 3))
+    for k in range(of.n_nulls):
+        axis, second = Rotation.random(2, rng)
+        spin = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi, (n, 1)) * [[0.0, 0.0, 1.0]])
+        turn = axis * spin * second  # body to inertial
+        sun[k], obs[k] = (
+            turn.apply(of.seen.sun, inverse=True),
+            turn.apply(of.seen.obs, inverse=True),
+        )
+    flux = sent(body, surface, sun.reshape(-1, 3), obs.reshape(-1, 3)).reshape(of.n_nulls, n)
+    samples = []
+    for one in flux:
+        magnitude, kept = _noisy(one * _level(one, of.seen), np.arange(n), of.kind, of.seen, rng)
+        if np.sum(kept) < 2:
+            continue
+        magnitude = magnitude[kept]
+        samples.append((of.phase[kept], magnitude - np.median(magnitude)))
+    return samples
 
 
 def _level(flux: Floats, seen: Reduced) -> float:
