@@ -217,3 +217,82 @@ def stabilised(law: str, p_value: float, ratio: float) -> Reason:
         f"repeats itself (p = {p_value:.3f}, differences {100 * ratio:.0f} % of those between "
         "points at random), so that orientations are not random",
     )
+
+
+def no_glint(alarm: float) -> Reason:
+    return Reason(
+        "no-glint",
+        f"no glint stands out: none has a false-alarm probability below {alarm:g}",
+    )
+
+
+def no_direction(count: int) -> Reason:
+    if count == 1:
+        return Reason(
+            "one-glint", "one glint alone fixes no direction: nothing tests that it is a facet's"
+        )
+    return Reason(
+        "no-common-direction",
+        f"{count} glint(s) fix no direction: no two share a facet's normal and no axis is "
+        "perpendicular to all bisectors; the attitude may be another one",
+    )
+
+
+def one_glint_no_offset() -> Reason:
+    return Reason(
+        "one-glint", "one glint alone fixes no offset: nothing tests that a panel makes it"
+    )
+
+
+def no_common_offset(chi2: float, freedom: int) -> Reason:
+    return Reason(
+        "no-common-offset",
+        f"the glints share no offset from the Sun: chi2 is {chi2:.1f} for {freedom} degrees of "
+        "freedom",
+    )
+
+
+def no_edge(p_value: float) -> Reason:
+    return Reason(
+        "no-edge",
+        f"no edge of a facet is seen: noise on a smooth curve does as well with p = {p_value:.3f}",
+    )
+
+
+def narrow_sweep(sweep: float, least: float) -> Reason:
+    return Reason(
+        "narrow-sweep",
+        f"the direction to the observer turns by {sweep:.1f} deg in the body's axes, and "
+        f"{least:g} deg are needed: the method is for passes of low orbits",
+    )
+
+
+def one_facet_misfit(chi2: float, dof: int) -> Reason:
+    return Reason(
+        "misfit",
+        f"one facet over a smooth rest does not explain the curve (chi2 {chi2:.0f} for {dof} "
+        "degrees of freedom): more than one facet changes, or the law is wrong",
+    )
+
+
+def small_share(share: float) -> Reason:
+    return Reason(
+        "small-share",
+        f"the facet sends {share:.1%} of the light at most, and the rest of the body need not be "
+        "as smooth as that",
+    )
+
+
+def normal_unconstrained(part: float) -> Reason:
+    return Reason(
+        "normal-unconstrained",
+        f"the normal is not constrained: the region is {part:.0%} of the sphere",
+    )
+
+
+def always_seen(probability: float) -> Reason:
+    return Reason(
+        "always-seen",
+        f"with {probability:.0%} probability the facet is lit and seen throughout, and what it "
+        "looks like is the smooth rest's to decide",
+    )
