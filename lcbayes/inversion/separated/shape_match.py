@@ -31,25 +31,26 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion import reasons as why
-from lcbayes.inversion.separated.attitude_test import alike
-from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
+from lcbayes.inversion.separated.conditions import (
+    REACH_MAG,
+    STABLE_P,
+    STABLE_RATIO,
+    correlated,
+    phase_angles,
+    stabilised,
+)
+from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, reduce
 from lcbayes.inversion.separated.two_samples import Reference
-from lcbayes.modelling.ephemeris import ephemeris
-from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
 from lcbayes.physics.brightness import flux_brdf
 
 R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
 LEAST_SNR = 3.0
 LEAST_LEVEL = 0.001  # for which 2000 nulls are drawn
-REACH_MAG = 4.0  # from the median; what is fainter or brighter counts as there
 MIN_INDEPENDENT, MOST_POINTS, LEAST_SPAN_DEG = 100, 500, 30.0
 MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
 BLOCK = 500_000  # facets times samples at once
 STEP_DEG, TURNS = 1.0, 240  # phase angles that a shape is sampled at, orientations at each
-STABLE_P, STABLE_PAIRS, STABLE_REACH_DEG = 0.01, 30, 8.0
-STABLE_RATIO = 0.6  # of differences under a law to those at random, of a stabilised body
-STABLE_LAWS = ("inertial", "lvlh", "yaw-steering", "sun-north", "sun-pointing", "earth-north")
 
 
 @cache
@@ -209,7 +210,7 @@ def shape_match(
     stride = max(int(np.ceil(correlation)), int(np.ceil(len(seen.t) / MOST_POINTS)))
     seen = seen.at(np.arange(0, len(seen.t), stride))
     rng = np.random.default_rng(seed)
-    phase, magnitude = _phase(seen), -2.5 * np.log10(seen.flux)
+    phase, magnitude = phase_angles(seen), -2.5 * np.log10(seen.flux)
     magnitude = magnitude - np.median(magnitude)
     reasons = _reasons(curve, seen, phase, magnitude, rng)
     observations = Observations(seen, phase, magnitude, curve.kind, n_nulls, n_draws)
@@ -226,37 +227,6 @@ def shape_match(
     )
 
 
-def _phase(seen: Reduced) -> Floats:
-    cross = np.linalg.norm(np.cross(seen.sun, seen.obs), axis=1)
-    return np.arctan2(cross, np.sum(seen.sun * seen.obs, axis=1))
-
-
-def correlated(seen: Reduced) -> float:
-    """How many successive points one independent point is worth, 1 + 2 Σ ρ_k.
-
-    ρ is the correlation of magnitudes, their trend with phase angle taken out, within passes; the
-    sum ends where ρ falls below its noise (Sokal's window of positive terms).
-    """
-    left = _without_trend(_phase(seen), -2.5 * np.log10(np.maximum(seen.flux, 1e-300)))
-    left = np.clip(left, -REACH_MAG, REACH_MAG)
-    total = 1.0
-    for k in range(1, len(left) // 4):
-        same = seen.one_pass[k:] == seen.one_pass[:-k]
-        if np.sum(same) < 20:
-            break
-        rho = np.mean((left[k:] * left[:-k])[same]) / np.mean(left**2)
-        if rho < 2.0 / np.sqrt(np.sum(same)):
-            break
-        total += 2.0 * rho
-    return float(total)
-
-
-def _without_trend(phase: Floats, magnitude: Floats) -> Floats:
-    base = np.polynomial.legendre.legvander(2.0 * phase / np.pi - 1.0, 2)
-    fitted, *_ = np.linalg.lstsq(base, magnitude, rcond=None)
-    return magnitude - base @ fitted
-
-
 def _reasons(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
 ) -> list[Reason]:
@@ -270,42 +240,6 @@ def _reasons(
     if stable < STABLE_P and ratio < STABLE_RATIO:
         out.append(why.stabilised(law, stable, ratio))
     return out
-
-
-def stabilised(
-    curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> tuple[float, str, float]:
-    """p-value that brightness does not repeat itself under any common law, the nearest law, ratio.
-
-    Of pairs that a law makes alike the mean absolute difference of magnitude, trend with phase
-    taken out, ranked among permutations of the points; the smallest over laws against the smallest
-    of the permutations. The ratio is that difference over the mean of the permutations: a body that
-    spins about a fixed axis depends on its geometry a little, a stabilised one repeats itself. 1
-    where no law has pairs enough.
-    """
-    left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
-    eph = ephemeris(curve)
-    tried = np.array([left, *(rng.permutation(left) for _ in range(199))])
-    scores, names, ratios = [], [], []
-    for name in STABLE_LAWS:
-        law = catalogue.find(name)
-        try:
-            parts = in_body(turns(law, eph, seen)[:1], seen)
-        except InputError:
-            continue
-        pairs = alike(parts, seen, np.radians(STABLE_REACH_DEG))
-        if len(pairs.i) < STABLE_PAIRS:
-            continue
-        mean = np.mean(np.abs(tried[:, pairs.i] - tried[:, pairs.j]), axis=1)
-        scores.append((mean - mean[1:].mean()) / mean[1:].std())
-        names.append(name)
-        ratios.append(float(mean[0] / mean[1:].mean()))
-    if not names:
-        return 1.0, "", 1.0
-    least = np.min(scores, axis=0)
-    p = (1 + np.sum(least[1:] <= least[0])) / len(least)
-    nearest = int(np.argmin([s[0] for s in scores]))
-    return float(p), names[nearest], ratios[nearest]
 
 
 def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
