@@ -125,7 +125,7 @@ def repeating(rng: np.random.Generator, drift: float, correlation_s: float) -> t
     noise = rng.normal(size=t.size)
     if correlation_s:
         keep = np.exp(-(t[1] - t[0]) / correlation_s)
-        noise = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], noise)
+        noise = np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], noise))
     still = np.tile([0.0, 0.0, 1.0], (t.size, 1))
     one = Pass("", t, y + 0.18 * noise, np.full(t.size, 0.18), still, still)
     return one, float(np.polyfit(t, cycles, 1)[0])

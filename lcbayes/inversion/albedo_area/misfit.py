@@ -38,7 +38,8 @@ def geometry_p_value(seen: Observed, model: Floats, seed: int = 0) -> float:
     place = np.hstack([seen.sun[middle], seen.obs[middle]])
     if len(place) < 5 * NEIGHBOURS:
         return 1.0
-    near = KDTree(place).query(place, NEIGHBOURS + 1)[1][:, 1:]
+    nearest = np.asarray(KDTree(place).query(place, NEIGHBOURS + 1)[1])
+    near = nearest[:, 1:]
     residual = (seen.flux - model) / seen.error
     residual = residual - residual.mean()
     rng = np.random.default_rng(seed)

@@ -307,7 +307,7 @@ def _test(
     null = statistic(flux, seen.error, found)
     mine = float(statistic(seen.flux[None], seen.error, found)[0])
     p = (1 + np.sum(null >= mine)) / (1 + len(null))
-    powerless = p >= level and not _has_power(seen, found, null, level, rng)
+    powerless = bool(p >= level) and not _has_power(seen, found, null, level, rng)
     return Verdict(
         law.name,
         law.settings(),
