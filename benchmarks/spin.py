@@ -121,13 +121,13 @@ def repeating(rng: np.random.Generator, drift: float, correlation_s: float) -> t
     x = t / 150.0 - 1.0
     cycles = (t + drift * 37.5 * (x**2 + (x**3 - 0.6 * x) / 1.5)) / 44.33
     lines = {1: 0.12, 2: 0.25, 3: 0.05, 4: 0.15, 5: 0.03, 8: 0.1}
-    y = sum(a * np.cos(2 * np.pi * k * cycles + k**2) for k, a in lines.items())
+    y = np.sum([a * np.cos(2 * np.pi * k * cycles + k**2) for k, a in lines.items()], axis=0)
     noise = rng.normal(size=t.size)
     if correlation_s:
         keep = np.exp(-(t[1] - t[0]) / correlation_s)
         noise = np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], noise))
     still = np.tile([0.0, 0.0, 1.0], (t.size, 1))
-    one = Pass("", t, y + 0.18 * noise, np.full(t.size, 0.18), still, still)
+    one = Pass("", t, np.asarray(y + 0.18 * noise, float), np.full(t.size, 0.18), still, still)
     return one, float(np.polyfit(t, cycles, 1)[0])
 
 
