@@ -64,7 +64,7 @@ def numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
         "n_curves": len(seen.free),
         "calibrated": bool(calibrated),
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
         "fit": {
             "chi2": best.chi2,
             "dof": result.dof,

@@ -40,7 +40,7 @@ def numbers(result: AttitudeTest) -> dict[str, Any]:
         "n_obs": result.n_obs,
         "n_glints_left_out": result.n_glints,
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
         "level": result.level,
         "laws": [
             {k: getattr(v, k) for k in keys} | {"rejected": result.rejected(v)}
@@ -95,7 +95,7 @@ def _not_tested(result: AttitudeTest) -> list[str]:
     lines = []
     for reason, stopped in names.items():
         # on top already, with the remedy
-        why = "as said above" if any(reason in r for r in result.reasons) else reason
+        why = "as said above" if any(reason in str(r) for r in result.reasons) else reason
         count = f"{len(stopped)} laws" if len(stopped) > 1 else "1 law"
         lines.append(f"{count} not tested, {why}:")
         lines += textwrap.wrap(

@@ -51,7 +51,7 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
     return {
         "n_obs": curve.n_obs,
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
         "notes": result.notes,
         "glints": rows,
         "facets": [_direction(f) for f in result.facets],

@@ -24,18 +24,39 @@ def write(result: ShapeMatch, folder: Path, about: Mapping[str, Any]) -> None:
 
 def numbers(result: ShapeMatch) -> dict[str, Any]:
     """The content of `shape_match.json`."""
-    keys = ("name", "p_value", "p_kolmogorov", "p_energy", "kolmogorov", "energy", "excess")
+    keys = (
+        "name",
+        "p_value",
+        "p_kolmogorov",
+        "p_energy",
+        "p_fixed_axis",
+        "kolmogorov",
+        "energy",
+        "excess",
+    )
     return {
         "n_obs": result.n_obs,
         "n_faint_left_out": result.n_faint,
         "n_used": len(result.phase),
         "points_per_independent_one": result.correlation,
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
+        "assumptions": assumptions(result),
         "level": result.level,
         "consistent": [m.name for m in result.consistent],
         "candidates": [{k: getattr(m, k) for k in keys} for m in result.matches],
     }
+
+
+def assumptions(result: ShapeMatch) -> str:
+    """What a rejection holds for."""
+    surface = result.surface
+    return (
+        "rejected are shapes with this surface on all facets (diffuse "
+        f"{surface.r_diff:g}, specular {surface.r_spec:g}, exponent {surface.exponent:g}), whether "
+        "their orientation is random at every point or they spin about a fixed axis; another "
+        "surface may reject the true shape, and a stabilised body is not tested"
+    )
 
 
 def words(result: ShapeMatch) -> list[str]:
@@ -51,8 +72,9 @@ def words(result: ShapeMatch) -> list[str]:
         verdict = "consistent" if m.p_value >= result.level else "rejected"
         lines.append(
             f"{m.name:14s} p = {m.p_value:.3f}  {verdict}  (Kolmogorov-Smirnov {m.p_kolmogorov:.3f}"
-            f", energy distance {m.p_energy:.3f})"
+            f", energy distance {m.p_energy:.3f}; spin about a fixed axis {m.p_fixed_axis:.3f})"
         )
+    lines.append(assumptions(result))
     if result.reasons:
         return lines
     left = [m.name for m in result.consistent]

@@ -39,7 +39,7 @@ def numbers(result: SingleFacet) -> dict[str, Any]:
     return {
         "n_obs": len(result.seen.t),
         "trusted": not result.reasons,
-        "reasons": result.reasons,
+        "reasons": [str(r) for r in result.reasons],
         "law": result.law,
         "normal": result.normal,
         "lon_deg": float(lon[0]),

@@ -134,7 +134,7 @@ def moving(cases: int) -> list[list[str]]:
                 found = shape_match(
                     make(geometry, name, noise, seed), n_nulls=NULLS, n_draws=4000, seed=seed
                 )
-                warned.append(any("stabilised" in r for r in found.reasons))
+                warned.append(any(r.code == "stabilised" for r in found.reasons))
                 refused.append(bool(found.reasons))
                 right.append(found.matches[0].name == name)
                 mine = next(m for m in found.matches if m.name == name)

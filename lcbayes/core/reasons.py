@@ -6,12 +6,17 @@ from typing import NamedTuple
 
 
 class Reason(NamedTuple):
-    """Why a result must not be trusted.
+    """One reason of a verdict.
 
     Attributes
     ----------
-    code : short identifier that does not change between versions, such as ``chains-disagree``
+    code : short identifier in kebab case, the same whatever the numbers are
     text : one sentence
+
+    Examples
+    --------
+    >>> str(Reason("too-few-cycles", "the longest pass holds 4.1 cycles"))
+    'the longest pass holds 4.1 cycles'
     """
 
     code: str

@@ -10,7 +10,6 @@ import numpy as np
 from lcbayes.analysis import small_report, spin_report
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.constants import HOUR_S
-from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.sidereal import Solution, Spin
@@ -41,8 +40,7 @@ class SpinResult(Result):
     task = "spin"
 
     def __init__(self, found: Spin, curve: LightCurve) -> None:
-        reasons = [Reason("spin-not-determined", str(reason)) for reason in found.reasons]
-        super().__init__(_content(found, curve), reasons, {})
+        super().__init__(_content(found, curve), found.reasons, {})
         self._found, self._curve = found, curve
 
     @property
@@ -93,11 +91,13 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
         "repeatability": result.skill,
-        "epoch_folding": None
-        if result.folded is None
+        "longest_pass": None
+        if result.mean is None
         else {
-            "period_s": 1.0 / result.folded[0],
-            "period_sd_s": result.folded[1] / result.folded[0] ** 2,
+            "period_s": result.mean.period,
+            "period_sd_s": result.mean.period_error,
+            "drift": result.mean.drift,
+            "drift_sd": result.mean.drift_error,
         },
         "synodic": None
         if windows is None

@@ -260,14 +260,16 @@ def test_a_facet_a_wire_and_a_panel_are_found_and_told_apart():
 @pytest.mark.statistical(false_alarm=EACH)
 def test_where_conditions_fail_nothing_is_given():
     """Noise glints in one of 100 light curves: in three in a row once in a million times."""
-    none = "no glint stands out: none has a false-alarm probability below 0.01"
-    assert any(analyse(no_flashes(seed, 50.0)).reasons == [none] for seed in range(3, 6))
+    none = "no-glint"
+    assert any(
+        [r.code for r in analyse(no_flashes(s, 50.0)).reasons] == [none] for s in range(3, 6)
+    )
     curve, attitude, _ = facet_flashes(3, 50.0)
     wrong = ConstantRate((0.02, 0.03, 0.01))
     assert analyse(curve, wrong).reasons
     first = analyse(curve, attitude).glints[0]
     alone = analyse(curve.select(np.abs(curve.t - first.t) < 40.0), attitude)
     assert len(alone.glints) == 1
-    assert "one glint alone fixes no direction" in alone.reasons[0]
+    assert "one glint alone fixes no direction" in str(alone.reasons[0])
     with pytest.raises(InputError, match="has no spin"):
         analyse(curve, attitude, axis=(0.0, 0.0, 1.0))

@@ -8,7 +8,8 @@ import pytest
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin import detrended, estimate, periods, pole, windows
-from lcbayes.inversion.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE
+from lcbayes.inversion.spin.mean_frequency import mean_frequency
+from lcbayes.inversion.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE, UNIQUE
 from lcbayes.physics.bodies import shapes
 from tests.helpers.false_alarms import EACH, counts, squares
 from tests.helpers.low_earth_orbit import shine, spinner, spun, steady, triad
@@ -127,9 +128,45 @@ def test_the_error_of_a_frequency_is_that_of_larsson_and_of_many_trials():
     z = (np.array(found) - f) / np.array(errors)
     low, high = squares(300)
     assert low < np.sum(z**2) < high * 1.05
-    folded, error = periods.fold(one_pass(t, clean, sigma), f)
-    assert folded == pytest.approx(f, abs=0.2 / span)
-    assert error == pytest.approx(larsson, rel=0.2)
+
+
+def repeating(rng, drift: float, correlation_s: float, n: int = 400, span: float = 200.0):
+    """One pass of period 20 s whose rate drifts, with noise of 0.18 that may be correlated.
+
+    The last value is the truth: the slope of the straight line that fits the phase best.
+    """
+    t = np.linspace(0.0, span, n)
+    x = 2.0 * t / span - 1.0
+    cycles = (t + drift * span / 8.0 * (x**2 + (x**3 - 0.6 * x) / 1.5)) / 20.0
+    y = sum(a * np.cos(2 * np.pi * k * cycles + k**2) for k, a in ((1, 0.12), (2, 0.25), (4, 0.15)))
+    noise = rng.normal(size=n)
+    if correlation_s:
+        keep = np.exp(-(t[1] - t[0]) / correlation_s)
+        for i in range(1, n):
+            noise[i] = keep * noise[i - 1] + np.sqrt(1.0 - keep**2) * noise[i]
+    return t, y + 0.18 * noise, np.polyfit(t, cycles, 1)[0]
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.parametrize(("drift", "correlation_s"), [(0.0, 0.0), (0.01, 0.0), (0.01, 1.0)])
+def test_the_stated_error_of_a_mean_period_holds_under_drift_and_correlated_noise(
+    drift, correlation_s
+):
+    rng = np.random.default_rng(15)
+    pulls = []
+    for _ in range(300):
+        t, y, truth = repeating(rng, drift, correlation_s)
+        got = mean_frequency(one_pass(t, y, 0.18), truth * 1.002, [1, 2, 3, 4])
+        pulls.append((got.frequency - truth) / got.error)
+    low, high = squares(300)  # a standard deviation of 0.82 to 1.19
+    assert low < np.sum(np.square(pulls)) < high
+
+
+def test_a_drift_is_measured_with_its_error():
+    t, y, _ = repeating(np.random.default_rng(16), 0.05, 0.0)
+    got = mean_frequency(one_pass(t, y, 0.18), 0.05, [1, 2, 3, 4])
+    assert got.drift == pytest.approx(0.05, abs=4 * got.drift_error)
+    assert got.drift_error < 0.01
 
 
 def test_the_base_is_found_from_its_second_harmonic():
@@ -254,6 +291,26 @@ def test_regions_hold_their_probability_and_solutions_their_weights(cylinder):
     assert 0.9 <= sum(s.weight for s in found.solutions) < 0.93
 
 
+def test_two_passes_give_no_pole():
+    """In 5 of 15 simulated cylinders their 90 % region held the pole."""
+    found = estimate(spinner(100_001, 2, 100.0, "cylinder")[0], n_shuffles=99)
+    assert found.sky is not None
+    assert "too-few-passes" in {r.code for r in found.reasons}
+    assert not found.solutions
+
+
+def test_many_solutions_over_a_factor_of_four_in_period_are_no_answer():
+    """Candidates are listed, and the verdict says that they are no answer."""
+    found = estimate(spinner(102_006, 6, 20.0, "cylinder")[0], n_shuffles=99)
+    turn = [1 / s.frequency for s in found.solutions]
+    assert len(turn) > 4
+    assert max(turn) > 3.5 * min(turn)
+    codes = {r.code for r in found.reasons}
+    assert codes
+    assert codes <= {"ambiguous-period", "many-poles"}
+    assert {c.name for c in found.conditions if not c.met} == {UNIQUE}
+
+
 def failed(curve) -> set[str]:
     return {c.name for c in estimate(curve, n_shuffles=99).conditions if not c.met}
 
@@ -277,7 +334,8 @@ def test_a_constant_has_no_period(value, error, ripple):
     )
     found = estimate(curve, n_shuffles=99)
     assert found.false_alarm == 1.0
-    assert "no period is seen" in found.reasons[0]
+    assert found.reasons[0].code == "no-period"
+    assert "no period is seen" in str(found.reasons[0])
 
 
 def test_where_nothing_moves_no_difference_is_measured():
@@ -306,6 +364,33 @@ def test_a_slow_spin_a_tumbler_and_a_single_flash_are_refused():
     assert STABLE in failed(tumbling)
     flash = changed(lambda t: 1 + 5 * np.exp(-0.5 * ((t % 6000 - 170) / 6.0) ** 2))
     assert failed(flash) & {REPEATS, STABLE, RAPID}
+
+
+def test_a_line_within_the_resolution_of_a_subharmonic_is_the_subharmonic():
+    """A tenth of 1/T apart, as on the first stretch of the Ariane stage: 22.16 and 45.02 s."""
+    assert periods.subharmonic(1 / 22.16, 1 / 45.02, 1 / 300.0) == 2
+    assert periods.subharmonic(1 / 22.16, 1.5 / 22.10, 1 / 300.0) == 2
+    assert periods.subharmonic(1 / 10.0, 1 / 30.2, 1 / 300.0) == 3
+    assert periods.subharmonic(1 / 20.0, 1 / 31.3, 1 / 400.0) == 0
+    assert periods.subharmonic(1 / 20.0, 1 / 20.1, 1 / 400.0) == 0
+
+
+def test_a_period_too_long_for_the_pass_is_not_taken_for_tumbling():
+    """Half of it repeats often enough; the whole of it five times only."""
+    found = estimate(
+        changed(
+            lambda t: (
+                3
+                + np.cos(2 * np.pi * t / 40)
+                + 0.5 * np.cos(2 * np.pi * t / 80)
+                + 0.4 * np.cos(2 * np.pi * 3 * t / 80 + 1)
+            )
+        ),
+        n_shuffles=99,
+    )
+    (reason,) = found.reasons
+    assert reason.code == "too-few-cycles"
+    assert " 80" in str(reason) or " 79." in str(reason)
 
 
 def test_a_curve_without_a_dense_pass_is_refused_in_one_line():

@@ -123,6 +123,11 @@ def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
     np.testing.assert_allclose(factor([[0.5], [-0.04]], [[-0.06], [0.5]], axes[:1]), -4.0)
     # Two cosines of −0.5 have a positive product, and yet the facet is dark (the misprint of (8)).
     np.testing.assert_allclose(factor([[-0.5]], [[-0.5]], axes[:1]), -625.0)
+    # Nor is an epoch that it turns away from the best one, though its product is the largest.
+    assert factor([[0.3], [-0.9]], [[0.3], [-0.9]], axes[:1]) == 0.0
+    np.testing.assert_allclose(
+        factor([[0.5], [-0.9]], [[-0.02], [-0.9]], axes[:1]), -1.0, rtol=1e-12
+    )
 
 
 def test_lit_and_seen_leads_back():
