@@ -15,8 +15,7 @@ def add_options(parser: ArgumentParser, options: type[Options]) -> None:
     for name, declared in declared_options(options).items():
         if declared.declared.positional:
             nargs = None if declared.required else "?"
-            keywords = _keywords(declared) | {"metavar": declared.placeholder}
-            parser.add_argument(name, nargs=nargs, **keywords)
+            parser.add_argument(name, nargs=nargs, **_keywords(declared))
             continue
         names = [declared.flag]
         if declared.declared.short:

@@ -19,10 +19,10 @@ from lcbayes.tasks.task import CURVE, FILE, FOLDER, TEXT, Task
 
 def add_arguments(parser: ArgumentParser, task: Task) -> None:
     """Add the source of a task, its options, what it writes, and what to print."""
-    optional = {"nargs": "?"} if task.listing else {}
+    nargs = "?" if task.listing else None
     if task.source:
         name = task.source.upper()
-        parser.add_argument("source", metavar=name, help=task.source_help, **optional)
+        parser.add_argument("source", metavar=name, help=task.source_help, nargs=nargs)
     if task.out != TEXT:
         parser.add_argument(
             "-o",

@@ -48,10 +48,8 @@ LEAST = {  # options that a task cannot do without, or that make it quick
 
 
 def parser_of(name: str) -> argparse.ArgumentParser:
-    commands = main._parser()._subparsers
-    assert commands is not None
-    (action,) = (a for a in commands._group_actions if isinstance(a.choices, dict))
-    return action.choices[name]
+    (commands,) = (action for action in main._parser()._actions if isinstance(action.choices, dict))
+    return commands.choices[name]
 
 
 @pytest.mark.parametrize("name", PUBLIC)

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 
 import browsing
+import numpy as np
 import pytest
 from leo import steady
 
@@ -91,7 +92,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 def test_a_figure_is_returned_as_it_is_drawn():
     (axes,) = figure_of(line).axes
-    assert axes.lines[0].get_ydata().tolist() == [0.0, 1.0]
+    assert np.array_equal(axes.lines[0].get_ydata(), [0.0, 1.0])
 
 
 def test_sentences_get_codes_and_reasons_keep_theirs():
