@@ -15,6 +15,7 @@ import sys
 import tomllib
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 from leo import steady
@@ -48,8 +49,8 @@ LEAST = {  # options that a task cannot do without, or that make it quick
 
 
 def parser_of(name: str) -> argparse.ArgumentParser:
-    (commands,) = (action for action in main._parser()._actions if isinstance(action.choices, dict))
-    return commands.choices[name]
+    choices: list[Any] = [a.choices for a in main._parser()._actions if isinstance(a.choices, dict)]
+    return choices[0][name]
 
 
 @pytest.mark.parametrize("name", PUBLIC)
