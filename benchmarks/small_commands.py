@@ -72,7 +72,7 @@ def main() -> None:
                     name,
                     str(path),
                     "-o",
-                    scratch,
+                    f"{scratch}/{name}",
                     "--json",
                 ]
                 begun = time.monotonic()

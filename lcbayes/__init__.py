@@ -13,14 +13,21 @@ if TYPE_CHECKING:
     from lcbayes.data.lightcurve import LightCurve as LightCurve
     from lcbayes.data.read import read as read
     from lcbayes.data.write import write as write
+    from lcbayes.tasks.albedo_area.run import albedo_area as albedo_area
+    from lcbayes.tasks.attitude_test.run import attitude_test as attitude_test
     from lcbayes.tasks.batch.run import Batch as Batch
     from lcbayes.tasks.batch.run import batch as batch
     from lcbayes.tasks.compare.run import Comparison as Comparison
     from lcbayes.tasks.compare.run import compare as compare
     from lcbayes.tasks.fit.run import Fit as Fit
     from lcbayes.tasks.fit.run import fit as fit
+    from lcbayes.tasks.glints.run import glints as glints
+    from lcbayes.tasks.observability.run import observability as observability
     from lcbayes.tasks.scan.run import Scan as Scan
     from lcbayes.tasks.scan.run import scan as scan
+    from lcbayes.tasks.shape_match.run import shape_match as shape_match
+    from lcbayes.tasks.simulate.run import simulate as simulate
+    from lcbayes.tasks.single_facet.run import single_facet as single_facet
     from lcbayes.tasks.spin.run import spin as spin
 
 _HOMES = {
@@ -30,11 +37,18 @@ _HOMES = {
     "InputError": "lcbayes.core.errors",
     "LightCurve": "lcbayes.data.lightcurve",
     "Scan": "lcbayes.tasks.scan.run",
+    "albedo_area": "lcbayes.tasks.albedo_area.run",
+    "attitude_test": "lcbayes.tasks.attitude_test.run",
     "batch": "lcbayes.tasks.batch.run",
     "compare": "lcbayes.tasks.compare.run",
     "fit": "lcbayes.tasks.fit.run",
+    "glints": "lcbayes.tasks.glints.run",
+    "observability": "lcbayes.tasks.observability.run",
     "read": "lcbayes.data.read",
     "scan": "lcbayes.tasks.scan.run",
+    "shape_match": "lcbayes.tasks.shape_match.run",
+    "simulate": "lcbayes.tasks.simulate.run",
+    "single_facet": "lcbayes.tasks.single_facet.run",
     "spin": "lcbayes.tasks.spin.run",
     "write": "lcbayes.data.write",
 }
@@ -45,11 +59,18 @@ __all__ = [
     "InputError",
     "LightCurve",
     "Scan",
+    "albedo_area",
+    "attitude_test",
     "batch",
     "compare",
     "fit",
+    "glints",
+    "observability",
     "read",
     "scan",
+    "shape_match",
+    "simulate",
+    "single_facet",
     "spin",
     "write",
 ]

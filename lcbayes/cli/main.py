@@ -36,7 +36,19 @@ COMMANDS = (
     "doctor",
 )
 
-TASKS = ("spin",)
+TASKS = (
+    "simulate",
+    "albedo-area",
+    "spin",
+    "glints",
+    "single-facet",
+    "attitude-test",
+    "shape-match",
+    "observability",
+    "convert",
+    "models",
+    "doctor",
+)
 
 EPILOG = """\
 examples:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from lcbayes.core.version import installed_version
@@ -29,7 +31,7 @@ def record_of(task: str, options: Mapping[str, Any], curve: LightCurve | None) -
     if curve is not None and curve.source.get("file"):
         record["curve"] = os.path.abspath(curve.source["file"])
     record["options"] = {
-        name: value if isinstance(value, bool | int | float) else _text(value)
+        name: value if isinstance(value, bool | int | float | tuple) else str(value)
         for name, value in options.items()
         if value is not None
     }
@@ -45,5 +47,8 @@ def record_of(task: str, options: Mapping[str, Any], curve: LightCurve | None) -
     return record
 
 
-def _text(value: Any) -> str:
-    return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+def input_file(path: str | Path) -> dict[str, str]:
+    """Path and SHA-256 of a file that a task has read, for a table ``input.NAME``."""
+    with open(path, "rb") as file:
+        digest = hashlib.file_digest(file, "sha256")
+    return {"path": os.path.abspath(path), "sha256": digest.hexdigest()}

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lcbayes.results.store import ResultsFolder
 
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
+FOLDER, FILE, TEXT = "folder", "file", "text"  # what a task writes; text goes to standard output
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,12 @@ class Task:
     summary : one line, without a capital and a full stop
     details : what `--help` says below the options: examples, conditions, files written
     options : the dataclass of its options
-    source : name of its first argument: "curve", "scenario", "folder", "catalogue"
+    source : name of its first argument: "curve", "scenario", "folder", "catalogue", or none: ""
     source_help : one line about it
     fully_lit : whether points in the Earth's penumbra are left out before the task starts
+    out : what it writes: `FOLDER`, `FILE` or `TEXT`
+    out_help : one line about it
+    listing : what ``--list`` prints, where the task has that flag
     """
 
     name: str
@@ -49,6 +53,9 @@ class Task:
     source: str = CURVE
     source_help: str = "light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
     fully_lit: bool = False
+    out: str = FOLDER
+    out_help: str = "folder for the results"
+    listing: Callable[[], str] | None = None
 
     @property
     def function(self) -> str:
@@ -105,10 +112,13 @@ def task_function(task: Task) -> Callable[[Callable[..., Any]], Callable[..., An
             **given: Any,
         ) -> Result:
             options = task.options.of(given)
-            value = light_curve(source, task) if task.source == CURVE else source
+            value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
             context = Context(progress or Silent())
-            if out is None:
-                return recorded(task, run(value, options, context), options, value)
+            if out is None or task.out == FILE:
+                result = recorded(task, run(value, options, context), options, value)
+                if out is not None:
+                    result.save(out)
+                return result
             from lcbayes.results.store import results_folder
 
             with results_folder(out, task.name) as context.folder:
@@ -152,13 +162,25 @@ def light_curve(source: Any, task: Task) -> LightCurve:
     return fully_lit(source) if task.fully_lit else source
 
 
+def path_like(source: Any, task: Task) -> Any:
+    """The source of a task that takes no light curve: a path, a name, or an object of lcbayes."""
+    from lcbayes.core.errors import InputError
+
+    if isinstance(source, str | Path) or type(source).__module__.startswith("lcbayes."):
+        return source
+    raise InputError(f"the {task.source} is of type {type(source).__name__}; give a path or a name")
+
+
 def signature(task: Task, run: Callable[..., Any]) -> Signature:
     """The signature of the public function of a task."""
     parameters = [Parameter(task.source, Parameter.POSITIONAL_OR_KEYWORD)]
     for name, declared in declared_options(task.options).items():
         default = Parameter.empty if declared.default is MISSING else declared.default
         parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
-    for name, default in (("out", None), ("report", True), ("progress", None)):
+    run_options = {"out": None, "report": True, "progress": None}
+    if task.out == FILE:
+        del run_options["report"]
+    for name, default in run_options.items():
         parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
     returned = inspect.signature(run).return_annotation
     return Signature(parameters, return_annotation=returned)
@@ -170,11 +192,13 @@ def documented(task: Task, doc: str) -> str:
     lines.append(f"    {task.source_help[:1].upper()}{task.source_help[1:]}.")
     for declared in declared_options(task.options).values():
         lines += [f"{declared.name} : {_type(declared)}", f"    {_sentence(declared)}"]
+    lines += ["out : path, optional", f"    {task.out_help[:1].upper()}{task.out_help[1:]}."]
+    if task.out == FOLDER:
+        lines += [
+            "report : bool",
+            "    Whether to write the figures and ``report.html`` there too. Default: True.",
+        ]
     lines += [
-        "out : path, optional",
-        "    Folder for the results; a run that was stopped goes on there to the same numbers.",
-        "report : bool",
-        "    Whether to write the figures and ``report.html`` there too. Default: True.",
         "progress : lcbayes.core.progress.Console, optional",
         "    Shows how far the run is.",
     ]

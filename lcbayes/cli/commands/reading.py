@@ -40,36 +40,6 @@ def add_reading_options(parser: ArgumentParser) -> None:
     )
 
 
-def add_result_arguments(
-    parser: ArgumentParser, name: str, *, optional: bool = False, seed: bool = True
-) -> None:
-    """Add the folder of the results, the seed of what is drawn, and --json for ``name``.json."""
-    parser.add_argument(
-        "-o",
-        "--out",
-        metavar="DIR",
-        type=Path,
-        required=not optional,
-        help="folder for the results",
-    )
-    if seed:
-        parser.add_argument(
-            "--seed", type=int, default=0, metavar="N", help="of all draws (default 0)"
-        )
-    parser.add_argument("--json", action="store_true", help=f"print {name}.json on standard output")
-
-
-def asked(args: Namespace, curve: LightCurve) -> dict[str, Any]:
-    """What opens the file of a result: the light curve, its frame, and the seed where one is."""
-    about = {
-        "curve": str(args.curve),
-        "sha256": curve.source.get("sha256"),
-        "frame": curve.frame,
-        "points_in_penumbra_left_out": int(curve.source.get("in_penumbra", 0)),
-    }
-    return about | ({"seed": args.seed} if "seed" in args else {})
-
-
 def check_seed(args: Namespace) -> None:
     if args.seed < 0:
         raise InputError(f"--seed is {args.seed}; expected a whole number >= 0")

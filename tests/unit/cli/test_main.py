@@ -16,15 +16,13 @@ import pytest
 from lcbayes.analysis import scan_page
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
-from lcbayes.results import folder
 
 
 def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
     def absent(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("importlib.metadata.version", absent)
-    monkeypatch.setattr(folder, "version", absent)
+    monkeypatch.setattr("lcbayes.core.version.version", absent)
     assert main.main(["--version"]) == EXIT_DONE
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
 
@@ -53,7 +51,11 @@ def test_examples_of_help_can_be_pasted():
     """Each by itself, as a shell would split it; nothing is run."""
     pasted = 0
     for name in main.COMMANDS:
-        epilog = importlib.import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}").EPILOG
+        home = name.replace("-", "_")
+        if name in main.TASKS:
+            epilog = importlib.import_module(f"lcbayes.tasks.{home}.options").TASK.details
+        else:
+            epilog = importlib.import_module(f"lcbayes.cli.commands.{home}").EPILOG
         assert all(len(line) <= 100 for line in epilog.splitlines()), name
         joined = re.split("examples?:\n", epilog)[1].split("\n\n")[0].replace("\\\n", " ")
         for line in joined.splitlines():

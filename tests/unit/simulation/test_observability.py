@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from lcbayes.cli.commands.observability import wrapped
+from lcbayes.cli.task import wrapped
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude.laws import Ephemeris
