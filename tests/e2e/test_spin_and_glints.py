@@ -58,7 +58,7 @@ def test_no_pole_where_there_is_none(tmp_path, capsys):
     assert not found["trusted"]
     assert found["solutions"] == []
     assert found["photometric_period_s"] is None
-    assert found["reasons"][0]["code"] == "not-periodic"
+    assert found["reasons"][0]["code"] == "no-period"
     assert "no period is seen" in found["reasons"][0]["text"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "No pole and no sidereal period.</h2>" in page
