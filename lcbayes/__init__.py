@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from lcbayes.data.lightcurve import LightCurve as LightCurve
     from lcbayes.data.read import read as read
     from lcbayes.data.write import write as write
+    from lcbayes.results.draws import weighted_draws as weighted_draws
+    from lcbayes.results.light_curve import load_light_curve as load_light_curve
     from lcbayes.tasks.batch.run import Batch as Batch
     from lcbayes.tasks.batch.run import batch as batch
     from lcbayes.tasks.compare.run import Comparison as Comparison
@@ -33,9 +35,14 @@ _HOMES = {
     "batch": "lcbayes.tasks.batch.run",
     "compare": "lcbayes.tasks.compare.run",
     "fit": "lcbayes.tasks.fit.run",
+    "load_light_curve": "lcbayes.results.light_curve",
     "read": "lcbayes.data.read",
     "scan": "lcbayes.tasks.scan.run",
+<<<<<<< HEAD
     "spin": "lcbayes.tasks.spin.run",
+=======
+    "weighted_draws": "lcbayes.results.draws",
+>>>>>>> posterior
     "write": "lcbayes.data.write",
 }
 __all__ = [
@@ -48,9 +55,14 @@ __all__ = [
     "batch",
     "compare",
     "fit",
+    "load_light_curve",
     "read",
     "scan",
+<<<<<<< HEAD
     "spin",
+=======
+    "weighted_draws",
+>>>>>>> posterior
     "write",
 ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ class Mode:
     weight_sd: float = 0.0
     apart: float = 1.0  # R-hat between independent runs into this region, where there were several
     run_weights: Floats | None = None  # (C,) by each independent population, where there are such
+    tuning: dict[str, NDArray] = field(default_factory=dict)  # (C,) each, of `sampling.Chains`
 
 
 class _Region(NamedTuple):

@@ -15,9 +15,9 @@ from lcbayes.geometry.times import Times
 from lcbayes.inference import goodness_of_fit
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
-from lcbayes.inference.loo import loo
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.variables import SPIN, label, reported
+from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.settings import PUBLISHED
@@ -151,16 +151,16 @@ def _fit(
     posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
 ) -> dict[str, Any]:
     best = posterior.modes[0]
-    elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
+    predicted = found["log_likelihood"].attrs
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
         "chi2": missed.chi2,
         "dof": missed.dof,
-        "elpd_loo": elpd,
-        "elpd_se": elpd_se,
-        "max_pareto_k": khat,
+        "elpd_loo": predicted["elpd_loo"],
+        "elpd_se": predicted["elpd_loo_se"],
+        "max_pareto_k": predicted["max_pareto_k"],
         "log_evidence": posterior.log_evidence.value,
         "log_evidence_se": posterior.log_evidence.se,
     }
@@ -172,7 +172,10 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
     if OUTLIER not in predicted:
         return {}
     probability = predicted[OUTLIER].to_numpy()
-    middle = predicted[OBSERVED].mean(("chain", "draw")).to_numpy()
+    drawn = predicted.to_dataset()
+    if "solution" in drawn.coords and np.ptp(drawn["solution"].to_numpy()):
+        drawn = weighted_draws(drawn)
+    middle = drawn[OBSERVED].mean(("chain", "draw")).to_numpy()
     rows = np.flatnonzero(probability > LIKELY)
     moments = None if curve.epoch_jd is None else Times.of(curve.epoch_jd, curve.t[rows])
     return {
@@ -189,18 +192,6 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
             for i, k in enumerate(rows)
         ]
     }
-
-
-def _loo(found: xr.DataTree, information: float) -> tuple[float, float, float]:
-    """PSIS-LOO, its error with points that follow each other counted for what they are worth, and
-    the largest Pareto k."""
-    pointwise = found["log_likelihood"]["brightness"].to_numpy()
-    each, khat = loo(pointwise.reshape(-1, pointwise.shape[-1]), information)
-    return (
-        float(each.sum()),
-        float(np.sqrt(each.size * each.var() / information)),
-        float(khat.max()),
-    )
 
 
 def _reasons(posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit) -> Iterator[str]:

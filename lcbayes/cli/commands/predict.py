@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_seed(args)
     posterior, config = load(args.folder)
-    fitted = fitted_curve(args.folder, config)
+    fitted = fitted_curve(args.folder)
     wanted = read_geometry(args.geometry, tle=args.tle, site=args.site)
     columns, notes = predict(
         posterior, fitted, wanted, config.keywords["model"], config.options, args.seed

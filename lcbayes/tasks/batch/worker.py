@@ -14,6 +14,7 @@ from lcbayes.core.files import write_atomic
 from lcbayes.core.version import installed_version
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.draws import weighted_draws
 from lcbayes.tasks.batch.objects import PATHS, Object
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
     if "albedo_area" in found.posterior:
-        area = found.posterior["albedo_area"]
+        area = weighted_draws(found.posterior, seed=summary["seed"])["albedo_area"]
         total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
         row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row

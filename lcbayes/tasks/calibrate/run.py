@@ -13,7 +13,6 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import variables as names
-from lcbayes.modelling.likelihood import OBSERVED
 from lcbayes.tasks.fit.run import fit
 
 if TYPE_CHECKING:
@@ -112,6 +111,7 @@ def calibrate(
     from lcbayes.modelling import registry
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import compiled
+    from lcbayes.results.draws import pointwise, weighted_draws
 
     entry = registry.find(model)
     options = {k: v for k, v in asked.items() if k not in SETTINGS}
@@ -133,16 +133,12 @@ def calibrate(
             seen = replace(curve, brightness=drawn)
             _check_noise(plain, truth, data, Epochs.of(seen))
             found = fit(seen, model, seed=seed + i, **asked)
-            sites = {
-                str(k): np.asarray(v).reshape(-1, *v.shape[2:])
-                for k, v in found.posterior.data_vars.items()
-            }
+            draws = weighted_draws(found.tree, seed=seed + i)
+            sites = {str(k): np.asarray(v)[0] for k, v in draws["posterior"].data_vars.items()}
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)
             true = {k: np.asarray(v)[0] for k, v in true.items()}
             likelihood = compiled(plain.log_likelihood)(truth, Epochs.of(seen))
-            among = (
-                found.tree["log_likelihood"].to_dataset()[OBSERVED].to_numpy().sum(axis=-1).ravel()
-            )
+            among = np.asarray(pointwise(draws)).sum(axis=-1).ravel()
             of_draws = told(sites) | {LIKELIHOOD: among}
             of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)

@@ -53,7 +53,8 @@ class Fit(Judged):
 
     @property
     def posterior(self) -> xr.Dataset:
-        """Equally weighted draws; the variable ``mode`` says to which solution each belongs."""
+        """The chains of all solutions as sampled; where there are several,
+        `lcbayes.weighted_draws` weighs them."""
         return self.tree["posterior"].to_dataset()
 
     def save(self, folder: str | Path) -> Path:
@@ -218,10 +219,10 @@ def _check_level(curve: LightCurve) -> None:
 def _attributes(
     curve: LightCurve, summary, entry: Entry, seed: int, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    epoch = {}
-    if curve.epoch_jd is not None:
-        epoch["epoch_jd"] = curve.epoch_jd + curve.t.min() / 86400.0
+    epoch = {} if curve.epoch_jd is None else {"epoch_jd": curve.epoch_jd}
     return epoch | {
+        "trusted": int(summary["converged"]),
+        "reasons": json.dumps(summary["reasons"]),
         "model": printable(entry.name),
         "kind": curve.kind,
         "frame": curve.frame,

@@ -49,7 +49,7 @@ def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats,
         The folder holds no fit, or one that does not say how bright the epochs to come are.
     """
     posterior, config = predict.load(folder)
-    fitted = predict.fitted_curve(folder, config)
+    fitted = predict.fitted_curve(folder)
     wanted = replace(measured.curve, kind=fitted.kind)
     model = config.keywords["model"]
     ready = predict.Foretold.of(posterior, fitted, wanted, model, config.options, DRAWS)

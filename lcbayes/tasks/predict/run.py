@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.read import read
 from lcbayes.modelling import registry
 from lcbayes.modelling.ephemeris import with_velocity
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import PASS_SPREADS, STUDENT_T_DF, expected
 from lcbayes.modelling.problem import Problem
+from lcbayes.results.draws import weighted_draws
+from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import Config, open_posterior, read_config
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,8 @@ def predict(
     Parameters
     ----------
     posterior : xarray.Dataset
-        Group ``posterior`` of a fit.
+        Group ``posterior`` of a fit; of several solutions, equally weighted draws of it
+        (`lcbayes.weighted_draws`).
     fitted : LightCurve
         The curve it was fitted to; it fixes the origin of time and the unit of brightness.
     wanted : LightCurve
@@ -338,7 +340,7 @@ def _noise_unit(fitted: LightCurve, wanted: LightCurve, own: NDArray[np.bool_]) 
 
 
 def load(folder: Path) -> tuple[xr.Dataset, Config]:
-    """Posterior and run.toml of a fit.
+    """Equally weighted draws of the posterior of a fit, and its run.toml.
 
     Raises
     ------
@@ -346,7 +348,7 @@ def load(folder: Path) -> tuple[xr.Dataset, Config]:
         The folder holds no fit, or what `lcbayes fit` wrote there cannot be read.
     """
     with open_posterior(folder) as tree:
-        posterior = tree["posterior"].to_dataset().load()
+        posterior = weighted_draws(tree["posterior"].to_dataset(), seed=int(tree.attrs["seed"]))
     path = folder / "run.toml"
     config = read_config(path)
     model = config.keywords.get("model")
@@ -355,20 +357,13 @@ def load(folder: Path) -> tuple[xr.Dataset, Config]:
     return posterior, config._replace(options=registry.find(model).check(config.options))
 
 
-def fitted_curve(folder: Path, config: Config) -> LightCurve:
-    """The light curve of a results folder, read again as its run.toml says.
+def fitted_curve(folder: Path) -> LightCurve:
+    """The light curve that was fitted, as its results hold it.
 
     Raises
     ------
     InputError
-        It is gone, or is no longer what was fitted.
+        The folder holds no fit, or one without its light curve.
     """
-    if not config.curve:
-        raise InputError(f"{folder / 'run.toml'} names no light curve; fit one that is in a file")
-    try:
-        curve = read(config.curve, **config.reading)
-    except InputError as fault:
-        raise InputError(f"the light curve of {folder} is needed again: {fault}") from None
-    if config.digest and curve.source.get("sha256") != config.digest:
-        raise InputError(f"{config.curve} has changed since it was fitted; fit it again first")
-    return curve
+    with open_posterior(folder) as tree:
+        return load_light_curve(tree)
