@@ -115,12 +115,12 @@ def read(folder: Path) -> Results:
             raise InputError(
                 f"{folder / 'posterior.nc'} has no group {missing[0]}; run `lcbayes fit` again"
             )
-        return _assemble(
+        return assemble(
             folder, tree, summary, toml.read_text(encoding="utf-8") if toml.is_file() else ""
         )
 
 
-def _assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
+def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
     constant = tree["constant_data"].to_dataset().load()
     t = constant["t"].to_numpy().astype(float)
     order = np.argsort(t, kind="stable")

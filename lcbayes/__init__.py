@@ -1,7 +1,8 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets, ``scan`` attitudes or
-do a ``batch`` of objects; see the README.
+``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets, ``scan`` attitudes,
+``predict`` brightness or do a ``batch`` of objects; ``load`` the results of any of them; see the
+README.
 """
 
 import sys
@@ -15,34 +16,41 @@ if TYPE_CHECKING:
     from lcbayes.data.write import write as write
     from lcbayes.results.draws import weighted_draws as weighted_draws
     from lcbayes.results.light_curve import load_light_curve as load_light_curve
-    from lcbayes.tasks.batch.run import Batch as Batch
+    from lcbayes.results.result import Result as Result
+    from lcbayes.tasks.batch.result import Batch as Batch
     from lcbayes.tasks.batch.run import batch as batch
-    from lcbayes.tasks.compare.run import Comparison as Comparison
+    from lcbayes.tasks.compare.result import Comparison as Comparison
     from lcbayes.tasks.compare.run import compare as compare
-    from lcbayes.tasks.fit.run import Fit as Fit
+    from lcbayes.tasks.fit.result import Fit as Fit
     from lcbayes.tasks.fit.run import fit as fit
-    from lcbayes.tasks.scan.run import Scan as Scan
+    from lcbayes.tasks.load import load as load
+    from lcbayes.tasks.predict.result import Prediction as Prediction
+    from lcbayes.tasks.predict.run import predict as predict
+    from lcbayes.tasks.report.run import report as report
+    from lcbayes.tasks.scan.result import Scan as Scan
     from lcbayes.tasks.scan.run import scan as scan
     from lcbayes.tasks.spin.run import spin as spin
 
 _HOMES = {
-    "Batch": "lcbayes.tasks.batch.run",
-    "Comparison": "lcbayes.tasks.compare.run",
-    "Fit": "lcbayes.tasks.fit.run",
+    "Batch": "lcbayes.tasks.batch.result",
+    "Comparison": "lcbayes.tasks.compare.result",
+    "Fit": "lcbayes.tasks.fit.result",
     "InputError": "lcbayes.core.errors",
     "LightCurve": "lcbayes.data.lightcurve",
-    "Scan": "lcbayes.tasks.scan.run",
+    "Prediction": "lcbayes.tasks.predict.result",
+    "Result": "lcbayes.results.result",
+    "Scan": "lcbayes.tasks.scan.result",
     "batch": "lcbayes.tasks.batch.run",
     "compare": "lcbayes.tasks.compare.run",
     "fit": "lcbayes.tasks.fit.run",
+    "load": "lcbayes.tasks.load",
     "load_light_curve": "lcbayes.results.light_curve",
+    "predict": "lcbayes.tasks.predict.run",
     "read": "lcbayes.data.read",
+    "report": "lcbayes.tasks.report.run",
     "scan": "lcbayes.tasks.scan.run",
-<<<<<<< HEAD
     "spin": "lcbayes.tasks.spin.run",
-=======
     "weighted_draws": "lcbayes.results.draws",
->>>>>>> posterior
     "write": "lcbayes.data.write",
 }
 __all__ = [
@@ -51,18 +59,20 @@ __all__ = [
     "Fit",
     "InputError",
     "LightCurve",
+    "Prediction",
+    "Result",
     "Scan",
     "batch",
     "compare",
     "fit",
+    "load",
     "load_light_curve",
+    "predict",
     "read",
+    "report",
     "scan",
-<<<<<<< HEAD
     "spin",
-=======
     "weighted_draws",
->>>>>>> posterior
     "write",
 ]
 

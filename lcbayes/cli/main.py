@@ -36,7 +36,7 @@ COMMANDS = (
     "doctor",
 )
 
-TASKS = ("spin",)
+TASKS = ("fit", "compare", "scan", "spin", "predict", "batch", "report")
 
 EPILOG = """\
 examples:

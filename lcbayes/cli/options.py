@@ -13,7 +13,9 @@ from lcbayes.core.options import Option, Options, declared_options
 def add_options(parser: ArgumentParser, options: type[Options]) -> None:
     """Add a flag for every option; its absence leaves the default to the options."""
     for name, declared in declared_options(options).items():
-        names = [declared.flag]
+        if declared.declared.positional:
+            continue
+        names = [declared.flag, *declared.declared.aliases]
         if declared.declared.short:
             names.insert(0, f"-{declared.declared.short}")
         parser.add_argument(*names, dest=name, **_keywords(declared))

@@ -4,56 +4,153 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lcbayes.cli.options import add_options, options_from
-from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.core.options import declared_options
 from lcbayes.data.options import ReadOptions
-from lcbayes.tasks.task import CURVE, Task
+from lcbayes.tasks.task import CURVE, FILE, SOURCE, Task
+
+if TYPE_CHECKING:
+    from lcbayes.results.record import Record
+    from lcbayes.results.result import Result
 
 
 def add_arguments(parser: ArgumentParser, task: Task) -> None:
     """Add the source of a task, its options, the folder of its results, and what to print."""
-    parser.add_argument("source", metavar=task.source.upper(), help=task.source_help)
+    again = task.source == CURVE
     parser.add_argument(
-        "-o", "--out", metavar="DIR", type=Path, required=True, help="folder for the results"
+        "source", metavar=task.source.upper(), nargs="?" if again else None, help=task.source_help
     )
+    for name, declared in declared_options(task.options).items():
+        if declared.declared.positional:
+            parser.add_argument(name, metavar=name.upper(), help=declared.declared.help)
+    if task.out == FILE:
+        parser.add_argument("-o", "--out", metavar="FILE", type=Path, help="CSV file to write")
+    elif task.out != SOURCE:
+        parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
+    if again:
+        parser.add_argument(
+            "--config", metavar="FILE", type=Path, help="run.toml of an earlier run, to run again"
+        )
     add_options(parser, task.options)
-    if task.source == CURVE:
+    if has_model_options(task):
+        parser.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help="another option of the model",
+        )
+    if again:
         add_options(parser, ReadOptions)
-    parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
-    parser.add_argument("--json", action="store_true", help="print summary.json")
+    if task.out not in (FILE, SOURCE):
+        parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
+    if task.out != FILE:
+        parser.add_argument("--json", action="store_true", help="print summary.json")
+
+
+def has_model_options(task: Task) -> bool:
+    """Whether a task takes options of models."""
+    return "others" in {field.name for field in fields(task.options)}
 
 
 def run(args: Namespace, task: Task) -> int:
     """Run a task and print its result; returns the exit status."""
+    if task.out != SOURCE and args.out is None:
+        what = "a file with -o FILE" if task.out == FILE else "a folder with -o DIR"
+        raise InputError(f"no place for the results was given; give {what}")
+    record = _record(args, task)
+    options = {} if record is None else dict(record.options)
+    options |= options_from(args, task.options)
+    if has_model_options(task):
+        options |= _pairs(args.set)
+    source = source_from(args, task, record)
+
     import lcbayes
     from lcbayes.core.progress import Console, Silent
 
-    function = getattr(lcbayes, task.function)
-    result = function(
-        source_from(args, task),
-        out=args.out,
-        report=not args.no_report,
-        progress=Silent() if args.json else Console(),
-        **options_from(args, task.options),
+    quiet = task.out == FILE or args.json
+    writing = {} if task.out == SOURCE else {"out": args.out}
+    if task.out not in (FILE, SOURCE):
+        writing["report"] = not args.no_report
+    result = getattr(lcbayes, task.function)(
+        source, **writing, progress=Silent() if quiet else Console(), **options
     )
-    if args.json:
-        sys.stdout.write((args.out / "summary.json").read_text(encoding="utf-8"))
-    else:
-        print(result.text())
-        print(f"\n{'results' if args.no_report else 'report'}: {written(args)}")
+    _print(args, task, result)
     return EXIT_DONE if result.trusted else EXIT_NOT_TRUSTED
 
 
-def source_from(args: Namespace, task: Task) -> Any:
-    """The light curve of the command line, or the path that a task takes."""
+def _print(args: Namespace, task: Task, result: Result) -> None:
+    if task.out == FILE:
+        if notes := result.text().splitlines()[:-1] if result.reasons else []:
+            print("\n".join(notes), file=sys.stderr)
+        for note in getattr(result, "notes", ()):
+            print(f"note: {note}", file=sys.stderr)
+        print(args.out)
+        return
+    folder = Path(args.source) if task.out == SOURCE else args.out
+    if args.json:
+        sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
+        return
+    if task.out == SOURCE:
+        print(folder / "report.html")
+        return
+    print(result.text())
+    print(f"\n{'results' if args.no_report else 'report'}: {written(args)}")
+
+
+def _pairs(given: list[str]) -> dict[str, str]:
+    """The options of ``--set NAME=VALUE``."""
+    options = {}
+    for pair in given:
+        name, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"--set {pair}: expected NAME=VALUE, such as --set omega_sd=0.2")
+        options[name.strip().replace("-", "_")] = value.strip()
+    return options
+
+
+def _record(args: Namespace, task: Task) -> Record | None:
+    """The run to do again, whose inputs are as they were."""
+    if task.source != CURVE or args.config is None:
+        return None
+    from lcbayes.results.record import read_record
+
+    record = read_record(args.config)
+    if record.task != task.name:
+        raise InputError(
+            f"{args.config} is of lcbayes {record.task}; run it with lcbayes {record.task} --config"
+        )
+    given = options_from(args, task.options)
+    if "model" in record.options and "model" in given:
+        if "model" in record.inputs:  # a file: only the one that was used gives the same numbers
+            record.model(given["model"])
+    elif "model" in record.options:
+        record.model(None)
+    elsewhere = {"curve", "tle"} if args.source is not None else set()
+    record.check_inputs("model", *elsewhere, *(name for name in given if name in record.inputs))
+    return record
+
+
+def source_from(args: Namespace, task: Task, record: Record | None = None) -> Any:
+    """The light curve of the command line or of an earlier run, or the path that a task takes."""
     if task.source != CURVE:
         return args.source
     from lcbayes.data.read import read
+    from lcbayes.tasks.task import fitted_curve
 
-    curve = read(args.source, **ReadOptions.of(options_from(args, ReadOptions)).as_dict())
+    path, reading = args.source, options_from(args, ReadOptions)
+    if path is None:
+        if record is None:
+            raise InputError("no light curve was given; give CURVE, or --config run.toml")
+        path, reading = record.source(CURVE), record.reading | reading
+    if Path(path).is_dir():
+        return fitted_curve(Path(path))
+    curve = read(path, **ReadOptions.of(reading).as_dict())
     if task.fully_lit:
         from lcbayes.data.earth_shadow import FULL, fully_lit
 

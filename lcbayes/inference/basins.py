@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import OVERLAP, overlap
@@ -172,7 +173,7 @@ class Weighed(NamedTuple):
         Weights by each run alone.
     log_evidences : (C,)
         Of each run.
-    reasons : list of str
+    reasons : list of Finding
         Why not to trust it.
     """
 
@@ -181,7 +182,7 @@ class Weighed(NamedTuple):
     log_evidence: LogEvidence
     by_run: Floats
     log_evidences: Floats
-    reasons: list[str]
+    reasons: list[Finding]
 
 
 class Measured(NamedTuple):
@@ -270,10 +271,7 @@ def weigh(
     reasons = []
     off = total.value - by_path.value
     if abs(off) > ASTRAY * max(path.std(ddof=1), LIKELY) / np.sqrt(n_runs):
-        reasons.append(
-            f"the evidence of the particles' way from the prior is off by {abs(off):.1f} nats from "
-            "that of where they ended: take more particles"
-        )
+        reasons.append(Finding("evidence-differs", {"nats": float(abs(off))}))
     return Weighed(
         weight,
         np.maximum(weight_sd, apart / np.sqrt(n_runs)),

@@ -17,6 +17,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Parts, Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import basins, screening, search, sparse
 from lcbayes.inference import correlation as information
@@ -68,7 +69,7 @@ class Candidate:
         ln likelihood of the best particle, each point taken whole.
     z_best : (D,)
         That particle.
-    reasons : list of str
+    reasons : list of Finding
         Why not to trust it; empty where nothing is wrong.
     """
 
@@ -85,7 +86,7 @@ class Candidate:
     z_best: Floats
     gradients: int
     seconds: float
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[Finding] = field(default_factory=list)
 
     @property
     def spread(self) -> float:
@@ -98,7 +99,7 @@ class Compared:
 
     candidates: list[Candidate]  # by rising number of facets
     ruled_out: list[RuledOut]  # likewise
-    failed: list[str]  # numbers that could not be followed, and why
+    failed: list[Finding]  # numbers that could not be followed, and why
     information: float  # per point, the same for all
     weighed_at: int  # facets of the fit whose residuals it is from
     path: sparse.SparsePath | None
@@ -227,7 +228,8 @@ def run(
                         within,
                     )
                 except (smc.Collapse, InputError) as fault:
-                    failed.append(f"the sparse path from {upper_bound} facets: {fault}")
+                    why = f"the sparse path from {upper_bound} facets: {fault}"
+                    failed.append(Finding("number-not-followed", {"why": why}))
             if path and path.n_facets not in problems:
                 end = {**plain, "n_facets": path.n_facets}
                 problems[path.n_facets] = posed(entry, end, data)[0]
@@ -243,13 +245,14 @@ def run(
                 try:
                     found[n] = candidate(n, problem, within)
                 except (smc.Collapse, InputError) as fault:
-                    failed.append(f"{facets(n)}: {fault}")
+                    why = f"{facets(n)}: {fault}"
+                    failed.append(Finding("number-not-followed", {"why": why}))
     best = {n: c.best for n, c in found.items()}
     for n, reason in screening.lost(best, float(weighed.information)).items():
         del found[n]
         failed.append(reason)
-    if not found:
-        raise InputError(failed[0])
+    if not found:  # no number that was followed can be the worst of several
+        raise InputError(failed[0].values["why"])
     return Compared(
         [found[n] for n in sorted(found)],
         [ruled_out[n] for n in sorted(ruled_out)],
@@ -288,7 +291,7 @@ def _candidate(
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
     own = information.weighed(problem, best, data)
-    reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
+    reasons = [reason for r in runs for reason in r.reasons]
     reasons += weighed.reasons
     return Candidate(
         n_facets=n,

@@ -17,6 +17,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
 from lcbayes.inference.label_switching import FacetOrder
@@ -50,7 +51,7 @@ class Posterior:
     log_evidence: LogEvidence  # of the whole posterior
     n_starts: int
     timing: Timing = field(default_factory=Timing)
-    reasons: list[str] = field(default_factory=list)  # of the sampler, why not to trust it
+    reasons: list[Finding] = field(default_factory=list)  # of the sampler, why not to trust it
     settings: Settings = field(default_factory=Settings)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.modelling.epochs import Epochs
@@ -124,7 +125,7 @@ def unsampled(
     rest: Sequence[solutions.Solution],
     order: FacetOrder,
     data: Epochs,
-) -> list[str]:
+) -> list[Finding]:
     """Why not to trust modes beside which other solutions were worth sampling, but those that lie
     within one of the modes, as the optima along a ridge do."""
     if not rest:
@@ -136,13 +137,12 @@ def unsampled(
     return left_out(len(left), float(likely[: len(left)].sum() / likely.sum()))
 
 
-def left_out(n: int, share: float) -> list[str]:
+def left_out(n: int, share: float) -> list[Finding]:
     """Why not to trust a result without n more solutions that hold a share of the posterior."""
     if share <= LOST:
         return []
-    those = "1 more solution was" if n == 1 else f"{n} more solutions were"
-    part = f"{100 * share:.0f} %"
-    return [f"{those} not sampled, which may hold {part} of the posterior: raise --max-modes"]
+    number = "1 more solution was" if n == 1 else f"{n} more solutions were"
+    return [Finding("solutions-not-sampled", {"number": number, "percent": 100 * share})]
 
 
 def _shares(

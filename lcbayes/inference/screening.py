@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.modelling.epochs import Epochs
@@ -93,7 +94,7 @@ def with_fewer(
     return np.array(rows).reshape(-1, smaller.dim)
 
 
-def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
+def lost(best: Mapping[int, float], information: float) -> dict[int, Finding]:
     """Numbers of facets whose particles are not where the posterior is, and why.
 
     A body of N facets is one of N + 1, with one cut in two: more facets fit at least as well. Where
@@ -111,10 +112,8 @@ def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
         fewer = max((k for k in best if k < n), key=lambda k: best[k], default=n)
         behind = information * (best[fewer] - best[n])
         if behind > MARGIN:
-            told[n] = (
-                f"{n} facets: the particles lost their way, they fit by {behind:.0f} nats worse "
-                f"than with {fewer}, which {n} include; take more with --num-particles"
-            )
+            values = {"facets": n, "nats": float(behind), "fewer": fewer}
+            told[n] = Finding("particles-lost", values)
     return told
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
-from lcbayes.results.load import READING
+from lcbayes.core.options import declared_options
+from lcbayes.data.options import ReadOptions
 
 if TYPE_CHECKING:
     from lcbayes.data.lightcurve import LightCurve
@@ -104,7 +105,9 @@ def read_lit(args: Namespace) -> LightCurve:
 
 def how_read(args: Namespace) -> dict[str, Any]:
     """Those options that were given, to be kept in run.toml."""
-    given = {k: getattr(args, k) for k in READING if getattr(args, k) is not None}
+    given = {
+        k: getattr(args, k) for k in declared_options(ReadOptions) if getattr(args, k) is not None
+    }
     if "tle" in given:  # run.toml may be read from another folder
         given["tle"] = str(Path(given["tle"]).resolve())
     return given
