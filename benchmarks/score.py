@@ -80,7 +80,7 @@ def fitted(name: str, curve: lcbayes.LightCurve, folder: Path) -> Kept:
     clock = out / "seconds.json"
     if not clock.exists():
         begun = time.perf_counter()
-        lcbayes.fit(curve, model, seed=1, out=out, progress=Console(), **SETTINGS, **options)
+        lcbayes.fit(curve, model=model, seed=1, out=out, progress=Console(), **SETTINGS, **options)
         clock.write_text(json.dumps(time.perf_counter() - begun))
     with xr.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
         points = tree["log_likelihood"]["brightness"].to_numpy()

@@ -138,7 +138,7 @@ def main(folder: Path) -> None:
         curve, truth = drawn(seed)
         truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
-    found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=2, progress=Console())
+    found = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
     every = {
         name: compared(folder / "out" / "objects" / name, truth)

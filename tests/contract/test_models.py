@@ -21,7 +21,7 @@ NEEDED = {
 OPTIONS = [
     *[(name, NEEDED.get(name, {})) for name in registry.BUILT_IN],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
-    ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
+    ("faceted-brdf", {"reflectance": "cook-torrance", "spin": "none"}),
     ("faceted", {"spin": "torque-free"}),
 ]
 

@@ -16,8 +16,8 @@ from false_alarms import EACH, counts, limit
 from reference import agreement, problems, stored
 from scipy import stats
 
-import lcbayes
 from lcbayes.samplers.settings import PUBLISHED, WARMUP
+from lcbayes.tasks.fit.run import fit_with_kernel
 
 SHIFT, NARROW = 0.2, -np.log(0.85)  # found out, posterior sd and ln of the width
 # Chains, draws of each, stretches it is cut into: runs of particles are independent, what is in one
@@ -51,10 +51,10 @@ PAIRS = [
 def drawn(name: str, sampler: str) -> tuple[tuple[str, ...], np.ndarray]:
     one = problems.BY_NAME[name]
     chains, length, _ = DRAWS[sampler]
-    found = lcbayes.fit(
+    found = fit_with_kernel(
         one.curve,
-        one.model,
-        sampler=sampler,
+        sampler,
+        model=one.model,
         seed=7,
         num_chains=chains,
         num_samples=LONGER.get((name, sampler), length),

@@ -132,7 +132,7 @@ def calibrate(
             drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
             seen = replace(curve, brightness=drawn)
             _check_noise(plain, truth, data, Epochs.of(seen))
-            found = fit(seen, model, seed=seed + i, **asked)
+            found = fit(seen, model=model, seed=seed + i, **asked)
             draws = weighted_draws(found.tree, seed=seed + i)
             sites = {str(k): np.asarray(v)[0] for k, v in draws["posterior"].data_vars.items()}
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)
@@ -143,7 +143,7 @@ def calibrate(
             of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)
             places.append([_place(of_truth[k][0], of_draws[k]) for k in kept])
-            trusted.append(found.converged)
+            trusted.append(found.trusted)
             track.advance(1)
     return Calibration(kept, np.array(places), np.array(trusted))
 

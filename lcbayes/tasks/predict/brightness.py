@@ -1,10 +1,9 @@
-"""Brightness that a posterior predicts for other epochs and geometries."""
+"""Brightness that a posterior gives at other epochs and geometries."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,6 @@ from lcbayes.modelling.ephemeris import with_velocity
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import PASS_SPREADS, STUDENT_T_DF, expected
 from lcbayes.modelling.problem import Problem
-from lcbayes.results.draws import weighted_draws
-from lcbayes.results.light_curve import load_light_curve
-from lcbayes.results.load import Config, open_posterior, read_config
 
 Floats = NDArray[np.float64]
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
@@ -29,7 +25,7 @@ MOST_DRAWS = 1000
 CHUNK = 2048  # epochs at a time, so that memory stays bounded
 
 
-def predict(
+def predicted(
     posterior: xr.Dataset,
     fitted: LightCurve,
     wanted: LightCurve,
@@ -96,7 +92,7 @@ def noise_free(
     model: str,
     options: Mapping[str, Any],
 ) -> tuple[Floats, NDArray[np.intp], NDArray[np.bool_], list[str]]:
-    """Brightness without noise at other epochs, for draws of a posterior; arguments of `predict`.
+    """Brightness without noise at other epochs, for draws of a posterior; arguments of `predicted`.
 
     Returns
     -------
@@ -165,7 +161,7 @@ class Foretold:
         options: Mapping[str, Any],
         most: int = MOST_DRAWS,
     ) -> Foretold:
-        """Arguments as of `predict`; at most so many draws, evenly taken.
+        """Arguments as of `predicted`; at most so many draws, evenly taken.
 
         Raises
         ------
@@ -232,13 +228,16 @@ def _means(
 
 
 def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
-    """One curve per epoch, of known scale: the scales of the draws are put in as they are."""
+    """One curve per epoch, of known scale and errors: the scales of the draws are put in as they
+    are, and the noise levels of the fitted curves, which have another number, do not enter."""
     each = jnp.ones(wanted.n_obs)
     return replace(
         Epochs.of(wanted, fitted),
         curve=jnp.arange(wanted.n_obs),
         level=each,
         noise_unit=each,
+        error=each,
+        has_error=True,
         free_scale=(False,) * wanted.n_obs,
     )
 
@@ -337,33 +336,3 @@ def _noise_unit(fitted: LightCurve, wanted: LightCurve, own: NDArray[np.bool_]) 
     known = dict(zip(fitted.curve_names, unit, strict=True))
     each = [known.get(name, unit.mean()) for name in wanted.curve_names]
     return np.where(own, 1.0, each)[wanted.curve]
-
-
-def load(folder: Path) -> tuple[xr.Dataset, Config]:
-    """Equally weighted draws of the posterior of a fit, and its run.toml.
-
-    Raises
-    ------
-    InputError
-        The folder holds no fit, or what `lcbayes fit` wrote there cannot be read.
-    """
-    with open_posterior(folder) as tree:
-        posterior = weighted_draws(tree["posterior"].to_dataset(), seed=int(tree.attrs["seed"]))
-    path = folder / "run.toml"
-    config = read_config(path)
-    model = config.keywords.get("model")
-    if not model:
-        raise InputError(f"{path} names no model; run `lcbayes fit` again")
-    return posterior, config._replace(options=registry.find(model).check(config.options))
-
-
-def fitted_curve(folder: Path) -> LightCurve:
-    """The light curve that was fitted, as its results hold it.
-
-    Raises
-    ------
-    InputError
-        The folder holds no fit, or one without its light curve.
-    """
-    with open_posterior(folder) as tree:
-        return load_light_curve(tree)
