@@ -182,7 +182,7 @@ def fit(
         progress.say("judging the draws: predicted brightness, leave-one-out")
         tree = results.tree(posterior, curve, entry, checked, seed)
         summary = summarise(posterior, tree, curve, identity, seed)
-        tree.attrs = _attributes(curve, summary, entry, seed, checked)
+        tree.attrs |= _attributes(curve, summary, entry, seed, checked)
         begun = {} if start_from is None else {"start_from": str(Path(start_from).resolve())}
         run = record(curve, model, settings.as_dict() | begun, checked, reading)
         found = Fit(tree, summary, run)
@@ -225,13 +225,10 @@ def _check_level(curve: LightCurve) -> None:
 def _attributes(
     curve: LightCurve, summary, entry: Entry, seed: int, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    epoch = {} if curve.epoch_jd is None else {"epoch_jd": curve.epoch_jd}
-    return epoch | {
+    return {
         "trusted": int(summary["converged"]),
         "reasons": json.dumps(summary["reasons"]),
         "model": printable(entry.name),
-        "kind": curve.kind,
-        "frame": curve.frame,
         "n_facets": summary["n_facets"],
         "seed": seed,
         "version": installed_version(),
