@@ -132,11 +132,11 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         attrs["epoch_jd"] = attrs["epoch_jd"] + t[0] / 86400.0
     drawn = _thinned(tree, size)
     posterior = drawn["posterior"].to_dataset()
-    predicted, log_likelihood = None, pointwise(drawn)
-    if "brightness" in drawn.get("posterior_predictive", {}):
+    predicted = log_likelihood = None
+    if "posterior_predictive" in drawn:
         predicted = drawn["posterior_predictive"].to_dataset()["brightness"].isel(time=order)
-    if log_likelihood is not None:
-        log_likelihood = log_likelihood.isel(time=order)
+    if LOG_LIKELIHOOD in drawn:
+        log_likelihood = pointwise(drawn).isel(time=order)
     constant_or = {
         "error": np.full(size, np.nan),
         "curve": np.zeros(size, int),

@@ -31,6 +31,7 @@ from lcbayes.inference.loo import BAD_K
 from lcbayes.inference.problem_cache import posed
 from lcbayes.modelling import pass_effects, registry
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.results.draws import pointwise
 from lcbayes.samplers.sampling import Sampler, Timing
 from lcbayes.samplers.settings import Settings
 
@@ -83,9 +84,10 @@ def fitted(name: str, curve: lcbayes.LightCurve, folder: Path) -> Kept:
         lcbayes.fit(curve, model=model, seed=1, out=out, progress=Console(), **SETTINGS, **options)
         clock.write_text(json.dumps(time.perf_counter() - begun))
     with xr.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
-        points = tree["log_likelihood"]["brightness"].to_numpy()
+        draws = lcbayes.weighted_draws(tree, seed=1)
+        points = pointwise(draws).to_numpy()
         return Kept(
-            tree["posterior"].to_dataset().load(),
+            draws["posterior"].to_dataset(),
             points.reshape(-1, points.shape[-1]).astype(float),
             tree["posterior_predictive"]["outlier"].to_numpy(),
             json.loads((out / "summary.json").read_text()),

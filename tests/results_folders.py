@@ -72,27 +72,34 @@ def _write(
     rng: np.random.Generator,
     divergences: int = 0,
 ) -> Path:
-    """Mix the modes by weight, add what follows from the draws, and write the folder."""
-    which = rng.choice(len(modes), size=(CHAINS, DRAWS), p=weights)
-    pick = [m.isel(draw=rng.permutation(DRAWS)) for m in modes]
-    posterior = pick[0].copy(deep=True)
-    for k, mode in enumerate(pick):
-        here = xr.DataArray(which == k, dims=("chain", "draw"))
-        posterior = xr.where(here, mode, posterior)
-    posterior = posterior.transpose("chain", "draw", ...)
+    """Stack the chains of the modes, add what follows from the draws, and write the folder."""
+    each = [mode.sizes["chain"] for mode in modes]
+    posterior = xr.concat(modes, "chain").assign_coords(
+        chain=np.arange(sum(each)),
+        solution=("chain", np.repeat(np.arange(len(modes)), each)),
+        weight=("chain", np.repeat(np.divide(weights, each), each)),
+    )
+    coords = {k: posterior[k] for k in ("chain", "solution", "weight")}
     mean = predict(posterior)
     log_lik = -0.5 * ((observed - mean) / sigma) ** 2 - np.log(sigma * np.sqrt(2 * np.pi))
     replicate = mean + sigma * rng.normal(size=mean.shape)
-    posterior["mode"] = (("chain", "draw"), which)
+    points = _dataset({"brightness": (log_lik, ("time",))}).assign_coords(
+        time=np.arange(observed.size), **coords
+    )
+    dark = np.ptp(log_lik, axis=(0, 1)) < 1e-12
     tree: dict[str, xr.Dataset] = {
         "/": xr.Dataset(attrs=attrs),
         "posterior": posterior,
-        "posterior_predictive": _dataset({"brightness": (replicate, ("time",))}),
-        "log_likelihood": _dataset({"brightness": (log_lik, ("time",))}),
+        "posterior_predictive": _dataset({"brightness": (replicate, ("time",))}).assign_coords(
+            coords
+        ),
+        "log_likelihood": points.isel(time=~dark),
         "prior": modes[0].isel(chain=[0]) * 1.5,
         "observed_data": xr.Dataset({"brightness": ("time", observed)}),
         "constant_data": xr.Dataset(dict(constant)),
     }
+    if dark.any():
+        tree["log_likelihood_dark"] = points.isel(time=dark).rename(time="dark_time")
     for k, mode in enumerate(modes):
         tree[f"modes/{k}/posterior"] = mode
         tree[f"modes/{k}/sample_stats"] = _stats(rng, divergences)

@@ -118,7 +118,7 @@ def prior_sample(problem: Problem, data: Epochs, key: jax.Array, n: int) -> Prio
     Robert & Casella 2004, Monte Carlo Statistical Methods, secs. 2.3 and 14.3.5.
     """
     z, log_f = _tried(problem, data, jax.random.split(key, n))
-    if not np.any(log_f):
+    if not np.any(log_f):  # no factors
         return PriorDraws(z, "", honoured=True)
     while len(z) < MOST_TRIED:
         if len(kept := _kept(log_f, key)) >= n:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-LOG_LIKELIHOOD, DARK = "log_likelihood", "log_likelihood_dark"
+LOG_LIKELIHOOD, DARK, DARK_TIME = "log_likelihood", "log_likelihood_dark", "dark_time"
 ALIGNED = ("posterior", "sample_stats", LOG_LIKELIHOOD, DARK, "log_prior", "posterior_predictive")
 
 
@@ -59,9 +59,7 @@ def weighted_draws[Drawn: (xr.Dataset, xr.DataTree)](
     return _picked(source, weighted_rows(source, n, seed), source.sizes["draw"])
 
 
-def weighted_rows(
-    posterior: xr.Dataset, n: int | None = None, seed: int = 0
-) -> NDArray[np.int64]:
+def weighted_rows(posterior: xr.Dataset, n: int | None = None, seed: int = 0) -> NDArray[np.int64]:
     """Which draws, by their index among those of all chains end to end, (n,)."""
     chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
     every = np.arange(chains * draws).reshape(chains, draws)
@@ -91,15 +89,11 @@ def _picked(group: xr.Dataset, rows: NDArray[np.int64], draws: int) -> xr.Datase
     return others.merge(picked, combine_attrs="override")
 
 
-def pointwise(tree: xr.DataTree) -> xr.DataArray | None:
-    """ln p(yᵢ|z) of every epoch, dark ones too, (chain, draw, time) in the order of the curve.
-
-    None where the tree has no log-likelihood.
-    """
-    if LOG_LIKELIHOOD not in tree:
-        return None
-    parts = [tree[k].to_dataset()["brightness"] for k in (LOG_LIKELIHOOD, DARK) if k in tree]
-    if len(parts) == 1:
-        return parts[0].transpose("chain", "draw", "time")
-    whole = xr.concat(parts, "time", coords="minimal", compat="override", join="override")
+def pointwise(tree: xr.DataTree) -> xr.DataArray:
+    """ln p(yᵢ|z) of every epoch, dark ones too, (chain, draw, time) in the order of the curve."""
+    lit = tree[LOG_LIKELIHOOD].to_dataset()["brightness"]
+    if DARK not in tree:
+        return lit.transpose("chain", "draw", "time")
+    dark = tree[DARK].to_dataset()["brightness"].rename({DARK_TIME: "time"})
+    whole = xr.concat([lit, dark], "time", coords="minimal", compat="override", join="override")
     return whole.sortby("time").transpose("chain", "draw", "time")

@@ -51,6 +51,12 @@ def light_curve_variables(curve: LightCurve) -> xr.Dataset:
     return xr.Dataset(variables, attrs={SOURCE: json.dumps(dict(curve.source))})
 
 
+def light_curve_attributes(curve: LightCurve) -> dict[str, Any]:
+    """What is one value for the whole curve, for the attributes of the file."""
+    epoch = {} if curve.epoch_jd is None else {"epoch_jd": curve.epoch_jd}
+    return epoch | {"kind": curve.kind, "frame": curve.frame}
+
+
 def load_light_curve(tree: xr.DataTree) -> LightCurve:
     """The light curve that was fitted, from ``posterior.nc`` alone.
 

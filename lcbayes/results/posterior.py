@@ -24,8 +24,8 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
-from lcbayes.results.draws import DARK, LOG_LIKELIHOOD, weighted_rows
-from lcbayes.results.light_curve import light_curve_variables
+from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
+from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 
 Floats = NDArray[np.float64]
 
@@ -69,8 +69,8 @@ STATS = {
 FACTORS = "factors"  # of a prior, beside the densities of its sites
 METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
-    "ahmc": "Fisher information at a point that a Gaussian of proposal_scale posterior widths about "
-    "each draw gives, or where proposal_scale is inf the inverse covariance of the warm-up",
+    "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
+    "where proposal_scale is inf, the inverse covariance of the warm-up",
     "ahmc-paper": "Fisher information at the start of each trajectory",
     "hmc": "inverse covariance of the warm-up",
     "rmhmc": "Fisher information, varying along each trajectory",
@@ -112,7 +112,9 @@ def tree(
         ln p(yᵢ|z), each point taken whole, with ``time`` the row of the point. An epoch at which
         the body is dark has the same likelihood in every draw, or in every draw of the tail that
         PSIS smooths, and ArviZ raises an error there. Such epochs are in ``log_likelihood_dark``,
-        all others in ``log_likelihood``. Attributes of the latter: ``elpd_loo`` and
+        along ``dark_time``, all others in ``log_likelihood``; what asks for epochs in other groups
+        as well, such as ``az.loo_pit``, takes ``tree.sel(time=tree.log_likelihood.time)``.
+        Attributes of ``log_likelihood``: ``elpd_loo`` and
         ``elpd_loo_se`` of all epochs by `lcbayes.inference.loo`, ``elpd_loo_dark``, the part of
         the dark ones, and ``information_per_point``, the power p of the likelihood in the
         posterior. ``az.loo(lcbayes.weighted_draws(tree)).elpd + elpd_loo_dark`` is ``elpd_loo``
@@ -156,7 +158,7 @@ def tree(
     for i, mode in enumerate(modes):
         groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
         groups[f"modes/{i}/sample_stats"] = _stats(mode).assign_attrs(_sampling(posterior, [mode]))
-    return xr.DataTree.from_dict(groups)
+    return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
 
 
 def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:
@@ -244,7 +246,7 @@ def _log_likelihood(
     }
     groups = {LOG_LIKELIHOOD: points.isel(time=~dark).assign_attrs(attrs)}
     if dark.any():
-        groups[DARK] = points.isel(time=dark)
+        groups[DARK] = points.isel(time=dark).rename(time=DARK_TIME)
     return groups
 
 
@@ -298,7 +300,8 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
     for node in found.subtree:
         for name, variable in node.data_vars.items():
             if variable.dtype.kind == "f" and variable.size > 10_000:
-                kind = "f4" if {"draw", "time"} <= set(variable.dims) else "f8"
+                epochs = {"time", DARK_TIME} & set(variable.dims)
+                kind = "f4" if epochs and "draw" in variable.dims else "f8"
                 encoding.setdefault(node.path, {})[str(name)] = {
                     "zlib": True,
                     "complevel": 1,

@@ -124,7 +124,7 @@ def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, c
     assert "Fit(faceted, 155 points" in capsys.readouterr().out
     fit = names["fit"]
     assert fit.converged, fit
-    omega = fit.posterior["omega"]
+    omega = lcbayes.weighted_draws(fit.posterior)["omega"]
     error = omega.mean(("chain", "draw")) - np.array([0.012, -0.020, 0.018])  # of its scenario
     assert np.all(np.abs(error) < 5.0 * omega.std(("chain", "draw")))
     assert (tmp_path / "out" / "report.html").is_file()

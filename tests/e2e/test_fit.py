@@ -164,9 +164,26 @@ def test_posterior_has_the_groups_of_the_design(good):
         assert dict(tree["posterior"]["albedo_area"].sizes) == chains | {"facet": 1}
         for group in ("log_likelihood", "posterior_predictive"):
             assert dict(tree[group]["brightness"].sizes) == chains | {"time": 40}
-        assert np.all(tree["posterior"]["mode"] == 0)
-        stats = tree["modes/0/sample_stats"]
-        assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats.data_vars)
+        assert np.all(tree["posterior"]["solution"] == 0)
+        for group in ("sample_stats", "modes/0/sample_stats"):
+            stats = tree[group]
+            assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats)
+            assert dict(stats.sizes) == chains
+            assert {"chain", "draw"} <= set(stats.coords)
+
+
+def test_posterior_says_how_it_was_sampled_and_whether_to_trust_it(good):
+    with xr.open_datatree(good[0] / "posterior.nc", engine="h5netcdf") as tree:
+        assert tree.attrs["trusted"] == 1
+        assert json.loads(tree.attrs["reasons"]) == []
+        assert tree.attrs["version"]
+        stats = tree["sample_stats"]
+        assert stats.attrs["sampler"] == "nuts"
+        assert "Fisher information" in stats.attrs["metric"]
+        size, length = stats.attrs["step_size"], stats.attrs["trajectory_length"]
+        assert size.shape == length.shape == (4,)
+        np.testing.assert_array_equal(stats["step_size"].to_numpy()[:, 0], size)
+        np.testing.assert_allclose(length, size * stats["n_steps"].mean("draw").to_numpy())
 
 
 def test_arviz_reads_it(good):
@@ -288,16 +305,15 @@ def test_predict_writes_a_csv(curve, good, tmp_path):
     assert again.read_bytes() == out.read_bytes()
 
 
-def test_predict_needs_the_fitted_curve_as_it_was(curve, good, tmp_path, capsys):
-    folder = tmp_path / "out"
-    shutil.copytree(good[0], folder)
-    moved = tmp_path / "curve.csv"
-    moved.write_text(curve.read_text().replace("0.0,", "0.001,", 1))
-    text = (folder / "run.toml").read_text().replace(str(curve), str(moved))
-    (folder / "run.toml").write_text(text)
-    assert main(["predict", str(folder), str(curve), "-o", str(tmp_path / "p.csv")]) == 2
-    assert "has changed since it was fitted" in capsys.readouterr().err
-    assert not (tmp_path / "p.csv").exists()
+def test_predict_needs_no_file_but_the_results(curve, good, tmp_path):
+    """Neither the light curve that was fitted nor the folder it was fitted in."""
+    moved, gone = tmp_path / "moved", tmp_path / "gone.csv"
+    shutil.copytree(good[0], moved)
+    text = (moved / "run.toml").read_text().replace(str(curve), str(gone))
+    (moved / "run.toml").write_text(text)
+    for folder, name in ((good[0], "a.csv"), (moved, "b.csv")):
+        assert main(["predict", str(folder), str(curve), "-o", str(tmp_path / name)]) == EXIT_DONE
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 def test_one_run_at_a_time_in_a_folder(curve, tmp_path, capsys):

@@ -19,7 +19,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.write import write
 from lcbayes.results.load import Config
 from lcbayes.results.posterior import dataset
-from lcbayes.tasks.predict.run import fitted_curve, load, predict
+from lcbayes.tasks.predict.run import load, predict
 
 ONE = {"n_facets": 1, "spin": "none"}
 
@@ -174,7 +174,6 @@ def test_a_folder_without_a_fit(tmp_path):
         ("posterior.nc", lambda was: was[: len(was) // 2], "cannot be read"),
         ("run.toml", lambda _: b'curve = 5\nmodel = "faceted"\n', "curve is 5; expected a string"),
         ("run.toml", lambda _: b'curve = "a.csv"\n', "names no model"),
-        ("run.toml", lambda _: b'model = "faceted"\n', "names no light curve"),
         ("run.toml", lambda was: was + b"options = 3\n", "options is 3; expected a table"),
         ("run.toml", lambda was: was + b"[options]\nwings = 3\n", "wings"),
         ("run.toml", lambda was: was + b"[reading]\nerror = 'x'\n", "reading.error is 'x'"),
@@ -184,7 +183,7 @@ def test_a_damaged_fit_is_named_in_a_line(tmp_path, name, break_it, says):
     folder = results_folders.faceted(tmp_path / "fit")
     (folder / name).write_bytes(break_it((folder / name).read_bytes()))
     with pytest.raises(InputError, match=re.escape(says)) as fault:
-        fitted_curve(folder, load(folder)[1])
+        load(folder)
     assert "\n" not in str(fault.value)
 
 

@@ -179,7 +179,11 @@ def test_folder_without_solutions_apart(faceted, tmp_path):
     with xr.open_datatree(faceted / "posterior.nc", engine="h5netcdf") as tree:
         tree.load()
         groups = {p: g.to_dataset() for p, g in tree.subtree_with_keys if "modes" not in p}
-        groups["posterior"] = groups["posterior"].drop_vars("mode")
+        first = groups["posterior"]["solution"] == 0
+        groups["posterior"] = (
+            groups["posterior"].isel(chain=first).drop_vars(["solution", "weight"])
+        )
+        groups["posterior_predictive"] = groups["posterior_predictive"].isel(chain=first)
         groups["sample_stats"] = tree["modes/0/sample_stats"].to_dataset()
         groups = {k: v for k, v in groups.items() if k not in ("log_likelihood", "prior")}
         groups["."].attrs = dict(tree.attrs)

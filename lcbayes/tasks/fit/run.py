@@ -134,7 +134,7 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     tree = results.tree(posterior, curve, entry, checked, options.seed)
     content, reasons = summarise(posterior, tree, curve, identity, options.seed)
     content["model_options"] = checked
-    tree.attrs = _attributes(curve, content["n_facets"], entry, options.seed, checked)
+    tree.attrs |= _attributes(curve, content["n_facets"], entry, options.seed, checked)
     tree.attrs |= _verdict(reasons)
     return Fit(tree, content, reasons)
 
@@ -170,11 +170,8 @@ def _check_level(curve: LightCurve) -> None:
 def _attributes(
     curve: LightCurve, n_facets: int, entry: Entry, seed: int, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    epoch = {} if curve.epoch_jd is None else {"epoch_jd": curve.epoch_jd}
-    return epoch | {
+    return {
         "model": printable(entry.name),
-        "kind": curve.kind,
-        "frame": curve.frame,
         "n_facets": n_facets,
         "seed": seed,
         "version": installed_version(),
