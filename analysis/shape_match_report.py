@@ -1,52 +1,23 @@
-"""What `lcbayes shape-match` writes: the candidates, the words, the distributions."""
+"""The words and figures of `lcbayes shape-match`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.style import DATA, Gallery, colour
 from lcbayes.inversion.separated.shape_match import REACH_MAG, ShapeMatch
 
-NAME = "shape_match"
 PANELS = 8
 
 
-def write(result: ShapeMatch, folder: Path, about: Mapping[str, Any]) -> None:
-    """`shape_match.json`, `shape_match.txt` and `figures/`."""
-    content = dict(about) | numbers(result)
-    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
-
-
-def numbers(result: ShapeMatch) -> dict[str, Any]:
-    """The content of `shape_match.json`."""
-    keys = ("name", "p_value", "p_kolmogorov", "p_energy", "kolmogorov", "energy", "excess")
-    return {
-        "n_obs": result.n_obs,
-        "n_faint_left_out": result.n_faint,
-        "n_used": len(result.phase),
-        "points_per_independent_one": result.correlation,
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "level": result.level,
-        "consistent": [m.name for m in result.consistent],
-        "candidates": [{k: getattr(m, k) for k in keys} for m in result.matches],
-    }
-
-
 def words(result: ShapeMatch) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
-    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
+    """The result in lines for a reader, without the verdict."""
     faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
     taken = f", one in {result.stride} taken" if result.stride > 1 else ""
-    lines.append(
+    lines = [
         f"{result.n_obs} points{faint}{taken}: {len(result.phase)} used, phase angles "
         f"{np.degrees(result.phase.min()):.0f} to {np.degrees(result.phase.max()):.0f} deg"
-    )
+    ]
     for m in result.matches:
         verdict = "consistent" if m.p_value >= result.level else "rejected"
         lines.append(

@@ -17,18 +17,25 @@ if TYPE_CHECKING:
     from lcbayes.results.draws import weighted_draws as weighted_draws
     from lcbayes.results.light_curve import load_light_curve as load_light_curve
     from lcbayes.results.result import Result as Result
+    from lcbayes.tasks.albedo_area.run import albedo_area as albedo_area
+    from lcbayes.tasks.attitude_test.run import attitude_test as attitude_test
     from lcbayes.tasks.batch.result import Batch as Batch
     from lcbayes.tasks.batch.run import batch as batch
     from lcbayes.tasks.compare.result import Comparison as Comparison
     from lcbayes.tasks.compare.run import compare as compare
     from lcbayes.tasks.fit.result import Fit as Fit
     from lcbayes.tasks.fit.run import fit as fit
+    from lcbayes.tasks.glints.run import glints as glints
     from lcbayes.tasks.load import load as load
+    from lcbayes.tasks.observability.run import observability as observability
     from lcbayes.tasks.predict.result import Prediction as Prediction
     from lcbayes.tasks.predict.run import predict as predict
     from lcbayes.tasks.report.run import report as report
     from lcbayes.tasks.scan.result import Scan as Scan
     from lcbayes.tasks.scan.run import scan as scan
+    from lcbayes.tasks.shape_match.run import shape_match as shape_match
+    from lcbayes.tasks.simulate.run import simulate as simulate
+    from lcbayes.tasks.single_facet.run import single_facet as single_facet
     from lcbayes.tasks.spin.run import spin as spin
 
 _HOMES = {
@@ -40,15 +47,22 @@ _HOMES = {
     "Prediction": "lcbayes.tasks.predict.result",
     "Result": "lcbayes.results.result",
     "Scan": "lcbayes.tasks.scan.result",
+    "albedo_area": "lcbayes.tasks.albedo_area.run",
+    "attitude_test": "lcbayes.tasks.attitude_test.run",
     "batch": "lcbayes.tasks.batch.run",
     "compare": "lcbayes.tasks.compare.run",
     "fit": "lcbayes.tasks.fit.run",
+    "glints": "lcbayes.tasks.glints.run",
     "load": "lcbayes.tasks.load",
     "load_light_curve": "lcbayes.results.light_curve",
+    "observability": "lcbayes.tasks.observability.run",
     "predict": "lcbayes.tasks.predict.run",
     "read": "lcbayes.data.read",
     "report": "lcbayes.tasks.report.run",
     "scan": "lcbayes.tasks.scan.run",
+    "shape_match": "lcbayes.tasks.shape_match.run",
+    "simulate": "lcbayes.tasks.simulate.run",
+    "single_facet": "lcbayes.tasks.single_facet.run",
     "spin": "lcbayes.tasks.spin.run",
     "weighted_draws": "lcbayes.results.draws",
     "write": "lcbayes.data.write",
@@ -62,15 +76,22 @@ __all__ = [
     "Prediction",
     "Result",
     "Scan",
+    "albedo_area",
+    "attitude_test",
     "batch",
     "compare",
     "fit",
+    "glints",
     "load",
     "load_light_curve",
+    "observability",
     "predict",
     "read",
     "report",
     "scan",
+    "shape_match",
+    "simulate",
+    "single_facet",
     "spin",
     "weighted_draws",
     "write",

@@ -14,6 +14,9 @@ def add_options(parser: ArgumentParser, options: type[Options]) -> None:
     """Add a flag for every option; its absence leaves the default to the options."""
     for name, declared in declared_options(options).items():
         if declared.declared.positional:
+            nargs = None if declared.required else "?"
+            keywords = _keywords(declared) | {"metavar": declared.placeholder}
+            parser.add_argument(name, nargs=nargs, **keywords)
             continue
         names = [declared.flag, *declared.declared.aliases]
         if declared.declared.short:
@@ -26,12 +29,9 @@ def _keywords(declared: Option) -> dict[str, Any]:
     common = {"default": argparse.SUPPRESS, "help": text}
     if declared.kind is bool:
         return common | {"action": "store_true"}
-    d = declared.declared
-    choices = "{" + ",".join(d.choices) + "}" if d.choices else None
-    placeholder = d.metavar or choices or {int: "N", float: "X"}.get(declared.kind, "TEXT")
-    if declared.repeated and d.parse is None:
+    if declared.repeated and declared.declared.parse is None and declared.length is None:
         common["action"] = "append"
-    return common | {"metavar": placeholder}
+    return common | {"metavar": declared.placeholder}
 
 
 def options_from(args: Namespace, options: type[Options]) -> dict[str, Any]:

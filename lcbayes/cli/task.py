@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 from argparse import ArgumentParser, Namespace
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.cli.options import add_options, options_from
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
-from lcbayes.core.options import declared_options
 from lcbayes.data.options import ReadOptions
-from lcbayes.tasks.task import CURVE, FILE, SOURCE, Task
+from lcbayes.tasks.task import CURVE, FILE, FOLDER, REQUIRED_FOLDER, SOURCE, TEXT, Task
 
 if TYPE_CHECKING:
     from lcbayes.results.record import Record
@@ -20,18 +22,16 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: ArgumentParser, task: Task) -> None:
-    """Add the source of a task, its options, the folder of its results, and what to print."""
-    again = task.source == CURVE
-    parser.add_argument(
-        "source", metavar=task.source.upper(), nargs="?" if again else None, help=task.source_help
-    )
-    for name, declared in declared_options(task.options).items():
-        if declared.declared.positional:
-            parser.add_argument(name, metavar=name.upper(), help=declared.declared.help)
-    if task.out == FILE:
-        parser.add_argument("-o", "--out", metavar="FILE", type=Path, help="CSV file to write")
-    elif task.out != SOURCE:
-        parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="folder for the results")
+    """Add the source of a task, its options, what it writes, and what to print."""
+    again = task.source == CURVE and task.out in (FOLDER, REQUIRED_FOLDER)
+    if task.source:
+        nargs = "?" if again or task.listing else None
+        parser.add_argument(
+            "source", metavar=task.source.upper(), nargs=nargs, help=task.source_help
+        )
+    if task.out not in (TEXT, SOURCE):
+        metavar = "FILE" if task.out == FILE else "DIR"
+        parser.add_argument("-o", "--out", metavar=metavar, type=Path, help=task.out_help)
     if again:
         parser.add_argument(
             "--config", metavar="FILE", type=Path, help="run.toml of an earlier run, to run again"
@@ -45,11 +45,13 @@ def add_arguments(parser: ArgumentParser, task: Task) -> None:
             metavar="NAME=VALUE",
             help="another option of the model",
         )
-    if again:
+    if task.source == CURVE:
         add_options(parser, ReadOptions)
-    if task.out not in (FILE, SOURCE):
+    if task.listing:
+        parser.add_argument("--list", action="store_true", help="print the names and stop")
+    if task.out in (FOLDER, REQUIRED_FOLDER):
         parser.add_argument("--no-report", action="store_true", help="write the numbers alone")
-    if task.out != FILE:
+    if task.out in (FOLDER, REQUIRED_FOLDER, SOURCE):
         parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
@@ -60,7 +62,12 @@ def has_model_options(task: Task) -> bool:
 
 def run(args: Namespace, task: Task) -> int:
     """Run a task and print its result; returns the exit status."""
-    if task.out != SOURCE and args.out is None:
+    if task.listing and args.list:
+        print(task.listing())
+        return EXIT_DONE
+    if task.listing and (args.source is None or args.out is None):
+        raise InputError(f"give a {task.source}, and with -o where the result goes; or --list")
+    if task.out not in (TEXT, SOURCE) and args.out is None:
         what = "a file with -o FILE" if task.out == FILE else "a folder with -o DIR"
         raise InputError(f"no place for the results was given; give {what}")
     record = _record(args, task)
@@ -68,16 +75,19 @@ def run(args: Namespace, task: Task) -> int:
     options |= options_from(args, task.options)
     if has_model_options(task):
         options |= _pairs(args.set)
+    checked = task.options.of(options)  # before a file is read
     source = source_from(args, task, record)
+    module = import_module(f"lcbayes.tasks.{task.function}.run")
+    if task.out == TEXT:
+        return module.command(source, checked)
 
-    import lcbayes
     from lcbayes.core.progress import Console, Silent
 
-    quiet = task.out == FILE or args.json
+    quiet = getattr(args, "json", False)
     writing = {} if task.out == SOURCE else {"out": args.out}
-    if task.out not in (FILE, SOURCE):
+    if task.out in (FOLDER, REQUIRED_FOLDER):
         writing["report"] = not args.no_report
-    result = getattr(lcbayes, task.function)(
+    result = getattr(module, task.function)(
         source, **writing, progress=Silent() if quiet else Console(), **options
     )
     _print(args, task, result)
@@ -85,22 +95,30 @@ def run(args: Namespace, task: Task) -> int:
 
 
 def _print(args: Namespace, task: Task, result: Result) -> None:
-    if task.out == FILE:
-        if notes := result.text().splitlines()[:-1] if result.reasons else []:
-            print("\n".join(notes), file=sys.stderr)
-        for note in getattr(result, "notes", ()):
-            print(f"note: {note}", file=sys.stderr)
-        print(args.out)
-        return
     folder = Path(args.source) if task.out == SOURCE else args.out
-    if args.json:
+    if getattr(args, "json", False):
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
         return
     if task.out == SOURCE:
         print(folder / "report.html")
         return
-    print(result.text())
-    print(f"\n{'results' if args.no_report else 'report'}: {written(args)}")
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    for line in result.text().splitlines():
+        print(line if width is None else wrapped(line, width))
+    if task.out == FILE:
+        return
+    if args.no_report:
+        print(f"\nresults: {folder}")
+    else:
+        print(f"\nreport: {folder / 'report.html'}")
+
+
+def wrapped(line: str, width: int) -> str:
+    """A line within the width; what is carried over is indented by two more than its start."""
+    hanging = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(
+        line, width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _pairs(given: list[str]) -> dict[str, str]:
@@ -116,7 +134,7 @@ def _pairs(given: list[str]) -> dict[str, str]:
 
 def _record(args: Namespace, task: Task) -> Record | None:
     """The run to do again, whose inputs are as they were."""
-    if task.source != CURVE or args.config is None:
+    if getattr(args, "config", None) is None:
         return None
     from lcbayes.results.record import read_record
 
@@ -137,9 +155,10 @@ def _record(args: Namespace, task: Task) -> Record | None:
 
 
 def source_from(args: Namespace, task: Task, record: Record | None = None) -> Any:
-    """The light curve of the command line or of an earlier run, or the path that a task takes."""
+    """The light curve of the command line or of an earlier run, the path that a task takes, or
+    None."""
     if task.source != CURVE:
-        return args.source
+        return args.source if task.source else None
     from lcbayes.data.read import read
     from lcbayes.tasks.task import fitted_curve
 
@@ -159,8 +178,3 @@ def source_from(args: Namespace, task: Task, record: Record | None = None) -> An
             share = f"less than {100 * FULL:.0f} % of the sunlight past the Earth"
             print(f"note: {left_out} points that get {share} are left out", file=sys.stderr)
     return curve
-
-
-def written(args: Namespace) -> Path:
-    """Where to look at the result."""
-    return args.out if args.no_report else args.out / "report.html"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 
@@ -44,3 +45,30 @@ class Reason(NamedTuple):
 
     def __str__(self) -> str:
         return self.text
+
+
+def coded(reasons: Iterable[str | Reason], codes: Mapping[str, str]) -> list[Reason]:
+    """Reasons with codes, where a method gives some of them as sentences alone.
+
+    Parameters
+    ----------
+    codes : code → phrase that only the sentences of this code contain
+
+    Raises
+    ------
+    KeyError
+        No phrase matches a sentence.
+
+    Examples
+    --------
+    >>> coded(["the pass has 3 points"], {"too-few-points": "points"})
+    [Reason(code='too-few-points', text='the pass has 3 points')]
+    """
+    return [r if isinstance(r, Reason) else Reason(_code(r, codes), r) for r in reasons]
+
+
+def _code(sentence: str, codes: Mapping[str, str]) -> str:
+    for code, phrase in codes.items():
+        if phrase in sentence:
+            return code
+    raise KeyError(f"no code for the reason {sentence!r}")

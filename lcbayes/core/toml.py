@@ -273,7 +273,7 @@ def _dotted(place: Place, root: str = "the file") -> str:
 
 
 def to_toml(content: Mapping[str, Any]) -> str:
-    """TOML of a table of scalars, lists of scalars and one level of tables."""
+    """TOML of a table of scalars and arrays and one level of tables."""
     lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
     for name, table in content.items():
         if isinstance(table, Mapping):
@@ -284,10 +284,10 @@ def to_toml(content: Mapping[str, Any]) -> str:
 def _toml_value(value: Any) -> str:
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, tuple | list):
-        return f"[{', '.join(map(_toml_value, value))}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
     return json.dumps(printable(str(value)), ensure_ascii=False)

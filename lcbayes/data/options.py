@@ -18,8 +18,8 @@ class ReadOptions(Options):
         None, metavar="LAT,LON,H", help="observer: degrees north, degrees east, metres"
     )
     error: float | None = option(
-        None, metavar="SD", help="one error for all points, instead of the file's"
+        None, unit="mag or flux", metavar="SD", help="one error for all points"
     )
     error_floor: float | None = option(
-        None, metavar="SD", help="smallest error to admit; smaller ones are raised to it"
+        None, unit="mag or flux", metavar="SD", help="smallest error; smaller ones are raised to it"
     )

@@ -52,7 +52,7 @@ def record_of(task: str, options: Options, source: str, value: Any) -> dict[str,
         record |= _of_curve(record.get(source), curve)
     for name, path in files.items():
         if path.is_file():
-            record[f"input.{name}"] = {"path": os.path.abspath(path), "sha256": sha256(path)}
+            record[f"input.{name}"] = input_file(path)
     return record
 
 
@@ -71,6 +71,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
     return value if isinstance(value, bool | int | float) else str(value)
+
+
+def input_file(path: str | Path) -> dict[str, str]:
+    """Path and SHA-256 of a file that a task has read, for a table ``input.NAME``."""
+    return {"path": os.path.abspath(path), "sha256": sha256(path)}
 
 
 def sha256(path: str | Path) -> str:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
-FOLDER, REQUIRED_FOLDER, FILE, SOURCE = "folder", "required folder", "file", "source"
+# what a task writes; text goes to standard output, and the results of SOURCE stay where they are
+FOLDER, REQUIRED_FOLDER, FILE, SOURCE, TEXT = "folder", "required", "file", "source", "text"
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,12 @@ class Task:
     summary : one line, without a capital and a full stop
     details : what `--help` says below the options: examples, conditions, files written
     options : the dataclass of its options
-    source : name of its first argument: "curve", "scenario", "folder", "catalogue"
+    source : name of its first argument: "curve", "scenario", "folder", "catalogue", or none: ""
     source_help : one line about it
     fully_lit : whether points in the Earth's penumbra are left out before the task starts
-    out : what the task writes: "folder", which is optional in Python; "required folder"; "file"; or
-        "source", where the results stay in the folder that the task is given
+    out : what it writes: `FOLDER`, `REQUIRED_FOLDER` (in Python too), `FILE`, `SOURCE` or `TEXT`
+    out_help : one line about it
+    listing : what ``--list`` prints, where the task has that flag
     """
 
     name: str
@@ -56,6 +58,8 @@ class Task:
     source_help: str = "light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
     fully_lit: bool = False
     out: str = FOLDER
+    out_help: str = "folder for the results; a run that was stopped goes on there"
+    listing: Callable[[], str] | None = None
 
     @property
     def function(self) -> str:
@@ -143,7 +147,7 @@ def execute(
     progress: Silent | None = None,
 ) -> Any:
     """Run a task and write its result where ``out`` says; arguments as of its public function."""
-    value = light_curve(source, task) if task.source == CURVE else source
+    value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
     context = Context(progress or Silent())
     if task.out == REQUIRED_FOLDER and out is None:
         raise InputError(f"the results of {task.name} need a folder; give out=DIR")
@@ -189,6 +193,13 @@ def light_curve(source: Any, task: Task) -> LightCurve:
     return fully_lit(source) if task.fully_lit else source
 
 
+def path_like(source: Any, task: Task) -> Any:
+    """The source of a task that takes no light curve: a path, a name, or an object of lcbayes."""
+    if isinstance(source, str | Path) or type(source).__module__.startswith("lcbayes."):
+        return source
+    raise InputError(f"the {task.source} is of type {type(source).__name__}; give a path or a name")
+
+
 def fitted_curve(folder: Path) -> LightCurve:
     """The light curve of a fit, as its results folder holds it.
 
@@ -225,21 +236,19 @@ def signature(task: Task, run: Callable[..., Any]) -> Signature:
 def documented(task: Task, doc: str) -> str:
     """The docstring with its section on parameters, which the declaration makes."""
     lines = ["Parameters", "----------", f"{task.source} : {_source_type(task)}"]
-    lines.append(f"    {task.source_help[:1].upper()}{task.source_help[1:]}.")
+    lines.append(f"    {_capital(task.source_help)}.")
     for declared in declared_options(task.options).values():
         lines += [f"{declared.name} : {_type(declared)}", f"    {_sentence(declared)}"]
     for name in _writing(task):
-        lines += _DESCRIBED[name] if (name, task.out) != ("out", FILE) else _OUT_FILE
+        lines += _DESCRIBED.get(
+            name, [f"{name} : path, optional", f"    {_capital(task.out_help)}."]
+        )
     if "others" in {f.name for f in dataclasses.fields(task.options)}:
         lines += ["**model_options", "    Other options of the model; see `lcbayes models NAME`."]
     return inspect.cleandoc(doc).replace("{parameters}", "\n".join(lines))
 
 
 _DESCRIBED = {
-    "out": (
-        "out : path, optional",
-        "    Folder for the results; a run that was stopped goes on there to the same numbers.",
-    ),
     "report": (
         "report : bool",
         "    Whether to write the figures and ``report.html`` there too. Default: True.",
@@ -249,7 +258,6 @@ _DESCRIBED = {
         "    Shows how far the run is.",
     ),
 }
-_OUT_FILE = ("out : path, optional", "    File for the table, CSV.")
 
 
 def _writing(task: Task) -> dict[str, Any]:
@@ -257,6 +265,10 @@ def _writing(task: Task) -> dict[str, Any]:
     out = {} if task.out == SOURCE else {"out": None}
     report = {} if task.out in (FILE, SOURCE) else {"report": True}
     return {**out, **report, "progress": None}
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _source_type(task: Task) -> str:
@@ -278,4 +290,4 @@ def _sentence(declared: Option) -> str:
     default = ""
     if not declared.required and declared.default is not None:
         default = f" Default: {declared.default!r}."
-    return f"{d.help[:1].upper()}{d.help[1:]}{unit}.{default}"
+    return f"{_capital(d.help)}{unit}.{default}"

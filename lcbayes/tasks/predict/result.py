@@ -54,8 +54,8 @@ class Prediction(Result):
     def lines(self) -> list[str]:
         kind = next(name for name in self._columns if name.endswith("_mean"))
         return [
-            f"{kind.removesuffix('_mean')} at {len(self._columns[kind])} epochs",
             *(f"note: {note}" for note in self.notes),
+            f"{kind.removesuffix('_mean')} predicted at {len(self._columns[kind])} epochs",
         ]
 
     def save(self, folder: str | Path) -> Path:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lcbayes.analysis import small_report, spin_report
+from lcbayes.analysis import spin_report
 from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.sidereal import Solution, Spin
-from lcbayes.results.result import Result
+from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 HOUR = 3600.0
 COLUMNS = {
@@ -30,7 +30,7 @@ COLUMNS = {
 }
 
 
-class SpinResult(Result):
+class SpinResult(DeterministicResult):
     """Sidereal periods and poles, with the conditions under which they hold.
 
     Attributes
@@ -39,16 +39,11 @@ class SpinResult(Result):
     """
 
     task = "spin"
+    refused = spin_report.REFUSED
 
     def __init__(self, found: Spin, curve: LightCurve) -> None:
-        reasons = [Reason("spin-not-determined", str(reason)) for reason in found.reasons]
-        super().__init__(_content(found, curve), reasons, {})
-        self._found, self._curve = found, curve
-
-    @property
-    def data(self) -> Spin:
-        """Periodogram, synodic periods, map of the pole and solutions, as arrays."""
-        return self._found
+        super().__init__(found, about(curve) | _content(found, curve), _reasons(found))
+        self._curve = curve
 
     def summary(self) -> pd.DataFrame:
         """One row a solution: weight, pole and its radius (deg), sidereal period (s)."""
@@ -58,7 +53,7 @@ class SpinResult(Result):
         return rows.rename(columns=COLUMNS)
 
     def lines(self) -> list[str]:
-        return spin_report.words(self._found, self._curve)
+        return spin_report.words(self.data, self._curve)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Solutions, and the synodic period along the passes."""
@@ -69,21 +64,33 @@ class SpinResult(Result):
         along = pd.DataFrame({name: synodic.get(key, ()) for key, name in columns.items()})
         return {"solutions": self.summary(), "synodic_periods": along}
 
-    def write_page(self, folder: Path) -> None:
-        def draw(gallery: Gallery) -> None:
-            spin_report.draw(self._found, self._curve, gallery)
+    def draw(self, gallery: Gallery) -> None:
+        spin_report.draw(self.data, self._curve, gallery)
 
-        small_report.write_page(folder, self, draw, spin_report.REFUSED)
+    def plot_periodogram(self) -> Figure:
+        """Power against frequency, with the base frequency and its harmonics."""
+        return figure_of(spin_report.draw_periodogram, self.data)
+
+    def plot_synodic_periods(self) -> Figure:
+        """Synodic period along each pass, and that of the best solution."""
+        return figure_of(spin_report.draw_synodic, self.data)
+
+    def plot_pole(self) -> Figure:
+        """The 90 % region of the pole on the sky, and the solutions."""
+        return figure_of(spin_report.draw_sky, self.data, self._curve)
+
+
+def _reasons(found: Spin) -> list[Reason]:
+    """The conditions that fail; the code is that of the condition."""
+    codes = {c.words: f"not-{c.name}" for c in found.conditions}
+    return [r if isinstance(r, Reason) else Reason(codes[r], r) for r in found.reasons]
 
 
 def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
     """What `summary.json` holds beside the verdict."""
     base, sky, windows = result.base, result.sky, result.windows
     return {
-        "curve": curve.source.get("file", ""),
-        "frame": curve.frame,
         "n_obs": curve.n_obs,
-        "points_in_penumbra_left_out": int(curve.source.get("in_penumbra", 0)),
         "passes": [
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],

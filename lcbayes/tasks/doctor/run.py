@@ -1,8 +1,7 @@
-"""`lcbayes doctor`: whether this machine can run the package, and what to do where it cannot."""
+"""`lcbayes doctor`."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -14,12 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.tasks.doctor.options import DoctorOptions
 
-HELP = "check this installation and machine, and say what to do where something is wrong"
-EPILOG = """\
-example:
-  lcbayes doctor
-"""
 MIN_PYTHON = (3, 12)
 MIN_MEMORY_GIB = 2.0
 
@@ -32,16 +27,11 @@ class Check(NamedTuple):
     remedy: str = ""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("--json", action="store_true", help="print the answer as JSON")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Print every check; exit 2 when one of them needs something done."""
+def command(_source: None, options: DoctorOptions) -> int:
+    """Print every check; the exit status is 2 where one of them needs attention."""
     checks = list(examine())
     wrong = [check for check in checks if check.remedy]
-    if args.json:
+    if options.json:
         answer = {"ok": not wrong, "checks": [check._asdict() for check in checks]}
         print(json.dumps(answer, indent=1))
     else:
