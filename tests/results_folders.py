@@ -10,7 +10,10 @@ import numpy as np
 import xarray as xr
 
 CHAINS, DRAWS = 4, 250
-RUN_TOML = 'curve = "pass.csv"\nmodel = "faceted"\nseed = 1\n'
+RUN_TOML = (
+    'schema = 2\ntask = "fit"\nversion = "0"\ncurve = "pass.csv"\n\n'
+    '[options]\nmodel = "faceted"\nseed = 1\n'
+)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -112,8 +115,11 @@ def _write(
         "n_facets": attrs["n_facets"],
         "n_obs": observed.size,
         "seed": attrs["seed"],
-        "converged": True,
+        "schema": 2,
+        "task": "fit",
+        "trusted": True,
         "reasons": [],
+        "model_options": {},
         "max_rhat": 1.004,
         "min_ess_bulk": 812.0,
         "min_ess_tail": 640.0,
@@ -218,7 +224,8 @@ def faceted(
             ]
         ),
     }
-    summary = {"converged": False, "reasons": reasons, "max_rhat": 2.31} if bad else {}
+    against = [{"code": "chains-disagree", "text": text} for text in reasons]
+    summary = {"trusted": False, "reasons": against, "max_rhat": 2.31} if bad else {}
     return _write(
         folder,
         modes,

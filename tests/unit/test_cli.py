@@ -16,7 +16,6 @@ import pytest
 from lcbayes.analysis import scan_page
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
-from lcbayes.results import folder
 
 
 def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
@@ -24,7 +23,6 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr("importlib.metadata.version", absent)
-    monkeypatch.setattr(folder, "version", absent)
     assert main.main(["--version"]) == EXIT_DONE
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
 
@@ -53,7 +51,9 @@ def test_examples_of_help_can_be_pasted():
     """Each by itself, as a shell would split it; nothing is run."""
     pasted = 0
     for name in main.COMMANDS:
-        epilog = importlib.import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}").EPILOG
+        epilog = importlib.import_module(
+            f"lcbayes.tasks.{name.replace('-', '_')}.options"
+        ).TASK.details
         assert all(len(line) <= 100 for line in epilog.splitlines()), name
         joined = re.split("examples?:\n", epilog)[1].split("\n\n")[0].replace("\\\n", " ")
         for line in joined.splitlines():
