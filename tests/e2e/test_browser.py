@@ -12,7 +12,7 @@ import browsing
 import pytest
 import results_folders
 
-from lcbayes.analysis import report
+import lcbayes
 
 KINDS = {
     "not trusted": lambda to: results_folders.faceted(
@@ -27,9 +27,11 @@ def test_the_report(kind, tmp_path, look):
     folder = KINDS[kind](tmp_path / "results")
     numbers = folder / "summary.json"
     told = json.loads(numbers.read_text())
-    told["reasons"] = [*told["reasons"], browsing.EVIL_TEXT] if told["reasons"] else []
+    evil = {"code": "x", "text": browsing.EVIL_TEXT}
+    told["reasons"] = [*told["reasons"], evil] if told["reasons"] else []
     numbers.write_text(json.dumps(told))
-    page = report.write(folder)
+    lcbayes.report(folder)
+    page = folder / "report.html"
     assert browsing.EVIL_FILE not in page.read_text()
     assert browsing.EVIL_TEXT not in page.read_text()
     look(page, turning=2)

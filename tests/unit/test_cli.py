@@ -13,9 +13,10 @@ from importlib.metadata import PackageNotFoundError
 
 import pytest
 
-from lcbayes.analysis import scan_page
+from lcbayes.analysis.pages import command
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.tasks.scan.options import ScanOptions
 
 
 def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
@@ -82,6 +83,6 @@ def test_standard_output_that_is_full_is_told_of_in_a_line(unbuffered):
 
 def test_a_page_prints_the_laws_that_were_scanned():
     given = ["lvlh:yaw_deg=4,pitch_deg=3", "sun-north", "all"]
-    run = {"curve": "a.csv", "options": {"laws": ",".join(given)}, "reading": {}}
-    words = shlex.split(scan_page._command(run))
+    run = {"task": "scan", "curve": "a.csv", "options": {"law": given}, "reading": {}}
+    words = shlex.split(command(run, ScanOptions))
     assert main._parser().parse_args(words[1:]).law == given
