@@ -6,7 +6,6 @@ import shutil
 import sys
 import textwrap
 from argparse import ArgumentParser, Namespace
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +36,7 @@ def add_arguments(parser: ArgumentParser, task: Task) -> None:
             "--config", metavar="FILE", type=Path, help="run.toml of an earlier run, to run again"
         )
     add_options(parser, task.options)
-    if has_model_options(task):
+    if task.has_model_options:
         parser.add_argument(
             "--set",
             action="append",
@@ -55,11 +54,6 @@ def add_arguments(parser: ArgumentParser, task: Task) -> None:
         parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
-def has_model_options(task: Task) -> bool:
-    """Whether a task takes options of models."""
-    return "others" in {field.name for field in fields(task.options)}
-
-
 def run(args: Namespace, task: Task) -> int:
     """Run a task and print its result; returns the exit status."""
     if task.listing and args.list:
@@ -73,7 +67,7 @@ def run(args: Namespace, task: Task) -> int:
     record = _record(args, task)
     options = {} if record is None else dict(record.options)
     options |= options_from(args, task.options)
-    if has_model_options(task):
+    if task.has_model_options:
         options |= _pairs(args.set)
     checked = task.options.of(options)  # before a file is read
     source = source_from(args, task, record)

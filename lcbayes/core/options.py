@@ -173,7 +173,7 @@ class Option:
         )
         if outside:
             expected = _EXPECTED[self.kind]
-            raise InputError(f"{self.flag} is {value!r}; expected {expected}{self._range()}")
+            raise InputError(f"{self.flag} is {converted!r}; expected {expected}{self._range()}")
         return converted
 
     def _converted(self, value: Any) -> Any:

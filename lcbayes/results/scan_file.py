@@ -78,7 +78,9 @@ def _found(tree: xr.DataTree) -> Found:
     if asked["period_range_h"] is not None:
         asked["period_range_h"] = tuple(asked["period_range_h"])
     settings = Settings(**asked | {"laws": tuple(asked["laws"])})
-    light = {k: v.to_numpy() for k, v in tree["light_curve"].to_dataset().data_vars.items()}
+    light: dict[str, Any] = {
+        str(k): v.to_numpy() for k, v in tree["light_curve"].to_dataset().data_vars.items()
+    }
     screened = None
     if "screened" in tree:
         screened = Table(**{k: tree["screened"][k].to_numpy() for k in SCREENED})
@@ -91,5 +93,5 @@ def _found(tree: xr.DataTree) -> Found:
 
 
 def _solution(data: xr.Dataset) -> Solution:
-    arrays = {str(k): v.to_numpy() for k, v in data.data_vars.items()}
+    arrays: dict[str, Any] = {str(k): v.to_numpy() for k, v in data.data_vars.items()}
     return Solution(**json.loads(data.attrs[ABOUT]), **arrays)

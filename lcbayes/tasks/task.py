@@ -7,7 +7,6 @@ starts quickly. ``tasks/NAME/run.py`` defines the function that `task_function` 
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Option, Options, declared_options
 from lcbayes.core.progress import Silent
+from lcbayes.modelling.options import ModelOptions
 
 if TYPE_CHECKING:
     from lcbayes.core.checkpoint import Checkpoint
@@ -60,6 +60,11 @@ class Task:
     out: str = FOLDER
     out_help: str = "folder for the results; a run that was stopped goes on there"
     listing: Callable[[], str] | None = None
+
+    @property
+    def has_model_options(self) -> bool:
+        """Whether it takes options of models, too."""
+        return issubclass(self.options, ModelOptions)
 
     @property
     def function(self) -> str:
@@ -227,7 +232,7 @@ def signature(task: Task, run: Callable[..., Any]) -> Signature:
     parameters.sort(key=lambda p: p.kind)
     for name, default in _writing(task).items():
         parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
-    if "others" in {f.name for f in dataclasses.fields(task.options)}:
+    if task.has_model_options:
         parameters.append(Parameter("model_options", Parameter.VAR_KEYWORD))
     returned = inspect.signature(run).return_annotation
     return Signature(parameters, return_annotation=returned)
@@ -243,7 +248,7 @@ def documented(task: Task, doc: str) -> str:
         lines += _DESCRIBED.get(
             name, [f"{name} : path, optional", f"    {_capital(task.out_help)}."]
         )
-    if "others" in {f.name for f in dataclasses.fields(task.options)}:
+    if task.has_model_options:
         lines += ["**model_options", "    Other options of the model; see `lcbayes models NAME`."]
     return inspect.cleandoc(doc).replace("{parameters}", "\n".join(lines))
 

@@ -23,7 +23,7 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
     def absent(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("importlib.metadata.version", absent)
+    monkeypatch.setattr("lcbayes.core.version.version", absent)
     assert main.main(["--version"]) == EXIT_DONE
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
 

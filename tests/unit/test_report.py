@@ -235,6 +235,7 @@ def test_command_prints_where_the_page_is(faceted, tmp_path, capsys):
 
 def test_figures_are_given_to_python(faceted):
     fit = lcbayes.load(faceted)
+    assert isinstance(fit, lcbayes.Fit)
     for draw in (fit.plot_light_curve, fit.plot_parameters, fit.plot_sky, fit.plot_trace):
         figures = draw()
         assert figures

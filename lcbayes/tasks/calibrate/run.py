@@ -13,7 +13,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import variables as names
-from lcbayes.tasks.fit.run import fit
+from lcbayes.tasks.fit.run import fit_with_kernel
 
 if TYPE_CHECKING:
     from lcbayes.core.jax_setup import jax
@@ -123,6 +123,8 @@ def calibrate(
             "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
     plain, _ = posed(entry, entry.check(options), data)
+    rest = dict(asked)
+    kernel = rest.pop("sampler", "nuts")
     told = quantities or scalars
     places, trusted, kept = [], [], ()
     with (progress or Silent()).stage("calibrating", n, "fits") as track:
@@ -132,7 +134,7 @@ def calibrate(
             drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
             seen = replace(curve, brightness=drawn)
             _check_noise(plain, truth, data, Epochs.of(seen))
-            found = fit(seen, model=model, seed=seed + i, **asked)
+            found = fit_with_kernel(seen, kernel, model=model, seed=seed + i, **rest)
             draws = weighted_draws(found.tree, seed=seed + i)
             sites = {str(k): np.asarray(v)[0] for k, v in draws["posterior"].data_vars.items()}
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)

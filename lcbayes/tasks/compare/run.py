@@ -45,6 +45,7 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
 
     Examples
     --------
+    >>> import lcbayes
     >>> import numpy as np
     >>> angle = np.linspace(0.0, 1.0, 12)
     >>> sun = np.tile([1.0, 0.0, 0.0], (12, 1))

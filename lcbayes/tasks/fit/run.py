@@ -53,6 +53,7 @@ def fit(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
 
     Examples
     --------
+    >>> import lcbayes
     >>> import numpy as np
     >>> angle = np.linspace(0.0, 1.0, 12)
     >>> sun = np.tile([1.0, 0.0, 0.0], (12, 1))

@@ -42,6 +42,7 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
 
     Examples
     --------
+    >>> import lcbayes
     >>> import numpy as np
     >>> angle = np.linspace(0.0, 3.0, 12)
     >>> sun = np.tile([1.0, 0.0, 0.0], (12, 1))
