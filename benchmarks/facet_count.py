@@ -135,7 +135,8 @@ def timed() -> None:
     begun = time.monotonic()
     found = lcbayes.compare(curve, n_facets=range(1, 9), seed=1, progress=Console())
     took = time.monotonic() - begun
-    text = f"`lcbayes.compare(curve, n_facets=range(1, 9), seed=1)`, {curve.n_obs} epochs, ω unknown, four "
+    text = "`lcbayes.compare(curve, n_facets=range(1, 9), seed=1)`, "
+    text += f"{curve.n_obs} epochs, ω unknown, four "
     text += f"facets: {took:.0f} s (goal: 600 s).\n\n```\n{found.text()}\n```"
     print(text)
     write_section("Number of facets, 1 to 8, timed", "python benchmarks/facet_count.py timed", text)

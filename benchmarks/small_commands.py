@@ -73,7 +73,7 @@ def main() -> None:
                     name,
                     str(path),
                     "-o",
-                    scratch,
+                    f"{scratch}/{name}",
                     "--json",
                 ]
                 begun = time.monotonic()

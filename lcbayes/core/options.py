@@ -160,7 +160,7 @@ class Option:
         except (TypeError, ValueError, KeyError, OverflowError):
             expected = _EXPECTED.get(self.kind, "a path")
             raise InputError(
-                f"{self.flag} is {value!r}; expected {expected}{self._range()}"
+                f"{self.flag} is {_shown(value)}; expected {expected}{self._range()}"
             ) from None
         d = self.declared
         if d.choices and converted not in d.choices:
@@ -173,7 +173,7 @@ class Option:
         )
         if outside:
             expected = _EXPECTED[self.kind]
-            raise InputError(f"{self.flag} is {converted!r}; expected {expected}{self._range()}")
+            raise InputError(f"{self.flag} is {_shown(value)}; expected {expected}{self._range()}")
         return converted
 
     def _converted(self, value: Any) -> Any:
@@ -217,6 +217,15 @@ class Option:
         if d.high is not None:
             return f" <= {d.high:g}{unit}"
         return unit
+
+
+def _shown(value: Any) -> str:
+    """A value as a message has it: numbers from the command line without quotation marks."""
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return repr(value)
+    return str(value)
 
 
 class Options:

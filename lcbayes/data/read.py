@@ -17,6 +17,7 @@ from lcbayes.data.formats.damit import is_damit, read_damit
 from lcbayes.data.formats.ecsv import is_ecsv, read_ecsv
 from lcbayes.data.formats.table import comment_values, parse
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.options import ReadOptions
 
 
 def _read_csv(file: TextFile, options: Options) -> LightCurve:
@@ -79,11 +80,13 @@ def read(
     InputError
         One line: what is at fault, in which file and line, and what to do.
     """
-    curve = _read(path, format, Options(_path(tle), site, error, error_floor))
+    given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
+    asked = ReadOptions.of(given)
+    options = Options(_path(asked.tle), asked.site, asked.error, asked.error_floor)
+    curve = _read(path, format, options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
-    given = {"format": format, "site": site, "error": error, "error_floor": error_floor}
-    reading = {name: value for name, value in given.items() if value is not None}
+    reading = {name: value for name, value in asked.as_dict().items() if name != "tle"}
     source = dict(curve.source)
     if tle is not None:
         reading["tle"] = os.path.abspath(tle)
@@ -103,7 +106,8 @@ def read_geometry(
     Columns of brightness and its error are not needed and, where present, ignored; their kind is
     kept ("mag" when there are none).
     """
-    return _read(path, format, Options(_path(tle), site, geometry_only=True))
+    asked = ReadOptions.of({"format": format, "tle": tle, "site": site})
+    return _read(path, format, Options(_path(asked.tle), asked.site, geometry_only=True))
 
 
 def _path(path: str | os.PathLike[str] | None) -> str | None:
@@ -113,5 +117,7 @@ def _path(path: str | os.PathLike[str] | None) -> str | None:
 def _read(path: str | os.PathLike[str], format: str | None, options: Options) -> LightCurve:
     if format is not None and format not in _READERS:
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"the path is of type {type(path).__name__}; give the path of a file")
     file = read_text(path)
     return _READERS[format or recognise(file)](file, options)

@@ -168,8 +168,7 @@ def test_too_little_is_said(geometry):
     both = attitude_test(bare, [LVLH, SUN, INERTIAL, catalogue.find("velocity")], n_bodies=100)
     assert "2 of 4: each needs the satellite's orbit" in both.reasons[0]
     assert "observe more passes" in both.reasons[-1]
-    said = [line for line in words(both) if "needs the satellite's orbit" in line]
-    assert len(said) == 1
+    assert not any("needs the satellite's orbit" in line for line in words(both))
     assert {"  lvlh, velocity", "2 laws not tested, as said above:"} < set(words(both))
     told = attitude_test(bare, [LVLH], n_bodies=100).verdicts[0]
     assert "needs the satellite's orbit" in told.reason

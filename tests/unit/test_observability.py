@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lcbayes.cli.commands.observability import wrapped
 from scipy.optimize import least_squares
 
+from lcbayes.cli.task import wrapped
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude.laws import Ephemeris

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy import integrate, optimize
 
-from lcbayes.cli.commands.reading import asked, read_from, read_lit
-from lcbayes.core.errors import InputError
+import lcbayes
+from lcbayes.cli.main import main
+from lcbayes.core.errors import EXIT_NOT_TRUSTED, InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
@@ -165,27 +166,21 @@ def test_earthshine_in_low_orbit_by_an_integral_over_the_ground(angle):
     assert irradiance(radius, np.radians(angle), (RINGS, SECTORS)) == pytest.approx(want, rel=0.03)
 
 
-@pytest.fixture
-def asked_for() -> Namespace:
-    folder = Path(scenarios.__file__).parent
-    return Namespace(
-        curve=folder / "box-wing.csv",
-        tle=folder / "box-wing.tle",
-        format=None,
-        site=None,
-        error=None,
-        error_floor=None,
-    )
-
-
-def test_methods_that_know_of_no_penumbra_leave_its_points_out_and_say_so(asked_for, capsys):
+def test_methods_without_a_penumbra_leave_its_points_out_and_say_so(tmp_path, capsys):
     """The demo's satellite comes out of the shadow in its first points."""
-    whole, lit = read_from(asked_for), read_lit(asked_for)
+    folder = Path(scenarios.__file__).parent
+    whole = lcbayes.read(folder / "box-wing.csv", tle=folder / "box-wing.tle")
+    lit = earth_shadow.fully_lit(whole)
     share = earth_shadow.share(whole)
     assert 0 < whole.n_obs - lit.n_obs == np.sum(share <= 0.99) < 20
     np.testing.assert_array_equal(lit.brightness, whole.brightness[share > 0.99])
-    assert f"note: {whole.n_obs - lit.n_obs} points" in capsys.readouterr().err
-    assert asked(asked_for, lit)["points_in_penumbra_left_out"] == whole.n_obs - lit.n_obs
+    argv = ["glints", str(folder / "box-wing.csv"), "--tle", str(folder / "box-wing.tle")]
+    assert main([*argv, "-o", str(tmp_path / "out"), "--json"]) == EXIT_NOT_TRUSTED
+    printed = capsys.readouterr()
+    assert f"note: {whole.n_obs - lit.n_obs} points" in printed.err
+    content = json.loads(printed.out)
+    assert content["points_in_penumbra_left_out"] == whole.n_obs - lit.n_obs
+    assert content["n_obs"] == lit.n_obs
     assert earth_shadow.fully_lit(lit) is lit
     with pytest.raises(InputError, match="shadow at all points"):
         earth_shadow.fully_lit(whole.select(share < 0.9))

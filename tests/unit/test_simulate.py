@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from functools import partial
@@ -12,8 +11,7 @@ import pytest
 from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
-from lcbayes.cli.commands import doctor
-from lcbayes.cli.commands import simulate as command
+from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data import earth_shadow
@@ -221,47 +219,41 @@ def test_only_what_can_be_observed_is():
         epochs(replace(geometry, passes=(all_day,)))
 
 
-def _arguments(module, *words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser)
-    return parser.parse_args(words)
-
-
 def test_command_writes_the_curve_and_the_truth(tmp_path, capsys):
     out = tmp_path / "c.csv"
-    assert command.run(_arguments(command, "one-facet", "-o", str(out), "--seed", "5")) == EXIT_DONE
+    assert main(["simulate", "one-facet", "-o", str(out), "--seed", "5"]) == EXIT_DONE
     made, truth = simulate(load("one-facet"), 5)
     back = read(out)
     np.testing.assert_array_equal(back.brightness, made.brightness)
     np.testing.assert_array_equal(back.obs, made.obs)
     assert json.loads((tmp_path / "c.truth.json").read_text()) == truth
     assert "102 points of one-facet" in capsys.readouterr().out
-    assert command.run(_arguments(command, "--list")) == EXIT_DONE
+    assert main(["simulate", "--list"]) == EXIT_DONE
     assert "box-wing" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "no scenario given"),
-        (["one-facet"], "no output given"),
+        ([], "give a scenario, and with -o where the result goes; or --list"),
+        (["one-facet"], "give a scenario, and with -o where the result goes; or --list"),
         (["one-facet", "-o", "x.csv", "--seed", "-1"], "--seed is -1"),
         (["one-facet", "-o", "no/such/folder/x.csv"], "cannot be written"),
     ],
 )
-def test_command_faults(tmp_path, monkeypatch, words, message):
+def test_command_faults(tmp_path, monkeypatch, capsys, words, message):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=message):
-        command.run(_arguments(command, *words))
+    assert main(["simulate", *words]) == EXIT_BAD_INPUT
+    assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 def test_doctor(capsys, monkeypatch, tmp_path):
     monkeypatch.delenv("LCBAYES_DATA", raising=False)
-    assert doctor.run(_arguments(doctor)) in (EXIT_DONE, EXIT_BAD_INPUT)
+    assert main(["doctor"]) in (EXIT_DONE, EXIT_BAD_INPUT)
     assert "double precision" in capsys.readouterr().out
     monkeypatch.setenv("LCBAYES_DATA", str(tmp_path / "none"))
-    assert doctor.run(_arguments(doctor, "--json")) == EXIT_BAD_INPUT
+    assert main(["doctor", "--json"]) == EXIT_BAD_INPUT
     answer = json.loads(capsys.readouterr().out)
     wrong = {check["name"] for check in answer["checks"] if check["remedy"]}
     assert not answer["ok"]

@@ -1,39 +1,67 @@
-"""The folder of a small command: its page says first whether the method's conditions hold."""
+"""The page of a result without a posterior says first whether the method's conditions hold."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import browsing
 import pytest
+from leo import steady
 
-from lcbayes.analysis import small_report
+from lcbayes.analysis.style import Gallery
 from lcbayes.core.errors import InputError
+from lcbayes.core.reasons import Reason, coded
+from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
 
 
-def draw(gallery) -> None:
+def line(gallery: Gallery) -> None:
     figure = gallery.figure(3.0, 2.0)
     figure.subplots().plot([0.0, 1.0])
     gallery.add(figure, "line", "A line.", "A line, and what it means.")
 
 
-def made(folder, reasons: list[str], refused: str = small_report.UNTRUSTED) -> str:
-    content = {"curve": "/far/<b>pass.csv", "n_obs": 40, "reasons": reasons, "rms": float("nan")}
-    lines = [*(f"NOT to be trusted: {why}" for why in reasons), "axis at 3 & 4 deg"]
-    small_report.write(folder, "single_facet", content, lines, draw, refused=refused)
-    return (folder / "single_facet.html").read_text(encoding="utf-8")
+class Axis(DeterministicResult):
+    """A result with one figure."""
+
+    task = "spin"
+
+    def summary(self):
+        import pandas as pd
+
+        return pd.DataFrame({"axis_deg": [3.0]})
+
+    def lines(self):
+        return ["axis at 3 & 4 deg"]
+
+    def tables(self):
+        return {"axis": self.summary()}
+
+    def draw(self, gallery):
+        line(gallery)
+
+
+def made(reasons: list[str]) -> Axis:
+    curve = steady(1, 50.0, spinning=False)
+    curve = replace(curve, source={"file": "/far/<b>pass.csv"})
+    content = about(curve) | {"n_obs": 40, "rms": float("nan")}
+    return Axis(None, content, [Reason("some-code", text) for text in reasons])
 
 
 @pytest.mark.parametrize("reasons", [[], ["too few <points>", "no edge"]])
-def test_the_page(tmp_path, reasons, look):
-    page = made(tmp_path, reasons)
-    assert {p.name for p in tmp_path.iterdir()} == {
-        "single_facet.json",
-        "single_facet.txt",
-        "single_facet.html",
+def test_the_folder_and_its_page(tmp_path, reasons, look):
+    page = made(reasons).report(tmp_path).read_text(encoding="utf-8")
+    assert {p.name for p in tmp_path.iterdir() if p.name != ".lock"} == {
+        "summary.json",
+        "run.toml",
+        "report.html",
         "figures",
+        "tables",
     }
-    assert json.loads((tmp_path / "single_facet.json").read_text())["rms"] is None
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["rms"] is None
+    assert content["reasons"] == [{"code": "some-code", "text": text} for text in reasons]
+    assert (tmp_path / "tables" / "axis.csv").read_text() == "axis_deg\n3.0\n"
     assert ("NOT to be trusted.</h2>" in page) is bool(reasons)
     assert ("The conditions of the method hold." in page) is not bool(reasons)
     for why in reasons:
@@ -44,18 +72,35 @@ def test_the_page(tmp_path, reasons, look):
     assert "axis at 3 &amp; 4 deg" in page
     assert 'alt="A line."' in page
     assert "http" not in page.replace("http-equiv", "")
-    made(tmp_path, [*reasons, browsing.EVIL_TEXT])
-    look(tmp_path / "single_facet.html")
+    look(made([*reasons, browsing.EVIL_TEXT]).report(tmp_path))
 
 
-def test_what_heads_the_reasons_is_what_the_command_says(tmp_path):
-    page = made(tmp_path, ["none stands out"], refused="no direction found")
+def test_what_heads_the_reasons_is_what_the_method_says(tmp_path, monkeypatch):
+    monkeypatch.setattr(Axis, "refused", "no direction found")
+    page = made(["none stands out"]).report(tmp_path).read_text(encoding="utf-8")
     assert "No direction found.</h2>" in page
     assert "NOT to be trusted.</h2>" not in page
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
-        made(tmp_path / "file", [])
+    with pytest.raises(InputError, match="cannot be made"):
+        made([]).report(tmp_path / "file")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_figure_is_returned_as_it_is_drawn():
+    (axes,) = figure_of(line).axes
+    assert axes.lines[0].get_ydata().tolist() == [0.0, 1.0]
+
+
+def test_sentences_get_codes_and_reasons_keep_theirs():
+    codes = {"few-points": "points", "no-edge": "edge"}
+    known = Reason("other", "the points are late")
+    assert coded(["3 points", known, "no edge"], codes) == [
+        Reason("few-points", "3 points"),
+        known,
+        Reason("no-edge", "no edge"),
+    ]
+    with pytest.raises(KeyError, match="late clock"):
+        coded(["late clock"], codes)

@@ -41,8 +41,10 @@ def albedo_area(
     --------
     >>> import lcbayes
     >>> curve = lcbayes.simulate("two-facet-spin", seed=1).data
-    >>> result = lcbayes.albedo_area(curve, omega=(0.01, -0.02, 0.05), bootstrap=0, nulls=0)
-    >>> result.summary()["albedo_area_m2"].round(1).tolist()[:2]
+    >>> result = lcbayes.albedo_area(
+    ...     curve, omega=(0.01, -0.02, 0.05), material="non-lambertian", bootstrap=0, nulls=0
+    ... )
+    >>> result.summary()["albedo_area_m2"].round(1).tolist()
     [6.0, 3.5]
     """
     found = invert(
