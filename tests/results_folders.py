@@ -82,12 +82,12 @@ def _write(
         solution=("chain", np.repeat(np.arange(len(modes)), each)),
         weight=("chain", np.repeat(np.divide(weights, each), each)),
     )
-    coords = {k: posterior[k] for k in ("chain", "solution", "weight")}
+    coords: dict[str, xr.DataArray] = {k: posterior[k] for k in ("chain", "solution", "weight")}
     mean = predict(posterior)
     log_lik = -0.5 * ((observed - mean) / sigma) ** 2 - np.log(sigma * np.sqrt(2 * np.pi))
     replicate = mean + sigma * rng.normal(size=mean.shape)
     points = _dataset({"brightness": (log_lik, ("time",))}).assign_coords(
-        time=np.arange(observed.size), **coords
+        coords | {"time": np.arange(observed.size)}
     )
     dark = np.ptp(log_lik, axis=(0, 1)) < 1e-12
     tree: dict[str, xr.Dataset] = {

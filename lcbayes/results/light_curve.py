@@ -103,7 +103,12 @@ def _curve(constant: xr.Dataset, brightness: np.ndarray, attrs: Mapping[Any, Any
     epoch_jd = attrs.get("epoch_jd")
     names = known("curve_name")
     extra = [v for k, v in constant.data_vars.items() if str(k).startswith(EXTRA)]
-    labels = {k: v.astype(str) for k in ("band", "site") if (v := known(k)) is not None}
+    optional: dict[str, Any] = {
+        name: known(name) for name in ("exposure_s", "free_scale", "range_km", *ORBIT)
+    }
+    labels: dict[str, Any] = {
+        k: v.astype(str) for k in ("band", "site") if (v := known(k)) is not None
+    }
     return LightCurve(
         t=constant["t"].to_numpy(),
         brightness=brightness,
@@ -112,15 +117,13 @@ def _curve(constant: xr.Dataset, brightness: np.ndarray, attrs: Mapping[Any, Any
         obs=constant["obs"].to_numpy(),
         kind=str(attrs["kind"]),
         curve=constant["curve"].to_numpy(),
-        exposure_s=known("exposure_s"),
-        free_scale=known("free_scale"),
         curve_names=() if names is None else tuple(map(str, names)),
         epoch_jd=None if epoch_jd is None else float(epoch_jd),
         frame=str(attrs["frame"]),
         extra={json.loads(v.attrs[COLUMN]): _plain(v.to_numpy()) for v in extra},
         source=json.loads(constant.attrs.get(SOURCE, "{}")),
         **labels,
-        **{name: known(name) for name in ("range_km", *ORBIT)},
+        **optional,
     )
 
 

@@ -175,8 +175,14 @@ def _stacked(parts: Sequence[xr.Dataset], length: int) -> xr.Dataset:
     """The first draws of the chains of each solution, one after the other along ``chain``."""
     short = [part.isel(draw=slice(length)) for part in parts]
     names = [k for k in short[0].data_vars if all(k in one for one in short)]
-    agreed = {"data_vars": "all", "coords": "minimal", "compat": "override", "join": "override"}
-    whole = xr.concat([one[names] for one in short], "chain", **agreed)
+    whole = xr.concat(
+        [one[names] for one in short],
+        "chain",
+        data_vars="all",
+        coords="minimal",
+        compat="override",
+        join="override",
+    )
     return whole.assign_coords(chain=np.arange(whole.sizes["chain"]))
 
 

@@ -164,13 +164,14 @@ def test_posterior_has_the_groups_of_the_design(good):
         assert {n.path.strip("/") for n in tree.subtree} >= GROUPS
         chains = {"chain": 4, "draw": 250}
         assert dict(tree["posterior"]["albedo_area"].sizes) == chains | {"facet": 1}
-        for group in ("log_likelihood", "posterior_predictive"):
-            assert dict(tree[group]["brightness"].sizes) == chains | {"time": 40}
+        assert dict(tree["posterior_predictive"]["brightness"].sizes) == chains | {"time": 40}
+        dark = tree["log_likelihood_dark"].sizes["dark_time"]
+        assert dict(tree["log_likelihood"]["brightness"].sizes) == chains | {"time": 40 - dark}
         assert np.all(tree["posterior"]["solution"] == 0)
         for group in ("sample_stats", "modes/0/sample_stats"):
-            stats = tree[group]
+            stats = tree[group].to_dataset()
             assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats)
-            assert dict(stats.sizes) == chains
+            assert dict(stats["lp"].sizes) == chains
             assert {"chain", "draw"} <= set(stats.coords)
 
 

@@ -43,6 +43,7 @@ def opposite(light: lcbayes.LightCurve, n_dark: int) -> lcbayes.LightCurve:
     draw."""
     sun, obs = light.sun.copy(), light.obs.copy()
     brightness = light.brightness.copy()
+    assert light.error is not None
     sun[:n_dark], obs[:n_dark] = -small.NORMALS[0], -small.NORMALS[0]
     brightness[:n_dark] = 0.3 * light.error[:n_dark] * np.cos(np.arange(n_dark))
     return replace(light, sun=sun, obs=obs, brightness=brightness)
@@ -61,7 +62,7 @@ def modes(problem: Problem, data: Epochs, n: int, apart: float) -> list[Mode]:
     """Chains of n solutions, Gaussian about the truth and, beyond the first, 6 widths from it;
     ``apart`` is the scatter of the chains' centres in widths."""
     z0 = np.asarray(small.truth(problem, data, 1))
-    factor = np.linalg.inv(np.linalg.cholesky(np.asarray(problem.fisher(z0, data)))).T
+    factor = np.linalg.inv(np.linalg.cholesky(np.asarray(problem.fisher(jnp.asarray(z0), data)))).T
     rng = np.random.default_rng(1)
     found = []
     for k in range(n):
