@@ -45,8 +45,15 @@ def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Bat
 
     Examples
     --------
-    >>> result = lcbayes.batch("night.csv", out="night", n_facets=2)   # doctest: +SKIP
-    >>> result.summary()["status"]                                     # doctest: +SKIP
+    >>> import lcbayes
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> curve = lcbayes.simulate("one-facet", seed=1, out=f"{folder}/one.csv").data
+    >>> few = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2)
+    >>> result = lcbayes.batch(f"{folder}/*.csv", n_facets=1, spin="none", workers=1,
+    ...     out=f"{folder}/night", **few)
+    >>> list(result.summary()["status"])    # 20 draws are too few
+    ['not trusted']
     """
     assert context.folder is not None
     asked = objects(catalogue, _common(options))

@@ -63,8 +63,15 @@ def predict(folder: str | Path, options: PredictOptions, _: Context) -> Predicti
 
     Examples
     --------
-    >>> result = lcbayes.predict("out", "tomorrow.csv", out="brightness.csv")   # doctest: +SKIP
-    >>> result.summary()["mag_mean"]                                            # doctest: +SKIP
+    >>> import lcbayes
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> curve = lcbayes.simulate("one-facet", seed=1, out=f"{folder}/one.csv").data
+    >>> few = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2)
+    >>> fit = lcbayes.fit(curve, n_facets=1, spin="none", out=f"{folder}/fit", report=False, **few)
+    >>> result = lcbayes.predict(f"{folder}/fit", f"{folder}/one.csv")
+    >>> result.trusted, len(result.summary())    # 20 draws are too few
+    (False, 102)
     """
     fit = load_fit(Path(folder), options.model)
     wanted = read_geometry(options.geometry, tle=options.tle, site=options.site)

@@ -32,7 +32,14 @@ def report(folder: str | Path, _: ReportOptions, __: Context) -> Result:
 
     Examples
     --------
-    >>> lcbayes.report("out")   # doctest: +SKIP
+    >>> import lcbayes
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> curve = lcbayes.simulate("one-facet", seed=1, out=f"{folder}/one.csv").data
+    >>> few = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2)
+    >>> fit = lcbayes.fit(curve, n_facets=1, spin="none", out=f"{folder}/fit", report=False, **few)
+    >>> lcbayes.report(f"{folder}/fit").folder.joinpath("report.html").is_file()
+    True
     """
     result = load(folder)
     result.write_report()
