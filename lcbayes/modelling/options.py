@@ -27,7 +27,7 @@ class ModelOptions(Options):
         None, low=1, help="number of facets, or of grid normals for convex-grid"
     )
     period: float | None = option(
-        None, unit="h", above=0.0, metavar="HOURS", help="approximate sidereal period"
+        None, unit="hours", above=0.0, metavar="HOURS", help="approximate sidereal period"
     )
     law: str | None = option(None, metavar="NAME", help="attitude law, for stabilised")
     reflectance: str | None = option(None, metavar="NAME", help="reflectance law")

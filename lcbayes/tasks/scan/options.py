@@ -47,10 +47,18 @@ class ScanOptions(Options):
     """Options of `lcbayes.scan`."""
 
     period: float | None = option(
-        None, unit="h", parse=hours, metavar="P", help="sidereal period of a spin, h (or 30s)"
+        None,
+        unit="hours",
+        parse=hours,
+        metavar="P",
+        help="sidereal period of a spin, or such as 30s",
     )
     period_range: tuple[float, ...] | None = option(
-        None, unit="h", parse=between, metavar="FROM,TO", help="periods to try, h (or 20s,90s)"
+        None,
+        unit="hours",
+        parse=between,
+        metavar="FROM,TO",
+        help="periods to try, or such as 20s,90s",
     )
     law: tuple[str, ...] = option(
         (), metavar="NAME", help="a stabilised attitude, or all; may be given several times"
@@ -91,7 +99,6 @@ examples:
   lcbayes scan tumbler.csv --tle object.tle --period-range 20s,300s --n-poles 24 -o out
   lcbayes scan passes.csv --tle object.tle --law all -o out
   lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out
-  lcbayes fit 43_Ariadne.lcs --model convex-grid --start-from out -o posterior
 
 Periods are sidereal, in hours, or with a unit: 30s, 12min, 5.76h, 2d. A scan ranks;
 how well a spin is known, `lcbayes fit --start-from DIR` says. A run that was stopped
