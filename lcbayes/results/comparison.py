@@ -7,11 +7,12 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lcbayes.core.reasons import Finding, Reason
 from lcbayes.inference import odds
 from lcbayes.inference.facet_count import Candidate, Compared
-from lcbayes.inference.loo import BAD_K, stacking
+from lcbayes.inference.loo import BAD_K, Stacked, stacking
 from lcbayes.inference.odds import facets, listed
 from lcbayes.results.reasons import reasons
 
@@ -54,37 +55,7 @@ def summarise(
     verdict = odds.verdict(counts, chances)
     stacked = stacking({c.n_facets: c.loo for c in candidates})
     worth = found.information
-    rows = []
-    for k, c in enumerate(candidates):
-        elpd, khat = c.loo
-        rows.append(
-            {
-                "n_facets": c.n_facets,
-                "n_parameters": c.n_parameters,
-                "log_evidence": c.log_evidence,
-                "log_evidence_se": errors[k],
-                "log_evidence_spread": c.spread,
-                "log_evidences": c.log_evidences,
-                "log_prior_mass": c.log_prior_mass,
-                "probability": chances.probability[k],
-                "probability_q05": chances.low[k],
-                "probability_q95": chances.high[k],
-                "elpd_loo": elpd.sum(),
-                # of points that follow each other, fewer are independent
-                "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
-                "elpd_diff": stacked.diff[k],
-                "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
-                "max_pareto_k": khat.max(),
-                "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
-                "n_bounded": int(np.sum(np.isneginf(khat))),
-                "stacking_weight": stacked.weight[k],
-                "chi2": c.misfit.chi2,
-                "dof": c.misfit.dof,
-                "gradients": c.gradients,
-                "seconds": c.seconds,
-                "reasons": [reason._asdict() for reason in reasons(c.reasons)],
-            }
-        )
+    rows = _rows(found, errors, chances, stacked)
     against = [*found.failed, *odds.undecided(counts, chances), *_findings(found, verdict)]
     content = {
         "model": identity["model"],
@@ -118,6 +89,45 @@ def summarise(
         "identity": dict(identity),
     }
     return content, reasons(against)
+
+
+def _rows(
+    found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
+) -> list[dict[str, Any]]:
+    """The candidates, with what they weigh against each other."""
+    worth = found.information
+    rows = []
+    for k, c in enumerate(found.candidates):
+        elpd, khat = c.loo
+        rows.append(
+            {
+                "n_facets": c.n_facets,
+                "n_parameters": c.n_parameters,
+                "log_evidence": c.log_evidence,
+                "log_evidence_se": errors[k],
+                "log_evidence_spread": c.spread,
+                "log_evidences": c.log_evidences,
+                "log_prior_mass": c.log_prior_mass,
+                "probability": chances.probability[k],
+                "probability_q05": chances.low[k],
+                "probability_q95": chances.high[k],
+                "elpd_loo": elpd.sum(),
+                # of points that follow each other, fewer are independent
+                "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
+                "elpd_diff": stacked.diff[k],
+                "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
+                "max_pareto_k": khat.max(),
+                "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
+                "n_bounded": int(np.sum(np.isneginf(khat))),
+                "stacking_weight": stacked.weight[k],
+                "chi2": c.misfit.chi2,
+                "dof": c.misfit.dof,
+                "gradients": c.gradients,
+                "seconds": c.seconds,
+                "reasons": [reason._asdict() for reason in reasons(c.reasons)],
+            }
+        )
+    return rows
 
 
 def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
