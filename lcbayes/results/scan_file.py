@@ -17,7 +17,13 @@ from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
 
 ABOUT = "about"  # attribute: JSON of what is no array
 ARRAYS = ("residual", "normals", "areas", "pole", "coefficients")
-AXES = {"residual": "time", "normals": "facet", "areas": "facet", "pole": "xyz"}
+AXES = {  # none has the name of its variable, which would make that a coordinate
+    "residual": "time",
+    "normals": "facet",
+    "areas": "facet",
+    "pole": "xyz",
+    "coefficients": "coefficient",
+}
 SCREENED = ("start", "tried", "pole", "frequency", "chi2", "steps")
 
 
@@ -35,9 +41,7 @@ def save_scan(found: Found, path: Path) -> None:
     for i, solution in enumerate(found.solutions):
         arrays = {k: v for k in ARRAYS if (v := getattr(solution, k)) is not None}
         about = {k: v for k, v in asdict(solution).items() if k not in ARRAYS}
-        variables = {
-            k: ((AXES.get(k, k), "xyz")[: np.ndim(v)], np.asarray(v)) for k, v in arrays.items()
-        }
+        variables = {k: ((AXES[k], "xyz")[: np.ndim(v)], np.asarray(v)) for k, v in arrays.items()}
         groups[f"solutions/{i}"] = xr.Dataset(variables, attrs={ABOUT: json.dumps(about)})
     content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")
     write_atomic(path, lambda p: p.write_bytes(content))

@@ -115,7 +115,7 @@ def test_a_fit_starts_from_a_scan(asteroid):
     [
         ([], "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME"),
         (["--period", "fast"], "'fast' is no period; give hours, or a number with s, min, h or d"),
-        (["--period-range", "5"], "--period-range is 5; give FROM,TO"),
+        (["--period-range", "5"], "--period-range is '5'; give FROM,TO"),
         (["--period", "5", "--period-range", "4,6"], "give the sidereal period with --period"),
         (["--period", "5", "--n-poles", "0"], "--n-poles is 0; expected a whole number from 1"),
         (["--period", "5", "--reflectance", "chalk"], "unknown law of reflection 'chalk'"),
