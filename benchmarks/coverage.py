@@ -53,9 +53,9 @@ def main() -> None:
         begun = time.monotonic()
         found = lcbayes.fit(curve, n_facets=1, spin="none", seed=seed)
         seconds.append(time.monotonic() - begun)
-        trusted += found.converged
+        trusted += found.trusted
         for name, key in NAMES.items():
-            true, row = truth["facets"][0][key], found.summary()["parameters"][f"{name}[0]"]
+            true, row = truth["facets"][0][key], found.content["parameters"][f"{name}[0]"]
             inside[name] += row["q05"] <= true <= row["q95"]
             pulls[name].append((row["mean"] - true) / row["sd"])
         print(f"seed {seed}: {seconds[-1]:.1f} s, inside so far {inside}", flush=True)

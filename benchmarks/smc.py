@@ -167,7 +167,6 @@ def agreement() -> None:
     begun = time.monotonic()
     found = lcbayes.fit(
         curve,
-        "faceted",
         n_facets=4,
         sampler="smc",
         num_chains=len(SEEDS),
@@ -176,7 +175,7 @@ def agreement() -> None:
         progress=Console(),
     )
     took = time.monotonic() - begun
-    summary = found.summary()
+    summary = found.content
     rows = []
     for k, mode in enumerate(summary["modes"], start=1):
         shares = np.array(mode["weight_by_run"])

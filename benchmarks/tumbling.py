@@ -113,7 +113,8 @@ def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[float, float, bool]]:
     """Of each quantity: error of the posterior's mean, its sd, whether 90 % hold the truth."""
-    draws = xr.open_datatree(folder / "posterior.nc", engine="h5netcdf")["posterior"]
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        draws = lcbayes.weighted_draws(tree["posterior"].to_dataset())
     flat = {k: draws[k].to_numpy().reshape(-1, *draws[k].shape[2:]) for k in truth}
     pole = unit(flat["pole_lon_deg"], flat["pole_lat_deg"])
     true = unit(truth["pole_lon_deg"], truth["pole_lat_deg"])
@@ -141,7 +142,7 @@ def main(folder: Path) -> None:
         curve, truth = drawn(seed)
         truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
-    found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=2, progress=Console())
+    found = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
     every = {
         name: compared(folder / "out" / "objects" / name, truth)

@@ -17,7 +17,7 @@ def add_options(parser: ArgumentParser, options: type[Options]) -> None:
             nargs = None if declared.required else "?"
             parser.add_argument(name, nargs=nargs, **_keywords(declared))
             continue
-        names = [declared.flag]
+        names = [declared.flag, *declared.declared.aliases]
         if declared.declared.short:
             names.insert(0, f"-{declared.declared.short}")
         parser.add_argument(*names, dest=name, **_keywords(declared))

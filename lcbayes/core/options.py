@@ -43,6 +43,7 @@ class Declaration:
     metavar : the placeholder on the command line
     flag : name on the command line where it is not the field's name
     short : single letter on the command line
+    aliases : further long options, written out
     positional : whether it is given by its place on the command line, without a flag
     parse : turns the text of the command line or of ``run.toml`` into the value
     """
@@ -57,6 +58,7 @@ class Declaration:
     metavar: str | None = None
     flag: str | None = None
     short: str | None = None
+    aliases: tuple[str, ...] = ()
     positional: bool = False
     parse: Callable[[str], Any] | None = None
 
@@ -250,6 +252,11 @@ class Options:
             if declared.required and name not in given:
                 raise InputError(f"{declared.flag} is missing; {declared.declared.help}")
         return cls(**given)
+
+    def files(self) -> dict[str, Path]:
+        """The files that the options name; of a results folder its summary."""
+        named = {name: value for name, value in self.as_dict().items() if isinstance(value, Path)}
+        return {k: v / "summary.json" if v.is_dir() else v for k, v in named.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """Names and values without those that are None, for ``run.toml``."""

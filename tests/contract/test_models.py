@@ -24,7 +24,7 @@ OPTIONS = [
     *(
         pytest.param(dear, marks=pytest.mark.slow)
         for dear in (
-            ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
+            ("faceted-brdf", {"reflectance": "cook-torrance", "spin": "none"}),
             ("faceted", {"spin": "torque-free"}),
         )
     ),

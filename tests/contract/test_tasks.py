@@ -26,18 +26,18 @@ from lcbayes.core.options import declared_options
 from lcbayes.data.options import ReadOptions
 from lcbayes.results.store import LOCK, results_folder
 from lcbayes.simulation.scenarios import bundled
-from lcbayes.tasks.task import CURVE, FILE, FOLDER, TEXT, Task
+from lcbayes.tasks.task import CURVE, FILE, FOLDER, SOURCE, TEXT, Task
 from tests.helpers.low_earth_orbit import steady
 
 TASKS: dict[str, Task] = {
     name: importlib.import_module(f"lcbayes.tasks.{name.replace('-', '_')}.options").TASK
-    for name in main.TASKS
+    for name in main.COMMANDS
 }
 PUBLIC = [name for name, task in TASKS.items() if task.out != TEXT]
-IN_FOLDERS = [name for name, task in TASKS.items() if task.out == FOLDER]
-SECTIONS = ("Parameters", "Returns", "Raises", "References", "Examples")
+IN_FOLDERS = [n for n, task in TASKS.items() if task.out == FOLDER and n != "fit"]
+SECTIONS = ("Parameters", "Returns", "Raises", "Examples")
 # Of the run, not of the task: where the result goes, and what is printed.
-RUN_FLAGS = {"--help", "--out", "--no-report", "--json", "--list"}
+RUN_FLAGS = {"--help", "--out", "--no-report", "--json", "--list", "--config", "--set"}
 # Words that name a quantity with a dimension; its help must then give a unit.
 DIMENSIONS = re.compile(r"\b(angle|velocity|period|length|longest|age|distance|pole of)\b")
 UNITS = re.compile(r"\((?:[^()]*; )?(s|deg|hours|days|rad/s|km)(?:;[^()]*)?\)")
@@ -61,8 +61,10 @@ def test_a_task_is_a_function_with_the_options_of_the_command(name):
     options = declared_options(task.options)
     first, *rest = inspect.signature(function).parameters.values()
     assert first.name == task.source
-    writing = ["out", "report", "progress"] if task.out == FOLDER else ["out", "progress"]
-    assert [p.name for p in rest] == [*options, *writing]
+    writing = {FILE: ["out", "progress"], SOURCE: ["progress"]}
+    names = [*options, *writing.get(task.out, ["out", "report", "progress"])]
+    names += ["model_options"] if task.has_model_options else []
+    assert [p.name for p in rest] == names
     for parameter in rest[: len(options)]:
         declared = options[parameter.name]
         assert parameter.default == (
@@ -99,8 +101,9 @@ def test_every_flag_is_an_option(name):
     options = list(declared_options(task.options).values())
     if task.source == CURVE:
         options += declared_options(ReadOptions).values()
-    flags = {a.option_strings[-1] for a in parser_of(name)._actions if a.option_strings}
-    known = {option.flag for option in options if not option.declared.positional}
+    flags = {flag for a in parser_of(name)._actions for flag in a.option_strings if flag[1] == "-"}
+    options = [option for option in options if not option.declared.positional]
+    known = {flag for option in options for flag in (option.flag, *option.declared.aliases)}
     assert flags - RUN_FLAGS == known - RUN_FLAGS
     for option in options:
         assert option.declared.help.strip(" .") == option.declared.help, option.name
@@ -301,8 +304,7 @@ def test_negative_numbers_are_values(noise, tmp_path, capsys):
 
 
 def test_a_task_of_one_file_writes_it(tmp_path):
-    (name,) = (name for name, task in TASKS.items() if task.out == FILE)
-    made = getattr(lcbayes, name)("one-facet", seed=2, out=tmp_path / "one.csv")
+    made = lcbayes.simulate("one-facet", seed=2, out=tmp_path / "one.csv")
     assert {p.name for p in tmp_path.iterdir()} == {"one.csv", "one.truth.json"}
     assert lcbayes.read(tmp_path / "one.csv").brightness.tolist() == made.data.brightness.tolist()
 

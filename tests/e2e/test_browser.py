@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.analysis import report
+import lcbayes
 from tests.helpers import browser_pages, results_folders
 
 KINDS = {
@@ -26,9 +26,11 @@ def test_the_report(kind, tmp_path, look):
     folder = KINDS[kind](tmp_path / "results")
     numbers = folder / "summary.json"
     told = json.loads(numbers.read_text())
-    told["reasons"] = [*told["reasons"], browser_pages.EVIL_TEXT] if told["reasons"] else []
+    evil = {"code": "x", "text": browser_pages.EVIL_TEXT}
+    told["reasons"] = [*told["reasons"], evil] if told["reasons"] else []
     numbers.write_text(json.dumps(told))
-    page = report.write(folder)
+    lcbayes.report(folder)
+    page = folder / "report.html"
     assert browser_pages.EVIL_FILE not in page.read_text()
     assert browser_pages.EVIL_TEXT not in page.read_text()
     look(page, turning=2)

@@ -13,7 +13,7 @@ from lcbayes.data.read import read, read_geometry
 from lcbayes.geometry.tle import read_tle
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
-from lcbayes.results.load import read_config
+from lcbayes.results.record import read_record
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.tasks.batch.objects import objects
 
@@ -58,8 +58,9 @@ TLE = (
     "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537\n"
 )
 RUN = (
-    'curve = "x.csv"\nmodel = "faceted"\nseed = 1\nnum_chains = 4\nversion = "0.1.0"\n\n'
-    '[options]\nn_facets = 2\nspin = "none"\n\n[reading]\nsite = "1,2,3"\n'
+    'schema = 2\ntask = "fit"\ncurve = "x.csv"\nversion = "0.1.0"\n\n'
+    '[options]\nmodel = "faceted"\nseed = 1\nn_facets = 2\nspin = "none"\nlaw = ["a", "b"]\n\n'
+    '[reading]\nsite = "1,2,3"\n\n[input.curve]\npath = "x.csv"\nsha256 = "00"\n'
 )
 BATCH = "name,curve,n_facets,tle,seed,error\na,one.csv,3,x.tle,1,\nb,two.csv,,,7,0.1\n"
 TABLE = '[defaults]\nmodel = "faceted"\nn_facets = 2\n[[objects]]\ncurve = "b.csv"\nseed = 3\n'
@@ -91,7 +92,7 @@ READERS = {
         ".toml", load, tuple((SCENARIOS / f"{n}.toml").read_text("utf-8") for n in NAMED)
     ),
     "body": Reader(".obj", shapes.read_obj, (OBJ,)),
-    "configuration": Reader(".toml", read_config, (RUN,)),
+    "configuration": Reader(".toml", read_record, (RUN,)),
     "catalogue": Reader(".csv", objects, (BATCH,)),
     "table of objects": Reader(".toml", objects, (TABLE,)),
     "attitude law": Reader(

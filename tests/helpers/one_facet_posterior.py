@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 # The package's own model with one facet on a body that does not turn.
 MODEL = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
 NAMES = ("log_albedo_area", "phi", "g")
-SOFTNESS = 0.02  # of lcbayes.modelling.priors.lit_and_seen
+SOFTNESS = 0.02  # of lcbayes.modelling.priors.visibility_prior
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,10 @@ import numpy as np
 import xarray as xr
 
 CHAINS, DRAWS = 4, 250
-RUN_TOML = 'curve = "pass.csv"\nmodel = "faceted"\nseed = 1\n'
+RUN_TOML = (
+    'schema = 2\ntask = "fit"\nversion = "0"\ncurve = "pass.csv"\n\n'
+    '[options]\nmodel = "faceted"\nseed = 1\n'
+)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -72,27 +75,34 @@ def _write(
     rng: np.random.Generator,
     divergences: int = 0,
 ) -> Path:
-    """Mix the modes by weight, add what follows from the draws, and write the folder."""
-    which = rng.choice(len(modes), size=(CHAINS, DRAWS), p=weights)
-    pick = [m.isel(draw=rng.permutation(DRAWS)) for m in modes]
-    posterior = pick[0].copy(deep=True)
-    for k, mode in enumerate(pick):
-        here = xr.DataArray(which == k, dims=("chain", "draw"))
-        posterior = xr.where(here, mode, posterior)
-    posterior = posterior.transpose("chain", "draw", ...)
+    """Stack the chains of the modes, add what follows from the draws, and write the folder."""
+    each = [mode.sizes["chain"] for mode in modes]
+    posterior = xr.concat(modes, "chain").assign_coords(
+        chain=np.arange(sum(each)),
+        solution=("chain", np.repeat(np.arange(len(modes)), each)),
+        weight=("chain", np.repeat(np.divide(weights, each), each)),
+    )
+    coords: dict[str, xr.DataArray] = {k: posterior[k] for k in ("chain", "solution", "weight")}
     mean = predict(posterior)
     log_lik = -0.5 * ((observed - mean) / sigma) ** 2 - np.log(sigma * np.sqrt(2 * np.pi))
     replicate = mean + sigma * rng.normal(size=mean.shape)
-    posterior["mode"] = (("chain", "draw"), which)
+    points = _dataset({"brightness": (log_lik, ("time",))}).assign_coords(
+        coords | {"time": np.arange(observed.size)}
+    )
+    dark = np.ptp(log_lik, axis=(0, 1)) < 1e-12
     tree: dict[str, xr.Dataset] = {
         "/": xr.Dataset(attrs=attrs),
         "posterior": posterior,
-        "posterior_predictive": _dataset({"brightness": (replicate, ("time",))}),
-        "log_likelihood": _dataset({"brightness": (log_lik, ("time",))}),
+        "posterior_predictive": _dataset({"brightness": (replicate, ("time",))}).assign_coords(
+            coords
+        ),
+        "log_likelihood": points.isel(time=~dark),
         "prior": modes[0].isel(chain=[0]) * 1.5,
         "observed_data": xr.Dataset({"brightness": ("time", observed)}),
         "constant_data": xr.Dataset(dict(constant)),
     }
+    if dark.any():
+        tree["log_likelihood_dark"] = points.isel(time=dark).rename(time="dark_time")
     for k, mode in enumerate(modes):
         tree[f"modes/{k}/posterior"] = mode
         tree[f"modes/{k}/sample_stats"] = _stats(rng, divergences)
@@ -105,8 +115,11 @@ def _write(
         "n_facets": attrs["n_facets"],
         "n_obs": observed.size,
         "seed": attrs["seed"],
-        "converged": True,
+        "schema": 2,
+        "task": "fit",
+        "trusted": True,
         "reasons": [],
+        "model_options": {},
         "max_rhat": 1.004,
         "min_ess_bulk": 812.0,
         "min_ess_tail": 640.0,
@@ -211,7 +224,8 @@ def faceted(
             ]
         ),
     }
-    summary = {"converged": False, "reasons": reasons, "max_rhat": 2.31} if bad else {}
+    against = [{"code": "chains-disagree", "text": text} for text in reasons]
+    summary = {"trusted": False, "reasons": against, "max_rhat": 2.31} if bad else {}
     return _write(
         folder,
         modes,

@@ -51,7 +51,7 @@ def record(one: Reference) -> dict[str, Any]:
     """Both computations of one posterior, which must agree."""
     begun, length = time.process_time(), LONGER.get(one.name, LENGTH)
     found = lcbayes.fit(
-        one.curve, one.model, seed=SEED, num_samples=length, num_chains=CHAINS, **one.options
+        one.curve, model=one.model, seed=SEED, num_samples=length, num_chains=CHAINS, **one.options
     )
     names, draws, sites = one.draws(found)
     density = independent.Density(one, {k: v[:: len(v) // 4000] for k, v in sites.items()})

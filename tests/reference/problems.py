@@ -19,6 +19,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.registry import Entry
 from lcbayes.physics import brightness
+from lcbayes.results.draws import weighted_draws
 from lcbayes.simulation.simulate import simulate
 from lcbayes.tasks.fit.run import Fit
 from tests.helpers import one_facet_posterior, small_curves
@@ -63,13 +64,11 @@ class Reference:
 
     def draws(self, found: Fit) -> tuple[tuple[str, ...], Floats, Sites]:
         """Names, the quantities (C, S, Q) of a fit's draws, and its sites (C S, …)."""
-        sites = {
-            str(k): np.asarray(v).reshape(-1, *v.shape[2:])
-            for k, v in found.posterior.data_vars.items()
-            if k != "mode"
-        }
+        drawn = weighted_draws(found.tree, seed=found.content["seed"])["posterior"]
+        sites = {str(k): np.asarray(v)[0] for k, v in drawn.data_vars.items()}
         values = self.quantities(sites)
-        shape = found.posterior["mode"].shape
+        chains = int(np.unique(found.posterior["solution"], return_counts=True)[1].max())
+        shape = (chains, drawn.sizes["draw"] // chains)
         return tuple(values), np.stack([v.reshape(shape) for v in values.values()], -1), sites
 
     def bound(self) -> Callable[[Epochs], Any]:

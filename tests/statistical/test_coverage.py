@@ -72,7 +72,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
             problem, data, solutions.distinct(problem, data, ends, order, 4)
         )
         with Silent().stage("sampling", 1, "draws") as track:
-            z, stats, _ = sampler.run(
+            z, stats, *_ = sampler.run(
                 "mode", best.z, data, key, Checkpoint(None, {}), Timing(), track
             )
         assert stats["diverging"].mean() < 0.005

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import lcbayes
 from lcbayes.samplers.settings import PUBLISHED, WARMUP
+from lcbayes.tasks.fit.run import fit_with_kernel
 from tests.helpers.false_alarms import EACH, counts, limit
 from tests.reference import agreement, problems, stored
 
@@ -51,10 +51,10 @@ PAIRS = [
 def drawn(name: str, sampler: str) -> tuple[tuple[str, ...], np.ndarray]:
     one = problems.BY_NAME[name]
     chains, length, _ = DRAWS[sampler]
-    found = lcbayes.fit(
+    found = fit_with_kernel(
         one.curve,
-        one.model,
-        sampler=sampler,
+        sampler,
+        model=one.model,
         seed=7,
         num_chains=chains,
         num_samples=LONGER.get((name, sampler), length),

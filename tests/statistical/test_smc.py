@@ -120,7 +120,7 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
         num_warmup=200,
         num_starts=48,
     )
-    (mode,) = fitted.summary()["modes"]
+    (mode,) = fitted.content["modes"]
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
     bridged = basins.measure(problem, data, runs.runs, order).weighed.log_evidence
     for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):

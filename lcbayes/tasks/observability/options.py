@@ -38,6 +38,9 @@ class ObservabilityOptions(Options):
     posterior: Path | None = option(
         None, metavar="DIR", help="folder of an earlier fit, whose draws the plan starts from"
     )
+    model: str | None = option(
+        None, metavar="FILE", help="the model file of that fit, where its model is a file"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

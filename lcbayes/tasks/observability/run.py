@@ -90,7 +90,9 @@ def _findings(scenario: Scenario, options: ObservabilityOptions, context: Contex
             if options.posterior is None:
                 factor, wanted = campaign_plan.from_prior(found, options.target)
             else:
-                factor, wanted, more = known.from_fit(options.posterior, measured, options.target)
+                factor, wanted, more = known.from_fit(
+                    options.posterior, measured, options.target, options.model
+                )
                 notes += more
             plan = campaign_plan.plan(
                 factor,

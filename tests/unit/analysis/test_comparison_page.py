@@ -9,29 +9,36 @@ import numpy as np
 import pytest
 
 from lcbayes.analysis import comparison_page
+from lcbayes.core.reasons import Finding
 from lcbayes.inference.facet_count import Candidate, Compared
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.loo import Loo
 from lcbayes.inference.screening import RuledOut
 from lcbayes.inference.sparse import SparsePath
 from lcbayes.results import comparison
-from lcbayes.tasks.compare.run import Comparison
+from lcbayes.tasks.compare.options import CompareOptions
+from lcbayes.tasks.compare.result import Comparison
+from lcbayes.tasks.load import load
 from tests.helpers import browser_pages
 
 T = 40
 UNKNOWN = Misfit(None, 28.4, "gaussian")  # errors
 IDENTITY = {"model": "faceted"}
 RUN = {
+    "task": "compare",
     "curve": "/far/pass.csv",
-    "model": "faceted",
-    "facets": "2,3,4",
-    "sparse": 6,
-    "seed": 3,
-    "num_particles": 50,
-    "num_runs": 4,
-    "num_starts": 0,
     "version": "1",
-    "options": {"spin": "none"},
+    "options": {
+        "spin": "none",
+        "n_facets": [2, 3, 4],
+        "model": "faceted",
+        "seed": 3,
+        "num_particles": 50,
+        "num_runs": 4,
+        "num_starts": 0,
+        "sparse": 6,
+        "omega_sd": "0.1",
+    },
     "reading": {"error_floor": 0.01},
 }
 
@@ -64,7 +71,17 @@ def found(*candidates: Candidate, **changes) -> Compared:
 
 
 def summary(*candidates: Candidate, n_obs: int = T, **changes) -> dict:
-    return comparison.summarise(found(*candidates, **changes), IDENTITY, n_obs, 0)
+    content, against = comparison.summarise(found(*candidates, **changes), IDENTITY, n_obs, 0)
+    return content | {"trusted": not against, "reasons": [reason.text for reason in against]}
+
+
+def result(*candidates: Candidate, **changes) -> Comparison:
+    content, against = comparison.summarise(found(*candidates, **changes), IDENTITY, T, 0)
+    return Comparison(content, against, RUN)
+
+
+def lost(text: str) -> Finding:
+    return Finding("number-not-followed", {"why": text})
 
 
 THREE = (candidate(2, -8.0), candidate(3, 1.0), candidate(4, -2.0))
@@ -76,7 +93,7 @@ def test_numbers_and_conclusion():
     rows = told["candidates"]
     np.testing.assert_allclose([r["probability"] for r in rows], p)
     assert told["conclusion"].startswith("3 facets are most probable (0.95); 4 (0.05)")
-    assert (told["converged"], told["reasons"], told["most_probable"]) == (True, [], 3)
+    assert (told["trusted"], told["reasons"], told["most_probable"]) == (True, [], 3)
     assert rows[0]["log_evidence_spread"] == pytest.approx(np.std([-0.1, 0.1, 0, 0], ddof=1))
     elpd = THREE[0].loo.elpd
     assert rows[0]["elpd_loo"] == pytest.approx(elpd.sum())
@@ -96,14 +113,19 @@ def test_points_that_follow_each_other_widen_the_errors_of_loo():
 
 
 def test_reasons():
-    poor = candidate(3, 1.0, reasons=["the particles moved 10%"])
-    far = candidate(2, -60.0, reasons=["the particles moved 10%"])
+    stuck = Finding("particles-moved-little", {"progress": 0.5, "moved": 0.1, "moves": 40})
+    poor = candidate(3, 1.0, reasons=[stuck])
+    far = candidate(2, -60.0, reasons=[stuck])
     assert summary(far, *THREE[1:])["reasons"] == []  # 60 nats away whatever it did
-    assert summary(THREE[0], poor)["reasons"] == ["3 facets: the particles moved 10%"]
-    assert summary(*THREE, failed=["5 facets: lost"])["reasons"] == ["5 facets: lost"]
+    assert summary(THREE[0], poor)["reasons"] == [
+        "3 facets: 50% of the way to the posterior the particles moved 10% of what independent "
+        "ones would in 40 moves"
+    ]
+    assert summary(*THREE, failed=[lost("5 facets: lost")])["reasons"] == ["5 facets: lost"]
+    assert result(THREE[0], poor).reasons[0].code == "particles-moved-little"
     wide = summary(candidate(2, 0.0, se=1.0), candidate(3, 0.2, se=1.0))
     assert ["independent runs differ" in r for r in wide["reasons"]] == [True]
-    assert not wide["converged"]
+    assert not wide["trusted"]
 
 
 def test_a_poor_fit_is_told():
@@ -139,7 +161,7 @@ def test_the_table():
     path = SparsePath(6, 0.1, {3: 0.75, 4: 0.25}, 3, 50.0)
     bad = candidate(4, -2.0, loo=Loo(THREE[2].loo.elpd, np.r_[0.9, np.full(T - 1, 0.1)]))
     dark = candidate(2, -8.0, loo=Loo(np.ones(T), np.full(T, -np.inf)), misfit=UNKNOWN)
-    lines = comparison.table(summary(dark, THREE[1], bad, path=path)).split("\n")
+    lines = comparison.table(summary(dark, THREE[1], bad, path=path))
     assert lines[0].split()[:3] == ["facets", "ln", "Z"]
     assert len({len(line) for line in lines[:4]}) == 1
     assert len(lines[0]) <= 80
@@ -160,8 +182,8 @@ def test_a_number_that_is_ruled_out():
     assert [row["probability"] for row in told["candidates"]] == [
         row["probability"] for row in summary(*THREE)["candidates"]
     ]
-    assert Comparison(told, RUN).probability[1] == 0.0
-    lines = comparison.table(told).split("\n")
+    assert result(*THREE, ruled_out=[out]).probability[1] == 0.0
+    lines = comparison.table(told)
     assert lines[1].split()[:3] == ["1", "<", "-1234"]
     assert lines[1].rstrip().endswith("2500/34")
     assert "best fit alone, whose likelihood no evidence can exceed: 1 facet." in lines[5]
@@ -173,30 +195,38 @@ def test_a_number_that_is_ruled_out():
 
 
 def test_what_python_gets(tmp_path):
-    got = Comparison(summary(*THREE, failed=["5 facets: lost"]), RUN)
+    got = result(*THREE, failed=[lost("5 facets: lost")])
     assert got.probability[3] == pytest.approx(0.95, abs=0.01)
-    assert repr(got).startswith("Comparison(3 facets are most probable (0.95)")
-    assert repr(got).endswith("NOT to be trusted: 5 facets: lost)")
+    assert repr(got).startswith("<Comparison: NOT to be trusted>")
+    assert "  - 5 facets: lost" in repr(got)
+    assert list(got.summary()["n_facets"]) == [2, 3, 4]
+    assert len(got.plot_evidence()) == 1
     got.save(tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == {"compare.json", "compare.csv", "run.toml"}
+    assert {p.name for p in tmp_path.iterdir()} == {"summary.json", "tables", "run.toml", ".lock"}
+    again = load(tmp_path)
+    assert (again.reasons, again.trusted) == (got.reasons, False)
+    assert again.summary().equals(got.summary())
+    assert again.lines() == got.lines()
 
 
 @pytest.mark.parametrize("good", [True, False])
 def test_the_page(tmp_path, good, look):
-    told = summary(*THREE, failed=[] if good else ["5 facets: <lost>", browser_pages.EVIL_TEXT])
-    path = comparison_page.write(tmp_path, told, RUN)
-    page = path.read_text(encoding="utf-8")
-    assert path == tmp_path / "compare.html"
+    failed = [] if good else [lost("5 facets: <lost>"), lost(browser_pages.EVIL_TEXT)]
+    told = result(*THREE, failed=failed).content
+    comparison_page.write_page(tmp_path, told, RUN, CompareOptions)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert (tmp_path / "figures" / "compare.png").read_bytes().startswith(b"\x89PNG")
     assert ("Do not trust these numbers" in page) is not good
     assert ("5 facets: &lt;lost&gt;" in page) is not good
     assert "3 facets are most probable" in page
-    assert "lcbayes compare /far/pass.csv --facets 2,3,4 --sparse 6 --model faceted" in page
-    assert "--error-floor 0.01 --set spin=none -o DIR" in page
+    assert "lcbayes compare /far/pass.csv --spin none --n-facets 2,3,4 --seed 3" in page
+    assert "--num-particles 50 --sparse 6 --set omega_sd=0.1 --error-floor 0.01 -o DIR" in page
     assert 'src="data:image/svg+xml' in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert not list(Path(tmp_path).glob(".*"))
-    look(comparison_page.write(tmp_path, told, RUN | {"curve": browser_pages.EVIL_FILE}))
+    evil = RUN | {"curve": browser_pages.EVIL_FILE}
+    comparison_page.write_page(tmp_path, told, evil, CompareOptions)
+    look(tmp_path / "report.html")
 
 
 def test_the_figure_holds_far_differences():

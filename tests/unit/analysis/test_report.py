@@ -1,3 +1,4 @@
+import json
 import re
 import shutil
 import subprocess
@@ -11,16 +12,16 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
+import lcbayes
 from lcbayes.analysis import (
     contents,
     diagnostics_plots,
     light_curve_plots,
     quantities,
-    report,
     tables,
 )
 from lcbayes.analysis.numerals import date, duration, show
-from lcbayes.cli.commands import report as command
+from lcbayes.cli.main import main
 from lcbayes.core.errors import InputError
 from tests.helpers import results_folders
 
@@ -49,7 +50,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def faceted(tmp_path_factory) -> Path:
     folder = results_folders.faceted(tmp_path_factory.mktemp("faceted"))
-    report.write(folder)
+    lcbayes.report(folder)
     return folder
 
 
@@ -58,7 +59,7 @@ def asteroid(tmp_path_factory) -> Path:
     folder = results_folders.asteroid(
         tmp_path_factory.mktemp("asteroid"), n_facets=80, n_curves=14, dark=True
     )
-    report.write(folder)
+    lcbayes.report(folder)
     return folder
 
 
@@ -79,7 +80,7 @@ def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_p
     copy = shutil.copytree(faceted, tmp_path / "copy")
     (copy / "shape.obj").write_text("stale")
     before = (copy / "report.html").read_bytes()
-    assert report.write(copy) == copy / "report.html"
+    lcbayes.report(copy)
     assert (copy / "report.html").read_bytes() == before
     assert {p.name for p in copy.iterdir()} == {
         "posterior.nc",
@@ -87,6 +88,7 @@ def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_p
         "run.toml",
         "report.html",
         "figures",
+        ".lock",
     }
     assert {p.suffix for p in (copy / "figures").iterdir()} == {".svg"}
 
@@ -142,7 +144,7 @@ def test_unknown_parameters_are_listed_and_angles_do_not_wrap(faceted):
 
 def test_run_that_did_not_converge_says_so_first_and_why(tmp_path):
     folder = results_folders.faceted(tmp_path, bad=True)
-    report.write(folder)
+    lcbayes.report(folder)
     text = page(folder).text
     said = text.index("Do not trust these numbers")
     assert said < text.index("R-hat of albedo_area[0] is 2.31") < text.index("Key results")
@@ -153,7 +155,7 @@ def test_run_that_did_not_converge_says_so_first_and_why(tmp_path):
 def test_magnitudes_and_hostile_names(tmp_path):
     name = "<script>alert(1)</script>.csv"
     folder = results_folders.faceted(tmp_path, kind="mag", title=name.replace("/", "\\"))
-    report.write(folder)
+    lcbayes.report(folder)
     html = (folder / "report.html").read_text(encoding="utf-8")
     assert "<script>alert" not in html
     assert "&lt;script&gt;alert(1)" in html
@@ -179,13 +181,19 @@ def test_folder_without_solutions_apart(faceted, tmp_path):
     with xr.open_datatree(faceted / "posterior.nc", engine="h5netcdf") as tree:
         tree.load()
         groups = {p: g.to_dataset() for p, g in tree.subtree_with_keys if "modes" not in p}
-        groups["posterior"] = groups["posterior"].drop_vars("mode")
+        first = groups["posterior"]["solution"] == 0
+        groups["posterior"] = (
+            groups["posterior"].isel(chain=first).drop_vars(["solution", "weight"])
+        )
+        groups["posterior_predictive"] = groups["posterior_predictive"].isel(chain=first)
         groups["sample_stats"] = tree["modes/0/sample_stats"].to_dataset()
         groups = {k: v for k, v in groups.items() if k not in ("log_likelihood", "prior")}
         groups["."].attrs = dict(tree.attrs)
     xr.DataTree.from_dict(groups).to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
-    (tmp_path / "summary.json").write_text('{"converged": true, "reasons": []}')
-    report.write(tmp_path)
+    verdict = {"schema": 2, "task": "fit", "trusted": True, "reasons": []}
+    (tmp_path / "summary.json").write_text(json.dumps(verdict))
+    shutil.copy(faceted / "run.toml", tmp_path)
+    lcbayes.report(tmp_path)
     text = page(tmp_path).text
     assert "One solution explains the data" in text
     assert "Solution 2" not in text
@@ -200,7 +208,10 @@ def test_folder_without_solutions_apart(faceted, tmp_path):
         (lambda d: (d / "summary.json").write_text("{\n "), "line 2"),
         (lambda d: (d / "summary.json").write_text("[1, 2]"), "is no JSON object"),
         (lambda d: (d / "summary.json").write_text('{"modes": 3}'), "modes is not a list"),
-        (lambda d: (d / "summary.json").write_text('{"modes": [3]}'), "modes holds what is no"),
+        (
+            lambda d: (d / "summary.json").write_text('{"modes": [3]}'),
+            "summary.json is not of this",
+        ),
         (lambda d: (d / "summary.json").write_bytes(b"\xff{}"), "cannot be read"),
     ],
 )
@@ -209,19 +220,30 @@ def test_damaged_folders_are_named_in_one_line(faceted, tmp_path, break_it, mess
     before = (folder / "report.html").read_bytes()
     break_it(folder)
     with pytest.raises(InputError, match=message) as fault:
-        report.write(folder)
+        lcbayes.report(folder)
     assert "\n" not in str(fault.value)
     assert (folder / "report.html").read_bytes() == before
 
 
-def test_command_prints_where_the_page_is(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(report, "write", lambda folder: folder / "report.html")
-    assert command.run(SimpleNamespace(folder=tmp_path)) == 0  # pyright: ignore[reportArgumentType]
-    assert capsys.readouterr().out == f"{tmp_path / 'report.html'}\n"
+def test_command_prints_where_the_page_is(faceted, tmp_path, capsys):
+    folder = shutil.copytree(faceted, tmp_path / "d")
+    (folder / "report.html").unlink()
+    assert main(["report", str(folder)]) == 0
+    assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
+    assert (folder / "report.html").is_file()
 
 
-def test_command_is_imported_without_the_heavy_libraries():
-    code = "import sys, lcbayes.cli.commands.report; print(*sys.modules)"
+def test_figures_are_given_to_python(faceted):
+    fit = lcbayes.load(faceted)
+    assert isinstance(fit, lcbayes.Fit)
+    for draw in (fit.plot_light_curve, fit.plot_parameters, fit.plot_sky, fit.plot_trace):
+        figures = draw()
+        assert figures
+        assert all(figure.axes for figure in figures)
+
+
+def test_options_are_imported_without_the_heavy_libraries():
+    code = "import sys, lcbayes.cli.main as m; m._parser(); print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"matplotlib", "jax", "arviz", "xarray", "numpy"} & set(out.stdout.split())
 
@@ -306,6 +328,7 @@ def test_very_short_runs_still_get_a_page(faceted, tmp_path, chains, draws):
         groups["."].attrs = dict(tree.attrs)
         short = xr.DataTree.from_dict(groups)
         short.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
-    shutil.copy(faceted / "summary.json", tmp_path)
-    report.write(tmp_path)
+    for name in ("summary.json", "run.toml"):
+        shutil.copy(faceted / name, tmp_path)
+    lcbayes.report(tmp_path)
     assert "Key results" in page(tmp_path).text

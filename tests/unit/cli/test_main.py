@@ -13,9 +13,10 @@ from importlib.metadata import PackageNotFoundError
 
 import pytest
 
-from lcbayes.analysis import scan_page
+from lcbayes.analysis.pages import command
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.tasks.scan.options import ScanOptions
 
 
 def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
@@ -51,11 +52,9 @@ def test_examples_of_help_can_be_pasted():
     """Each by itself, as a shell would split it; nothing is run."""
     pasted = 0
     for name in main.COMMANDS:
-        home = name.replace("-", "_")
-        if name in main.TASKS:
-            epilog = importlib.import_module(f"lcbayes.tasks.{home}.options").TASK.details
-        else:
-            epilog = importlib.import_module(f"lcbayes.cli.commands.{home}").EPILOG
+        epilog = importlib.import_module(
+            f"lcbayes.tasks.{name.replace('-', '_')}.options"
+        ).TASK.details
         assert all(len(line) <= 100 for line in epilog.splitlines()), name
         joined = re.split("examples?:\n", epilog)[1].split("\n\n")[0].replace("\\\n", " ")
         for line in joined.splitlines():
@@ -84,6 +83,6 @@ def test_standard_output_that_is_full_is_told_of_in_a_line(unbuffered):
 
 def test_a_page_prints_the_laws_that_were_scanned():
     given = ["lvlh:yaw_deg=4,pitch_deg=3", "sun-north", "all"]
-    run = {"curve": "a.csv", "options": {"laws": ",".join(given)}, "reading": {}}
-    words = shlex.split(scan_page._command(run))
+    run = {"task": "scan", "curve": "a.csv", "options": {"law": given}, "reading": {}}
+    words = shlex.split(command(run, ScanOptions))
     assert main._parser().parse_args(words[1:]).law == given

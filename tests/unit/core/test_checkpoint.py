@@ -16,7 +16,7 @@ from lcbayes.core.files import write_atomic
 from lcbayes.core.toml import to_toml
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import digest
-from lcbayes.results.folder import REPORT, alone_in, made_aside
+from lcbayes.results.store import PAGE, results_folder
 
 IDENTITY = {"seed": 1, "model": "faceted"}
 
@@ -123,9 +123,8 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path):
 
 
 def refuse(out: Path, work) -> None:
-    with alone_in(out, ()) as folder:
-        assert folder is not None
-        work(Checkpoint(folder / "checkpoint", IDENTITY))
+    with results_folder(out, "fit") as folder:
+        work(folder.checkpoint(IDENTITY, lambda _: None))
         raise InputError("the cluster is gone")
 
 
@@ -138,36 +137,58 @@ def test_a_refused_run_leaves_nothing_but_work_that_is_done(tmp_path):
     assert Checkpoint(tmp_path / "out" / "checkpoint", IDENTITY).load("a") is not None
 
 
-def test_a_result_is_put_in_place_whole_and_what_was_drawn_of_the_last_one_goes(tmp_path):
-    for name in ("report.html", "shape.obj", "shape-2.obj", "shapes.md", "run.toml"):
+def test_a_result_replaces_the_last_one_whole(tmp_path):
+    for name in ("report.html", "shape.obj", "shape-2.obj", "shapes.md", "posterior.nc"):
         (tmp_path / name).write_text("old")
+    (tmp_path / "run.toml").write_text('schema = 2\ntask = "fit"\n')
     (tmp_path / "figures").mkdir()
-    before = {p.name for p in tmp_path.iterdir()}
-    with pytest.raises(TypeError), made_aside(tmp_path, REPORT) as aside:
-        (aside / "run.toml").write_text(None)  # type: ignore[arg-type]
-    assert {p.name for p in tmp_path.iterdir()} == before
-    assert (tmp_path / "run.toml").read_text() == "old"
-    with made_aside(tmp_path, REPORT) as aside:
-        (aside / "run.toml").write_text("new")
-    assert {p.name for p in tmp_path.iterdir()} == {"run.toml", "shapes.md"}
+    with results_folder(tmp_path, "fit") as folder:
+        before = {p.name for p in tmp_path.iterdir()}
+        with pytest.raises(TypeError), folder.staging() as aside:
+            (aside / "run.toml").write_text(None)  # type: ignore[arg-type]
+        assert {p.name for p in tmp_path.iterdir()} == before
+        with folder.staging(PAGE) as aside:  # the report alone
+            (aside / "report.html").write_text("new")
+        left = {p.name for p in tmp_path.iterdir()}
+        assert left == {"run.toml", "shapes.md", "posterior.nc", "report.html", ".lock"}
+        with folder.staging() as aside:
+            (aside / "run.toml").write_text("new")
+    assert {p.name for p in tmp_path.iterdir()} == {"run.toml", "shapes.md", ".lock"}
     assert (tmp_path / "run.toml").read_text() == "new"
 
 
 def test_a_report_that_is_of_no_result_is_the_users_own(tmp_path):
     (tmp_path / "report.html").write_text("mine")
-    with made_aside(tmp_path, REPORT) as aside:
+    with results_folder(tmp_path, "fit") as folder, folder.staging() as aside:
         (aside / "run.toml").write_text("new")
     assert (tmp_path / "report.html").read_text() == "mine"
 
 
-def test_leftovers_of_a_kill_are_swept(tmp_path):
-    (tmp_path / ".posterior.nc-abc123.nc").write_text("half")
+def test_one_run_at_a_time_which_removes_what_a_killed_one_left(tmp_path):
     (tmp_path / ".new-abc123").mkdir()
     (tmp_path / "posterior.nc").write_text("whole")
-    alone = partial(alone_in, tmp_path, ("posterior.nc",))
+    alone = partial(results_folder, tmp_path, "fit")
     with alone(), pytest.raises(InputError, match="another run"), alone():
         pass
     assert {p.name for p in tmp_path.iterdir()} == {".lock", "posterior.nc"}
+
+
+def test_a_folder_holds_the_results_of_one_task(tmp_path):
+    """Those that are there, and those of a run that was stopped."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "run.toml").write_text('schema = 2\ntask = "fit"\n')
+    with (
+        pytest.raises(InputError, match="holds results of lcbayes fit; choose another"),
+        results_folder(tmp_path / "a", "spin"),
+    ):
+        pass
+    with results_folder(tmp_path / "b", "compare") as folder:
+        folder.checkpoint(IDENTITY, lambda _: None).save("a", {"z": np.zeros(1)})
+    with (
+        pytest.raises(InputError, match="holds results of lcbayes compare"),
+        results_folder(tmp_path / "b", "fit"),
+    ):
+        pass
 
 
 def test_toml_comes_back(tmp_path):

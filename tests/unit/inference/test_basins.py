@@ -12,6 +12,7 @@ from lcbayes.inference import basins
 from lcbayes.inference.basins import Basins
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.solutions import Solution
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH, limit, squares
 
 FACETS, COORDINATES = 3, 2
@@ -108,7 +109,7 @@ def test_a_way_that_led_elsewhere_is_told(cut):
     rng = np.random.default_rng(2)
     z = np.stack([drawn(rng, (840, 360)) for _ in range(3)])
     found = weighed(cut, z, LOG_Z + 4.0 + np.array([-0.2, 0.0, 0.2]), 1200, rng)
-    assert any("differs by 4.0 nats" in reason for reason in found.reasons)
+    assert any("differs by 4.0 nats" in sentence(reason).text for reason in found.reasons)
 
 
 def test_too_few_particles_are_counted(cut):

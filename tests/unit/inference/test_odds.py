@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from lcbayes.inference.odds import Odds, moderated, probabilities, undecided, verdict
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH
 
 
@@ -118,6 +119,7 @@ def test_the_runs_errors_enter_the_verdict():
 
 def test_runs_that_disagree_are_told():
     assert undecided((1, 2), odds(0.6, 0.4, error=0.2)) == []
-    (reason,) = undecided((1, 2), odds(0.6, 0.4, error=0.3))
+    (found,) = undecided((1, 2), odds(0.6, 0.4, error=0.3))
+    reason = sentence(found).text
     assert "the probability of 1 facet may be anything from 0.30 to 0.90" in reason
     assert "--num-particles" in reason

@@ -12,6 +12,7 @@ from lcbayes.inference import basins, population
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.samplers import smc
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.sampling import Timing
@@ -67,7 +68,7 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
     monkeypatch.setattr(basins, "optima", lambda *_: [solution(z) for z in at])
     monkeypatch.setattr(basins.Basins, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
-    return population.sample(
+    modes, log_evidence, reasons = population.sample(
         problem,
         data,
         [],
@@ -77,6 +78,7 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
         Timing(),
         Silent(),
     )
+    return modes, log_evidence, [sentence(found).text for found in reasons]
 
 
 def mixed(posed, two, shares, seed: int) -> list[np.ndarray]:

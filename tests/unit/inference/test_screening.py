@@ -11,6 +11,7 @@ from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers import small_curves
 
 SITES = registry.find("faceted").facet_sites
@@ -88,7 +89,7 @@ def test_more_facets_that_fit_worse_have_lost_their_way():
     found = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
     told = screening.lost(found, 1.0)
     assert list(told) == [4, 6]
-    assert "fit 50 nats worse than with 3; increase" in told[4]
-    assert "42 nats worse than with 5" in told[6]
+    assert "fit 50 nats worse than with 3; increase" in sentence(told[4]).text
+    assert "42 nats worse than with 5" in sentence(told[6]).text
     assert list(screening.lost(found, 0.7)) == [4]
     assert screening.lost({2: -400.0, 3: -30.0}, 1.0) == {}

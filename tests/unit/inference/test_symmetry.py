@@ -119,7 +119,7 @@ def test_a_mirror_image_that_no_start_reached_is_sampled():
         found = lcbayes.fit(
             light, n_facets=1, spin="none", num_starts=2, num_samples=300, seed=seed
         )
-        one, two = found.summary()["modes"]
+        one, two = found.content["modes"]
         assert one["weight"] + two["weight"] == pytest.approx(1.0)
         assert one["weight_sd"] < 0.08
         assert abs(one["weight"] - 0.5) < limit(3) * one["weight_sd"]

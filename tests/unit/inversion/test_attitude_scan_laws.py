@@ -25,6 +25,7 @@ from lcbayes.physics import brightness
 from lcbayes.physics.attitude import catalogue, rotations
 from lcbayes.physics.attitude.laws import Ephemeris, Spinning
 from lcbayes.physics.bodies import facets, shapes
+from lcbayes.results.reasons import reasons
 from tests.helpers.false_alarms import EACH, counts
 
 LAW = "lambertian"
@@ -187,7 +188,7 @@ def test_of_a_sphere_no_law_is_named():
     error = np.full(n, 0.1 * flux.mean())
     for seed in range(runs):
         noisy = flux + error * np.random.default_rng(seed).normal(size=n)
-        found = lcbayes.scan(replace(curve, brightness=noisy, error=error), laws=LAWS)
+        found = lcbayes.scan(replace(curve, brightness=noisy, error=error), law=LAWS)
         named += sum(s["near_equal"] for s in found.solutions) == 1
     assert named <= counts(runs, equivalence.MISSED)[1]
 
@@ -257,18 +258,18 @@ def test_the_end_of_a_range_is_said_with_how_far_it_is(period_s, words):
 
 
 def _reasons(found):
-    return summarise(found, passes(found.n_obs))["reasons"]
+    return [reason.text for reason in reasons(summarise(found, passes(found.n_obs))[1])]
 
 
 def test_the_law_that_was_flown_is_named_alone():
     curve = passes(200)
     flown = frames(catalogue.find("lvlh"), curve)
     found = lcbayes.scan(
-        seen(curve, flown.body, noise=0.02), laws=(*LAWS, "earth-north"), reflectance=LAW
+        seen(curve, flown.body, noise=0.02), law=(*LAWS, "earth-north"), reflectance=LAW
     )
-    assert found.converged
+    assert found.trusted
     assert [s["law"] for s in found.solutions if s["near_equal"]] == ["lvlh"]
-    fit = found.summary()["fit"]
+    fit = found.content["fit"]
     assert fit["chi2_near_equal"] - fit["chi2"] > 10.0  # of noise, not 5 % of residuals alone
 
 

@@ -107,9 +107,9 @@ def test_spreads_and_individuals_are_those_that_were_put_in():
     """48 satellites: three spreads in their posterior sds, as many offsets as binomial within their
     90 % intervals, and the package trusts itself."""
     light = fleet(48, seed=3)
-    found = lcbayes.fit(light, "stabilised", seed=2, **OPTIONS)
-    assert found.converged, found.reasons
-    p = found.summary()["parameters"]
+    found = lcbayes.fit(light, model="stabilised", seed=2, **OPTIONS)
+    assert found.trusted, found.reasons
+    p = found.content["parameters"]
     for name, true in (("member_sd", MEMBER_SD), ("pass_sd", PASS_SD), ("sigma", SIGMA)):
         assert abs(p[name]["mean"] - true) < limit(4) * p[name]["sd"], name
     rows = [p[f"member_offset[{i}]"] for i in range(48)]

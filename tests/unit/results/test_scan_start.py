@@ -13,18 +13,19 @@ from lcbayes.results.scan_start import read_scan
 from tests.helpers import small_curves
 
 SOLUTION = dict.fromkeys(SPIN, 1.0) | {"near_equal": True}
-INPUT = '[input]\nsha256 = "0"\n'
+HEAD = 'schema = 2\ntask = "scan"\n'
+INPUT = HEAD + '[input.curve]\npath = "a.csv"\nsha256 = "0"\n'
 
 
 @pytest.mark.parametrize(
     ("summary", "toml", "says"),
     [
-        ([1, 2], INPUT, "holds no scan"),
-        ({"model": "faceted"}, INPUT, "holds no scan"),
+        ([1, 2], INPUT, "is no JSON object"),
+        ({}, INPUT.replace("scan", "fit"), "holds no scan"),
         ({"model": "attitude-scan"}, INPUT, "found no constant spin"),
         ({"model": "attitude-scan", "solutions": [3, {}]}, INPUT, "found no constant spin"),
-        ({"model": "attitude-scan"}, "input = 3\n", "input is 3; expected a table"),
-        ({"model": "attitude-scan"}, INPUT.replace("0", "1"), "is of another light curve"),
+        ({"model": "attitude-scan"}, HEAD + "input = 3\n", "input is 3; expected a table"),
+        ({"model": "attitude-scan"}, INPUT.replace('"0"', '"1"'), "is of another light curve"),
     ],
 )
 def test_a_damaged_scan_is_named_in_a_line(tmp_path, summary, toml, says):

@@ -95,7 +95,7 @@ def test_a_fit_goes_on_until_it_has_enough_and_so_it_does_when_resumed(tmp_path,
     asked = {"n_facets": 1, "spin": "none", "num_warmup": 100, "num_starts": 24, "seed": 3}
     whole = lcbayes.fit(curve, **asked)
     assert 100 < whole.posterior.sizes["draw"] <= MAX_DRAWS
-    assert whole.summary()["min_ess_bulk"] >= MIN_ESS
+    assert whole.content["min_ess_bulk"] >= MIN_ESS
     with pytest.raises(KeyboardInterrupt):
         lcbayes.fit(curve, out=tmp_path, progress=Cut(), **asked)
     resumed = lcbayes.fit(curve, out=tmp_path, **asked)

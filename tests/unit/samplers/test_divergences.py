@@ -52,11 +52,11 @@ def share(stats) -> float:
 
 
 def test_draws_begin_anew_with_half_the_step_where_too_many_diverge(problem, monkeypatch):
-    z, stats, _ = run(*problem)
+    z, stats, *_ = run(*problem)
     assert z.shape == (2, 500, 5)
     assert stats["diverging"].shape == (2, 500)
     monkeypatch.setattr(sampling, "HALVINGS", 0)
-    _, before, _ = run(*problem)
+    _, before, *_ = run(*problem)
     assert share(before) > MAX_DIVERGING
     assert share(stats) < 0.5 * share(before)
     assert stats["num_steps"].mean() > 1.5 * before["num_steps"].mean()
@@ -64,10 +64,10 @@ def test_draws_begin_anew_with_half_the_step_where_too_many_diverge(problem, mon
 
 def test_a_run_that_was_stopped_goes_on_with_the_same_step(problem, tmp_path):
     problem, data = problem
-    whole, _, _ = run(problem, data, Checkpoint(tmp_path / "a", {}))
+    whole, *_ = run(problem, data, Checkpoint(tmp_path / "a", {}))
     blocks = sorted((tmp_path / "a").glob("mode-0-*"))
     assert len(blocks) > 12  # of warm-up and sampling: some were dropped
     for path in blocks[7:]:
         path.unlink()
-    again, _, _ = run(problem, data, Checkpoint(tmp_path / "a", {}))
+    again, *_ = run(problem, data, Checkpoint(tmp_path / "a", {}))
     np.testing.assert_array_equal(again, whole)

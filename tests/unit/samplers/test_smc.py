@@ -14,6 +14,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.samplers import moves, smc, tempering, tempering_path
 from lcbayes.samplers.tempering_path import TimePath
 from tests.helpers import small_curves
@@ -259,7 +260,7 @@ def test_a_prior_without_density_is_refused():
 def test_little_movement_is_told(gaussian):
     problem, data = gaussian
     found = smc.run(problem, data, jax.random.key(0), 40, plan=smc.Plan(max_moves=1, length=0.05))
-    assert any("the particles moved" in reason for reason in found.reasons)
+    assert any("the particles moved" in sentence(reason).text for reason in found.reasons)
 
 
 def test_one_run_has_no_spread(gaussian):

@@ -11,6 +11,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import registry
 from lcbayes.tasks.fit import run as fitting
+from lcbayes.tasks.fit.assumptions import assumptions
 from tests.helpers import small_curves
 
 ERRORS = "The errors of the file are taken as they are, independent"
@@ -26,7 +27,7 @@ ERRORS = "The errors of the file are taken as they are, independent"
     ],
 )
 def test_the_law_of_noise_is_named(model, options, said):
-    told = fitting._assumptions(small_curves.curve(), registry.find(model), options)
+    told = assumptions(small_curves.curve(), registry.find(model), options)
     assert any(line.startswith(said) for line in told)
     assert any(line.startswith(ERRORS) for line in told)
     assert any("Gaussian" in line for line in told) == said.endswith("Gaussian.")
@@ -39,7 +40,7 @@ def test_unsure_directions_of_flight_are_told():
     for km, told in ((0.01, False), (10.0, True)):
         place = 6900.0 * turn + km * np.random.default_rng(2).uniform(-0.5, 0.5, turn.shape)
         curve = small_curves.curve(t=t, position_km=place, frame="icrs")
-        said = fitting._assumptions(curve, registry.find("stabilised"), {})
+        said = assumptions(curve, registry.find("stabilised"), {})
         assert any(line.startswith("Directions of flight") for line in said) == told
 
 

@@ -10,12 +10,12 @@ import xarray as xr
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.results.load import Config
 from lcbayes.simulation.observability.targets import of_sites
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
 from lcbayes.tasks.observability import known
-from lcbayes.tasks.predict.run import Foretold, noise_free
+from lcbayes.tasks.predict.brightness import Foretold, noise_free
+from lcbayes.tasks.predict.run import Fitted
 
 NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 
@@ -139,9 +139,8 @@ def test_a_mixture_is_in_shares_of_the_error_of_each_part(fitted):
 
 def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     curve, draws = fitted
-    config = Config({"model": "faceted"}, {}, None, "", {})
-    monkeypatch.setattr(known.predict, "load", lambda _: (draws, config))
-    monkeypatch.setattr(known.predict, "fitted_curve", lambda *_: curve)
+    fit = Fitted(draws, curve, "faceted", {}, [])
+    monkeypatch.setattr(known, "load_fit", lambda *_: fit)
     unknown = SimpleNamespace(own_level=np.array([True]))
     monkeypatch.setattr(known.predict.Foretold, "of", lambda *_, **__: unknown)
     with pytest.raises(InputError, match="has curves of unknown scale only"):

@@ -14,9 +14,9 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.write import write
-from lcbayes.results.load import Config
 from lcbayes.results.posterior import dataset
-from lcbayes.tasks.predict.run import fitted_curve, load, predict
+from lcbayes.tasks.predict.brightness import predicted
+from lcbayes.tasks.predict.run import Fitted, load_fit
 from tests.helpers import results_folders, small_curves
 from tests.helpers.false_alarms import EACH, counts
 
@@ -47,7 +47,7 @@ def draws(light):
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_intervals_hold_what_was_recorded(light, draws):
-    columns, notes = predict(draws, light, light, "faceted", ONE)
+    columns, notes = predicted(draws, light, light, "faceted", ONE)
     inside = (columns["flux_q05"] < light.brightness) & (light.brightness < columns["flux_q95"])
     half = (columns["flux_q25"] < light.brightness) & (light.brightness < columns["flux_q75"])
     for hits, level in ((inside, 0.9), (half, 0.5)):
@@ -66,11 +66,11 @@ def test_mean_is_the_models(light):
         for k, v in problem.constrain(z, data).items()
         if k not in ("flux", "expected")
     }
-    columns, _ = predict(dataset(sites), light, light, "faceted", ONE)
+    columns, _ = predicted(dataset(sites), light, light, "faceted", ONE)
     want = jax.jit(problem.moments)(z, data).mean
     np.testing.assert_allclose(columns["flux_mean"], want, rtol=1e-12)
     some = light.select(np.arange(50, 90))
-    columns, _ = predict(dataset(sites), light, some, "faceted", ONE)
+    columns, _ = predicted(dataset(sites), light, some, "faceted", ONE)
     np.testing.assert_allclose(columns["flux_mean"], want[50:90], rtol=1e-12)
 
 
@@ -78,10 +78,10 @@ def test_a_turning_body_is_predicted_on_the_fits_clock():
     light = replace(small_curves.curve(40, spinning=True), epoch_jd=2460000.5)
     options = {"n_facets": 1, "spin": "free"}
     draws = posterior(light, 2, spin="free")
-    whole, _ = predict(draws, light, light, "faceted", options)
+    whole, _ = predicted(draws, light, light, "faceted", options)
     later = light.select(np.arange(25, 40))
     moved = replace(later, t=later.t - 8640.0, epoch_jd=2460000.6)
-    part, _ = predict(draws, light, moved, "faceted", options)
+    part, _ = predicted(draws, light, moved, "faceted", options)
     # a Julian date resolves 40 µs
     np.testing.assert_allclose(part["flux_mean"], whole["flux_mean"][25:], rtol=1e-5, atol=1e-6)
 
@@ -94,7 +94,7 @@ def test_free_scales_are_carried_to_the_curve_of_that_name(light):
         free_scale=np.array([True]),
     )
     draws = posterior(unknown)
-    columns, notes = predict(draws, unknown, unknown, "faceted", ONE)
+    columns, notes = predicted(draws, unknown, unknown, "faceted", ONE)
     inside = (columns["flux_q05"] < unknown.brightness) & (unknown.brightness < columns["flux_q95"])
     assert inside.mean() > 0.83
     assert notes == []
@@ -103,7 +103,7 @@ def test_free_scales_are_carried_to_the_curve_of_that_name(light):
 def test_an_unknown_scale_is_relative_and_said_so(light):
     unknown = replace(light, free_scale=np.array([True]), curve_names=("a",))
     other = replace(light, free_scale=np.array([True]), curve_names=("b",), error=None)
-    columns, notes = predict(posterior(unknown), unknown, other, "faceted", ONE)
+    columns, notes = predicted(posterior(unknown), unknown, other, "faceted", ONE)
     np.testing.assert_allclose(columns["flux_mean"].mean(), 1.0, rtol=1e-9)
     assert "no fitted curve is named b" in notes[0]
     # The noise is relative too: 5 % of the mean, whatever unit the fitted curve was in.
@@ -116,7 +116,7 @@ def test_inferred_noise_is_that_of_the_curve():
     light = small_curves.curve(200)
     quiet = replace(light, error=None)
     draws = posterior(quiet)
-    columns, _ = predict(draws, quiet, quiet, "faceted", ONE)
+    columns, _ = predicted(draws, quiet, quiet, "faceted", ONE)
     inside = (columns["flux_q05"] <= light.brightness) & (light.brightness <= columns["flux_q95"])
     assert 0.83 < inside.mean() < 0.96
     width = columns["flux_q95"] - columns["flux_q05"]
@@ -126,7 +126,7 @@ def test_inferred_noise_is_that_of_the_curve():
 
 def test_magnitudes():
     light = small_curves.magnitudes(80)
-    columns, _ = predict(posterior(light), light, light, "faceted", ONE)
+    columns, _ = predicted(posterior(light), light, light, "faceted", ONE)
     inside = (columns["mag_q05"] < light.brightness) & (light.brightness < columns["mag_q95"])
     assert inside.mean() > 0.8
 
@@ -137,7 +137,7 @@ def test_epochs_that_name_no_band_are_in_that_of_the_fit():
     light = replace(light, band=np.full(light.n_obs, "R"))
     draws = posterior(light, 2)
     wanted = replace(light, band=np.full(light.n_obs, ""))
-    named, plain = (predict(draws, light, w, "faceted", ONE)[0] for w in (light, wanted))
+    named, plain = (predicted(draws, light, w, "faceted", ONE)[0] for w in (light, wanted))
     np.testing.assert_array_equal(plain["mag_mean"], named["mag_mean"])
 
 
@@ -146,7 +146,7 @@ def test_epochs_that_name_none_of_several_bands_are_refused():
     light = replace(light, band=np.resize(["R", "V"], light.n_obs))
     wanted = replace(light, band=np.full(light.n_obs, ""))
     with pytest.raises(InputError, match=r"bands R, V.*give a column band"):
-        predict(dataset({}), light, wanted, "faceted", ONE)
+        predicted(dataset({}), light, wanted, "faceted", ONE)
 
 
 @pytest.mark.parametrize(
@@ -159,31 +159,39 @@ def test_epochs_that_name_none_of_several_bands_are_refused():
 )
 def test_what_does_not_fit_together_is_refused(light, draws, change, says):
     with pytest.raises(InputError, match=says):
-        predict(draws, light, replace(light, **change), "faceted", ONE)
+        predicted(draws, light, replace(light, **change), "faceted", ONE)
 
 
 def test_a_folder_without_a_fit(tmp_path):
     with pytest.raises(InputError, match=r"holds no posterior\.nc; give the folder"):
-        load(tmp_path)
+        load_fit(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("name", "break_it", "says"),
     [
         ("posterior.nc", lambda was: was[: len(was) // 2], "cannot be read"),
-        ("run.toml", lambda _: b'curve = 5\nmodel = "faceted"\n', "curve is 5; expected a string"),
-        ("run.toml", lambda _: b'curve = "a.csv"\n', "names no model"),
-        ("run.toml", lambda _: b'model = "faceted"\n', "names no light curve"),
-        ("run.toml", lambda was: was + b"options = 3\n", "options is 3; expected a table"),
-        ("run.toml", lambda was: was + b"[options]\nwings = 3\n", "wings"),
-        ("run.toml", lambda was: was + b"[reading]\nerror = 'x'\n", "reading.error is 'x'"),
+        ("run.toml", lambda _: b'curve = "a.csv"\nmodel = "faceted"\n', "of another version"),
+        ("run.toml", lambda was: was.replace(b"model", b"mode"), "names no model"),
+        ("run.toml", lambda _: b"schema = 2\noptions = 3\n", "options is 3; expected a table"),
+        ("run.toml", lambda was: was + b"[reading]\nerror = 'x'\n", "--error is 'x'"),
+        (
+            "summary.json",
+            lambda was: was.replace(b'"model_options": {', b'"model_options": {"a": 1'),
+            "'a'",
+        ),
+        (
+            "summary.json",
+            lambda was: was.replace(b'"trusted": true', b'"trusted": 1'),
+            "is damaged",
+        ),
     ],
 )
 def test_a_damaged_fit_is_named_in_a_line(tmp_path, name, break_it, says):
     folder = results_folders.faceted(tmp_path / "fit")
     (folder / name).write_bytes(break_it((folder / name).read_bytes()))
     with pytest.raises(InputError, match=re.escape(says)) as fault:
-        fitted_curve(folder, load(folder)[1])
+        load_fit(folder)
     assert "\n" not in str(fault.value)
 
 
@@ -191,13 +199,12 @@ def test_a_curve_of_any_name_stays_in_its_column(tmp_path, light, draws, monkeyp
     name = 'x,y "q"'
     later = replace(light, curve_names=(name,))
     write(later, tmp_path / "later.csv")
-    config = Config({"model": "faceted"}, ONE, None, "", {})
-    monkeypatch.setattr("lcbayes.tasks.predict.run.load", lambda _: (draws, config))
-    monkeypatch.setattr("lcbayes.tasks.predict.run.fitted_curve", lambda *_: light)
+    fit = Fitted(draws, light, "faceted", ONE, [])
+    monkeypatch.setattr("lcbayes.tasks.predict.run.load_fit", lambda *_: fit)
     out = tmp_path / "out.csv"
     assert main(["predict", "fit", str(tmp_path / "later.csv"), "-o", str(out)]) == 0
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert {row["curve"] for row in rows} == {name}
-    want = predict(draws, light, later, "faceted", ONE)[0]["flux_q95"]
+    want = predicted(draws, light, later, "faceted", ONE)[0]["flux_q95"]
     np.testing.assert_array_equal([float(row["flux_q95"]) for row in rows], want)
