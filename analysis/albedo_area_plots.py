@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import draw_line, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.albedo_area.inversion import Inversion
 
 Floats = NDArray[np.float64]
@@ -54,17 +54,17 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
             circle = _circle(np.asarray(cue.details["pole"]))
             draw_line(axes, circle, color=DATA, lw=1.0, label="great circle of the arc")
     if result.facets is not None:
-        few = result.facets
-        largest = few.areas.max()
+        facets = result.facets
+        largest = facets.areas.max()
         for m, material in enumerate(result.materials):
-            here = few.which == m
+            here = facets.which == m
             if not np.any(here):
                 continue
-            x, y = place(*lon_lat(few.normals[here]))
+            x, y = place(*lon_lat_deg(facets.normals[here]))
             axes.scatter(
                 x,
                 y,
-                s=np.maximum(300.0 * few.areas[here] / largest, 12.0),
+                s=np.maximum(300.0 * facets.areas[here] / largest, 12.0),
                 fc="none",
                 ec=colour(m + 1),
                 lw=1.3,
@@ -78,7 +78,7 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
         "albedo-area",
         "Map of the body frame: albedo-area that faces each direction.",
         "Albedo-area that faces each direction of the body frame, azimuth to the right, z at the "
-        "top. Rings are the few facets that explain the data, their size in proportion to area.",
+        "top. Rings are the final facets; their size is proportional to area.",
     )
 
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from lcbayes.analysis import albedo_area_plots, small_report
 from lcbayes.analysis.numerals import show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.albedo_area.inversion import Inversion
 
 NAME = "albedo_area"
 FINER = "as many facets as lower chi2 at all"
 LISTED = 20  # facets, largest first
-ANYWHERE = 60.0  # deg of a direction's standard deviation, from which it tells nothing
+ANYWHERE = 60.0  # deg; a direction with a larger standard deviation is unconstrained
 BODY = ("shape.obj", "shape.ply")
 
 
@@ -104,26 +104,26 @@ def numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
 
 
 def _facets(result: Inversion) -> list[dict[str, Any]]:
-    few = result.facets
-    if few is None:
+    facets = result.facets
+    if facets is None:
         return []
-    spread = [None] * len(few.areas)
+    spread = [None] * len(facets.areas)
     if result.draws is not None:
         spread = list(np.linalg.norm(result.draws.vectors, axis=2).std(axis=0))
-    lon, lat = lon_lat(few.normals)
+    lon, lat = lon_lat_deg(facets.normals)
     return [
         {
-            "normal": few.normals[i],
+            "normal": facets.normals[i],
             "lon_deg": lon[i],
             "lat_deg": lat[i],
-            "direction_sd_deg": float(np.degrees(few.direction_sd[i])),
-            "material": int(few.which[i]),
-            "albedo_area": few.areas[i],
-            "share": few.areas[i] / few.areas.sum(),
-            "sd": few.area_sd[i],
+            "direction_sd_deg": float(np.degrees(facets.direction_sd[i])),
+            "material": int(facets.which[i]),
+            "albedo_area": facets.areas[i],
+            "share": facets.areas[i] / facets.areas.sum(),
+            "sd": facets.area_sd[i],
             "sd_bootstrap": spread[i],
         }
-        for i in np.argsort(-few.areas)
+        for i in np.argsort(-facets.areas)
     ]
 
 
@@ -159,9 +159,9 @@ def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
     return {
         "n_faces": len(body.faces),
         "dimensions": size if calibrated else size / size.min(),
-        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore
+        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
         "volume": body.volume if calibrated else None,
-        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore
+        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
         "volume_finer_facets": result.finer_volume if calibrated else None,
         "moments_of_inertia": moments if calibrated else moments / moments.min(),
         "principal_axes": axes,
@@ -169,7 +169,7 @@ def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
 
 
 def words(result: Inversion, curve: LightCurve) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     seen, best = result.seen, result.best
     lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     kind = "facets" if result.facets is not None else "grid normals with area"
@@ -198,7 +198,8 @@ def words(result: Inversion, curve: LightCurve) -> list[str]:
         if result.finer_volume is not None:
             lines.append(
                 f"with {FINER} the volume is {result.finer_volume:.4g} m³; the difference "
-                "is what choosing few facets may do, above all to a round body"
+                "shows the possible effect of the number of facets, which is largest for a round "
+                "body"
             )
     lines.append(
         f"areas closed to {result.gap:.2g} of their sum; {100 * result.changed:.2g} % of it was "

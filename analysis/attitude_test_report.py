@@ -50,7 +50,7 @@ def numbers(result: AttitudeTest) -> dict[str, Any]:
 
 
 def words(result: AttitudeTest) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
     lines.append(f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}")
@@ -60,8 +60,8 @@ def words(result: AttitudeTest) -> list[str]:
     tested = [v for v in result.verdicts if v.tested]
     if len(held) > 1:
         lines.append(
-            f"{len(held)} of {len(tested)} laws are consistent with the data, which do not tell "
-            "them apart; the order among them is no evidence"
+            f"{len(held)} of {len(tested)} laws are consistent with the data, which do not "
+            "distinguish them; their order is not evidence"
         )
     elif len(held) == 1:
         lines.append(

@@ -19,7 +19,7 @@ RATE, AREA = "rotation rate", "total albedo-area"
 COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}
 ALT = "Goodness of fit and size or residuals of every object."
 CAPTION = (
-    "Left: goodness of fit of every object, by its place in the catalogue. Right: {what} against "
+    "Left: goodness of fit of every object, by its row in the catalogue. Right: {what} against "
     "{against}. Dots: trusted; crosses: not trusted; marks at the foot: failed."
 )
 SHOWN = {
@@ -124,7 +124,7 @@ def _bodies(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
     _marked(axes, x, y, rows)
     if against == RATE:
         axes.set_xscale("log")
-        axes.set_xlabel(f"{RATE} (turns per hour)")
+        axes.set_xlabel(f"{RATE} (rotations per hour)")
     else:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel(f"object, {against}")
@@ -133,7 +133,7 @@ def _bodies(axes: Any, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _bodies_of(rows: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray, str, str]:
-    """What the right panel shows: x, y, and what they are."""
+    """Data and labels of the right panel."""
     rate = np.array([_rate(row) for row in rows])
     area = np.array([row.get("albedo_area_m2") or np.nan for row in rows])
     what = AREA
@@ -145,7 +145,7 @@ def _bodies_of(rows: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarra
 
 
 def _logarithmic(axes: Any) -> None:
-    """A logarithmic y axis whose labels are plain numbers, and few."""
+    """A logarithmic y axis with a small number of plain labels."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
     low, high = axes.get_ylim()

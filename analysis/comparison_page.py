@@ -21,7 +21,7 @@ CAPTION = (
     "differences between independent runs. Middle: ln evidence against the best, each run a dot, "
     "and the standard error of their mean. Right: predictive density of left-out epochs against "
     "the best, with the standard error of the difference. Arrows: below the scale; with <, "
-    "of a number that its best fit rules out, what its evidence cannot exceed."
+    "for an excluded number, the upper bound of its evidence."
 )
 
 

@@ -19,7 +19,7 @@ DOTS = 500
 
 
 def _drawn(q: Quantity, between: str = " ") -> tuple[Floats, str]:
-    """Values as they are drawn, with few digits, and the label that says so."""
+    """Values as they are drawn, with a small number of digits, and the matching label."""
     centre, size, shift = readable(q)
     return (q.values - centre) / size, f"{_short(q.name)}{between}{shift}".strip()
 
@@ -42,18 +42,18 @@ def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(count, prune="both"))
 
 
-def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | None:
+def draw_traces(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image | None:
     """Trace of each chain, and histograms of the ranks of its draws among all chains'."""
     from scipy.stats import rankdata
 
-    if not few:
+    if not selected:
         return None
-    chains, draws = few[0].values.shape
-    figure = gallery.figure(5.4, 0.5 + 0.82 * len(few))
-    grid = figure.subplots(len(few), 2, squeeze=False, width_ratios=(1.5, 1))
+    chains, draws = selected[0].values.shape
+    figure = gallery.figure(5.4, 0.5 + 0.82 * len(selected))
+    grid = figure.subplots(len(selected), 2, squeeze=False, width_ratios=(1.5, 1))
     bins = 20
     step = max(1, draws // 500)
-    for (left, right), q in zip(grid, few, strict=True):
+    for (left, right), q in zip(grid, selected, strict=True):
         values, label = _drawn(q)
         ranks = rankdata(values).reshape(chains, draws)
         edges = np.linspace(0, chains * draws, bins + 1)
@@ -78,7 +78,7 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
         _sparse_ticks(left, "y")
         left.set_xlim(0, draws)
         right.set_xlim(0, 1)
-        if q is not few[-1]:
+        if q is not selected[-1]:
             left.set_xticks([])
             right.set_xticks([])
     grid[-1, 0].set_xlabel("draw")
@@ -86,10 +86,10 @@ def draw_traces(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | No
     return gallery.add(
         figure,
         f"traces-{mode.index + 1}",
-        f"Trace and rank plots of {len(few)} parameters, one colour per chain.",
+        f"Trace and rank plots of {len(selected)} parameters, one colour per chain.",
         "Left: the draws in the order they were made, one colour per chain; they should look like "
         "the same noise. Right: how high each chain's draws rank among all; flat lines near 1 mean "
-        "that all chains found the same answer.",
+        "that all chains sampled the same distribution.",
     )
 
 
@@ -127,15 +127,15 @@ def draw_energy(mode: Mode, gallery: Gallery) -> Image | None:
     )
 
 
-def draw_pairs(mode: Mode, few: list[Quantity], gallery: Gallery) -> Image | None:
-    """Each of a few parameters against each other; divergent draws stand out."""
-    if len(few) < 2:
+def draw_pairs(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image | None:
+    """Each selected parameter against each other one; divergent draws are marked."""
+    if len(selected) < 2:
         return None
-    n = len(few)
-    bad = np.zeros(few[0].values.size, bool)
+    n = len(selected)
+    bad = np.zeros(selected[0].values.size, bool)
     if "diverging" in mode.stats and mode.stats["diverging"].size == bad.size:
         bad = mode.stats["diverging"].transpose("chain", "draw").to_numpy().astype(bool).ravel()
-    shown = [_drawn(q, "\n") for q in few]
+    shown = [_drawn(q, "\n") for q in selected]
     values, labels = np.stack([v.ravel() for v, _ in shown]), [label for _, label in shown]
     step = max(1, values.shape[1] // DOTS)
     margin = 0.06 * np.ptp(values, axis=1)

@@ -10,10 +10,10 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import digits, show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.geometry.times import Times
 from lcbayes.inversion.glints.attitude import Glints
 from lcbayes.inversion.glints.detect import Glint
@@ -23,7 +23,7 @@ from lcbayes.physics.bodies.facets import across
 NAME = "glints"
 REFUSED = "no direction found"
 MOST = 4  # stretches that are drawn: those with the strongest glints
-LISTED = 12  # glints that are told
+LISTED = 12  # glints in the table
 
 
 def write(result: Glints, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
@@ -38,7 +38,7 @@ def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
     panel = result.panel
     rows = []
     for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
-        lon, lat = lon_lat(seen.bisector)
+        lon, lat = lon_lat_deg(seen.bisector)
         rows.append(
             vars(one)
             | {
@@ -80,7 +80,7 @@ def _sharp(result: Glints, i: int) -> bool:
 
 
 def _direction(d: Direction) -> dict[str, Any]:
-    lon, lat = lon_lat(d.vector)
+    lon, lat = lon_lat_deg(d.vector)
     longer, shorter = d.ellipse
     return {
         "vector": d.vector,
@@ -96,10 +96,10 @@ def _direction(d: Direction) -> dict[str, Any]:
 
 
 def words(result: Glints, curve: LightCurve) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
-    told = "; heights in baselines, directions of bisectors" if result.glints else ""
-    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{told}")
+    legend = "; heights in baselines, directions of bisectors" if result.glints else ""
+    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{legend}")
     if result.glints:
         lines += _table(result, curve)
     if len(result.glints) > LISTED:
@@ -129,7 +129,7 @@ def _table(result: Glints, curve: LightCurve) -> list[str]:
     head = row.format("", "time", "pass", "width", "height", "sigma", "direction", "")
     lines = [head.rstrip()]
     for i, one in enumerate(result.glints[:LISTED]):
-        lon, lat = (show(float(x), 10.0) for x in lon_lat(result.seen[i].bisector))
+        lon, lat = (show(float(x), 10.0) for x in lon_lat_deg(result.seen[i].bisector))
         narrow = [] if one.resolved else ["not resolved"]
         wire = ["wire-like"] if _sharp(result, i) else []
         lines.append(
@@ -156,7 +156,7 @@ def _time(one: Glint, curve: LightCurve) -> str:
 
 
 def _where(d: Direction) -> str:
-    lon, lat = lon_lat(d.vector)
+    lon, lat = lon_lat_deg(d.vector)
     longer, shorter = np.degrees(d.ellipse)
     return (
         f"({show(float(lon), shorter)}, {show(float(lat), shorter)}) deg, "
@@ -201,7 +201,7 @@ def draw_curve(result: Glints, gallery: Gallery) -> None:
                 )
         axes.set_ylim(top=1.15 * float(np.max(result.flux[rows])) / unit)
         axes.set_ylabel("flux ÷ median")
-    figure.axes[-1].set_xlabel("time in the stretch (min)")
+    figure.axes[-1].set_xlabel("time in the segment (min)")
     figure.axes[0].legend(loc="upper right")
     gallery.add(figure, "glints", "Light curve with numbered glints.", "Glints, numbered.")
 
@@ -216,11 +216,11 @@ def _outline(d: Direction, n: int = 181) -> np.ndarray:
 
 
 def draw_sky(result: Glints, gallery: Gallery) -> None:
-    """Bisectors at the glints, and the 90 % regions of what they point to, body axes."""
+    """Bisectors at the glints and the 90 % regions of the derived directions, body axes."""
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     b = np.array([s.bisector for s in result.seen])
-    x, y = place(*lon_lat(b))
+    x, y = place(*lon_lat_deg(b))
     axes.plot(x, y, ".", ms=5, color=DATA, label="bisectors at glints")
     known = [("facet, 90 %", f, colour(1), 1.0) for f in result.facets]
     if result.cylinder is not None:
@@ -230,18 +230,18 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
         first, second = across(result.cylinder.vector)
         circle = np.cos(turn) * first + np.sin(turn) * second
         draw_line(axes, circle, color=FAINT, lw=0.8, label="across the cylinder")
-    said: set[str] = set()
+    labelled: set[str] = set()
     for name, d, hue, sign in known:
-        label = None if name in said else name
+        label = None if name in labelled else name
         draw_line(axes, sign * _outline(d), color=hue, lw=1.3, label=label)
-        x, y = place(*lon_lat(sign * d.vector))
+        x, y = place(*lon_lat_deg(sign * d.vector))
         axes.plot(x, y, "+", ms=7, color=hue)
-        said.add(name)
+        labelled.add(name)
     figure.legend(loc="outside lower center", ncols=3)
     gallery.add(
         figure,
         "directions",
-        "Map of bisectors at glints and of what they point to.",
+        "Map of the bisectors at glints and of the derived directions.",
         "Body axes: inertial unless an attitude was given.",
     )
 

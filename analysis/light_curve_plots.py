@@ -1,4 +1,4 @@
-"""The light curve against what the model predicts, by night or pass, folded, and its residuals."""
+"""The light curve and its prediction by night or pass, folded, and its residuals."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import date, duration
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+from lcbayes.data.segments import Gap, split
 
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
+PANEL = Gap(1800.0, 30.0)  # between the panels of a figure
+CONNECTED = Gap(0.0, 10.0)  # across which no band is drawn
 SPARSE = 3600.0  # s; points farther apart are not joined
 FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -30,24 +33,20 @@ class Segment:
 
 def segments(results: Results) -> list[Segment]:
     """Split the light curve by `curve`, site and at long gaps; lone points stay together."""
-    whole, split = [], []
+    whole, panels = [], []
     sites = results.labels.get("site", np.full(results.t.size, ""))
     for c, site in sorted(set(zip(results.curve.tolist(), sites.tolist(), strict=True))):
         points = np.flatnonzero((results.curve == c) & (sites == site))
         whole.append(Segment(points, c, site))
-        steps = np.diff(results.t[points])
-        if steps.size == 0:
-            split.append(whole[-1])
-            continue
-        gaps = np.flatnonzero(steps > max(30 * float(np.median(steps)), 1800.0)) + 1
-        split += [Segment(part, c, site) for part in np.split(points, gaps)]
-    mean_size = results.t.size / len(split)
-    chosen = whole if len(split) > len(whole) and mean_size < 5 else split
+        parts = split(results.t[points], np.zeros(points.size, int), PANEL)
+        panels += [Segment(points[rows], c, site) for rows in parts]
+    mean_size = results.t.size / len(panels)
+    chosen = whole if len(panels) > len(whole) and mean_size < 5 else panels
     return sorted(chosen, key=lambda s: results.t[s.points[0]])
 
 
 def bands(mode: Mode) -> Floats | None:
-    """Quantiles `BAND` of the predicted brightness, (5, T); None if there are too few draws."""
+    """Quantiles `BAND` of the predicted brightness, (5, T); None without enough draws."""
     if len(mode.predicted) < 20:
         return None
     return np.quantile(mode.predicted, BAND, axis=0)
@@ -101,24 +100,20 @@ def _label(results: Results) -> tuple[str, float]:
 
 
 def runs(x: Floats) -> list[NDArray[np.int64]]:
-    """Stretches without a gap, over which a band may be drawn: nothing is said in between."""
-    steps = np.diff(x)
-    if steps.size == 0:
-        return [np.arange(x.size)]
-    gaps = np.flatnonzero(steps > 10 * float(np.median(steps))) + 1
-    return np.split(np.arange(x.size), gaps)
+    """Index runs without a gap, over which a continuous band may be drawn."""
+    return split(x, np.zeros(x.size, int), CONNECTED)
 
 
 def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
-    """One figure for each segment, or for the most informative dozen; and what was left out."""
+    """One figure per segment, for the most informative dozen at most, and a note on the rest."""
     parts = segments(results)
     note = ""
     if len(parts) > MOST_PANELS:
-        worth = [_worth(results, s) for s in parts]
-        keep = sorted(np.argsort(worth)[::-1][:MOST_PANELS])
+        signal = [_signal(results, s) for s in parts]
+        keep = sorted(np.argsort(signal)[::-1][:MOST_PANELS])
         note = (
-            f"The {MOST_PANELS} of {len(parts)} stretches of data that tell most (many points, "
-            "large variation) are shown; the table below lists all of them."
+            f"The {MOST_PANELS} most informative of {len(parts)} segments (many points, large "
+            "variation) are shown; the table below lists all of them."
         )
         parts = [parts[i] for i in keep]
     big = len(parts) <= 2
@@ -139,7 +134,8 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
     return images, note
 
 
-def _worth(results: Results, part: Segment) -> float:
+def _signal(results: Results, part: Segment) -> float:
+    """Relative variation times the root of the number of points."""
     y = results.brightness[part.points]
     scale = 1.0 if results.is_magnitude else max(abs(float(np.mean(y))), 1e-300)
     return float(np.sqrt(y.size) * np.std(y) / scale)
@@ -152,31 +148,20 @@ def _draw_segment(
     quantiles: list[tuple[Mode, Floats | None]],
     sigma: Floats,
 ) -> None:
+    """One segment with its predicted bands; below it the residuals of the best solution."""
     grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     top = figure.add_subplot(grid[0])
     at = part.points
-    t0 = results.t[at[0]]
     unit, size = _time_unit(float(np.ptp(results.t[at])))
     words, power = _label(results)
-    x, y = (results.t[at] - t0) / size, results.brightness[at] / power
+    x, y = (results.t[at] - results.t[at[0]]) / size, results.brightness[at] / power
     drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
     low = figure.add_subplot(grid[1], sharex=top) if drawn else None
     # between single points days apart nothing is predicted
     sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
     for rank, (mode, q) in enumerate(drawn):
-        hue = colour(mode.index)
-        if rank == 0 and sparse:
-            top.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
-            top.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
-        elif rank == 0:
-            for run in runs(x):
-                top.fill_between(x[run], q[0, run], q[4, run], color=hue, alpha=0.18, lw=0)
-                top.fill_between(x[run], q[1, run], q[3, run], color=hue, alpha=0.38, lw=0)
-        elif sparse:
-            top.plot(x, q[2], "_", color=hue, ms=6)
-        else:
-            for run in runs(x):
-                top.plot(x[run], q[2, run], color=hue, lw=1.1, ls="--")
+        draw = _draw_band if rank == 0 else _draw_median
+        draw(top, x, q, colour(mode.index), sparse)
     error = results.error[at] / power
     if np.isfinite(error).all():
         top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)
@@ -186,39 +171,78 @@ def _draw_segment(
         top.invert_yaxis()
     if low is not None:
         top.tick_params(labelbottom=False)
-        residual = y - drawn[0][1][2]
-        scaled = np.isfinite(sigma[at]).all()
-        low.axhline(0, color=FAINT, lw=0.7)
-        if scaled:
-            residual = residual * power / sigma[at]
-            low.axhspan(-1.645, 1.645, color=colour(drawn[0][0].index), alpha=0.14, lw=0)
-            largest = float(np.clip(1.1 * np.max(np.abs(residual)), 3.2, FARTHEST))
-            low.set_ylim(-largest, largest)
-            out = np.abs(residual) > largest
-            for side, mark in ((residual > 0, "^"), (residual < 0, "v")):
-                mark = {"^": "v", "v": "^"}[mark] if results.is_magnitude else mark
-                edge = np.sign(residual) * 0.9 * largest
-                low.plot(x[out & side], edge[out & side], mark, ms=4, color="#b3391a")
-            x, residual = x[~out], residual[~out]
-        low.plot(x, residual, "o", ms=2.4, color=DATA)
-        low.set_ylabel("resid. (σ)" if scaled else "residual")
-        if results.is_magnitude:
-            low.invert_yaxis()
-    epoch = results.attrs.get("epoch_jd")
-    title = f"{at.size} points"
-    if results.attrs.get("epoch_jd"):
-        title = f"{date(float(epoch) + t0 / 86400)} · {title}"
-    if part.site and np.unique(results.labels["site"]).size > 1:
-        title = f"{part.site} · {title}"
-    if np.unique(results.curve).size > 1:
-        title = f"curve {part.curve + 1} · {title}"
-    top.set_title(title, loc="left")
+        best, q = drawn[0]
+        _draw_segment_residuals(
+            low, x, (y - q[2]) * power, sigma[at], colour(best.index), results.is_magnitude, power
+        )
+    top.set_title(_segment_title(results, part), loc="left")
     (low or top).set_xlabel(f"time ({unit}) from the first point")
     figure.align_ylabels()
 
 
+def _draw_band(axes: Any, x: Floats, q: Floats, hue: str, sparse: bool) -> None:
+    """The 50 % and 90 % intervals of the prediction: bars for sparse points, else bands."""
+    if sparse:
+        axes.vlines(x, q[0], q[4], color=hue, alpha=0.3, lw=3)
+        axes.vlines(x, q[1], q[3], color=hue, alpha=0.5, lw=3)
+        return
+    for run in runs(x):
+        axes.fill_between(x[run], q[0, run], q[4, run], color=hue, alpha=0.18, lw=0)
+        axes.fill_between(x[run], q[1, run], q[3, run], color=hue, alpha=0.38, lw=0)
+
+
+def _draw_median(axes: Any, x: Floats, q: Floats, hue: str, sparse: bool) -> None:
+    """The median prediction of a further solution."""
+    if sparse:
+        axes.plot(x, q[2], "_", color=hue, ms=6)
+        return
+    for run in runs(x):
+        axes.plot(x[run], q[2, run], color=hue, lw=1.1, ls="--")
+
+
+def _draw_segment_residuals(
+    axes: Any,
+    x: Floats,
+    residual: Floats,
+    sigma: Floats,
+    hue: str,
+    is_magnitude: bool,
+    power: float,
+) -> None:
+    """Residuals, in units of ``sigma`` where that is known; arrows mark those off the axes."""
+    scaled = np.isfinite(sigma).all()
+    residual = residual / (sigma if scaled else power)
+    axes.axhline(0, color=FAINT, lw=0.7)
+    if scaled:
+        axes.axhspan(-1.645, 1.645, color=hue, alpha=0.14, lw=0)
+        largest = float(np.clip(1.1 * np.max(np.abs(residual)), 3.2, FARTHEST))
+        axes.set_ylim(-largest, largest)
+        out = np.abs(residual) > largest
+        up, down = ("v", "^") if is_magnitude else ("^", "v")
+        for side, mark in ((residual > 0, up), (residual < 0, down)):
+            edge = np.sign(residual) * 0.9 * largest
+            axes.plot(x[out & side], edge[out & side], mark, ms=4, color="#b3391a")
+        x, residual = x[~out], residual[~out]
+    axes.plot(x, residual, "o", ms=2.4, color=DATA)
+    axes.set_ylabel("resid. (σ)" if scaled else "residual")
+    if is_magnitude:
+        axes.invert_yaxis()
+
+
+def _segment_title(results: Results, part: Segment) -> str:
+    """Curve, site, date and number of points, as far as they distinguish segments."""
+    title = f"{part.points.size} points"
+    if epoch := results.attrs.get("epoch_jd"):
+        title = f"{date(float(epoch) + float(results.t[part.points[0]]) / 86400)} · {title}"
+    if part.site and np.unique(results.labels["site"]).size > 1:
+        title = f"{part.site} · {title}"
+    if np.unique(results.curve).size > 1:
+        title = f"curve {part.curve + 1} · {title}"
+    return title
+
+
 def draw_folded(results: Results, gallery: Gallery) -> Image | None:
-    """All points against the rotational phase, each curve brought to the same mean."""
+    """All points against the rotational phase, each curve scaled to the same mean."""
     best = results.modes[0]
     if "period_h" not in best.draws or results.t.size < 50:
         return None
@@ -237,7 +261,7 @@ def draw_folded(results: Results, gallery: Gallery) -> Image | None:
     turns = results.t / period % 1.0
     dots = axes.scatter(turns, y, c=results.phase_angle_deg, s=5, cmap="viridis", rasterized=True)
     axes.set_xlim(0, 1)
-    axes.set_xlabel("rotational phase (turns)")
+    axes.set_xlabel("rotational phase (rotations)")
     axes.set_ylabel("magnitude − mean" if results.is_magnitude else "flux ÷ mean of its curve")
     if results.is_magnitude:
         axes.invert_yaxis()
@@ -247,7 +271,7 @@ def draw_folded(results: Results, gallery: Gallery) -> Image | None:
         "light-curve-folded",
         f"All {y.size} points against the rotational phase, coloured by phase angle.",
         f"All points folded with the period of {best.name.lower()}. Over "
-        f"{duration(results.span_s)} the object was seen from many sides, so the curves need not "
+        f"{duration(results.span_s)} the viewing geometry changed, so the curves need not "
         "coincide.",
     )
 
@@ -281,6 +305,6 @@ def draw_residuals(results: Results, gallery: Gallery) -> Image | None:
         figure,
         "residuals",
         "Residuals of all points against time.",
-        f"What is left after the median prediction of {best.name.lower()}"
+        f"Residuals from the median prediction of {best.name.lower()}"
         + ("; nine in ten points should lie in the shaded band." if scaled else "."),
     )

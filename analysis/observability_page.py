@@ -60,7 +60,7 @@ def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
 def _page(
     found: Findings, content: dict[str, Any], images: dict[str, style.Image], command: Sequence[Any]
 ) -> str:
-    said = summary.sentences(found.trades)
+    sentences = summary.sentences(found.trades)
     return (
         environment()
         .get_template("observability.html.j2")
@@ -69,8 +69,8 @@ def _page(
             n_obs=found.measured.curve.n_obs,
             head=f"{summary.headline(found)}.",
             good=not found.trades,
-            trades=[line[0].upper() + line[1:] for line in said[:16]],
-            more=max(0, len(said) - 16),
+            trades=[line[0].upper() + line[1:] for line in sentences[:16]],
+            more=max(0, len(sentences) - 16),
             images=images,
             scene=scene(found),
             parameters=_parameters(found),
@@ -111,8 +111,8 @@ def _schedule(plan: dict[str, Any]) -> list[tuple[str, ...]]:
     for row in plan["schedule"]:
         when = row["utc"] or f"t = {row['t_s']:.1f} s"
         counted = str(row["n_measurements"]), f"{row['mag']:.2f}"
-        told = f"{row['gain_nats']:.2f}", f"{row['sd_after']:.3g}"
-        rows.append((str(row["rank"]), when, row["site"], *counted, *told))
+        gain = f"{row['gain_nats']:.2f}", f"{row['sd_after']:.3g}"
+        rows.append((str(row["rank"]), when, row["site"], *counted, *gain))
     return rows
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, INK, PALETTE, Gallery, Image, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.simulation.observability.summary import Findings
 
 Floats = NDArray[np.float64]
@@ -91,10 +92,10 @@ def _information(found: Findings, gallery: Gallery) -> Image:
         figure,
         "information",
         "Magnitude and attitude information of every measurement over time.",
-        "Above: what would be measured, with its error (points fainter than half a magnitude of "
-        "error are left out). Below: how well one measurement alone "
-        "fixes the attitude about the one axis that it sees, σ/|∂m/∂α|; the lower, the better. "
-        "About the two other axes it says nothing.",
+        "Above: the predicted measurements, with their errors (points with errors above half a "
+        "magnitude are omitted). Below: the precision of the attitude from one measurement, about "
+        "the single axis to which it is sensitive, σ/|∂m/∂α|; lower is better. "
+        "It contains no information about the other two axes.",
     )
 
 
@@ -125,14 +126,13 @@ def levels(information: Floats) -> Floats:
 
 
 def _hemisphere(found: Findings, gallery: Gallery) -> Image:
-    m, i = found.measured, found.most_informative
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
     lon, lat = np.linspace(-180.0, 180.0, 241), np.linspace(-90.0, 90.0, 121)
     x, y = np.meshgrid(
         np.radians(0.5 * (lon[1:] + lon[:-1])), np.radians(0.5 * (lat[1:] + lat[:-1]))
     )
-    directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore
+    directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore[reportArgumentType]
     information = found.map_information(directions.reshape(-1, 3)).reshape(x.shape)
     positive = np.where(information > 0.0, information, np.nan)
     top = float(np.nanmax(positive))
@@ -155,44 +155,36 @@ def _hemisphere(found: Findings, gallery: Gallery) -> Image:
         extend="min",
         label="information of one measurement (1/rad²)",
     )
-    path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
-    axes.plot(
-        *place(*lon_lat(m.obs_body[path])),
-        ".",
-        ms=1.6,
-        color="white",
-        alpha=0.7,
-        label="observer, all measurements",
-    )
-    axes.plot(*place(*lon_lat(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
-    axes.plot(
-        *place(*lon_lat(m.sun_body[i])), "*", ms=13, color="#ffd23f", mec=INK, mew=0.6, label="Sun"
-    )
-    body = found.scenario.body
-    if len(body.areas) <= 40:
-        axes.plot(
-            *place(*lon_lat(body.normals)),
-            "s",
-            ms=5,
-            mfc="none",
-            mec=PALETTE[1],
-            mew=1.2,
-            label="facet normals",
-        )
+    _mark_directions(axes, found)
     legend = figure.legend(loc="outside lower center", ncols=3, frameon=True)
     legend.get_frame().set(facecolor="#8894a0", edgecolor="none", alpha=0.55)
     return gallery.add(
         figure,
         "hemisphere",
         "Map of the body frame: attitude information of a measurement from each direction.",
-        "From where a measurement tells most of the attitude, with the Sun where it stands at the "
-        "most informative measurement (white ring). Body frame, azimuth to the right, z at the "
-        "top; blank: nothing is lit and seen from there.",
+        "Information on the attitude for each direction of the observer, with the Sun at its "
+        "position for the most informative measurement (white ring). Body frame, azimuth to the "
+        "right, z at the top; blank: no illuminated facet is visible from there.",
     )
 
 
+def _mark_directions(axes: Any, found: Findings) -> None:
+    """The observer, the Sun and the facet normals on a map of the body frame."""
+    m, i = found.measured, found.most_informative
+    path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
+    dots = {"ms": 1.6, "color": "white", "alpha": 0.7, "label": "observer, all measurements"}
+    axes.plot(*place(*lon_lat_deg(m.obs_body[path])), ".", **dots)
+    axes.plot(*place(*lon_lat_deg(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
+    star = {"ms": 13, "color": "#ffd23f", "mec": INK, "mew": 0.6, "label": "Sun"}
+    axes.plot(*place(*lon_lat_deg(m.sun_body[i])), "*", **star)
+    body = found.scenario.body
+    if len(body.areas) <= 40:
+        squares = {"ms": 5, "mfc": "none", "mec": PALETTE[1], "mew": 1.2}
+        axes.plot(*place(*lon_lat_deg(body.normals)), "s", label="facet normals", **squares)
+
+
 def _seen(found: Findings, gallery: Gallery) -> Image:
-    """The axis each measurement sees, and for the best one the two that it does not."""
+    """The sensitive axis of each measurement, and the other two axes for the best one."""
     m, i = found.measured, found.most_informative
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
@@ -203,7 +195,7 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     order = np.argsort(share)
     both = np.concatenate([g[order], -g[order]])
     picture = axes.scatter(
-        *place(*lon_lat(both)),
+        *place(*lon_lat_deg(both)),
         c=np.tile(share[order], 2) * DECADES - DECADES,
         s=10,
         cmap=CMAP,
@@ -215,7 +207,7 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     figure.colorbar(picture, ax=axes, shrink=0.75, pad=0.03, label="log₁₀ of information, best = 0")
     for row, (name, hue) in enumerate((("n₁", PALETTE[1]), ("n₂", PALETTE[3]))):
         ends = np.stack([m.nullspace[i, row], -m.nullspace[i, row]])
-        lon, lat = place(*lon_lat(ends))
+        lon, lat = place(*lon_lat_deg(ends))
         axes.plot(
             lon,
             lat,
@@ -232,11 +224,11 @@ def _seen(found: Findings, gallery: Gallery) -> Image:
     return gallery.add(
         figure,
         "seen",
-        "Map of the body frame: axes about which each measurement sees a turn.",
-        "The axis about which each measurement would notice a small turn of the body, both ends; "
-        "dark ones tell little. A turn about any axis on the grey circle, which n₁ and n₂ span, "
-        "goes unnoticed by the best measurement. Measurements whose axes are spread over the map "
-        "fix the whole attitude together.",
+        "Map of the body frame: axis about which each measurement is sensitive to a rotation.",
+        "The axis about which each measurement is sensitive to a small rotation, both ends; dark "
+        "ones contain little information. The best measurement does not detect a rotation about "
+        "any axis on the grey circle, which n₁ and n₂ span. Measurements whose axes "
+        "are spread over the map together determine the whole attitude.",
     )
 
 
@@ -311,8 +303,8 @@ def _open(found: Findings, gallery: Gallery) -> Image:
     axes.set_xticks(
         range(len(order)), [unknowns.names[c] for c in order], rotation=90, fontsize=7.5
     )
-    said = list(dict.fromkeys(t.words for t in found.trades))
-    numbers = [str(said.index(t.words) + 1) for t in trades]
+    sentences = list(dict.fromkeys(t.words for t in found.trades))
+    numbers = [str(sentences.index(t.words) + 1) for t in trades]
     axes.set_yticks(range(len(trades)), numbers)
     axes.set_ylabel("combination")
     axes.spines[:].set_visible(False)
@@ -326,7 +318,7 @@ def _open(found: Findings, gallery: Gallery) -> Image:
         figure,
         "open",
         "Combinations of parameters that the campaign leaves open.",
-        "Combinations of changes that the measurements do not tell from no change, numbered as in "
+        "Combinations of changes that the measurements cannot detect, numbered as in "
         "the list." + (f" {more} more are in observability.json." if more else ""),
     )
 
@@ -380,8 +372,8 @@ def _plan(found: Findings, gallery: Gallery) -> Image:
     return gallery.add(
         figure,
         "plan",
-        "Visits chosen, and the error of the target against their number.",
-        f"Left: what each possible visit alone would tell of {plan.target.name}, and those chosen, "
-        "the first nine with their rank. Right: error of the target after as many visits, in the "
-        "order of their worth, against visits at equal steps in the order of time.",
+        "Selected visits, and the error of the target against their number.",
+        f"Left: the information of each possible visit alone on {plan.target.name}, and the "
+        "selected visits, the first nine with their rank. Right: error of the target against the "
+        "number of visits in order of importance, and of visits at equal steps in order of time.",
     )

@@ -1,4 +1,4 @@
-"""The numbers of a report: parameters with their diagnostics, and the few that matter most."""
+"""The numbers of a report: parameters with their diagnostics, and the most important ones."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.geometry.spherical import lon_lat_deg, unwrapped
 from lcbayes.modelling.likelihood import PASS_SPREADS
 from lcbayes.modelling.variables import label, reported
 
@@ -41,15 +42,15 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "member_offset": ("how much fainter a curve is than its kind", "mag", 0.0),
     "site_sd": ("how zero points of sites differ, sd", "mag", 0.0),
     "site_offset": ("zero point of a site", "mag", 0.0),
-    "pass_sd": ("what points of a pass share, sd", "mag", 0.0),
-    "pass_drift_sd": ("what drifts within a pass, sd", "mag", 0.0),
+    "pass_sd": ("common offset of a pass, sd", "mag", 0.0),
+    "pass_drift_sd": ("drift within a pass, sd", "mag", 0.0),
     "extinction": ("extinction", "mag per airmass", 0.0),
     "outlier_share": ("share of outliers", "", 0.0),
     "outlier_width": ("width of outliers, in scales", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
     "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
 }
-# What a reader asks for first; used where only a few can be shown.
+# In order of importance; used where only some can be shown.
 IMPORTANT = (
     "period_h",
     "pole_lon_deg",
@@ -105,17 +106,6 @@ class Row:
     ess_tail: float
 
 
-def unwrap(values: Floats, period: float) -> Floats:
-    """Angles moved by whole turns to lie within half a turn of their circular mean.
-
-    The mean itself is brought to [0, period), so that quantiles and means of angles near zero
-    make sense. Draws spread over the whole circle stay spread over one turn.
-    """
-    turns = 2 * np.pi * values / period
-    centre = np.angle(np.mean(np.exp(1j * turns))) / (2 * np.pi) % 1.0 * period
-    return centre + (values - centre + period / 2) % period - period / 2
-
-
 def readable(q: Quantity) -> tuple[float, float, str]:
     """Centre and power of ten to take off, so that an axis has short numbers; and its words.
 
@@ -160,7 +150,9 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         shape = values.shape[2:]
         for index in np.ndindex(*shape):
             one = values[(..., *index)]
-            yield Quantity(label(name, index), words, unit, unwrap(one, period) if period else one)
+            yield Quantity(
+                label(name, index), words, unit, unwrapped(one, period) if period else one
+            )
 
 
 def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
@@ -200,7 +192,7 @@ def _diagnostics(stack: Floats) -> Floats:
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
-    """The few that matter most to a reader; of many facets those with most light."""
+    """The most important parameters; of many facets, the brightest."""
     rank = {name: i for i, name in enumerate(IMPORTANT)}
     all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
     known = [q for q in all_of_them if _base(q.name) in rank]
@@ -223,31 +215,24 @@ def _base(name: str) -> str:
 
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
-    """What the solution says of the spin, in units people use."""
+    """The spin of the solution, in common units."""
     draws = mode.draws
     found = []
     if "omega" in draws:
         omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
         rate = np.degrees(np.linalg.norm(omega, axis=-1))
-        lon, lat = lon_lat(omega)
+        lon, lat = lon_lat_deg(omega)
         names = ("right ascension", "declination")
         if results.frame != "icrs":
             names = ("longitude", "latitude")
         found.append(Quantity("rate", "rotation rate", "deg/s", rate))
         if np.std(rate) < 0.2 * np.mean(rate):
-            found.append(Quantity("turn", "one turn takes", "s", 360.0 / rate))
-        found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrap(lon, 360.0)))
+            found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
+        found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
         found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
     for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):
         found += [q for q in quantities(results, mode) if q.name == name] if name in draws else []
     return found
-
-
-def lon_lat(vectors: Floats) -> tuple[Floats, Floats]:
-    """Longitude in [0, 360) and latitude, degrees, of vectors (..., 3)."""
-    lon = np.degrees(np.arctan2(vectors[..., 1], vectors[..., 0])) % 360.0
-    lat = np.degrees(np.arctan2(vectors[..., 2], np.hypot(vectors[..., 0], vectors[..., 1])))
-    return lon, lat
 
 
 def facet_normals(mode: Mode) -> Floats | None:
@@ -286,7 +271,7 @@ def facets(results: Results, mode: Mode) -> list[Facet]:
         middle /= max(float(np.linalg.norm(middle)), 1e-300)
         apart = np.arctan2(np.linalg.norm(np.cross(u, middle), axis=1), u @ middle)
         radius = float(np.degrees(np.quantile(apart, 0.9)))
-        lon, lat = (float(x) for x in lon_lat(middle))
+        lon, lat = (float(x) for x in lon_lat_deg(middle))
         azimuth = lon if 90.0 - abs(lat) > radius else np.nan
         area = Quantity(f"facet {i}", "albedo-area", unit, areas[..., i])
         found.append(Facet(area, azimuth, 90.0 - lat, radius))

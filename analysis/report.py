@@ -1,4 +1,4 @@
-"""The report: everything a results folder says, on one page that needs nothing else."""
+"""The report: the contents of a results folder on one self-contained page."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
 def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:
     drawn = results.modes[:MOST_MODES]
     lists = {m.index: list(quantities.quantities(results, m)) for m in drawn}
-    few = {m.index: quantities.important(lists[m.index]) for m in drawn}
+    selected = {m.index: quantities.important(lists[m.index]) for m in drawn}
     panels, panel_note = light_curve_plots.draw_panels(results, gallery)
     shapes = [s for m in drawn if (s := shape_plots.build(results, m, gallery)) is not None]
     overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
@@ -108,9 +108,9 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
                 [
                     image
                     for image in (
-                        diagnostics_plots.draw_traces(m, few[m.index], gallery),
+                        diagnostics_plots.draw_traces(m, selected[m.index], gallery),
                         diagnostics_plots.draw_energy(m, gallery),
-                        diagnostics_plots.draw_pairs(m, few[m.index], gallery),
+                        diagnostics_plots.draw_pairs(m, selected[m.index], gallery),
                     )
                     if image is not None
                 ],
@@ -229,18 +229,18 @@ def _coverage(results: Results) -> str:
     if fit.get("rms") is not None:
         unit = " mag" if results.is_magnitude else " of a curve's mean flux"
         parts.append(f"The rms of the residuals is {tables.three(fit['rms'])}{unit}.")
-    worth = fit.get("information_per_point", 1.0)
-    if worth < 1.0:
+    information = fit.get("information_per_point", 1.0)
+    if information < 1.0:
         n = results.summary["n_obs"]
         parts.append(
-            f"The residuals follow each other: the {n} points are worth {worth * n:.0f} "
-            "independent ones, and the uncertainties and weights are counted so."
+            f"The residuals are correlated: the {n} points are equivalent to {information * n:.0f} "
+            "independent ones, and the uncertainties and weights take this into account."
         )
     return " ".join(parts)
 
 
 def _legend(results: Results) -> dict[str, Any]:
-    """Colours of the light-curve panels: the bands are those of the heaviest solution shown."""
+    """Colours of the light-curve panels; the bands belong to the solution of largest weight."""
     shown = [m for m in results.modes if light_curve_plots.bands(m) is not None]
     sigma = light_curve_plots.sigmas(results, results.modes[0])
     return {

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from lcbayes.analysis.shape_plots import STONE, draw_views
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
-from lcbayes.inversion.attitude_scan.grid import HOUR
-from lcbayes.inversion.attitude_scan.result import Found, Solution, lon_lat, readable_period
+from lcbayes.core.constants import HOUR_S
+from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.inversion.attitude_scan.result import Found, Solution, readable_period
 from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
@@ -57,14 +58,14 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
             continue  # of another period than the map
         assert s.pole is not None
-        x, y = place(*map(np.array, lon_lat(s.pole)))
+        x, y = place(*map(np.array, lon_lat_deg(s.pole)))
         _ring(axes, float(x), float(y), str(i + 1))
     frame = FRAMES.get(found.frame, found.frame)
     caption = (
         f"Residuals of the best body against the pole of its spin, {frame}, at the period of "
-        "solution 1, in units of the least. Each direction was held and the body solved for. "
-        "Equal areas of the sky have equal parts of the scale. Rings: "
-        "refined solutions of that period."
+        "solution 1, relative to the smallest. Each direction was held fixed and the body fitted. "
+        "Equal areas of the sky have equal parts of the scale. Rings: refined solutions of that "
+        "period."
     )
     return gallery.add(figure, "sky", "Map of the sky: residuals for each pole.", caption)
 
@@ -86,7 +87,7 @@ def _spins(found: Found) -> list[tuple[int, Solution]]:
 
 
 def draw_periods(found: Found, gallery: Gallery) -> Image | None:
-    """Residuals against the period each search came to, and the best near each trial period."""
+    """Residuals against the period that each search reached, and the best per trial period."""
     table = found.screened
     if table is None or found.n_periods < 3:
         return None
@@ -96,7 +97,7 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     scaled = np.log(ends) if wide else ends
     scaled = scaled + MARGIN * np.ptp(scaled) * np.array([-1.0, 1.0])
     first, last = np.exp(scaled) if wide else scaled
-    reached = 1.0 / (HOUR * table.frequency)
+    reached = 1.0 / (HOUR_S * table.frequency)
     shown = (reached >= first) & (reached <= last)
     reached, worse = reached[shown], np.sqrt(table.chi2[shown] / table.chi2.min())
     unit, name = readable_period(shortest)
@@ -104,43 +105,18 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     figure = gallery.figure(7.0, 2.9)
     axes = figure.subplots()
     if wide:
-        axes.set_xscale("log")
-        round_ = np.outer(10.0 ** np.arange(-3, 6), [1.0, 2.0, 3.0, 5.0]).ravel()
-        ticks = round_[(round_ >= unit * shortest) & (round_ <= unit * longest)]
-        axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
+        _set_log_ticks(axes, unit * shortest, unit * longest)
     axes.set_xlim(unit * first, unit * last)
     for x in ends:
         axes.axvline(unit * x, color=FAINT, lw=0.7, ls=":")
     best = _least_near(np.unique(table.tried), table.frequency[shown], worse)
-    axes.plot(
-        unit * reached,
-        worse,
-        ".",
-        ms=3,
-        color=FAINT,
-        alpha=0.5,
-        rasterized=True,
-        label="every search",
-    )
-    axes.plot(
-        unit * reached[best],
-        worse[best],
-        ".",
-        ms=5,
-        color=colour(0),
-        label="the best near each trial period",
-    )
+    dots = {"ms": 3, "color": FAINT, "alpha": 0.5, "rasterized": True}
+    axes.plot(unit * reached, worse, ".", label="every search", **dots)
+    dots = {"ms": 5, "color": colour(0)}
+    axes.plot(unit * reached[best], worse[best], ".", label="best near each trial period", **dots)
+    bold = {"ha": "center", "fontsize": 8.5, "weight": "bold", "color": colour(1)}
     for at, low, text in _numbers(found, reached, worse, (first, last)):
-        axes.annotate(
-            text,
-            (unit * at, low),
-            xytext=(0, -11),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8.5,
-            weight="bold",
-            color=colour(1),
-        )
+        axes.annotate(text, (unit * at, low), (0, -11), textcoords="offset points", **bold)
     axes.set_yscale("log")
     top = float(np.quantile(worse, 0.98))
     axes.set_ylim(0.7, max(1.3 * top, 1.5))
@@ -148,14 +124,22 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     axes.set_yticks(ticks, [f"{x:g}" for x in ticks])
     axes.minorticks_off()
     axes.set_xlabel(f"sidereal period reached ({name})")
-    axes.set_ylabel("residuals ÷ least")
+    axes.set_ylabel("residuals ÷ smallest")
     figure.legend(loc="outside upper right", ncols=2)
     caption = (
-        "Residuals of every search against the period it came to, in units of the least, with the "
-        "coarse body that hypotheses are screened with. Dotted: ends of the range that was tried. "
-        "Numbers: refined solutions."
+        "Residuals of every search against the period that it reached, relative to the smallest, "
+        "for the coarse body used in the screening. Dotted: ends of the search range. Numbers: "
+        "refined solutions."
     )
     return gallery.add(figure, "periods", "Residuals against the period reached.", caption)
+
+
+def _set_log_ticks(axes: Any, low: float, high: float) -> None:
+    """A logarithmic x axis with ticks at round numbers between ``low`` and ``high``."""
+    axes.set_xscale("log")
+    round_ = np.outer(10.0 ** np.arange(-3, 6), [1.0, 2.0, 3.0, 5.0]).ravel()
+    ticks = round_[(round_ >= low) & (round_ <= high)]
+    axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
 
 
 def _least_near(tried: Floats, frequency: Floats, worse: Floats) -> NDArray[np.integer]:
@@ -172,7 +156,7 @@ def _numbers(
     places: list[list[Any]] = []
     reach = 0.02 * (shown[1] - shown[0])
     for i, s in _spins(found):
-        at = 1.0 / (HOUR * (s.frequency or np.inf))
+        at = 1.0 / (HOUR_S * (s.frequency or np.inf))
         if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not shown[0] <= at <= shown[1]:
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)
@@ -231,7 +215,7 @@ def draw_fit(found: Found, gallery: Gallery) -> Image:
         axes.plot(x[order], found.flux[here][order], ".", ms=3, color=DATA)
         line = fitted[here][order]
         dense = folded and np.ptp(t) * (best.frequency or 0.0) < 5
-        # a line across a gap would tell of what nobody saw
+        # a line across a gap would suggest data there
         line = np.where(np.diff(x[order], append=np.inf) > GAP * np.ptp(x), np.nan, line)
         axes.plot(x[order], line, "-", lw=1.0, color=colour(1), alpha=float(dense))
         axes.plot(x[order], fitted[here][order], ".", ms=2.0, color=colour(1))

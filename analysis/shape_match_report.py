@@ -39,7 +39,7 @@ def numbers(result: ShapeMatch) -> dict[str, Any]:
 
 
 def words(result: ShapeMatch) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
     taken = f", one in {result.stride} taken" if result.stride > 1 else ""
@@ -57,7 +57,7 @@ def words(result: ShapeMatch) -> list[str]:
         return lines
     left = [m.name for m in result.consistent]
     if len(left) > 1:
-        lines.append(f"the data do not tell {' and '.join(left)} apart")
+        lines.append(f"the data do not distinguish {' and '.join(left)}")
     elif left:
         lines.append(f"of the candidates only {left[0]} is consistent with the data")
     else:

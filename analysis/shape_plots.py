@@ -13,6 +13,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import FAINT, Gallery, Image, colour
 from lcbayes.core.errors import InputError
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron
@@ -26,7 +27,7 @@ LIGHT = np.array([-0.35, 0.45, 0.82])  # in the axes of the picture: right, up, 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the page shows: ``scene`` goes to the viewer as JSON, ``image`` to paper."""
+    """``scene`` is for the viewer, as JSON; ``image`` is for print."""
 
     mode: Mode
     image: Image
@@ -89,7 +90,7 @@ def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]
     try:
         return minkowski(normals, close(normals, areas)), ""
     except InputError as fault:
-        return None, f"No convex body was found ({fault})."
+        return None, f"No convex body was constructed ({fault})."
 
 
 def _proportions(body: Polyhedron) -> str:
@@ -129,7 +130,7 @@ def _view(lon: float, lat: float) -> Floats:
     """Rows: right, up and towards the reader, of a reader at this longitude and latitude."""
     a, b = np.radians([lon, lat])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
-    towards = np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    towards = unit_vector(a, b)
     return np.stack([right, np.cross(towards, right), towards])
 
 
@@ -202,7 +203,7 @@ def _normal(face: Floats) -> Floats:
 def _shade(
     hue: tuple[float, float, float], normal: Floats, dim: float
 ) -> tuple[float, float, float, float]:
-    """Colour of a face under the light; ``dim`` is what a face turned from it still shows."""
+    """Colour of a face under the light; ``dim`` is the brightness of a face turned away from it."""
     towards = normal if normal[2] > 0 else -normal
     light = dim + (1 - dim) * max(0.0, float(towards @ LIGHT / np.linalg.norm(LIGHT)))
     r, g, b = (min(1.0, light * x) for x in hue)

@@ -10,9 +10,9 @@ import numpy as np
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.light_curve_plots import runs
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
 NAME = "single_facet"
@@ -35,7 +35,7 @@ def write(result: SingleFacet, folder: Path, about: Mapping[str, Any]) -> None:
 
 def numbers(result: SingleFacet) -> dict[str, Any]:
     """The content of `single_facet.json`: body axes of the law, degrees, s, m²."""
-    lon, lat = lon_lat(result.normal[None])
+    lon, lat = lon_lat_deg(result.normal[None])
     return {
         "n_obs": len(result.seen.t),
         "trusted": not result.reasons,
@@ -61,7 +61,7 @@ def numbers(result: SingleFacet) -> dict[str, Any]:
 
 
 def words(result: SingleFacet) -> list[str]:
-    """The result in lines for a reader; what is in doubt comes first."""
+    """The result as text; caveats come first."""
     lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
     lines.append(
         f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
@@ -70,7 +70,7 @@ def words(result: SingleFacet) -> list[str]:
     )
     if result.reasons:
         return lines
-    lon, lat = lon_lat(result.normal[None])
+    lon, lat = lon_lat_deg(result.normal[None])
     lines.append(
         f"the facet's normal, body axes of {result.law}: azimuth {lon[0]:.1f} deg, latitude "
         f"{lat[0]:.1f} deg{_side(result)}; with 90 % probability within "
@@ -80,17 +80,15 @@ def words(result: SingleFacet) -> list[str]:
     likely = max(result.kind, key=lambda name: result.kind[name])
     sure = result.kind[likely]
     if sure >= TOLD:
-        lines.append(f"what changes is {_kind(likely)} (probability {sure:.3f})")
+        lines.append(f"cause of the edges: {_kind(likely)} (probability {sure:.3f})")
     else:
         odds = ", ".join(f"{k} {v:.2f}" for k, v in result.kind.items() if v >= 0.01)
-        lines.append(f"the data do not tell what changes: {odds}")
+        lines.append(f"the data do not determine the cause of the edges: {odds}")
     start = result.seen.t.min()
     for e in result.edges:
-        how = "appears" if e.brightens else "goes"
-        seen_from = f" from {e.site}" if e.site else ""
-        lines.append(
-            f"seen{seen_from} it {how} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})"
-        )
+        how = "appears" if e.brightens else "disappears"
+        seen = f" as seen from {e.site}" if e.site else ""
+        lines.append(f"the facet {how}{seen} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})")
     if np.isfinite(result.albedo_area):
         lines.append(f"albedo times area {result.albedo_area:.3g} m² (Lambertian)")
     return lines
@@ -98,10 +96,10 @@ def words(result: SingleFacet) -> list[str]:
 
 def _kind(name: str) -> str:
     return {
-        "visibility": "what the observer sees of the facet (visibility)",
-        "illumination": "whether the Sun lights the facet (illumination)",
-        "both": "its illumination and its visibility, one after the other",
-        "none": "nothing: it is lit and seen throughout",
+        "visibility": "the facet turns into or out of view (visibility)",
+        "illumination": "the facet turns into or out of sunlight (illumination)",
+        "both": "illumination and visibility change, one after the other",
+        "none": "none, the facet is illuminated and visible throughout",
     }[name]
 
 
@@ -115,6 +113,12 @@ def _side(result: SingleFacet) -> str:
 
 def draw(result: SingleFacet, gallery: Gallery) -> None:
     """The curve with its edges, and the region on the sphere."""
+    _draw_edges(result, gallery)
+    _draw_region(result, gallery)
+
+
+def _draw_edges(result: SingleFacet, gallery: Gallery) -> None:
+    """The light curve with the fit and the edges of the facet."""
     seen = result.seen
     passes = np.unique(seen.one_pass)[:6]
     figure = gallery.figure(6.6, 3.2)
@@ -122,26 +126,10 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
     start, size = seen.t.min(), 10.0 ** np.floor(np.log10(np.abs(seen.flux).max()))
     apart = len(passes) > 1 and np.ptp(seen.t) > 5400.0
     for k, i in enumerate(passes):
-        here = np.flatnonzero(seen.one_pass == i)
-        t = seen.t[here] - (seen.t[here].min() if apart else start)
-        site = next((e.site for e in result.edges if e.one_pass == i), "")
-        axes.plot(t, seen.flux[here] / size, "o", ms=2.8, mfc=colour(k), mec=DATA, mew=0.5)
-        for j, run in enumerate(runs(t)):
-            name = f"site {site}" if site else f"pass {i + 1}"
-            axes.plot(
-                t[run],
-                result.model[here[run]] / size,
-                lw=1.4,
-                color=colour(k),
-                label="_" if j else f"fit, {name}",
-            )
-            axes.plot(t[run], result.smooth[here[run]] / size, lw=0.9, ls="--", color=colour(k))
-        for e in result.edges:
-            if e.one_pass == i:
-                at = e.t - (seen.t[here].min() if apart else start)
-                axes.axvline(at, color=colour(k), lw=0.8, ls=":")
+        first = seen.t[seen.one_pass == i].min() if apart else start
+        _draw_pass(axes, result, i, first, size, colour(k))
     drawn = seen.flux[np.isin(seen.one_pass, passes)] / size
-    margin = 0.1 * np.ptp(drawn) or 1.0  # what is without the facet may lie far beyond
+    margin = 0.1 * np.ptp(drawn) or 1.0  # the part without the facet may lie far outside
     axes.set_ylim(drawn.min() - margin, drawn.max() + margin)
     axes.plot([], [], "o", ms=2.8, mfc=FAINT, mec=DATA, mew=0.5, label="observed")
     axes.plot([], [], lw=0.9, ls="--", color=FAINT, label="without the facet")
@@ -161,17 +149,40 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
         "Light curve with the facet's edges.",
         "Flux at unit distance, the best fit, and its part without the facet.",
     )
+
+
+def _draw_pass(
+    axes: Any, result: SingleFacet, one: int, start: float, size: float, hue: str
+) -> None:
+    """Points, fit and edges of one pass, with time from ``start`` and flux in units of ``size``."""
+    seen = result.seen
+    here = np.flatnonzero(seen.one_pass == one)
+    t = seen.t[here] - start
+    edges = [e for e in result.edges if e.one_pass == one]
+    site = edges[0].site if edges else ""
+    name = f"site {site}" if site else f"pass {one + 1}"
+    axes.plot(t, seen.flux[here] / size, "o", ms=2.8, mfc=hue, mec=DATA, mew=0.5)
+    for j, run in enumerate(runs(t)):
+        label = "_" if j else f"fit, {name}"
+        axes.plot(t[run], result.model[here[run]] / size, lw=1.4, color=hue, label=label)
+        axes.plot(t[run], result.smooth[here[run]] / size, lw=0.9, ls="--", color=hue)
+    for e in edges:
+        axes.axvline(e.t - start, color=hue, lw=0.8, ls=":")
+
+
+def _draw_region(result: SingleFacet, gallery: Gallery) -> None:
+    """The 90 % region of the normal on the sphere."""
     figure = gallery.figure(5.8, 3.2)
     axes = mollweide(figure)
     cloud = result.normals[result.region]
     cloud = cloud[:: max(1, len(cloud) // 4000)]
-    x, y = place(*lon_lat(cloud))
+    x, y = place(*lon_lat_deg(cloud))
     axes.plot(x, y, ".", ms=3, mew=0, color=colour(0), label="90 % region", rasterized=True)
-    x, y = place(*lon_lat(result.normal[None]))
+    x, y = place(*lon_lat_deg(result.normal[None]))
     axes.plot(x, y, "o", ms=13, mfc="none", mec=DATA, mew=1.2, label="best normal")
     if result.law in FLYING:
         for name, v in SIDES.items():
-            x, y = place(*lon_lat(np.array([v], float)))
+            x, y = place(*lon_lat_deg(np.array([v], float)))
             short = name.split()[1] if name.startswith("the ") else name
             shift = (-14, -9) if name == "aft" else (0, 8 * np.sign(y[0]) if y[0] else -9)
             axes.annotate(
@@ -191,5 +202,5 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
         figure,
         "normal",
         "Region of the facet's normal.",
-        f"Where the facet may face, in the body axes of {result.law}.",
+        f"Possible directions of the facet normal, in the body axes of {result.law}.",
     )

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.quantities import facet_normals, lon_lat, readable, spin
+from lcbayes.analysis.quantities import facet_normals, readable, spin
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+from lcbayes.geometry.spherical import lon_lat_deg, unit_vector
 
 Floats = NDArray[np.float64]
 CLOUD = 400
@@ -45,7 +46,7 @@ def place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
 
 def draw_line(axes: Any, vectors: Floats, **how: Any) -> None:
     """A closed line through directions (N, 3), broken at the map's edge."""
-    lon, lat = place(*lon_lat(vectors))
+    lon, lat = place(*lon_lat_deg(vectors))
     across = np.abs(np.diff(lon, append=lon[0])) > np.pi
     axes.plot(np.where(across, np.nan, lon), lat, **how)
 
@@ -71,11 +72,11 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
     largest = float(np.mean(areas, axis=(0, 1)).max())
     for i in range(areas.shape[-1]):
         hue = colour(i)
-        lon, lat = place(*lon_lat(_some(normals[:, :, i])))
+        lon, lat = place(*lon_lat_deg(_some(normals[:, :, i])))
         axes.plot(lon, lat, ".", ms=2.2, color=hue, alpha=0.35, mew=0, rasterized=True)
     for i in range(areas.shape[-1]):
         middle = normals[:, :, i].mean(axis=(0, 1))
-        lon, lat = place(*lon_lat(middle))
+        lon, lat = place(*lon_lat_deg(middle))
         size = 330 * float(np.mean(areas[..., i])) / largest
         axes.scatter(
             lon, lat, s=max(size, 20), fc="none", ec=colour(i), lw=1.4, zorder=4, clip_on=False
@@ -83,9 +84,9 @@ def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
         _number(axes, float(lon), float(lat), str(i))
     name = f"facets-{mode.index + 1}"
     caption = (
-        f"{_prefix(results, mode)}Where each facet faces, in the body frame (azimuth to the right, "
-        "pole of the body axes at the top). A cloud is what the data allow; the area of a ring is "
-        "the mean albedo-area of the facet, numbered as in posterior.nc."
+        f"{_prefix(results, mode)}Directions of the facet normals in the body frame (azimuth to "
+        "the right, pole of the body axes at the top). A cloud shows the posterior draws; the area "
+        "of a ring is the mean albedo-area of the facet, numbered as in posterior.nc."
     )
     alt = f"Map of the body frame with draws of {areas.shape[-1]} facet normals."
     return [gallery.add(figure, name, alt, caption)]
@@ -111,7 +112,7 @@ def nearest_pixels(grid: Floats) -> tuple[Floats, Floats, NDArray[np.integer]]:
         np.radians(0.5 * (lon_edges[1:] + lon_edges[:-1])),
         np.radians(0.5 * (lat_edges[1:] + lat_edges[:-1])),
     )
-    pixels = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+    pixels = unit_vector(lon, lat)
     return lon_edges, lat_edges, np.asarray(KDTree(grid).query(pixels)[1])
 
 
@@ -200,7 +201,7 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
 def _enlarge(
     gallery: Gallery, several: bool, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
 ) -> Image:
-    """The cloud of one solution and how fast it turns."""
+    """The cloud of one solution, with its rotation rate."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
     figure.get_layout_engine().set(wspace=0.09)

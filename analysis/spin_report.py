@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lcbayes.analysis.numerals import show
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Spin
 
 REFUSED = "no pole and no sidereal period"
-MOST_PASSES, MOST_SOLUTIONS = 6, 6  # drawn; told
+MOST_PASSES, MOST_SOLUTIONS = 6, 6  # in the figure; in the text
 
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
-    """The result in lines for a reader, without the verdict."""
-    lines = []
+    """The result as text, without the verdict."""
+    lines: list[str] = []
     if len(result.solutions) > 1:
-        lines.append(
-            f"{len(result.solutions)} solutions: the periods do not tell which of them it is"
-        )
+        lines.append(f"{len(result.solutions)} solutions: the periods do not distinguish them")
     left = curve.n_obs - sum(p.t.size for p in result.passes)
     short = f", {left} points in passes too short" if left else ""
     lines.append(f"{len(result.passes)} pass(es) of {curve.n_obs - left} points{short}")
@@ -34,25 +34,25 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"longest pass: {show(folded, spread)} ± {show(spread, spread)} s)"
         )
     for s in result.solutions[:MOST_SOLUTIONS]:
-        lon, lat = lon_lat(s.pole)
+        lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
         lines.append(
             f"weight {s.weight:.2f}: pole ({show(float(lon), radius)}, {show(float(lat), radius)}) "
             f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
-            f"{show(period, spread)} ± {show(spread, spread)} s, {s.multiple} cycle(s) per turn"
+            f"{show(period, spread)} ± {show(spread, spread)} s, {s.multiple} cycle(s) per rotation"
         )
     rest = result.solutions[MOST_SOLUTIONS:]
     if rest:
         lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
     if result.solutions:
         lines.append(
-            f"frame: {FRAMES.get(curve.frame, curve.frame)}; the body turns right-handed about "
+            f"frame: {FRAMES.get(curve.frame, curve.frame)}; the body rotates right-handed about "
             "the pole; weights add to 0.9"
         )
         lines.append(
-            "on simulated bodies such regions held the true pole in 14 of 15 boxes and in 18 of 24 "
-            "cylinders, of 90 % expected: take them as too small for a round body"
+            "for simulated bodies, such regions contained the true pole of 14 of 15 boxes and 18 "
+            "of 24 cylinders, where 90 % are expected: they are too small for a round body"
         )
     return lines + result.notes
 
@@ -90,7 +90,7 @@ def draw_periodogram(result: Spin, gallery: Gallery) -> None:
 
 
 def draw_synodic(result: Spin, gallery: Gallery) -> None:
-    """Synodic period along each pass, and what the best solution makes of it."""
+    """Synodic period along each pass, measured and for the best solution."""
     windows = result.windows
     assert windows is not None
     shown = np.unique(windows.which)[:MOST_PASSES]
@@ -104,36 +104,11 @@ def draw_synodic(result: Spin, gallery: Gallery) -> None:
         one, here = result.passes[i], windows.which == i
         minutes = (windows.t[here] - one.t[0]) / 60.0
         period = 1.0 / windows.frequency[here]
-        axes.errorbar(
-            minutes,
-            period,
-            windows.error[here] * period**2,
-            fmt="o",
-            ms=3,
-            lw=0.9,
-            color=colour(0),
-            label="measured in windows",
-        )
+        error = windows.error[here] * period**2
+        dots = {"fmt": "o", "ms": 3, "lw": 0.9, "color": colour(0)}
+        axes.errorbar(minutes, period, error, label="measured in windows", **dots)
         if result.solutions:
-            best = result.solutions[0]
-            angle = azimuths(best.pole[None], one.sun + one.obs)[0]
-            rate = np.gradient(angle, one.t, edge_order=1) if np.all(np.diff(one.t) > 0) else None
-            if rate is not None:
-                f = best.multiple * (best.frequency - rate / (2 * np.pi))
-                axes.plot(
-                    (one.t - one.t[0]) / 60.0,
-                    1 / f,
-                    color=colour(1),
-                    lw=1.0,
-                    label="synodic period for the best pole",
-                )
-            axes.axhline(
-                1 / (best.multiple * best.frequency),
-                color=FAINT,
-                lw=0.8,
-                ls="--",
-                label="sidereal period" + (f" ÷ {best.multiple}" if best.multiple > 1 else ""),
-            )
+            _draw_predicted(axes, result.solutions[0], one)
         axes.set_title(f"pass {i + 1}", loc="left")
         axes.locator_params(nbins=5)
     for axes in grid[max(0, len(shown) - columns) : len(shown)]:
@@ -152,6 +127,19 @@ def draw_synodic(result: Spin, gallery: Gallery) -> None:
     )
 
 
+def _draw_predicted(axes: Any, best: Any, one: Any) -> None:
+    """Synodic period along a pass for a solution, and its sidereal period."""
+    angle = azimuths(best.pole[None], one.sun + one.obs)[0]
+    if np.all(np.diff(one.t) > 0):
+        rate = np.gradient(angle, one.t, edge_order=1)
+        f = best.multiple * (best.frequency - rate / (2 * np.pi))
+        label = "synodic period for the best pole"
+        axes.plot((one.t - one.t[0]) / 60.0, 1 / f, color=colour(1), lw=1.0, label=label)
+    label = "sidereal period" + (f" ÷ {best.multiple}" if best.multiple > 1 else "")
+    sidereal = 1 / (best.multiple * best.frequency)
+    axes.axhline(sidereal, color=FAINT, lw=0.8, ls="--", label=label)
+
+
 def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
     """Where the pole may point: the 90 % region, and the solutions as rings."""
     sky = result.sky
@@ -159,7 +147,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
     figure = gallery.figure(6.4, 3.4)
     axes = mollweide(figure)
     inside = sky.region()
-    x, y = place(*lon_lat(sky.poles[inside]))
+    x, y = place(*lon_lat_deg(sky.poles[inside]))
     weight = sky.weight.sum(axis=1)[inside]
     size = 1.0e4 * sky.cell
     axes.scatter(
@@ -174,7 +162,7 @@ def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
         label="90 % region",
     )
     for i, s in enumerate(result.solutions[:MOST_SOLUTIONS]):
-        x, y = place(*lon_lat(s.pole))
+        x, y = place(*lon_lat_deg(s.pole))
         axes.scatter(
             x,
             y,

@@ -15,7 +15,7 @@ from typing import Any
 
 from lcbayes.core.files import write_atomic
 
-# Okabe & Ito 2008, without the yellow that is lost on white; told apart by all eyes.
+# Okabe & Ito 2008, without the yellow, which is invisible on white; safe for colour-blind readers.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
 

@@ -10,7 +10,7 @@ from lcbayes.analysis import quantities
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
-from lcbayes.data.segments import GAP_S
+from lcbayes.data.segments import PASS
 
 LONG = 24  # rows from which a group is folded away
 
@@ -122,7 +122,7 @@ def outlier_table(results: Results) -> list[list[str]]:
     rows: list[list[dict[str, Any]]] = []
     for one in results.summary.get("outliers") or []:
         last = rows[-1][-1] if rows else None
-        if last and one["curve"] == last["curve"] and 0 <= one["t"] - last["t"] <= GAP_S:
+        if last and one["curve"] == last["curve"] and 0 <= one["t"] - last["t"] <= PASS.seconds:
             rows[-1].append(one)
         else:
             rows.append([one])

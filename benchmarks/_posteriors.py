@@ -14,6 +14,7 @@ import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.read import read
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference import correlation, search
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -137,7 +138,7 @@ def ariadne() -> Posterior:
     model = entry.bind(options)
     plain = Problem(model, data)
     lon, lat = np.deg2rad([253.2, -17.2])
-    pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+    pole = unit_vector(lon, lat)
     sites = starts(data, jax.random.key(0), **options)[0]
     period_sd = (5.762 * 3600.0) ** 2 / (2.0 * data.t_span)  # s, of its prior
     sites |= {
@@ -145,7 +146,7 @@ def ariadne() -> Posterior:
         "period_shift": (5.761980 - 5.762) * 3600.0 / period_sd,
     }
     z = _climb(plain, plain.ravel(sites), data)
-    data = correlation.weighed(plain, np.asarray(z), data)
+    data = correlation.tempered(plain, np.asarray(z), data)
     z = _climb(plain, z, data)
     problem = Problem(model, data, coordinates(data, **options))
     return _at(problem, problem.ravel(plain.constrain(z, data)), data)

@@ -19,7 +19,7 @@ import numpy as np
 from _results import table, write_section
 
 import lcbayes
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Console
 from lcbayes.data.lightcurve import LightCurve
@@ -123,7 +123,7 @@ def workers(n: int = 30) -> None:
         for i in range(n):
             lcbayes.write(simulated(1000 + i), curves / f"object-{i:03d}.csv")
         for name, count in (("threads of one process", None), ("1 process", 1), ("2 processes", 2)):
-            with crew(n_workers=count, keep_going=True) as run:
+            with worker_pool(n_workers=count, keep_going=True) as run:
                 tasks = [(one,) for one in objects(curves, OPTIONS)]
                 where = make_folder(Path(scratch) / str(count)).as_posix()
                 warm = 2 * (count or 2)

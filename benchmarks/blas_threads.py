@@ -29,8 +29,8 @@ PARTICLES, REPEATS = 256, 5
 def measured(n_facets: int) -> list[str]:
     data = Epochs.of(turning())
     problem = Problem(registry.find("faceted").bind({"n_facets": n_facets}), data)
-    way = tempering_path.Path.of(
-        data, problem.dim, tempering_path.turns(problem, data, jax.random.key(0))
+    way = tempering_path.TimePath.of(
+        data, problem.dim, tempering_path.rotates(problem, data, jax.random.key(0))
     )
     keys = jax.random.split(jax.random.key(0), PARTICLES)
     z = jax.vmap(lambda key: problem.prior_draw(key, data))(keys)

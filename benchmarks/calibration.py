@@ -31,7 +31,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import basins
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.population import DISAGREE
+from lcbayes.inference.population import MAX_WEIGHT_SD
 from lcbayes.inference.prior_mass import accepted
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -131,7 +131,7 @@ def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
     _, label, z, weighed = basins.measure(problem, data, found.runs, order)
     told = weighed.reasons or any(r.reasons for r in found.runs)
-    agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= DISAGREE))
+    agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= MAX_WEIGHT_SD))
     rng = np.random.default_rng(0)
     of = rng.choice(len(weighed.weight), n, p=weighed.weight / weighed.weight.sum())
     return np.array([rng.choice(z[label == k]) for k in of]), agree

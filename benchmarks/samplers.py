@@ -42,7 +42,7 @@ import numpy as np
 from _posteriors import POSTERIORS, Posterior
 from _results import table, write_section
 from _samplers import FISHER, N_CHAINS, SAMPLERS, Floats, Length, Run, per_gradient
-from arviz_stats.base.array import array_stats
+from arviz_stats.base import array_stats  # pyright: ignore[reportPrivateImportUsage]
 
 MAX_RHAT = 1.05
 SEEDS = range(5)

@@ -21,15 +21,16 @@ import numpy as np
 from _results import table, write_section
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console, Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.read import read
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.attitude_scan import search, solutions
-from lcbayes.inversion.attitude_scan.grid import HOUR, Grid, grid
+from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.points import Points
-from lcbayes.inversion.attitude_scan.result import lon_lat
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.spin import FREE, Ends, solve, spheres
 from lcbayes.physics.bodies import facets
@@ -69,7 +70,7 @@ def by_curve_mean(points: Points, body: SmoothBody, ends: Ends) -> float:
 
 def ariadne() -> None:
     points = Points.of(data("43_Ariadne_rel"), phase_law_known=False, common_noise=True)
-    frequency = 1.0 / (HOUR * PERIOD)
+    frequency = 1.0 / (HOUR_S * PERIOD)
     rows = []
     for kind in (np.float64, np.float32):
         body = SmoothBody.of(500, 6, LAW, dtype=kind)
@@ -87,7 +88,7 @@ def ariadne() -> None:
         exact = SmoothBody.of(500, 6, LAW)
         total = np.sum(search.residuals(points, exact, best) ** 2)
         off = [degrees_off(p, *ARIADNE) for p in ends.pole]
-        lon, lat = lon_lat(best.pole[0])
+        lon, lat = lon_lat_deg(best.pole[0])
         rows.append(
             [
                 np.dtype(kind).name,
@@ -95,7 +96,7 @@ def ariadne() -> None:
                 f"{by_curve_mean(points, exact, best):.4f}",
                 f"({lon:.2f}, {lat:+.2f})",
                 f"{degrees_off(best.pole[0], *ARIADNE):.2f}°",
-                f"{1.0 / (HOUR * best.frequency[0]):.6f}",
+                f"{1.0 / (HOUR_S * best.frequency[0]):.6f}",
                 f"{sum(o < 1.5 for o in off)} of 12",
                 f"{int(ends.steps.min())} to {int(ends.steps.max())}",
                 f"{1e3 * np.median(took):.1f}",
@@ -133,7 +134,7 @@ def periods() -> None:
     points = Points.of(data("43_Ariadne_rel"), phase_law_known=False)
     tried = grid(10, float(points.span), None, RANGE)
     body = coarse()
-    with crew() as run:
+    with worker_pool() as run:
         few = Grid(tried.poles, tried.frequencies[:4])  # compiles
         screened(points, body, few, run)
         begun = time.perf_counter()
@@ -154,15 +155,15 @@ def periods() -> None:
     first = int(np.argmin(ends.value))
     count = len(tried.frequencies)
     chi2 = search.misfit(points, ends.squares, ends.squares[first]).reshape(count, -1).min(axis=1)
-    near = np.abs(1.0 / (HOUR * tried.frequencies) - PERIOD) < 1e-4
+    near = np.abs(1.0 / (HOUR_S * tried.frequencies) - PERIOD) < 1e-4
     rows = [
         ["trial periods × poles", f"{count} × 10"],
         ["screening, s a trial period (goal 0.7, aim 0.2)", f"{took / count:.3f}"],
         ["with 500 facets, degree 6, double precision, every 40th period", f"{full:.3f}"],
         ["refining 12 solutions, s in all", f"{refining:.1f}"],
-        ["best after screening: period, h", f"{1.0 / (HOUR * ends.frequency[first]):.6f}"],
-        ["best after refining: period, h", f"{1.0 / (HOUR * better.frequency[best]):.6f}"],
-        ["its pole", "({:.2f}, {:+.2f})".format(*lon_lat(better.pole[best]))],
+        ["best after screening: period, h", f"{1.0 / (HOUR_S * ends.frequency[first]):.6f}"],
+        ["best after refining: period, h", f"{1.0 / (HOUR_S * better.frequency[best]):.6f}"],
+        ["its pole", "({:.2f}, {:+.2f})".format(*lon_lat_deg(better.pole[best]))],
         [
             "residuals of the best trial period away from it, ÷ its own",
             f"{np.sqrt(chi2[~near].min() / chi2.min()):.2f}",
@@ -191,7 +192,7 @@ def hertha() -> None:
     rows = []
     for i, s in enumerate(found.found.solutions[:4], start=1):
         assert s.pole is not None
-        lon, lat = lon_lat(s.pole)
+        lon, lat = lon_lat_deg(s.pole)
         rows.append(
             [
                 str(i),
@@ -217,10 +218,10 @@ def workers() -> None:
     distributed = import_module("distributed")
     points = Points.of(data("43_Ariadne_rel"), phase_law_known=False)
     whole = grid(10, float(points.span), None, RANGE)
-    middle = int(np.argmin(np.abs(whole.frequencies - 1.0 / (HOUR * PERIOD))))
+    middle = int(np.argmin(np.abs(whole.frequencies - 1.0 / (HOUR_S * PERIOD))))
     tried = Grid(whole.poles, whole.frequencies[middle - 24 : middle + 24])
     body, rows = coarse(), []
-    with crew() as run:
+    with worker_pool() as run:
         screened(points, body, tried, run)
         begun = time.perf_counter()
         threads = screened(points, body, tried, run)
@@ -229,7 +230,7 @@ def workers() -> None:
         )
     orders = [np.argsort(threads.value, kind="stable")]
     for count in (1, 2):
-        with crew(n_workers=count) as run:
+        with worker_pool(n_workers=count) as run:
             screened(points, body, tried, run)  # each worker compiles
             begun = time.perf_counter()
             ends = screened(points, body, tried, run)
@@ -244,7 +245,7 @@ def workers() -> None:
         address = cluster.scheduler_address
         with distributed.Client(address) as client:
             pid = client.run(os.getpid)
-        with crew(scheduler=address) as run:
+        with worker_pool(scheduler=address) as run:
             screened(points, body, tried, run)
             killed = Killer(min(pid.values()), tried.size // 2)
             begun = time.perf_counter()
@@ -302,7 +303,7 @@ def cost() -> None:
         print(rows[-1], flush=True)
 
     def work(points: Points, body: SmoothBody, count: int) -> Callable[[], object]:
-        starts = spheres(body, facets.grid(count), np.full(count, 1.0 / (HOUR * 5.7551)))
+        starts = spheres(body, facets.grid(count), np.full(count, 1.0 / (HOUR_S * 5.7551)))
         # no tolerance: every hypothesis takes all its iterations
         return lambda: jax.block_until_ready(solve(body, points, starts, np.array(FREE), 10, -1.0))
 

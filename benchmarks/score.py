@@ -19,17 +19,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from _results import table, write_section
-from arviz_stats.base.array import array_stats
+from arviz_stats.base import array_stats  # pyright: ignore[reportPrivateImportUsage]
 from scipy import optimize, special, stats
 
 import lcbayes
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Console, Silent
+from lcbayes.data import segments
 from lcbayes.data.read import read
 from lcbayes.inference.loo import BAD_K
-from lcbayes.inference.problem_cache import posed
-from lcbayes.modelling import pass_effects, registry
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers.sampling import Sampler, Timing
 from lcbayes.samplers.settings import Settings
@@ -111,12 +112,12 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
     model, options = CANDIDATES[name]
     entry = registry.find(model)
     data = Epochs.of(curve)
-    problem = posed(entry, entry.check(options), data)[1]
+    problem = build_problem(entry, entry.check(options), data)[1]
     count = kept.posterior.sizes["chain"] * kept.posterior.sizes["draw"]
     sites = {k: kept.posterior[k].values for k in problem.names}
     flat = {k: jnp.asarray(v.reshape(count, *v.shape[2:])) for k, v in sites.items()}
     z = np.asarray(jax.vmap(problem.ravel)(flat))
-    number = pass_effects.numbers(curve)
+    number = segments.pass_numbers(curve)
     whole = np.stack([np.bincount(number, row) for row in kept.log_likelihood])
     power = kept.summary["fit"]["information_per_point"]
     weight, khat = array_stats.psislw(power * whole, axis=0)
@@ -136,7 +137,7 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
 
 def _moments(problem, z: np.ndarray, data: Epochs) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd (S, T) of each point by itself."""
-    alone = data.apart()
+    alone = data.without_passes()
     found = jax.jit(lambda rows: jax.lax.map(lambda row: problem.moments(row, alone), rows))(z)
     return np.asarray(found.mean), np.asarray(found.sd)
 
@@ -200,7 +201,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
 
 def scored(curve: lcbayes.LightCurve, kept: Kept, found: Predicted) -> dict[str, Any]:
     """Of one model; means over passes have a standard error over passes."""
-    number = pass_effects.numbers(curve)
+    number = segments.pass_numbers(curve)
     wrong = wrong_match(curve)
     right = ~np.isin(number, number[wrong])
     residual = curve.brightness - found.mean
@@ -320,7 +321,7 @@ def report(curve: lcbayes.LightCurve, fits: dict[str, Kept], scores: dict[str, A
 def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
     """Largest ln likelihood of phase laws without individuals, one point of each pass."""
     assert curve.range_km is not None
-    number = pass_effects.numbers(curve)
+    number = segments.pass_numbers(curve)
     light = np.asarray(Epochs.of(curve).sunlight)
     rows = np.array(
         [np.flatnonzero(number == k)[np.sum(number == k) // 2] for k in range(number.max() + 1)]

@@ -21,7 +21,8 @@ from lcbayes.inversion.albedo_area import nnls
 from lcbayes.inversion.albedo_area.distribution import grid, solve
 from lcbayes.inversion.albedo_area.inversion import invert
 from lcbayes.inversion.albedo_area.kernel import columns
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Fixed
 from lcbayes.physics.bodies import facets, shapes
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
@@ -79,7 +80,7 @@ def bodies(
     for seed in range(seeds):
         normals, areas, truth = make(seed)
         begun = time.perf_counter()
-        found = invert(curve(normals, areas, epochs, seed), Attitude(), n_bootstrap=0, n_null=0)
+        found = invert(curve(normals, areas, epochs, seed), Fixed(), n_bootstrap=0, n_null=0)
         took.append(time.perf_counter() - begun)
         assert found.shape is not None
         assert found.facets is not None
@@ -140,7 +141,7 @@ def solvers() -> list[list[str]]:
     rows = []
     brick = shapes.box(2.0, 1.4, 0.8)
     for epochs, n in ((300, 162), (300, 400), (1541, 300)):
-        seen = Observed.of(curve(brick.normals, brick.areas, epochs, 0), Attitude())
+        seen = Observed.of(curve(brick.normals, brick.areas, epochs, 0), Fixed())
         normals, which = grid(n)
         matrix = columns(seen, normals, which)
         # a smooth body has most normals in use: the hard case for active sets

@@ -39,7 +39,7 @@ def judged(found: Spin, truth: dict) -> dict:
     """Errors of the heaviest solution and of the nearest; whether the region holds the truth."""
     cosine = found.sky.poles @ truth["pole"]  # pyright: ignore[reportOptionalMemberAccess]
     near = int(np.argmax(cosine))
-    inside = bool(found.sky.region()[near]) and cosine[near] > np.cos(np.radians(3.0))  # pyright: ignore
+    inside = bool(found.sky.region()[near]) and cosine[near] > np.cos(np.radians(3.0))  # pyright: ignore[reportOptionalMemberAccess]
     away = [np.degrees(np.arccos(np.clip(s.pole @ truth["pole"], -1, 1))) for s in found.solutions]
     best = found.solutions[0]
     return {

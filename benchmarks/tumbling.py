@@ -24,8 +24,9 @@ import lcbayes
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference.goodness_of_fit import MIN_FIT
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
@@ -88,7 +89,7 @@ def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
     while True:
         curve = geometry(rng)
         data = Epochs.of(curve)
-        problem, _ = posed(entry, entry.check(ASKED), data)
+        problem, _ = build_problem(entry, entry.check(ASKED), data)
         for attempt in range(200):
             z = compiled(problem.prior_draw)(jax.random.key(1000 * seed + attempt), data)
             sites = compiled(problem.constrain)(z, data)
@@ -105,7 +106,7 @@ def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
 
 def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     lon, lat = np.radians(lon), np.radians(lat)
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+    return unit_vector(lon, lat)
 
 
 def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[float, float, bool]]:

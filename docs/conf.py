@@ -13,7 +13,7 @@ sys.path.insert(0, str(ROOT))
 project = "lcbayes"
 author = "The lcbayes developers"
 version = release = re.search(  # type: ignore[union-attr]
-    r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.M
+    r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
 )[1]
 
 extensions = [
@@ -85,7 +85,7 @@ def escape(_app: Any, _what: str, _name: str, _obj: Any, _opt: Any, lines: list[
 
 def read(_app: Any, name: str, source: list[str]) -> None:
     """The links of the pages as they are on the site; the first page's tables are its contents."""
-    source[0] = source[0].replace("](../benchmarks/RESULTS.md)", "](measured.md)")
+    source[0] = source[0].replace("](../benchmarks/RESULTS.md)", "](benchmarks.md)")
     if name == "index":
         for section in source[0].split("\n## ")[1:]:
             head, _, rest = section.partition("\n")

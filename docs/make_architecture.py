@@ -52,7 +52,8 @@ def main() -> None:
     axes.annotate("", (-0.2, -0.4), (-0.2, (len(ROOMS) - 1) * STEP + 0.4), arrowprops=arrow)
     OUT.parent.mkdir(exist_ok=True)
     figure.savefig(OUT, metadata={"Date": None, "Creator": None})
-    OUT.write_text(re.sub(r"[ \t]+$", "", OUT.read_text("utf-8"), flags=re.M), encoding="utf-8")
+    drawn = OUT.read_text(encoding="utf-8")
+    OUT.write_text(re.sub(r"(?m)[ \t]+$", "", drawn), encoding="utf-8")
     print(OUT)
 
 

@@ -13,6 +13,7 @@ from numpyro.distributions.transforms import (
     SoftplusTransform,
 )
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import likelihood, priors
 from lcbayes.modelling.epochs import Epochs
@@ -22,18 +23,17 @@ from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
-HOUR = 3600.0
 LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
 LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
-LEAST_LAMBERT = 0.03
+MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c; c = x where x is larger than the least, else e^x
     [
-        AffineTransform(0.0, 1.0 / LEAST_LAMBERT),
+        AffineTransform(0.0, 1.0 / MIN_LAMBERT),
         SoftplusTransform(),
-        AffineTransform(0.0, LEAST_LAMBERT, domain=constraints.positive),
+        AffineTransform(0.0, MIN_LAMBERT, domain=constraints.positive),
         ExpTransform().inv,
     ]
 )
@@ -88,13 +88,11 @@ def model(
     normals, harmonics, degrees = grid(n_facets, degree)
     pole = priors.directions("pole", 1)[0]
     tilt = rotations.brought_to(pole)
-    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
-    numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
-    numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
-    period_s = period * HOUR
+    priors.pole_angles(pole)
+    period_s = period * HOUR_S
     shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
     period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)
-    numpyro.deterministic("period_h", period_s / HOUR)
+    numpyro.deterministic("period_h", period_s / HOUR_S)
 
     roughness = jnp.exp(numpyro.sample("log_roughness", dist.Normal(*LOG_ROUGHNESS)))
     smooth = dist.Normal(0.0, roughness * (2.0 / (degrees + 1.0)) ** 2).to_event(1)

@@ -58,7 +58,7 @@ def model(
         return brightness.flux(sun, obs, normals, area, law)
 
     sun, obs = directions(data.t)
-    priors.lit_and_seen(sun, obs, normals)
+    priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:

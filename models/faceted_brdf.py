@@ -79,7 +79,7 @@ def model(
         return brightness.flux_brdf(sun, obs, normals, area, law, parameters)
 
     sun, obs = directions(data.t)
-    priors.lit_and_seen(sun, obs, normals)
+    priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:

@@ -7,9 +7,9 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 
+from lcbayes.core.constants import EARTH_RADIUS_KM
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.geometry.earth import EARTH_KM
 from lcbayes.modelling import likelihood, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.facet_list import ARRAY, facet_list
@@ -104,7 +104,7 @@ def model(
         if earth_albedo:
             if along.position_km is None:
                 raise InputError("earth_albedo is given, but the satellite's places are not known")
-            shine = earthshine.glow(along.position_km / EARTH_KM, data.sun, earth_albedo)
+            shine = earthshine.glow(along.position_km / EARTH_RADIUS_KM, data.sun, earth_albedo)
             toward = jnp.concatenate([toward, shine.toward])
             strength = jnp.concatenate([strength, shine.strength / data.sunlight])
         flux = jnp.zeros(t.shape)
@@ -130,7 +130,7 @@ def model(
     if free:
         axes = _law(law, "").frames(data.orbit).body
         sun, obs = rotations.to_body(axes, data.sun), rotations.to_body(axes, data.obs)
-        priors.lit_and_seen(sun, obs, normals[len(listed) :])
+        priors.visibility_prior(sun, obs, normals[len(listed) :])
     flux = (photometry.exposed(at, data.exposure_s) if data.has_exposure else at)(data.t)
     fainter = jnp.zeros(data.t.shape)  # mag
     if individuals and data.n_members > 1 and data.calibrated:

@@ -6,9 +6,9 @@ import numpy as np
 from leo import campaign, shine, tilted
 
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area.observed import Attitude
 from lcbayes.inversion.glints.directions import bisector
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.laws import Attitude, ConstantRate
 from lcbayes.physics.bodies import shapes
 
 YEAR, DAY = 365.25 * 86400.0, 86164.1
@@ -67,7 +67,7 @@ def facet_flashes(seed: int, snr: float) -> tuple[LightCurve, Attitude, np.ndarr
     flux = 0.3 + shine(body, turned(t, omega, sun), turned(t, omega, obs))
     flux = flux + rng.uniform(3.0, 10.0) * np.median(flux) * lobe
     x, y, z = omega
-    return noisy(rng, t, flux, snr, sun, obs), Attitude(omega=(x, y, z)), normal
+    return noisy(rng, t, flux, snr, sun, obs), ConstantRate((x, y, z)), normal
 
 
 def wire_flashes(seed: int, snr: float) -> tuple[LightCurve, Attitude, np.ndarray]:
@@ -82,7 +82,7 @@ def wire_flashes(seed: int, snr: float) -> tuple[LightCurve, Attitude, np.ndarra
             break
     flux = 1.0 + rng.uniform(0.8, 2.0) * np.exp(-0.5 * (along / width) ** 2)
     x, y, z = omega
-    return noisy(rng, t, flux, snr, sun, obs), Attitude(omega=(x, y, z)), axis
+    return noisy(rng, t, flux, snr, sun, obs), ConstantRate((x, y, z)), axis
 
 
 def panel_flashes(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import atheris  # pyright: ignore[reportMissingImports]
 
-with atheris.instrument_imports(include=["lcbayes"]):  # pyright: ignore
+with atheris.instrument_imports(include=["lcbayes"]):  # pyright: ignore[reportAttributeAccessIssue]
     import readers
 
 NAMES = tuple(readers.READERS)

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from lcbayes.core.constants import EARTH_GM, EARTH_RATE
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
-from lcbayes.modelling.ephemeris import EARTH_GM, ephemeris
-from lcbayes.physics.attitude.laws import EARTH_RATE, Attitude
+from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.physics.attitude.laws import Attitude
 
 EARTH = 6371.0
 SITES = ((37.2, -2.5), (46.9, 7.5), (20.7, -156.3))  # degrees north, east

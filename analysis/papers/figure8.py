@@ -19,6 +19,7 @@ from figure4 import band
 from six_facets import UPPER_BOUND
 
 from lcbayes.analysis import style
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import sparse
 from lcbayes.modelling import registry
@@ -30,7 +31,6 @@ from lcbayes.simulation.simulate import simulate
 SCENARIO = Path(__file__).with_name("geo-glint.toml")
 ENTRY = registry.find("faceted-brdf")
 CHAINS, TRANSITIONS, PARTICLES, RUNS = 3, 200, 80, 2
-HOUR = 3600.0
 
 
 def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
@@ -90,7 +90,7 @@ def main() -> None:
     replicated = jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))
     drawn = np.asarray(replicated(jnp.asarray(z), keys))
     assert curve.error is not None
-    hours, sigma = curve.t / HOUR, float(np.median(curve.error))
+    hours, sigma = curve.t / HOUR_S, float(np.median(curve.error))
     off = drawn.mean(axis=0)
     figure = _script.figure(8.6, 4.6)
     panels = figure.subplots(2, 2, sharex="col", sharey="row", height_ratios=(2.2, 1.0))

@@ -39,7 +39,7 @@ LABELS = {
     "phi": r"azimuth $\phi$ (rad)",
     "g": r"$g$ = cos(polar angle)",
 }
-SOFTNESS = 0.02  # of lcbayes.modelling.priors.lit_and_seen
+SOFTNESS = 0.02  # of lcbayes.modelling.priors.visibility_prior
 
 
 @dataclass(frozen=True)

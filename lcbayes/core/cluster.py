@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pkgutil import resolve_name
 from typing import Any
@@ -17,9 +18,9 @@ from typing import Any
 from lcbayes.core.errors import InputError
 from lcbayes.core.threads import threads
 
-TRIES = 5  # of a task whose workers die
-LITTLE = 10_000  # bytes that go with each task
-DEATHS = 100  # of workers that a task may see before it is blamed for them
+MAX_ATTEMPTS = 5  # at a task whose workers die
+MAX_INLINE_BYTES = 10_000  # of shared arguments that are sent with each task
+MAX_WORKER_DEATHS = 100  # during one task, before the task is given up
 WAIT_S = 30.0  # for the first worker of a cluster
 
 # A function, what all its tasks share, and one task's own arguments -> its result
@@ -27,11 +28,11 @@ type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[i
 
 
 @contextmanager
-def crew(
+def worker_pool(
     scheduler: str | None = None,
     n_workers: int | None = None,
     *,
-    deaths: int = DEATHS,
+    deaths: int = MAX_WORKER_DEATHS,
     keep_going: bool = False,
 ) -> Iterator[Run]:
     """A function ``run(function, shared, tasks)`` that yields (index, function(shared, *task)) as
@@ -121,11 +122,11 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
                     f"the Dask scheduler at {scheduler} has no workers; start one with "
                     f"dask worker {scheduler}"
                 ) from None
-            _knows_lcbayes(client)
+            _require_lcbayes(client)
             yield client
 
 
-def _knows_lcbayes(client: Any) -> None:
+def _require_lcbayes(client: Any) -> None:
     """A task that a worker cannot even read is never done, and nobody is told."""
     found = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
     without = [address for address, what in found.items() if what is not InputError]
@@ -134,6 +135,23 @@ def _knows_lcbayes(client: Any) -> None:
             f"{len(without)} of the {len(found)} Dask workers cannot import lcbayes "
             f"({without[0]}); install it in their environment"
         )
+
+
+_LOST = object()  # in the place of a result that went with its worker
+
+
+def _outcome(done: Any, keep_going: bool, last: bool, gone: tuple[type[Exception], ...]) -> Any:
+    """The result of a task, its exception where the others go on, or `_LOST`: to be done again."""
+    if done.status == "error" and keep_going:
+        return done.exception()
+    if done.status == "error" and last:
+        done.result()  # raises
+    if done.status != "finished":
+        return _LOST
+    try:
+        return done.result()
+    except (CancelledError, *gone):
+        return _LOST
 
 
 def _dask(
@@ -148,9 +166,9 @@ def _dask(
     are left, as long as there is a scheduler."""
     done_by_dask = import_module("distributed").as_completed
     gone = (import_module("distributed.client").ClosedClientError, OSError)
-    little = import_module("dask.sizeof").sizeof(shared) < LITTLE
+    little = import_module("dask.sizeof").sizeof(shared) < MAX_INLINE_BYTES
     left = dict(enumerate(tasks))
-    for attempt in range(TRIES):
+    for attempt in range(MAX_ATTEMPTS):
         try:
             common = (
                 shared
@@ -158,28 +176,17 @@ def _dask(
                 else client.scatter(shared, broadcast=True, direct=False, hash=False)
             )
             # earlier tasks first: what is drawn while they run comes in order
-            waiting = {
-                client.submit(function, common, *task, pure=False, priority=-i, retries=TRIES): i
-                for i, task in left.items()
-            }
+            submit = partial(client.submit, function, common, pure=False, retries=MAX_ATTEMPTS)
+            waiting = {submit(*task, priority=-i): i for i, task in left.items()}
         except gone:
             break
         try:
             for done in done_by_dask(waiting):
                 i = waiting[done]
-                if done.status == "error" and (keep_going or attempt == TRIES - 1):
-                    if not keep_going:
-                        done.result()
-                    found = done.exception()
-                elif done.status == "finished":
-                    try:
-                        found = done.result()
-                    except (CancelledError, *gone):  # it went with its worker, or with all
-                        continue
-                else:
-                    continue
-                del left[i]
-                yield i, found
+                found = _outcome(done, keep_going, attempt == MAX_ATTEMPTS - 1, gone)
+                if found is not _LOST:
+                    del left[i]
+                    yield i, found
         finally:
             with suppress(*gone):
                 client.cancel(list(waiting))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import secrets
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,8 @@ import numpy as np
 
 from lcbayes.core.errors import InputError
 
-MOST_BYTES = 512 << 20
+MAX_BYTES = 512 << 20
+_GZIP = b"\x1f\x8b"
 PIECE = 1 << 20  # bytes to look at before more are read
 
 
@@ -43,7 +45,7 @@ def printable(path: str | os.PathLike[str]) -> str:
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
     """What a file of text holds; what its size or its beginning rules out is not read.
 
     Raises
@@ -55,7 +57,7 @@ def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
     try:
         with Path(path).open("rb") as file:
             size, pieces = os.fstat(file.fileno()).st_size, [b""]
-            while size <= most and not _control(pieces[-1]) and (piece := file.read(PIECE)):
+            while size <= most and not _binary(pieces) and (piece := file.read(PIECE)):
                 pieces.append(piece)
                 size = max(size, sum(map(len, pieces)))  # a pipe's or device's is 0
     except FileNotFoundError:
@@ -70,7 +72,28 @@ def read_bytes(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
         raise InputError(
             f"{name} has over {most >> 20} MiB, the most that is read; keep what is needed of it"
         )
-    return b"".join(pieces)
+    data = b"".join(pieces)
+    return _unpacked(name, data, most) if data.startswith(_GZIP) else data
+
+
+def _unpacked(name: str, data: bytes, most: int) -> bytes:
+    """What a gzip file holds, up to a bound on its size."""
+    unpacker = zlib.decompressobj(wbits=31)
+    try:
+        text = unpacker.decompress(data, most + 1)
+    except zlib.error as fault:
+        raise InputError(f"{name} is a damaged gzip file ({fault}); get it again") from None
+    if len(text) > most:
+        raise InputError(f"{name} unpacks to over {most >> 20} MiB, the most that is read")
+    if not unpacker.eof:
+        raise InputError(f"{name} is a gzip file that was cut short; get it again")
+    return text
+
+
+def _binary(pieces: list[bytes]) -> bool:
+    """Whether what was read last is neither text nor packed text."""
+    packed = len(pieces) > 1 and pieces[1].startswith(_GZIP)
+    return bool(_control(pieces[-1])) and not packed
 
 
 def _control(data: bytes) -> bytes:

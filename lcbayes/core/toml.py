@@ -21,7 +21,7 @@ from lcbayes.core.files import printable, read_bytes
 type Place = tuple[str | int, ...]
 
 REQUIRED: Any = object()
-MOST_BYTES = 16 << 20
+MAX_BYTES = 16 << 20
 LARGEST = 1e30  # of any number, so that neither squares nor quotients leave the floats
 FIRST_YEAR, LAST_YEAR = 1900, 2099  # of instants, as in light curves
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]\]?\s*(#.*)?$")
@@ -38,7 +38,7 @@ def read_toml(path: str | Path) -> Table:
     """
     name = printable(path)
     try:
-        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+        text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise InputError(f"{name}: byte {fault.start} is not UTF-8; save it as UTF-8") from None
     try:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import AU_KM, EARTH_FLATTENING, EARTH_RADIUS_KM, SUN_RADIUS_KM
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import AU_KM, EARTH_KM, SUN_KM, sun_position
+from lcbayes.geometry.earth import sun_position
 from lcbayes.geometry.times import Times
 
 Floats = NDArray[np.float64]
 
-FLATTENING = 1.0 / 298.257223563  # WGS84
 SCALE_KM = 7.6  # of the density of the lower 40 km of air
 BENDING = np.radians(1.18)  # of a ray that grazes the ground: twice the horizon's 35.4'
 RAYLEIGH = 0.098  # optical depth of the air toward the zenith, 550 nm
@@ -100,8 +100,10 @@ def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:
     behind = -np.sum(position_km * sun, axis=-1)  # km from where the ray is lowest
     foot = position_km + behind[:, None] * sun
     low = np.linalg.norm(foot, axis=-1)
-    height = low - EARTH_KM * (1.0 - FLATTENING * (foot[:, 2] / np.maximum(low, 1e-9)) ** 2)
-    radius = SUN_KM / AU_KM * np.maximum(behind, 0.0)  # of the Sun's disc at the limb
+    height = low - EARTH_RADIUS_KM * (
+        1.0 - EARTH_FLATTENING * (foot[:, 2] / np.maximum(low, 1e-9)) ** 2
+    )
+    radius = SUN_RADIUS_KM / AU_KM * np.maximum(behind, 0.0)  # of the Sun's disc at the limb
     share = np.where((behind > 0.0) & (height < -radius - BENDING * behind), 0.0, 1.0)
     near = np.flatnonzero((behind > 0.0) & (height < TOP_KM + radius) & (share > 0.0))
     for rows in np.array_split(near, max(1, near.size // 4096)):
@@ -143,13 +145,15 @@ def extinction(height_km: Floats) -> Floats:
     ∫ n(r) 2r dr/√(r² − (R + h)²), by quadrature in √(r − R − h), which has no pole.
     """
     h = np.asarray(height_km)[..., None]
-    rayleigh = RAYLEIGH * np.sqrt(2.0 * np.pi * EARTH_KM / SCALE_KM) * np.exp(-h[..., 0] / SCALE_KM)
+    rayleigh = (
+        RAYLEIGH * np.sqrt(2.0 * np.pi * EARTH_RADIUS_KM / SCALE_KM) * np.exp(-h[..., 0] / SCALE_KM)
+    )
     node, weight = np.polynomial.legendre.leggauss(24)
     top = np.sqrt(np.maximum(OZONE_KM + 5.0 * OZONE_WIDTH_KM - h, 0.0))
     root = 0.5 * top * (1.0 + node)
-    r = EARTH_KM + h + root**2
+    r = EARTH_RADIUS_KM + h + root**2
     density = np.exp(-0.5 * ((h + root**2 - OZONE_KM) / OZONE_WIDTH_KM) ** 2)
     density *= OZONE / (np.sqrt(2.0 * np.pi) * OZONE_WIDTH_KM)
     # r² − (R + h)² = root² (2(R + h) + root²), and dr = 2 root d(root)
-    path = 4.0 * r / np.sqrt(2.0 * (EARTH_KM + h) + root**2)
+    path = 4.0 * r / np.sqrt(2.0 * (EARTH_RADIUS_KM + h) + root**2)
     return rayleigh + np.sum(0.5 * top * weight * density * path, axis=-1)

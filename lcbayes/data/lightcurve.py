@@ -89,8 +89,8 @@ class LightCurve:
     exposure_s: Floats = _MADE
     epoch_jd: float | None = None
     frame: str = "inertial"
-    extra: Mapping[str, Any] = field(default_factory=dict)
-    source: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    source: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         self._complete()
@@ -99,7 +99,11 @@ class LightCurve:
 
     def _complete(self) -> None:
         """Give every field its type and shape."""
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        given = dict(vars(self))  # where a field may still be None
         _one_of("kind", self.kind, KINDS)
         _one_of("frame", self.frame, FRAMES)
         t = _floats("t", self.t)
@@ -113,17 +117,17 @@ class LightCurve:
                 value = _floats(name, value)
                 _same_shape(name, value, (n, *shape))
                 put(name, value)
-        if self.exposure_s is None:
+        if given["exposure_s"] is None:
             put("exposure_s", np.zeros(n))
         for name in ("band", "site"):
             value = getattr(self, name)
             value = np.full(n, "") if value is None else np.asarray(value, dtype=np.str_)
             _same_shape(name, value, (n,))
             put(name, value)
-        put("curve", np.zeros(n, np.int64) if self.curve is None else _indices(self.curve, n))
+        put("curve", np.zeros(n, np.int64) if given["curve"] is None else _indices(self.curve, n))
         n_curves = int(np.max(self.curve)) + 1
         relative = self.kind == "mag" and self.range_km is None
-        free = np.full(n_curves, relative) if self.free_scale is None else self.free_scale
+        free = np.full(n_curves, relative) if given["free_scale"] is None else self.free_scale
         put("free_scale", np.asarray(free, dtype=bool))
         _same_shape("free_scale", self.free_scale, (n_curves,), per="curve")
         names = tuple(str(name) for name in self.curve_names) or tuple(map(str, range(n_curves)))
@@ -153,8 +157,8 @@ class LightCurve:
         _reject("range_km", self.range_km, _below(self.range_km, 0, equal=True), "<= 0", _RANGES)
         _reject("exposure_s", self.exposure_s, _below(self.exposure_s, 0), "< 0", _EXPOSURES)
         for name in ("sun", "obs"):
-            vectors = getattr(self, name)
-            length = np.linalg.norm(vectors, axis=1)
+            vectors: Floats = getattr(self, name)
+            length: Floats = np.linalg.norm(vectors, axis=1)
             bad = ~(np.abs(length - 1.0) <= UNIT_TOLERANCE)
             _reject(name, vectors, bad, "not of length 1", _UNIT)
         if self.epoch_jd is not None:
@@ -227,7 +231,7 @@ class LightCurve:
             },
             curve=curve,
             free_scale=self.free_scale[kept],
-            curve_names=tuple(self.curve_names[i] for i in kept),
+            curve_names=tuple(self.curve_names[int(i)] for i in kept),
             extra={name: value[index] for name, value in self.extra.items()},
         )
 

@@ -14,6 +14,11 @@ class ReadOptions(Options):
 
     format: str | None = option(None, help="format of the file; recognised from its content")
     tle: Path | None = option(None, metavar="FILE", help="two-line elements of the object")
+    columns: str | None = option(
+        None,
+        metavar="NAME=COLUMN,...",
+        help='names of the columns in the file, as mag=V,mag_err=err,utc="Date/Time (UTC)"',
+    )
     site: str | None = option(
         None, metavar="LAT,LON,H", help="observer: degrees north, degrees east, metres"
     )

@@ -5,25 +5,32 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_bytes, read_text
 from lcbayes.data.formats import satellites
 from lcbayes.data.formats.build import build
-from lcbayes.data.formats.columns import NUMERIC, Options
+from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
 from lcbayes.data.formats.damit import is_damit, read_damit
 from lcbayes.data.formats.ecsv import is_ecsv, read_ecsv
-from lcbayes.data.formats.table import comment_values, parse
+from lcbayes.data.formats.names import mapping_of, renamed
+from lcbayes.data.formats.table import comment_values, header_labels, parse
+from lcbayes.data.formats.tdm import is_tdm, read_tdm
+from lcbayes.data.formats.times import with_utc
 from lcbayes.data.lightcurve import LightCurve
 
 
 def _read_csv(file: TextFile, options: Options) -> LightCurve:
     meta = comment_values(file)
-    table = parse(file, NUMERIC)
+    rename, notes = renamed(
+        file, header_labels(file), options.columns, brightness=not options.geometry_only
+    )
+    table = parse(file, NUMERIC, rename, texts=TEXTS)
     table.meta = meta
-    return build(table, options, "csv")
+    return build(with_utc(table), options, "csv", notes)
 
 
 _READERS: dict[str, Callable[[TextFile, Options], LightCurve]] = {
@@ -33,8 +40,10 @@ _READERS: dict[str, Callable[[TextFile, Options], LightCurve]] = {
     "mmt9": satellites.read_mmt9,
     "score": satellites.read_score,
     "pomenis": satellites.read_pomenis,
+    "tdm": read_tdm,
 }
 FORMATS = tuple(_READERS)
+WITH_COLUMNS = ("csv", "ecsv")
 
 
 def recognise(file: TextFile) -> str:
@@ -43,6 +52,8 @@ def recognise(file: TextFile) -> str:
         return "ecsv"
     if is_damit(file.text) or file.path.suffix.lower() == ".lcs":
         return "damit"
+    if is_tdm(file.text):
+        return "tdm"
     return satellites.dialect_of(file.text) or "csv"
 
 
@@ -54,6 +65,7 @@ def read(
     site: str | None = None,
     error_floor: float | None = None,
     error: float | None = None,
+    columns: str | Mapping[str, str] | None = None,
 ) -> LightCurve:
     """Read a light curve.
 
@@ -67,6 +79,9 @@ def read(
     error_floor : smallest standard deviation to admit, in the unit of the brightness; smaller
         ones are raised to it
     error : one standard deviation for all points, instead of any the file gives
+    columns : names of the columns in the file, as ``{"mag": "V", "mag_err": "err"}`` or as
+        ``"mag=V,mag_err=err"``; common names are recognised without. ``ignore`` names a column to
+        leave aside
 
     Returns
     -------
@@ -79,11 +94,15 @@ def read(
     InputError
         One line: what is at fault, in which file and line, and what to do.
     """
-    curve = _read(path, format, Options(_path(tle), site, error, error_floor))
+    mapping = mapping_of(columns)
+    given_options = Options(_path(tle), site, error, error_floor, columns=mapping)
+    curve = _read(path, format, given_options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
     given = {"format": format, "site": site, "error": error, "error_floor": error_floor}
-    reading = {name: value for name, value in given.items() if value is not None}
+    reading: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if mapping:
+        reading["columns"] = ",".join(f'{name}="{label}"' for name, label in mapping.items())
     source = dict(curve.source)
     if tle is not None:
         reading["tle"] = os.path.abspath(tle)
@@ -97,13 +116,15 @@ def read_geometry(
     format: str | None = None,
     tle: str | os.PathLike[str] | None = None,
     site: str | None = None,
+    columns: str | Mapping[str, str] | None = None,
 ) -> LightCurve:
     """Read epochs and geometry alone, to predict brightness for: as `read`, brightness all NaN.
 
     Columns of brightness and its error are not needed and, where present, ignored; their kind is
     kept ("mag" when there are none).
     """
-    return _read(path, format, Options(_path(tle), site, geometry_only=True))
+    options = Options(_path(tle), site, geometry_only=True, columns=mapping_of(columns))
+    return _read(path, format, options)
 
 
 def _path(path: str | os.PathLike[str] | None) -> str | None:
@@ -114,4 +135,7 @@ def _read(path: str | os.PathLike[str], format: str | None, options: Options) ->
     if format is not None and format not in _READERS:
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
     file = read_text(path)
-    return _READERS[format or recognise(file)](file, options)
+    found = format or recognise(file)
+    if options.columns and found not in WITH_COLUMNS:
+        raise InputError(f"{file.name} is {found}, whose columns are fixed; leave out --columns")
+    return _READERS[found](file, options)

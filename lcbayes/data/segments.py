@@ -1,6 +1,13 @@
-"""Stretches of a light curve without long gaps: passes, nights."""
+"""Segments of a light curve between gaps: passes, nights, panels of a figure.
+
+A segment is a run of points of one series (a group seen from one site, in one band where bands
+matter) without a step in time longer than a `Gap` allows. Every notion of a pass in the package is
+`split` with one of the gaps below.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,47 +16,81 @@ from lcbayes.data.lightcurve import LightCurve
 
 Rows = NDArray[np.integer]
 
-GAP_S, GAP_STEPS = 600.0, 50.0  # a longer silence, in seconds and in steps, ends a stretch
-LONGEST_GAP_S = 6 * 3600.0  # and this one always does: nights of observation, not a survey
-MIN_POINTS = 30
 
+@dataclass(frozen=True)
+class Gap:
+    """The longest step in time within a segment: min(max(seconds, steps * median), longest_s).
 
-def labels(curve: LightCurve) -> Rows:
-    """A number for each group, site and band, (T,)."""
-    kinds = np.stack([curve.curve.astype(str), curve.site, curve.band])
-    return np.unique(kinds, axis=1, return_inverse=True)[1].ravel()
-
-
-def stretches(t: NDArray[np.float64], label: Rows) -> list[Rows]:
-    """Rows between long gaps, each of one label, in order of time; those with few points left out.
-
-    A gap is long above 600 s and 50 median steps, or above six hours.
+    Attributes
+    ----------
+    seconds : s
+    steps : float
+        In units of the median step of the series (repeated times left out), so that sparse
+        sampling is not taken for gaps.
+    longest_s : s
     """
-    found = []
-    for one in np.unique(label):
-        rows = np.flatnonzero(label == one)
-        rows = rows[np.argsort(t[rows], kind="stable")]
+
+    seconds: float
+    steps: float = 0.0
+    longest_s: float = np.inf
+
+    def limit(self, steps: NDArray[np.float64]) -> float:
+        """The longest step (s) for a series with these steps (s)."""
+        positive = steps[steps > 0]
+        typical = float(np.median(positive)) if self.steps and positive.size else 0.0
+        return min(max(self.seconds, self.steps * typical), self.longest_s)
+
+
+PASS = Gap(600.0)  # a pass of a low orbit, whatever the sampling: what its points share
+NIGHT = Gap(600.0, 50.0, 6 * 3600.0)  # densely sampled runs, in which periods and glints are sought
+MIN_POINTS = 30  # of a segment in which periods and glints are sought
+
+
+def labels(curve: LightCurve, *, bands: bool = True) -> Rows:
+    """The series of each point, (T,), counted from 0 by group, then site, then band.
+
+    Parameters
+    ----------
+    curve : LightCurve
+    bands : bool
+        Whether bands of one group and site are series of their own.
+    """
+    keys = [curve.curve, np.unique(curve.site, return_inverse=True)[1]]
+    if bands:
+        keys.append(np.unique(curve.band, return_inverse=True)[1])
+    return np.unique(np.stack(keys), axis=1, return_inverse=True)[1].ravel()
+
+
+def split(t: NDArray[np.float64], label: Rows, gap: Gap = PASS, min_points: int = 1) -> list[Rows]:
+    """Rows of each segment, in order of label, then time.
+
+    Parameters
+    ----------
+    t : (T,) s
+    label : (T,) int
+        The series of each point, such as `labels`.
+    gap : Gap
+    min_points : int
+        Segments with fewer points are left out; above 1, so are those of a single instant.
+    """
+    order = np.lexsort((t, label))
+    parts: list[Rows] = []
+    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
         steps = np.diff(t[rows])
-        moved = steps[steps > 0]
-        if moved.size == 0:
-            continue
-        limit = min(max(GAP_S, GAP_STEPS * float(np.median(moved))), LONGEST_GAP_S)
-        parts = np.split(rows, np.flatnonzero(steps > limit) + 1)
-        found += [r for r in parts if r.size >= MIN_POINTS and t[r[-1]] > t[r[0]]]
-    return sorted(found, key=lambda rows: t[rows[0]])
+        parts += np.split(rows, np.flatnonzero(steps > gap.limit(steps)) + 1)
+    if min_points <= 1:
+        return parts
+    return [rows for rows in parts if rows.size >= min_points and t[rows[-1]] > t[rows[0]]]
 
 
-def numbers(curve: LightCurve) -> NDArray[np.int64]:
-    """Which pass each point belongs to, (T,), from 0: points of one group and site that follow each
-    other within ten minutes."""
-    site = np.unique(curve.site, return_inverse=True)[1]
-    order = np.lexsort((curve.t, site, curve.curve))
-    new = np.ones(curve.n_obs, dtype=bool)
-    new[1:] = (
-        (np.diff(curve.curve[order]) != 0)
-        | (np.diff(site[order]) != 0)
-        | (np.diff(curve.t[order]) > GAP_S)
-    )
-    found = np.empty(curve.n_obs, np.int64)
-    found[order] = np.cumsum(new) - 1
-    return found
+def nights(t: NDArray[np.float64], label: Rows) -> list[Rows]:
+    """Rows of each segment with at least `MIN_POINTS` points between gaps of `NIGHT`, by time."""
+    return sorted(split(t, label, NIGHT, MIN_POINTS), key=lambda rows: t[rows[0]])
+
+
+def pass_numbers(curve: LightCurve) -> NDArray[np.int64]:
+    """The pass of each point, (T,), from 0: one group and site, no step above ten minutes."""
+    number = np.empty(curve.n_obs, np.int64)
+    for i, rows in enumerate(split(curve.t, labels(curve, bands=False), PASS)):
+        number[rows] = i
+    return number

@@ -96,10 +96,10 @@ def _csv(columns: dict[str, Any], meta: dict[str, Any]) -> str:
 
 
 def _ecsv(columns: dict[str, Any], meta: dict[str, Any]) -> str:
-    from astropy.table import Table
+    from astropy.table import Table  # pyright: ignore[reportMissingTypeStubs]
 
     units = {name: unit for name, unit in UNITS.items() if name in columns}
-    table = Table(columns, meta=meta, units=units)
+    table: Any = Table(columns, meta=meta, units=units)
     out = io.StringIO()
     table.write(out, format="ascii.ecsv", delimiter=",")
     return out.getvalue()

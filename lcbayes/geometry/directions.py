@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcbayes.core.errors import RowError
 from lcbayes.geometry.earth import Earth, sun_position, sunlit
 from lcbayes.geometry.sites import WGS84, Site
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.geometry.times import Times
 from lcbayes.geometry.tle import Tle
 
@@ -79,7 +80,7 @@ def from_radec(
     `ra_deg` and `dec_deg` are astrometric, ICRS or J2000 axes, (T,); `range_km` is (T,).
     """
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
-    toward = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1)
+    toward = unit_vector(ra, dec)
     earth = Earth(time)
     satellite = earth.to_gcrs(site.itrs()) + np.asarray(range_km, float)[..., None] * toward
     return _seen(time, site, satellite, earth)

@@ -12,13 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import AU_KM, EARTH_RADIUS_KM, SUN_RADIUS_KM
 from lcbayes.geometry.times import Times
 
 Floats = NDArray[np.float64]
-
-AU_KM = 149_597_870.7
-EARTH_KM, SUN_KM = 6378.137, 695_700.0  # radii: WGS84 equator, IAU 2015 nominal
-EARTH_GM = 398600.4418  # km³/s², EGM2008
 
 
 def sun_position(time: Times) -> Floats:
@@ -114,7 +111,7 @@ def sunlit(position_km: Floats, to_sun_km: Floats) -> NDArray[np.bool_]:
     away, far = np.linalg.norm(position_km, axis=-1), np.linalg.norm(to_sun_km, axis=-1)
     cosine = -np.sum(position_km * to_sun_km, axis=-1) / (away * far)
     apart = np.arccos(np.clip(cosine, -1.0, 1.0))
-    discs = np.arcsin(np.minimum(EARTH_KM / away, 1.0)) + np.arcsin(SUN_KM / far)
+    discs = np.arcsin(np.minimum(EARTH_RADIUS_KM / away, 1.0)) + np.arcsin(SUN_RADIUS_KM / far)
     return apart >= discs
 
 

@@ -1,9 +1,9 @@
 """From a model and a light curve to a posterior: search, chains, particles, evidence.
 
-`problem` makes functions of one flat vector out of a NumPyro model; `fit` and `compare` are the two
-main jobs. Fit: `search` from many starts, `solutions` told apart, `sample` by `chains` about each,
-`evidence` of each, `modes` joined and weighed. Or `smc`, particles along `path` from the prior, by
-`moves`; `regions` tells apart and measures where they end, `population` makes solutions of it.
-Compare: `smc` and `regions` for each number of facets, `odds` from the evidences, `loo` beside
-them, `sparse` the path of the paper.
+Two main jobs: `fit` samples a posterior, `facet_count` compares numbers of facets. A fit begins
+with a multi-start `search`, whose distinct optima are the `solutions`; chains about each give
+`modes`, weighted by bridge sampling. With tempered SMC, `basins` assigns particles to basins of
+attraction and measures their evidence, and `population` makes solutions of them. A comparison runs
+SMC for each number of facets and gives `odds` from the evidences, `loo` beside them, and the
+`sparse` path of Linares & Crassidis.
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.modes import OVERLAP, overlap
+from lcbayes.inference.modes import MERGE_OVERLAP, overlap
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -24,22 +24,23 @@ from lcbayes.samplers.tempering import log_sum
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-POINTS = 8  # of each particle's chain that are looked at
-CLIMBERS = 32  # particles of each run that climb to the optimum they are near
-MOST = 24  # optima
-LEAST = 4  # points of a region for each parameter, below which it is not measured ...
-MEASURED = 0.5  # ... and the share of all points that must lie in those that are
-GOOD = 0.3  # error of a bridged evidence, in nats, above which it is not taken
-ASTRAY, LIKELY = 6.0, 0.5  # errors of the way's evidence, and of one run's at least, to be told of
-ROWS = 256  # evaluated at a time
+POINTS = 8  # of each particle's chain that are used
+OPTIMISED = 32  # particles of each run that are optimised
+MAX_OPTIMA = 24
+MIN_POINTS_PER_PARAMETER = 4  # of a region whose evidence is bridged
+MIN_MEASURED_SHARE = 0.5  # of all points, in regions whose evidence is bridged
+MAX_BRIDGE_ERROR = 0.3  # standard error of a bridged evidence that is used, nats
+MAX_DEVIATION = 6.0  # of the tempered evidence from the bridged one, in standard errors
+MIN_RUN_SD = 0.5  # of the evidence of one run in that error, nats
+BATCH = 256  # points evaluated at a time
 
 
-class Regions:
-    """The posterior's space cut up by its optima.
+class Basins:
+    """A partition of the parameter space by the optima of the posterior.
 
-    A point belongs to the optimum that is nearest in the metric of the information there, its
-    facets matched to that optimum's. So every body, in whatever order its facets come, has one
-    region and one place in it: the regions are disjoint, and together they hold every body once.
+    A point belongs to the optimum that is nearest in the metric of the Fisher information there,
+    after its facets were matched to those of the optimum. Every body, whatever the order of its
+    facets, is in one region at one point: the regions are disjoint and cover every body once.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Regions:
         self.centres = np.stack([s.z for s in optima])
         fisher = compiled(problem.fisher)
         self.metrics = [np.asarray(fisher(jnp.asarray(z), data)) for z in self.centres]
-        self.stands_for = np.arange(len(self.centres))  # the centre whose region each is part of
+        self.basin_of = np.arange(len(self.centres))  # the centre whose region each is part of
 
     @classmethod
     def of(
@@ -64,16 +65,21 @@ class Regions:
         z: Floats,
         order: FacetOrder,
         *,
-        most: int = MOST,
+        max_optima: int = MAX_OPTIMA,
         known: Sequence[Floats] = (),
         workers: int = 1,
-    ) -> Regions:
-        """Those of the optima that particles of each run, z (C, N, D), climb to, or known points
-        (D,) do; ``most`` at most. Those whose particles lie among each other are one."""
-        climbers = np.concatenate(
-            [*(row[None] for row in known), *(evenly(r, CLIMBERS) for r in z)]
-        )
-        found = optima(problem, data, climbers, order, most, workers)
+    ) -> Basins:
+        """The partition by optima that are reached from particles or from known points.
+
+        Parameters
+        ----------
+        z : (C, N, D)
+            Particles of each run.
+        max_optima : int
+        known : sequence of (D,)
+        """
+        starts = np.concatenate([*(row[None] for row in known), *(evenly(r, OPTIMISED) for r in z)])
+        found = optima(problem, data, starts, order, max_optima, workers)
         regions = cls(problem, data, found, order)
         regions.join(z.reshape(-1, problem.dim))
         return regions
@@ -82,29 +88,29 @@ class Regions:
         """Region of each point (..., D), by the index of its centre, and the points with their
         facets in that centre's order."""
         nearest, matched = self._nearest(z.reshape(-1, z.shape[-1]))
-        label = self.stands_for[nearest]
+        label = self.basin_of[nearest]
         rows = matched[label, np.arange(len(label))]
         return label.reshape(z.shape[:-1]), rows.reshape(z.shape)
 
     def join(self, z: Floats) -> None:
-        """Make one of those regions whose particles, among z (n, D), lie among each other.
+        """Merge regions whose particles, among z (n, D), overlap.
 
-        A ridge has many optima along it, and the nearest of them says little of a particle.
+        The optima along one ridge belong to one solution.
         """
         nearest, matched = self._nearest(z)
-        label = self.stands_for[nearest]
+        label = self.basin_of[nearest]
         present = [int(k) for k in np.unique(label)]
-        few = 2 * z.shape[-1]  # points that have no region of their own
+        min_points = 2 * z.shape[-1]
         again = True
         while again:
             again = False
             for a, b in ((a, b) for i, a in enumerate(present) for b in present[i + 1 :]):
                 one, other = matched[a][label == a], matched[b][label == b]
-                if min(len(one), len(other)) < few:
+                if min(len(one), len(other)) < min_points:
                     continue
-                if overlap(one, other, self.order)[0] > OVERLAP:
+                if overlap(one, other, self.order)[0] > MERGE_OVERLAP:
                     label[label == b] = a
-                    self.stands_for[self.stands_for == b] = a
+                    self.basin_of[self.basin_of == b] = a
                     present.remove(b)
                     again = True
                     break
@@ -116,17 +122,17 @@ class Regions:
             np.einsum("ni,ij,nj->n", rows - centre, metric, rows - centre)
             for rows, centre, metric in zip(matched, self.centres, self.metrics, strict=True)
         ]
-        # argmin takes a NaN for the least
+        # argmin would return a NaN
         return np.argmin(np.nan_to_num(distance, nan=np.inf), axis=0), matched
 
     def evidence(
         self, label: Labels, rows: Floats, n_chains: int, rng: np.random.Generator
     ) -> dict[int, LogEvidence]:
-        """ln ∫ exp(−U) over each region that has points enough, all orders of facets counted.
+        """ln ∫ exp(−U) over each region with enough particles, all orders of facets counted.
 
-        By bridge sampling from the particles there. It asks of them where the region is and how it
-        is shaped, not how many they are: what chance made of the shares of the regions, and of the
-        evidence, on the way from the prior does not enter.
+        By bridge sampling. The result depends on the location and shape of the particles in a
+        region and not on their number, so that sampling noise of the tempering path, in the shares
+        of the regions and in the evidence, does not enter.
 
         Parameters
         ----------
@@ -140,7 +146,7 @@ class Regions:
         found = {}
         for k in np.unique(label):
             own = shuffled[label[shuffled] == k]
-            if len(own) >= LEAST * self.problem.dim:
+            if len(own) >= MIN_POINTS_PER_PARAMETER * self.problem.dim:
                 found[int(k)] = self._bridged(int(k), rows[own], len(np.unique(chain[own])), rng)
         return found
 
@@ -160,7 +166,7 @@ class Regions:
 
 
 class Weighed(NamedTuple):
-    """What particles say of each region and of all of them.
+    """Weights of regions and their evidence, from particles.
 
     Attributes
     ----------
@@ -173,7 +179,7 @@ class Weighed(NamedTuple):
     log_evidences : (C,)
         Of each run.
     reasons : list of str
-        Why not to trust it.
+        Why the result cannot be trusted.
     """
 
     weight: Floats
@@ -185,17 +191,17 @@ class Weighed(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Runs of particles cut into regions.
+    """Runs of particles, assigned to regions.
 
     Attributes
     ----------
-    regions : Regions
+    regions : Basins
     label, z : (C, N), (C, N, D)
-        The points of each run that were looked at, as `Regions.place` has them.
+        The points of each run that were used, as `Basins.place` gives them.
     weighed : Weighed
     """
 
-    regions: Regions
+    regions: Basins
     label: Labels
     z: Floats
     weighed: Weighed
@@ -208,15 +214,24 @@ def measure(
     order: FacetOrder,
     *,
     seed: int = 0,
-    most: int = MOST,
+    max_optima: int = MAX_OPTIMA,
     known: Sequence[Floats] = (),
     workers: int = 1,
 ) -> Measured:
-    """Regions of independent runs with as many particles each, and what they say of each region;
-    ``most`` and ``known`` as in `Regions.of`, ``seed`` of the bridges."""
+    """Regions of independent runs of equal size, with weights and evidence.
+
+    Parameters
+    ----------
+    seed : int
+        Of bridge sampling.
+    max_optima, known
+        As in `Basins.of`.
+    """
     n_chains = len(runs[0].z) // runs[0].points
     z = np.stack([evenly(r.z, POINTS * n_chains) for r in runs])
-    regions = Regions.of(problem, data, z, order, most=most, known=known, workers=workers)
+    regions = Basins.of(
+        problem, data, z, order, max_optima=max_optima, known=known, workers=workers
+    )
     label, rows = regions.place(z)
     path = np.array([r.log_evidence for r in runs])
     rng = np.random.default_rng(seed)
@@ -224,7 +239,7 @@ def measure(
 
 
 def weigh(
-    regions: Regions,
+    regions: Basins,
     label: Labels,
     z: Floats,
     path: Floats,
@@ -233,22 +248,22 @@ def weigh(
 ) -> Weighed:
     """Weights of regions and the evidence from runs of particles.
 
-    By bridge sampling region by region where that succeeds for all particles together and for
-    those of each run; else by the shares of the particles, and the evidences of the runs' ways.
+    By bridge sampling in each region where that succeeds for all particles together and for those
+    of each run; else by the shares of the particles and the evidence of each tempering path.
 
     Parameters
     ----------
     label, z : (C, N), (C, N, D)
-        Particles of each run, chain by chain, as `Regions.place` has them.
+        Particles of each run, chain by chain, as `Basins.place` has them.
     path : (C,)
-        ln Z of each run as it came from the prior.
+        ln Z of each run from its tempering path.
     n_chains : int
         Of each run.
     """
     n_runs = len(z)
     shares = np.array([[np.mean(row == k) for k in range(len(regions.centres))] for row in label])
-    of_run = np.exp(path - log_sum(path))
-    weight = of_run @ shares
+    run_weight = np.exp(path - log_sum(path))
+    weight = run_weight @ shares
     spread = shares.std(axis=0, ddof=1) / np.sqrt(n_runs)
     by_path = smc.mean_evidence(path)
     counted = Weighed(weight, spread, by_path, shares, path, [])
@@ -266,17 +281,17 @@ def weigh(
         return counted
     (weight, weight_sd, total), by_run = pooled, np.stack([one[0] for one in found])
     log_evidences = np.array([one[2].value for one in found])
-    between, apart = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
+    between, weight_sd_runs = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
     reasons = []
     off = total.value - by_path.value
-    if abs(off) > ASTRAY * max(path.std(ddof=1), LIKELY) / np.sqrt(n_runs):
+    if abs(off) > MAX_DEVIATION * max(path.std(ddof=1), MIN_RUN_SD) / np.sqrt(n_runs):
         reasons.append(
-            f"the evidence of the particles' way from the prior is off by {abs(off):.1f} nats from "
-            "that of where they ended: take more particles"
+            f"the evidence of the tempering path differs by {abs(off):.1f} nats from that of "
+            "bridge sampling: increase the number of particles"
         )
     return Weighed(
         weight,
-        np.maximum(weight_sd, apart / np.sqrt(n_runs)),
+        np.maximum(weight_sd, weight_sd_runs / np.sqrt(n_runs)),
         LogEvidence(total.value, float(max(total.se, between / np.sqrt(n_runs)))),
         by_run,
         log_evidences,
@@ -285,24 +300,24 @@ def weigh(
 
 
 def _bridged(
-    regions: Regions,
+    regions: Basins,
     label: Labels,
     z: Floats,
     n_chains: int,
     shares: Floats,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats, LogEvidence] | None:
-    """Weights, their errors, and the evidence of all; None where bridges do not bear it."""
+    """Weights, their errors and the total evidence; None where bridges are too imprecise."""
     found = regions.evidence(label, z, n_chains, rng)
     measured = np.array(sorted(found), int)
     share = float(shares[measured].sum())
-    if share < MEASURED:
+    if share < MIN_MEASURED_SHARE:
         return None
     values, errors = np.array([found[k] for k in measured]).T
     inside = log_sum(values)
     part = np.exp(values - inside)
     se = float(np.linalg.norm(part * errors))
-    if se > GOOD:
+    if se > MAX_BRIDGE_ERROR:
         return None
     weight, weight_sd = shares.copy(), np.zeros(len(shares))
     weight[measured] = share * part
@@ -312,25 +327,25 @@ def _bridged(
 
 
 def optima(
-    problem: Problem, data: Epochs, rows: Floats, order: FacetOrder, most: int, workers: int
+    problem: Problem, data: Epochs, rows: Floats, order: FacetOrder, max_optima: int, workers: int
 ) -> list[Solution]:
     """The different optima near points (n, D), best first."""
     ends = search.polish(problem, data, rows, workers)
     best_first = np.argsort(ends.potential, kind="stable")
     ends = jax.tree.map(lambda x: x[best_first], ends)
-    return solutions.distinct(problem, data, ends, order, most)
+    return solutions.distinct(problem, data, ends, order, max_optima)
 
 
 def evenly(rows: NDArray, n: int) -> NDArray:
-    """n of the rows, or each several times where there are fewer."""
+    """n rows at even intervals, repeated where there are fewer."""
     return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """−ln p(y, z) of rows (n, D), (n,); compiled once, however many they are."""
     n = len(z)
-    padded = np.resize(z, (-(-n // ROWS) * ROWS, z.shape[1]))
-    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, ROWS, z.shape[1])]
+    padded = np.resize(z, (-(-n // BATCH) * BATCH, z.shape[1]))
+    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, BATCH, z.shape[1])]
     return np.concatenate([np.asarray(p) for p in parts])[:n]
 
 

@@ -1,4 +1,4 @@
-"""How many points the points are worth: residuals that follow each other count less."""
+"""Correlation time of residuals, and the power of the likelihood that accounts for it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 
-SIGNIFICANT = 3.0  # standard errors of a correlation: passed by chance once in 740 white curves
+SIGNIFICANT = 3.0  # standard errors of a correlation; exceeded by one white curve in 740
 
 
-def of_residuals(residuals: NDArray, group: NDArray) -> float:
-    """Information per point of a stationary sequence, at most 1: the inverse of its correlation
-    time, 1/(1 + 2 Σ ρₖ).
+def information_per_point(residuals: NDArray, group: NDArray) -> float:
+    """Information per point of a stationary sequence, 1/τ with correlation time τ = 1 + 2 Σ ρₖ.
 
     The sum runs over the lags k = 1, 2, … within groups as long as ρₖ exceeds 3 of its standard
     errors, √(τ/nₖ) with nₖ the pairs at lag k and τ the sum so far (Bartlett's formula); so it is 1
@@ -48,13 +47,12 @@ def of_residuals(residuals: NDArray, group: NDArray) -> float:
     return float(1.0 / tau)
 
 
-def weighed(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
-    """The data, their likelihood to the power that their residuals at z warrant.
+def tempered(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
+    """The data with their likelihood raised to the power 1/τ, τ the correlation time at z.
 
-    No model is quite the body, and what it misses lasts longer than the time between two points.
-    Taken as independent, N such points would claim √τ too narrow a posterior, and of two solutions
-    would exclude one by odds to the power τ, τ their correlation time; the data's own residuals
-    tell it.
+    Model errors are correlated over times longer than the sampling. If N such points counted as
+    independent, the posterior would be too narrow by √τ and odds of two solutions would be raised
+    to the power τ. The residuals at z give τ (`information_per_point`).
 
     References
     ----------
@@ -64,5 +62,5 @@ def weighed(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
     mean, sd = compiled(problem.moments)(jnp.asarray(z), data)
     residuals = np.asarray((data.brightness - mean) / sd)
     order = np.lexsort((np.asarray(data.t), np.asarray(data.curve)))
-    found = of_residuals(residuals[order], np.asarray(data.curve)[order])
+    found = information_per_point(residuals[order], np.asarray(data.curve)[order])
     return replace(data, information=jnp.asarray(found))

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +27,15 @@ from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
 from lcbayes.inference.prior_mass import log_prior_mass
-from lcbayes.inference.problem_cache import posed
-from lcbayes.inference.replicates import independent_runs
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.replicates import Execution
 from lcbayes.inference.screening import RuledOut
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import smc
 from lcbayes.samplers.settings import Settings
-from lcbayes.samplers.tempering_path import in_time
+from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 
@@ -143,122 +143,169 @@ def run(
         If no number of facets can be followed from the prior.
     """
     data = Epochs.of(curve)
-    keys = jax.random.split(jax.random.key(settings.seed), 4)
+    key_search, key_runs, key_mass, key_path = jax.random.split(jax.random.key(settings.seed), 4)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     plain = dict(options)
     sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # of the path alone
     with entry.blamed():
-        problems = {n: posed(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
+        problems = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
     begun = time.monotonic()
-    ends = {
-        n: _best_fit(problem, data, keys[0], n, settings, workers, checkpoint, progress)
+    optima = {
+        n: _best_fit(problem, data, key_search, n, settings, workers, checkpoint, progress)
         for n, problem in problems.items()
     }
-    ends = {n: z for n, z in ends.items() if z is not None}
-    if not ends:
+    optima = {n: z for n, z in optima.items() if z is not None}
+    if not optima:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
-    weighed_at = max(ends, key=lambda n: _log_likelihood(problems[n], ends[n], data))
-    weighed = information.weighed(problems[weighed_at], ends[weighed_at], data)
+    weighed_at = max(optima, key=lambda n: _log_likelihood(problems[n], optima[n], data))
+    weighed = information.tempered(problems[weighed_at], optima[weighed_at], data)
     search_s = time.monotonic() - begun
 
-    def candidate(n: int, problem: Problem, within: Silent) -> Candidate:
-        runs = independent_runs(
-            problem,
-            weighed,
-            jax.random.fold_in(keys[1], n),
-            settings.num_samples,
-            settings.num_chains,
-            name=f"facets-{n}-run",
-            checkpoint=checkpoint,
-            workers=workers,
-            progress=within,
-        )
-        order = FacetOrder(problem, entry.facet_sites)
-        measured = basins.measure(
-            problem, weighed, runs, order, seed=settings.seed, workers=workers
-        )
-        key = jax.random.fold_in(keys[2], n)
-        return _candidate(n, problem, weighed, runs, measured.weighed, key)
-
-    def chance(n: int, problem: Problem) -> RuledOut | None:
-        """The number ruled out by the best of the evidences so far; None where it has a chance, as
-        every number has that is larger than one which fits: a facet cut in two fits as well."""
-        if not found or min(found) < n:
-            return None
-        starts = [ends[n][None]] if n in ends else []
-        k = min(found)
-        starts.append(
-            screening.with_fewer(problems[k], found[k].z_best, problem, entry.facet_sites, data)
-        )
-        rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
-        if not len(rows):
-            return None
-        below, z = screening.largest_likelihood(problem, weighed, rows, workers)
-        if below + screening.MARGIN > max(c.log_evidence for c in found.values()):
-            return None
-        return RuledOut(n, problem.n_parameters, below, misfit.measure(problem, weighed, z[None]))
-
-    def promise(n: int) -> float:
-        return _log_likelihood(problems[n], ends[n], data) if n in ends else -np.inf
-
-    found, ruled_out, failed, path = {}, {}, [], None
+    execution = Execution(settings, workers, checkpoint)
+    comparison = _Comparison(entry, execution, problems, optima, data, weighed)
     with progress.stage("comparing", 100, "%") as track:
-        to_do = [*counts, upper_bound] if upper_bound else counts
-        parts = Parts(track, 100, sum(map(_cost, to_do)))
+        parts = Parts(track, 100, sum(map(_cost, (*counts, *filter(None, (upper_bound,))))))
         if upper_bound:
-            area = _area(problems[weighed_at], ends[weighed_at], data)
-            weight = sparsity or sparse.weight(area)
-            with parts.part(_cost(upper_bound), "sparse path", 1) as within:
-                try:
-                    path = _sparse_path(
-                        entry,
-                        plain,
-                        weighed,
-                        upper_bound,
-                        weight,
-                        settings,
-                        keys[3],
-                        workers,
-                        checkpoint,
-                        within,
-                    )
-                except (smc.Collapse, InputError) as fault:
-                    failed.append(f"the sparse path from {upper_bound} facets: {fault}")
-            if path and path.n_facets not in problems:
-                end = {**plain, "n_facets": path.n_facets}
-                problems[path.n_facets] = posed(entry, end, data)[0]
-                parts.total += _cost(path.n_facets)
-        for n in sorted(problems, key=lambda n: (-promise(n), n)):
-            problem = problems[n]
-            if out := chance(n, problem):
-                ruled_out[n] = out
+            area = _area(problems[weighed_at], optima[weighed_at], data)
+            start = _SparseStart(plain, upper_bound, sparsity or sparse.weight(area))
+            comparison.follow_sparse_path(start, key_path, parts)
+        comparison.measure_all(key_runs, key_mass, parts)
+    return comparison.result(weighed_at, search_s)
+
+
+class _SparseStart(NamedTuple):
+    """Where the sparse path begins: options of the model, facets, weight of (Σα)²."""
+
+    options: Mapping[str, Any]
+    upper_bound: int
+    weight: float
+
+
+@dataclass
+class _Comparison:
+    """A comparison on its way: the problems, and what is known of each so far."""
+
+    entry: Entry
+    execution: Execution
+    problems: dict[int, Problem]
+    optima: dict[int, Floats]  # z of the best fit of each search
+    data: Epochs
+    weighed: Epochs  # the same data, likelihood to the power for all numbers
+    candidates: dict[int, Candidate] = field(default_factory=dict)
+    ruled_out: dict[int, RuledOut] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+    path: sparse.SparsePath | None = None
+
+    def follow_sparse_path(self, start: _SparseStart, key: jax.Array, parts: Parts) -> None:
+        """One run under the sparse prior; the number at which it ends joins the candidates."""
+        with parts.part(_cost(start.upper_bound), "sparse path", 1) as within:
+            try:
+                self.path = self._sparse_path(start, key, within)
+            except (smc.Collapse, InputError) as fault:
+                self.failed.append(f"the sparse path from {start.upper_bound} facets: {fault}")
+        if self.path and self.path.n_facets not in self.problems:
+            n = self.path.n_facets
+            options = {**start.options, "n_facets": n}
+            self.problems[n] = build_problem(self.entry, options, self.data)[0]
+            parts.total += _cost(n)
+
+    def _sparse_path(
+        self, start: _SparseStart, key: jax.Array, progress: Silent
+    ) -> sparse.SparsePath:
+        changed = {
+            **start.options,
+            "n_facets": start.upper_bound,
+            "sparsity": start.weight,
+            "log_area_sd": sparse.LOG_AREA_SD,
+        }
+        problem = build_problem(self.entry, changed, self.weighed)[0]
+        (found,) = self.execution.runs(problem, self.weighed, key, 1, "sparse", progress)
+        return sparse.path(problem, self.weighed, self.entry.facet_sites, found, start.weight)
+
+    def measure_all(self, key_runs: jax.Array, key_mass: jax.Array, parts: Parts) -> None:
+        """The evidence of each number, in order of their best fits, or why it is ruled out."""
+        for n in sorted(self.problems, key=lambda n: (-self._best_likelihood(n), n)):
+            if out := self._excluded(n):
+                self.ruled_out[n] = out
                 parts.total -= _cost(n)
                 parts.reach(parts.done, f"{facets(n)} ruled out")
                 continue
+            settings = self.execution.settings
             with parts.part(_cost(n), facets(n), settings.num_chains) as within:
+                own_runs, own_mass = (jax.random.fold_in(key, n) for key in (key_runs, key_mass))
                 try:
-                    found[n] = candidate(n, problem, within)
+                    self.candidates[n] = self._measured(n, own_runs, own_mass, within)
                 except (smc.Collapse, InputError) as fault:
-                    failed.append(f"{facets(n)}: {fault}")
-    best = {n: c.best for n, c in found.items()}
-    for n, reason in screening.lost(best, float(weighed.information)).items():
-        del found[n]
-        failed.append(reason)
-    if not found:
-        raise InputError(failed[0])
-    return Compared(
-        [found[n] for n in sorted(found)],
-        [ruled_out[n] for n in sorted(ruled_out)],
-        failed,
-        float(weighed.information),
-        weighed_at,
-        path,
-        search_s,
-    )
+                    self.failed.append(f"{facets(n)}: {fault}")
+
+    def _measured(
+        self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
+    ) -> Candidate:
+        problem, settings = self.problems[n], self.execution.settings
+        name = f"facets-{n}-run"
+        runs = self.execution.runs(
+            problem, self.weighed, key_runs, settings.num_chains, name, progress
+        )
+        order = FacetOrder(problem, self.entry.facet_sites)
+        measured = basins.measure(
+            problem, self.weighed, runs, order, seed=settings.seed, workers=self.execution.workers
+        )
+        return _candidate(n, problem, self.weighed, runs, measured.weighed, key_mass)
+
+    def _best_likelihood(self, n: int) -> float:
+        if n not in self.optima:
+            return -np.inf
+        return _log_likelihood(self.problems[n], self.optima[n], self.data)
+
+    def _excluded(self, n: int) -> RuledOut | None:
+        """The number ruled out by the best of the evidences so far, or None.
+
+        A number larger than one that has been measured is never ruled out: a body of more facets
+        fits at least as well, as a facet may be divided in two.
+        """
+        if not self.candidates or min(self.candidates) < n:
+            return None
+        problem, k = self.problems[n], min(self.candidates)
+        starts = [self.optima[n][None]] if n in self.optima else []
+        larger, sites = self.candidates[k].z_best, self.entry.facet_sites
+        starts.append(screening.with_fewer(self.problems[k], larger, problem, sites, self.data))
+        rows = np.concatenate([np.zeros((0, problem.dim)), *starts])
+        if not len(rows):
+            return None
+        below, z = screening.largest_likelihood(problem, self.weighed, rows, self.execution.workers)
+        if below + screening.MARGIN > max(c.log_evidence for c in self.candidates.values()):
+            return None
+        fit = misfit.measure(problem, self.weighed, z[None])
+        return RuledOut(n, problem.n_parameters, below, fit)
+
+    def result(self, weighed_at: int, search_s: float) -> Compared:
+        """Everything that was found, without the numbers whose particles were lost.
+
+        Raises
+        ------
+        InputError
+            No number of facets could be followed from the prior.
+        """
+        power = float(self.weighed.information)
+        best = {n: c.best for n, c in self.candidates.items()}
+        for n, reason in screening.lost(best, power).items():
+            del self.candidates[n]
+            self.failed.append(reason)
+        if not self.candidates:
+            raise InputError(self.failed[0])
+        return Compared(
+            [self.candidates[n] for n in sorted(self.candidates)],
+            [self.ruled_out[n] for n in sorted(self.ruled_out)],
+            self.failed,
+            power,
+            weighed_at,
+            self.path,
+            search_s,
+        )
 
 
 def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) -> Floats | None:
@@ -266,8 +313,8 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
-        starts, way = prior_draws(problem, keys, data), in_time(problem, data)
-        ends = search.race(problem, data, starts, workers, progress, way)
+        starts, way = prior_draws(problem, keys, data), time_ordered(problem, data)
+        ends = search.successive_halving(problem, data, starts, workers, progress, way)
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None
@@ -287,7 +334,7 @@ def _candidate(
     optimum = search.polish(problem, data, best[None], 1).z[0]
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
-    own = information.weighed(problem, best, data)
+    own = information.tempered(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
     reasons += weighed.reasons
     return Candidate(
@@ -335,31 +382,6 @@ def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
 
 def _area(problem: Problem, z: Floats, data: Epochs) -> float:
     return float(np.sum(problem.constrain(jnp.asarray(z), data)["albedo_area"]))
-
-
-def _sparse_path(
-    entry, options, data, upper_bound, weight, settings, key, workers, checkpoint, progress
-) -> sparse.SparsePath:
-    """One run under the sparse prior: it only proposes a number, which the others then judge."""
-    changed = {
-        **options,
-        "n_facets": upper_bound,
-        "sparsity": weight,
-        "log_area_sd": sparse.LOG_AREA_SD,
-    }
-    problem = posed(entry, changed, data)[0]
-    (found,) = independent_runs(
-        problem,
-        data,
-        key,
-        settings.num_samples,
-        1,
-        name="sparse",
-        checkpoint=checkpoint,
-        workers=workers,
-        progress=progress,
-    )
-    return sparse.path(problem, data, entry.facet_sites, found, weight)
 
 
 def _cost(n_facets: int) -> float:

@@ -22,7 +22,8 @@ from lcbayes.inference import correlation, population, search, solutions, symmet
 from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
@@ -34,7 +35,7 @@ from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.sampling import BLOCK, Sampler, Timing
 from lcbayes.samplers.settings import PARTICLES, Settings
-from lcbayes.samplers.tempering_path import in_time
+from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER)
@@ -101,7 +102,7 @@ def run(
             f"for {entry.name}; choose --sampler nuts"
         )
     with entry.blamed():
-        plain, problem = posed(entry, options, data)
+        plain, problem = build_problem(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
     fit = _Fit(plain, entry, settings, workers, checkpoint, progress, Timing())
@@ -148,7 +149,7 @@ class _Fit:
         whole model and to the data as heavy as the misfit lets them be."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
         with entry.blamed():
-            pooled = posed(entry, dict(options) | entry.pooled, data)[0]
+            pooled = build_problem(entry, dict(options) | entry.pooled, data)[0]
             if pooled.dim == plain.dim:
                 pooled = plain
             starts = _starts(entry, options, pooled, data, key, settings.num_starts)
@@ -158,8 +159,8 @@ class _Fit:
         stored = self.checkpoint.load("search")
         if stored is None:
             informed = entry.hook("starts") is not None or spins
-            way = None if informed else in_time(pooled, data)
-            ends = search.race(pooled, data, starts, workers, self.progress, way)
+            way = None if informed else time_ordered(pooled, data)
+            ends = search.successive_halving(pooled, data, starts, workers, self.progress, way)
             self.checkpoint.save("search", ends._asdict())
         else:
             ends = search.SearchState(**stored)
@@ -174,15 +175,15 @@ class _Fit:
             found = solutions.with_images(pooled, data, found, mirror, order)
         most = 4 * settings.max_modes  # that are followed to other data or another model
         if pooled is not plain:
-            found = solutions.worth_sampling(pooled, data, found)[:most]
+            found = solutions.select_for_sampling(pooled, data, found)[:most]
             found = solutions.refined(pooled, plain, data, found)
             ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
-        data = correlation.weighed(plain, found[0].z, data)
+        data = correlation.tempered(plain, found[0].z, data)
         if data.information < 1.0 and pooled is plain:
             found = solutions.polished(plain, data, found[:most], workers)
         elif data.information < 1.0:
-            found = solutions.climb(pooled, plain, data, found)
-        found = solutions.worth_sampling(plain, data, found)
+            found = solutions.optimise_held(pooled, plain, data, found)
+        found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
         return _Found(sampled, rest, ends, data, len(starts))
 
@@ -195,10 +196,8 @@ class _Fit:
             data,
             found.solutions,
             order,
-            self.settings,
+            Execution(self.settings, self.workers, self.checkpoint),
             key,
-            self.workers,
-            self.checkpoint,
             self.timing,
             self.progress,
         )

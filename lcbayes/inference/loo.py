@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ALIKE = 1e-9  # log weights that differ by less are the same but for rounding
-SHORTEST = 5  # draws of a tail that a Pareto distribution can be fitted to
-LITTLE = 0.01  # share of the weight that a few draws may have whatever their tail is like
-BAD_K = 0.7  # Pareto k above which an epoch's value cannot be relied on
+LOG_WEIGHT_TOLERANCE = 1e-9  # smaller differences of log weights are rounding
+MIN_TAIL = 5  # draws to which a Pareto distribution can be fitted
+NEGLIGIBLE_WEIGHT = 0.01  # share of the weight below which the shape of a tail is ignored
+BAD_K = 0.7  # Pareto k above which an epoch's value is unreliable
 
 
 class Loo(NamedTuple):
@@ -68,18 +68,18 @@ def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Flo
     ratio = -power * log_likelihood
     n_tail = _tail(len(ratio))
     ends = np.sort(ratio, axis=0)[-n_tail - 1 :]
-    above = np.sum(ends[1:] > ends[0] + ALIKE, axis=0)
-    alike = ends[-1] - ends[1] < ALIKE
+    above = np.sum(ends[1:] > ends[0] + LOG_WEIGHT_TOLERANCE, axis=0)
+    alike = ends[-1] - ends[1] < LOG_WEIGHT_TOLERANCE
     lowest = np.take_along_axis(ends, np.minimum(len(ends) - above, n_tail)[None], axis=0)[0]
-    one = ends[-1] - lowest < ALIKE
+    one = ends[-1] - lowest < LOG_WEIGHT_TOLERANCE
     log_weight, khat = ratio.copy(), np.where(alike, -np.inf, np.inf)
-    for n in np.unique(above[~one & (above >= SHORTEST)]):
+    for n in np.unique(above[~one & (above >= MIN_TAIL)]):
         here = ~one & (above == n)
         log_weight[:, here], khat[here] = _smoothed(ratio[:, here], int(n))
     log_weight -= np.logaddexp.reduce(log_weight, axis=0)
-    few = ((above < SHORTEST) | (one & ~alike)) & (len(ratio) >= 5 * SHORTEST)
-    held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + ALIKE)
-    khat[few & (held < LITTLE)] = -np.inf
+    few = ((above < MIN_TAIL) | (one & ~alike)) & (len(ratio) >= 5 * MIN_TAIL)
+    held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + LOG_WEIGHT_TOLERANCE)
+    khat[few & (held < NEGLIGIBLE_WEIGHT)] = -np.inf
     return log_weight, khat
 
 
@@ -90,14 +90,17 @@ def _tail(n_draws: int) -> int:
 
 def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
     """Log weights (S, T) with a tail of that many draws smoothed, and Pareto k (T,)."""
-    from arviz_stats.base.array import array_stats
+    import arviz_stats  # registers the accessor azstats  # noqa: F401
+    import xarray as xr
 
     n = len(ratio)
+    log_ratio: Any = xr.DataArray(-ratio, dims=("draw", "time"))
     # ArviZ takes the tail's length from an efficiency: 3 √(S / r), rounded down
     efficiency: Any = 1.0 if n_tail == _tail(n) else 9.0 * n / (n_tail + 0.5) ** 2
     with np.errstate(all="ignore"):  # weights too far apart for a fit: k is NaN
-        smooth, khat = array_stats.psislw(-ratio, r_eff=efficiency, axis=0)
-    smooth, khat = np.moveaxis(smooth, -1, 0), np.nan_to_num(np.asarray(khat, float), nan=np.inf)
+        smooth, khat = log_ratio.azstats.psislw(dim="draw", r_eff=efficiency)
+    smooth = smooth.transpose("draw", "time").to_numpy()
+    khat = np.nan_to_num(khat.to_numpy().astype(float), nan=np.inf)
     bad = ~np.all(np.isfinite(smooth), axis=0)  # a tail whose width is below rounding
     return np.where(bad, ratio, smooth), np.where(bad, np.inf, khat)
 
@@ -115,7 +118,7 @@ def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
     """
     import arviz as az
     import xarray as xr
-    from arviz_stats.utils import ELPDData
+    from arviz_stats import ELPDData
 
     best = np.max([one.elpd for one in pointwise.values()], axis=0)
     given = {}

@@ -18,8 +18,8 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import bridge
 
 Floats = NDArray[np.float64]
-OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
-LOST = 0.01  # share of the posterior that may be left out without a word
+MERGE_OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
+MAX_LEFT_OUT = 0.01  # share of the posterior that may be left out without a word
 
 
 @dataclass
@@ -66,7 +66,7 @@ def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
     """
     for i, old in enumerate(modes):
         shared, z = overlap(new.z, old.z, order)
-        if shared > OVERLAP:
+        if shared > MERGE_OVERLAP:
             apart = max(old.apart, new.apart, _rhat(old.z, z))
             kept = new if new.log_evidence.value > old.log_evidence.value else old
             modes[i] = replace(kept, apart=apart)
@@ -137,7 +137,7 @@ def unsampled(
 
 def left_out(n: int, share: float) -> list[str]:
     """Why not to trust a result without n more solutions that hold a share of the posterior."""
-    if share <= LOST:
+    if share <= MAX_LEFT_OUT:
         return []
     those = "1 more solution was" if n == 1 else f"{n} more solutions were"
     part = f"{100 * share:.0f} %"

@@ -8,12 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
+
 Floats = NDArray[np.float64]
 
 DRAWS = 20_000  # of what the evidences may be
-EXCLUDED = 0.05  # a number whose probability is below this, error and all, is excluded
-TELLING = 2.0  # times the probability of the next: from here on one number stands out
-TOO_WIDE = 0.5  # an interval of a probability wider than this says nothing
+EXCLUDED_PROBABILITY = 0.05  # a number whose probability is below this, error and all, is excluded
+MIN_ODDS = 2.0  # times the probability of the next: from here on one number stands out
+MAX_INTERVAL = 0.5  # an interval of a probability wider than this says nothing
 
 
 class Odds(NamedTuple):
@@ -83,23 +85,23 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
     """
     order = [int(k) for k in np.argsort(-odds.probability, kind="stable")]
     top = order[0]
-    left = [k for k in order[1:] if odds.high[k] > EXCLUDED]
+    left = [k for k in order[1:] if odds.high[k] > EXCLUDED_PROBABILITY]
     near = [
         k
         for k in left
-        if TELLING * odds.probability[k] > odds.probability[top] or odds.high[k] > odds.low[top]
+        if MIN_ODDS * odds.probability[k] > odds.probability[top] or odds.high[k] > odds.low[top]
     ]
     far = [k for k in left if k not in near]
 
     def named(ks: Sequence[int]) -> str:
-        return listed([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
+        return join_words([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
 
     chance = _two(odds.probability[top])
     if near:
         alike = sorted([top, *near], key=lambda k: counts[k])
         *others, last = [str(counts[k]) for k in alike]
         chances = ", ".join(_two(odds.probability[k]) for k in alike)
-        text = f"the data cannot tell {listed(others)} from {last} facets ({chances})"
+        text = f"the data cannot tell {join_words(others)} from {last} facets ({chances})"
         if far:
             text += f", and {named(far)} cannot be excluded"
     else:
@@ -118,7 +120,7 @@ def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
     """Why the runs do not bear a verdict, in words: at most one reason, of the worst number."""
     width = odds.high - odds.low
     k = int(np.argmax(width))
-    if width[k] <= TOO_WIDE:
+    if width[k] <= MAX_INTERVAL:
         return []
     return [
         f"independent runs differ too much: the probability of {facets(counts[k])} "
@@ -130,11 +132,6 @@ def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
 def facets(n: int) -> str:
     """1 facet, 2 facets."""
     return f"{n} facet" if n == 1 else f"{n} facets"
-
-
-def listed(words: Sequence[str]) -> str:
-    """As in: a, b and c."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _two(probability: float) -> str:

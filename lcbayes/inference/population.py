@@ -12,28 +12,26 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
 from lcbayes.inference import basins, solutions
 from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.modes import LOST, Mode, left_out
-from lcbayes.inference.replicates import independent_runs
+from lcbayes.inference.modes import MAX_LEFT_OUT, Mode, left_out
+from lcbayes.inference.replicates import Execution
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.sampling import Timing
-from lcbayes.samplers.settings import Settings
 
 Floats = NDArray[np.float64]
 
-KEPT = 3  # draws of a solution for each particle that moves
-LIGHTEST = 1e-3  # a solution of less weight is not shown
-DISAGREE = 0.1  # standard deviation of a weight between runs from which they disagree
-FEW = 0.1  # of the largest number of particles that a run has of a solution: below, it missed it
+DRAWS_PER_PARTICLE = 3  # of a solution, for each particle of a run
+MIN_WEIGHT = 1e-3  # of a solution that is reported
+MAX_WEIGHT_SD = 0.1  # of a weight between runs that agree
+MIN_RELATIVE_COUNT = 0.1  # particles at a solution, over those of the run with most of them
 
 
 def sample(
@@ -41,10 +39,8 @@ def sample(
     data: Epochs,
     found: Sequence[solutions.Solution],
     order: FacetOrder,
-    settings: Settings,
+    execution: Execution,
     key: jax.Array,
-    workers: int,
-    checkpoint: Checkpoint,
     timing: Timing,
     progress: Silent,
 ) -> tuple[list[Mode], LogEvidence, list[str]]:
@@ -59,26 +55,27 @@ def sample(
     found
         Of the search, as centres to begin with.
     """
-    runs = _runs(problem, data, settings, key, workers, checkpoint, timing, progress)
+    settings = execution.settings
+    runs = _runs(problem, data, execution, key, timing, progress)
     by_optima, label, placed, weighed = basins.measure(
         problem,
         data,
         runs,
         order,
         seed=settings.seed,
-        most=4 * settings.max_modes,
+        max_optima=4 * settings.max_modes,
         known=[s.z for s in found],
-        workers=workers,
+        workers=execution.workers,
     )
     weight = weighed.weight
-    shown = [int(k) for k in np.argsort(-weight) if weight[k] >= LIGHTEST]
+    shown = [int(k) for k in np.argsort(-weight) if weight[k] >= MIN_WEIGHT]
     kept, left = shown[: settings.max_modes], shown[settings.max_modes :]
 
     modes = []
     reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
     reasons += left_out(len(left), float(weight[left].sum()))
     for place, k in enumerate(kept):
-        draws, n_found = _chains(placed, label == k, KEPT * settings.num_samples)
+        draws, n_found = _chains(placed, label == k, DRAWS_PER_PARTICLE * settings.num_samples)
         shares, sd = weighed.by_run[:, k], float(weighed.weight_sd[k])
         own = LogEvidence(
             float(weighed.log_evidence.value + np.log(weight[k])),
@@ -87,12 +84,12 @@ def sample(
         stats = _statistics(problem, data, draws)
         of_all = float(weight[k])
         modes.append(Mode(by_optima.optima[k], draws, stats, own, of_all, sd, run_weights=shares))
-        if n_found < 2 and of_all > LOST:
+        if n_found < 2 and of_all > MAX_LEFT_OUT:
             reasons.append(
                 f"only {n_found} of {len(runs)} runs found solution {place + 1}: take more "
                 "particles with --num-samples"
             )
-        if shares.std(ddof=1) > DISAGREE:
+        if shares.std(ddof=1) > MAX_WEIGHT_SD:
             reasons.append(
                 f"independent runs give solution {place + 1} weights from {shares.min():.2f} to "
                 f"{shares.max():.2f}: take more particles with --num-samples"
@@ -101,28 +98,17 @@ def sample(
 
 
 def _runs(
-    problem,
-    data,
-    settings: Settings,
-    key,
-    workers,
-    checkpoint: Checkpoint,
+    problem: Problem,
+    data: Epochs,
+    execution: Execution,
+    key: jax.Array,
     timing: Timing,
-    progress,
+    progress: Silent,
 ) -> list[smc.Result]:
     """One for each chain that the settings ask for."""
     try:
-        runs = independent_runs(
-            problem,
-            data,
-            key,
-            settings.num_samples,
-            settings.num_chains,
-            name="population",
-            checkpoint=checkpoint,
-            workers=workers,
-            progress=progress,
-        )
+        n_runs = execution.settings.num_chains
+        runs = execution.runs(problem, data, key, n_runs, "population", progress)
     except smc.Collapse as fault:
         raise InputError(f"{fault} (--num-samples), or choose --sampler nuts") from None
     timing.gradients += sum(r.gradients for r in runs)
@@ -137,7 +123,7 @@ def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> tuple[Floats, in
     left there is one chain, of all particles, which no R-hat speaks for.
     """
     counts = here.sum(axis=1)
-    found = np.flatnonzero(counts >= FEW * counts.max())
+    found = np.flatnonzero(counts >= MIN_RELATIVE_COUNT * counts.max())
     if len(found) < 2:
         return evenly(placed[here], n)[None], len(found)
     return np.stack([evenly(placed[c][here[c]], n) for c in found]), len(found)

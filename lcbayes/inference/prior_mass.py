@@ -14,7 +14,7 @@ from lcbayes.samplers.bridge import LogEvidence
 
 BATCH = 4096
 MAX_BATCHES = 64
-ENOUGH = 0.01  # relative error of the mass at which to stop
+RELATIVE_ERROR = 0.01  # relative error of the mass at which to stop
 
 
 @partial(jax.jit, static_argnums=0)
@@ -77,7 +77,7 @@ def log_prior_mass(problem: Problem, data: Epochs, key: jax.Array) -> LogEvidenc
         weights = np.append(weights, np.exp(np.asarray(_factors(problem, data, keys))))
         mean = weights.mean()
         error = weights.std() / np.sqrt(weights.size)
-        if error <= ENOUGH * mean and mean > 0:
+        if error <= RELATIVE_ERROR * mean and mean > 0:
             break
     with np.errstate(divide="ignore", invalid="ignore"):
         return LogEvidence(float(np.log(mean)), float(error / mean))

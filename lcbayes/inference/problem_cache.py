@@ -1,8 +1,7 @@
-"""One problem for all light curves of a structure, so that one compilation serves them.
+"""A cache of problems, so that light curves of one structure share compiled programs.
 
-JAX keeps a compiled program for each problem. Two light curves of one model, with the same options,
-numbers of points and groups, pose problems that differ in their numbers alone, and those are
-arguments of the programs.
+JAX compiles each problem once. Two light curves of one model, with the same options and the same
+numbers of points and groups, give problems that differ only in arguments of the programs.
 """
 
 from __future__ import annotations
@@ -16,18 +15,21 @@ from lcbayes.modelling.problem import TRACING, Problem
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import sampling
 
-MOST = 12  # structures whose programs are kept
+MAX_STRUCTURES = 12  # in the cache
 
-_kept: list[tuple[tuple, tuple[Problem, Problem]]] = []  # what is compared need not have a hash
+_kept: list[tuple[tuple, tuple[Problem, Problem]]] = []  # a list, since keys are not hashable
 
 
-def posed(entry: Entry, options: Mapping[str, Any], data: Epochs) -> tuple[Problem, Problem]:
-    """The posterior of a model given a light curve: as the model has it, and in the coordinates in
-    which it is sampled, which are the same where the model has none of its own. A model's own
-    coordinates may hold numbers of its light curve; problems are shared where these are equal.
+def build_problem(
+    entry: Entry, options: Mapping[str, Any], data: Epochs
+) -> tuple[Problem, Problem]:
+    """The posterior of a model given a light curve, in plain and in sampling coordinates.
 
-    Of more than `MOST` structures all before are let go of. Fits that go on with them elsewhere
-    keep their problems and compile again.
+    The two are one object for a model without sampling coordinates of its own. Such coordinates may
+    depend on the light curve; problems are shared only where they are equal.
+
+    At most `MAX_STRUCTURES` structures are kept; the next one empties the cache. Fits that still
+    use an earlier problem keep it and compile again.
     """
     leaves, structure = jax.tree.flatten(data)
     shapes = [(x.shape, str(x.dtype)) for x in leaves]
@@ -40,20 +42,22 @@ def posed(entry: Entry, options: Mapping[str, Any], data: Epochs) -> tuple[Probl
                 return problems
         plain = Problem(entry.bind(options), data)
         problems = plain, plain if own is None else Problem(entry.bind(options), data, own)
-        if len(_kept) >= MOST:
+        if len(_kept) >= MAX_STRUCTURES:
             forget()
         _kept.append((key, problems))
         return problems
 
 
 def structures() -> int:
-    """How many are kept, with the programs of each."""
+    """Number of structures in the cache."""
     return len(_kept)
 
 
 def forget() -> None:
-    """Let go of all problems and programs: each structure keeps a thousand maps of memory and a
-    process is allowed 65 530."""
+    """Empty the cache.
+
+    Each structure holds about a thousand memory maps, and a process may have 65 530.
+    """
     with TRACING:
         _kept.clear()
         sampling.programs.cache_clear()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Silent
 from lcbayes.inference import symmetry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
+from lcbayes.samplers.settings import Settings
 
 
 def independent_runs(
@@ -62,3 +65,34 @@ def independent_runs(
             )
         )
     return runs
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How particles are run: settings, threads, and where finished runs are stored."""
+
+    settings: Settings
+    workers: int
+    checkpoint: Checkpoint
+
+    def runs(
+        self,
+        problem: Problem,
+        data: Epochs,
+        key: jax.Array,
+        n_runs: int,
+        name: str,
+        progress: Silent,
+    ) -> list[smc.Result]:
+        """Independent runs of tempered SMC from the prior."""
+        return independent_runs(
+            problem,
+            data,
+            key,
+            self.settings.num_samples,
+            n_runs,
+            name=name,
+            checkpoint=self.checkpoint,
+            workers=self.workers,
+            progress=progress,
+        )

@@ -1,10 +1,9 @@
-"""Numbers of facets whose best fit is already too poor: no particles are spent on them.
+"""Numbers of facets that are excluded by their largest likelihood, without sampling.
 
 Z = ∫ L dp₀ cannot exceed the largest likelihood, nor can ∫ L f dp₀ / ∫ f dp₀ with the factors f of
-the prior. Where ln max L of N facets lies far below the ln Z
-of another number, N is out, however its prior is laid out. And of all numbers these are the dearest
-to follow from the prior: a body that cannot explain the data has a posterior as narrow as a
-needle, in a place that no other step of the path foretells.
+the prior. Where ln max L of N facets lies far below ln Z of another number, N is excluded whatever
+its prior. These numbers are also the most expensive to sample: a body that cannot explain the data
+has a very narrow posterior, far from the intermediate distributions of the tempering path.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
 
-MARGIN = 30.0  # nats, for what a search may leave of the largest likelihood
-MOST_WAYS = 64  # to leave out facets that are tried
+MARGIN = 30.0  # nats, by which a search may miss the largest likelihood
+MAX_SUBSETS = 64  # of facets that are left out
 
 
 @dataclass(frozen=True)
@@ -74,18 +73,17 @@ def _log_likelihoods(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Arr
 def with_fewer(
     larger: Problem, z: Floats, smaller: Problem, facet_sites: Sequence[str], data: Epochs
 ) -> Floats:
-    """Bodies (S, D) of the smaller problem: z of the larger one with facets left out.
+    """Starts (S, D) for the smaller problem: z of the larger one with facets left out.
 
-    Every way to leave them out, up to `MOST_WAYS`, so that a fit with more facets, whose spin was
-    harder to miss, also serves those with fewer. None where the problems differ in more than the
-    number of facets.
+    Every subset of facets is left out, up to `MAX_SUBSETS`: a search with more facets finds the
+    spin more easily. S is zero where the problems differ in more than the number of facets.
     """
     sites = larger.constrain(jnp.asarray(z), data)
     want = jax.eval_shape(lambda z: smaller.constrain(z, data), jnp.zeros(smaller.dim))
     sites = {k: np.asarray(sites[k]) for k in smaller.names if k in sites}
     n_larger, n_smaller = _facets(sites, facet_sites), _facets(want, facet_sites)
     rows = []
-    for kept in islice(combinations(range(n_larger), n_smaller), MOST_WAYS):
+    for kept in islice(combinations(range(n_larger), n_smaller), MAX_SUBSETS):
         part = {k: v[list(kept)] if k in facet_sites else v for k, v in sites.items()}
         if any(k not in part or part[k].shape != want[k].shape for k in smaller.names):
             break
@@ -94,11 +92,11 @@ def with_fewer(
 
 
 def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
-    """Numbers of facets whose particles are not where the posterior is, and why.
+    """Numbers of facets whose particles missed the posterior, with the reason.
 
-    A body of N facets is one of N + 1, with one cut in two: more facets fit at least as well. Where
-    the best particle of a larger number fits worse by more than `MARGIN`, the evidence there is
-    that of some other place, and says nothing of the number.
+    A body of N facets is one of N + 1 with a facet divided in two, so that more facets fit at least
+    as well. Where the best particle of a larger number fits worse by more than `MARGIN`, its
+    evidence is not that of the posterior.
 
     Parameters
     ----------
@@ -106,16 +104,16 @@ def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
     information : float
         Power to which the likelihood of a point is raised.
     """
-    told = {}
+    reasons = {}
     for n in sorted(best):
         fewer = max((k for k in best if k < n), key=lambda k: best[k], default=n)
         behind = information * (best[fewer] - best[n])
         if behind > MARGIN:
-            told[n] = (
-                f"{n} facets: the particles lost their way, they fit by {behind:.0f} nats worse "
-                f"than with {fewer}, which {n} include; take more with --num-particles"
+            reasons[n] = (
+                f"{n} facets: the particles missed the posterior: they fit {behind:.0f} nats worse "
+                f"than with {fewer}; increase --num-particles"
             )
-    return told
+    return reasons
 
 
 def _facets(sites: Mapping[str, Any], facet_sites: Sequence[str]) -> int:

@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt from many starts: where are the solutions?
+"""Multi-start search for optima of the posterior: Levenberg-Marquardt with successive halving.
 
-Fisher scoring with damping on the whole posterior: the metric is the Fisher information of the
-data plus the prior's precision, so the same routine serves every model and noise law.
+The step is damped Fisher scoring on the log posterior: the metric is the Fisher information of the
+data plus the precision of the prior, so that one routine serves every model and noise law.
 """
 
 from __future__ import annotations
@@ -19,22 +19,20 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
-from lcbayes.samplers.tempering_path import Path
+from lcbayes.samplers.tempering_path import TimePath
 
-# A race, round by round: where on the path (`samplers.tempering_path`) the data are, damped steps
-# for every start, then the share that goes on. Most starts show early that they lead nowhere; the
-# few that do not are run until they stall.
-RACE = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))
-# Where a body turns, the longer it has been seen the more spins fit it nearly as well as the right
-# one, and the narrower each is. With points that come in one after the other starts follow their
-# spin as it is told better.
-IN_TIME = (
+# Rounds of successive halving: position on the tempering path (`samplers.tempering_path`), damped
+# steps for every start, share of the starts that is kept.
+ROUNDS = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))
+# The number of spins that fit nearly as well as the right one grows with the time span, and the
+# basin of each narrows. Data that are added in order of time let starts follow their spin.
+TIME_ORDERED_ROUNDS = (
     *((time, 5, 0.7) for time in (0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47)),
     (0.6, 10, 0.5),
     (0.8, 15, 0.5),
     (1.0, 150, 1.0),
 )
-FEWEST = 12
+MIN_STARTS = 12
 
 
 class SearchState(NamedTuple):
@@ -102,19 +100,19 @@ def advance(
     return jax.vmap(one)(state) if len(state.z) > 1 else jax.lax.map(one, state)
 
 
-def race(
+def successive_halving(
     problem: Problem,
     data: Epochs,
     starts: jax.Array,
     workers: int,
     progress: Silent,
-    path: Path | None = None,
+    path: TimePath | None = None,
 ) -> SearchState:
-    """Run the starts (B, D) to their optima, giving up on the hopeless ones; best first.
+    """Run the starts (B, D) to their optima, dropping the worst after each round; best first.
 
-    With a path the points come in along it.
+    With a path the data are added along it.
     """
-    rounds = RACE if path is None else IN_TIME
+    rounds = ROUNDS if path is None else TIME_ORDERED_ROUNDS
     shares = _shares(len(starts), rounds)
     total = sum(n * share for (_, n, _), share in zip(rounds, shares, strict=True))
     state = init(starts)
@@ -134,7 +132,7 @@ def race(
 def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
     """The optima near the points z (B, D), row by row."""
     with threads(workers) as pool:
-        return _advance_all(problem, data, init(z, 1e-3), RACE[-1][1], pool, lambda _: None)
+        return _advance_all(problem, data, init(z, 1e-3), ROUNDS[-1][1], pool, lambda _: None)
 
 
 def _advance_all(
@@ -160,12 +158,12 @@ def _advance_all(
 
 
 def _shares(n: int, rounds: Sequence[tuple[float, int, float]]) -> list[int]:
-    """Starts still in the race at each of its rounds."""
-    left = []
+    """Number of starts in each round."""
+    counts = []
     for *_, share in rounds:
-        left.append(n)
-        n = min(n, max(FEWEST, round(n * share)))
-    return left
+        counts.append(n)
+        n = min(n, max(MIN_STARTS, round(n * share)))
+    return counts
 
 
 def _sorted(state: SearchState) -> SearchState:

@@ -17,10 +17,10 @@ from lcbayes.modelling.problem import Problem, compiled
 Floats = NDArray[np.float64]
 
 SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
-WORSE_FIT = 1.05  # residuals, in units of the noise, over the best one's: dropped above this ...
-LESS_LIKELY = 10.0  # ... unless its Laplace evidence is within this many nats of the best
-ALIKE = 0.1  # nats of density by which a solution and its mirror image may differ
-MOST_STEPS, STALLED = 40, 1e-2  # of a climb, and the gain in nats at which it ends
+MAX_RELATIVE_MISFIT = 1.05  # rms residual over the best one's: dropped above this ...
+MAX_EVIDENCE_DEFICIT = 10.0  # ... unless its Laplace evidence is within this many nats of the best
+MAX_IMAGE_DIFFERENCE = 0.1  # nats of density by which a solution and its mirror image may differ
+MAX_STEPS, MIN_GAIN = 40, 1e-2  # of an optimisation; nats, below which it ends
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def distinct(
                 continue
             metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
             evidence = _laplace(potential, metrics[-1])
-            rms = _residual_rms(problem, z, data.apart(), unit)
+            rms = _residual_rms(problem, z, data.without_passes(), unit)
             found.append(Solution(z, float(potential), evidence, rms, 1))
     return found
 
@@ -97,7 +97,7 @@ def with_images(
         known = any(_is_same(z, s, m, order) for s, m in zip(found, metrics, strict=True))
         if not known:
             potential = float(compiled(problem.potential)(jnp.asarray(z), data))
-            if abs(potential - solution.potential) < ALIKE:
+            if abs(potential - solution.potential) < MAX_IMAGE_DIFFERENCE:
                 every.append(replace(solution, z=z, potential=potential))
     return sorted(every, key=lambda s: s.potential)
 
@@ -142,11 +142,15 @@ def refined(
     rows = completed(pooled, problem, data, np.stack([s.z for s in found]))
     unit = np.asarray(data.noise_unit)[data.curve]
     climbed = [replace(s, z=z) for s, z in zip(found, rows, strict=True)]
-    climbed = climb(pooled, problem, data, climbed)
-    return [replace(s, rms=_residual_rms(problem, s.z, data.apart(), unit)) for s in climbed]
+    climbed = optimise_held(pooled, problem, data, climbed)
+    return [
+        replace(s, rms=_residual_rms(problem, s.z, data.without_passes(), unit)) for s in climbed
+    ]
 
 
-def climb(pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
+def optimise_held(
+    pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]
+) -> list[Solution]:
     """The optima near some points, spreads that the simpler problem lacks held where they are."""
     held = [k for k in problem.names if k not in pooled.names and _is_spread(k)]
     free = np.setdiff1d(np.arange(problem.dim), problem.rows(held))
@@ -168,7 +172,7 @@ def _climbed(
 ) -> tuple[Floats, float]:
     """Levenberg-Marquardt along some coordinates: where it ends, and the potential there."""
     damping, old = 1e-2, float(compiled(problem.potential)(jnp.asarray(z), data))
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))[free]
         metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))[np.ix_(free, free)]
         while damping < 1e6:
@@ -181,21 +185,21 @@ def _climbed(
         else:
             break
         gain, z, old, damping = old - new, trial, new, damping / 5.0
-        if gain < STALLED:
+        if gain < MIN_GAIN:
             break
     return z, old
 
 
-def worth_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
+def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
     """The solutions near the best in fit or evidence, the most likely first."""
     best = min(found, key=lambda s: s.potential)
     noise = np.asarray(compiled(problem.moments)(jnp.asarray(best.z), data).sd)
     misfit = [_residual_rms(problem, s.z, data, noise) for s in found]
-    likely = max(s.log_evidence for s in found) - LESS_LIKELY
+    likely = max(s.log_evidence for s in found) - MAX_EVIDENCE_DEFICIT
     kept = [
         s
         for s, m in zip(found, misfit, strict=True)
-        if m < WORSE_FIT * min(misfit) or s.log_evidence > likely
+        if m < MAX_RELATIVE_MISFIT * min(misfit) or s.log_evidence > likely
     ]
     return sorted(kept, key=lambda s: -s.log_evidence)
 

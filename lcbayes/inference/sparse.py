@@ -22,12 +22,12 @@ from lcbayes.samplers import smc
 
 Floats = NDArray[np.float64]
 
-COST = 50.0  # nats that the prior takes for the whole albedo-area of the best fit
+AREA_COST = 50.0  # nats that the prior takes for the whole albedo-area of the best fit
 LOG_AREA_SD = 3.0  # of the log-normal prior meanwhile, which must not hold the areas up
-SMALL = 0.02  # share of the albedo-area below which a facet is dropped
-SAME = 2.0  # standard deviations of their distance within which two normals coincide ...
-APART = np.deg2rad(30.0)  # ... unless they are this far from each other
-LOOKED_AT = 200  # particles that are thinned out
+MIN_AREA_SHARE = 0.02  # share of the albedo-area below which a facet is dropped
+MERGE_SD = 2.0  # standard deviations of their distance within which two normals coincide ...
+MAX_MERGE_ANGLE = np.deg2rad(30.0)  # ... unless they are this far from each other
+MAX_PARTICLES = 200  # particles that are thinned out
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def weight(area: float) -> float:
     A facet of a fiftieth of the area then costs two nats, while the area as a whole, which the
     data hold to a part in hundreds, is hardly moved.
     """
-    return COST / area**2
+    return AREA_COST / area**2
 
 
 def path(
@@ -69,7 +69,7 @@ def path(
 ) -> SparsePath:
     """Thin out particles of the posterior under the sparse prior, each by itself."""
     z = found.z
-    rows = z[np.linspace(0, len(z) - 1, min(LOOKED_AT, len(z))).round().astype(int)]
+    rows = z[np.linspace(0, len(z) - 1, min(MAX_PARTICLES, len(z))).round().astype(int)]
     index = problem.unravel(jnp.arange(float(problem.dim)))
     base = np.asarray(index["normals_base"], int)
     area_of = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"]))
@@ -98,7 +98,7 @@ def remaining(vectors: Floats, areas: Floats, covariance: Floats) -> int:
     covariance : (3N, 3N)
         Of the vectors.
     """
-    kept = np.flatnonzero(areas >= SMALL * areas.sum())
+    kept = np.flatnonzero(areas >= MIN_AREA_SHARE * areas.sum())
     group = np.arange(len(kept))
     for i in range(len(kept)):
         for j in range(i):
@@ -115,7 +115,7 @@ def _coincide(vectors: Floats, covariance: Floats, i: int, j: int) -> bool:
     distance = np.linalg.norm(apart)
     if distance == 0.0:
         return True
-    if distance > 2.0 * np.sin(0.5 * APART):
+    if distance > 2.0 * np.sin(0.5 * MAX_MERGE_ANGLE):
         return False
     # the derivative of |a − b| by the two vectors: along the distance, across each vector
     along = apart / distance
@@ -123,4 +123,4 @@ def _coincide(vectors: Floats, covariance: Floats, i: int, j: int) -> bool:
         [(along - a * (a @ along)) / length[0], -(along - b * (b @ along)) / length[1]]
     )
     rows = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3)])
-    return bool(distance**2 < SAME**2 * (gradient @ covariance[np.ix_(rows, rows)] @ gradient))
+    return bool(distance**2 < MERGE_SD**2 * (gradient @ covariance[np.ix_(rows, rows)] @ gradient))

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
-HOUR = 3600.0
 POLE, SHIFT, SHAPE, OMEGA = "pole_base", "period_shift", "coefficients", "omega_unit"
 
 
@@ -47,11 +48,11 @@ def placed(
         sites[OMEGA] = omega / float(options["omega_sd"])
     else:
         lon, lat = np.radians([[s["pole_lon_deg"], s["pole_lat_deg"]] for s in which]).T
-        pole = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+        pole = unit_vector(lon, lat)
         sites[POLE] = pole.reshape(sites[POLE].shape)
         period = np.array([s["period_h"] for s in which])
         given = float(options["period"])
-        sites[SHIFT] = (period - given) * 2.0 * float(data.t_span) / (HOUR * given**2)
+        sites[SHIFT] = (period - given) * 2.0 * float(data.t_span) / (HOUR_S * given**2)
         for i, s in enumerate(which[: len(spins)]):
             shape = np.asarray(s.get("coefficients", ()), float)
             size = min(len(shape), len(sites[SHAPE][i]))

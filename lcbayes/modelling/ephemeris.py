@@ -8,20 +8,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import EARTH_GM, EARTH_J2, EARTH_RADIUS_KM, OBLIQUITY
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_GM, EARTH_KM
-from lcbayes.physics.attitude.laws import OBLIQUITY, Attitude, Ephemeris, Frames
+from lcbayes.physics.attitude.laws import Attitude, Ephemeris, Frames
 
 Floats = NDArray[np.float64]
 
 MAX_STEP_S = 60.0  # between a point and those of which its velocity is taken
 SERIES_S = 0.1  # of the radian of orbit that a step may be, for the f and g series
 SLACK_S = 1e-3  # of those bounds, for times that were rounded
-PARTNERS = 25  # places at most, evenly out of those within the bounds
-MAX_LEFT = 1e-3  # of the radius that an orbit may leave of its places, rms of a component
-MAX_UNSURE = 0.1  # rad of the direction of flight, beyond which it is none
-J2 = 1.08262668e-3  # of the Earth, EGM2008
+MAX_NEIGHBOURS = 25  # places at most, evenly out of those within the bounds
+MAX_RESIDUAL = 1e-3  # of the radius that an orbit may leave of its places, rms of a component
+MAX_DIRECTION_SD = 0.1  # rad of the direction of flight, beyond which it is none
 TILT = {
     "icrs": (0.0, OBLIQUITY),
     "ecliptic-j2000": (-OBLIQUITY, 0.0),
@@ -80,7 +79,7 @@ def velocity_from_places(t: Floats, places: Floats, curve: NDArray[np.integer]) 
     return None if np.isnan(velocity).any() else velocity
 
 
-def unsure_deg(curve: LightCurve) -> float | None:
+def velocity_direction_sd_deg(curve: LightCurve) -> float | None:
     """How far the directions of flight are unsure where they come from places: 1 sd, deg, the worst
     of all points; None where velocities are given or there are none."""
     if curve.velocity_km_s is not None or curve.position_km is None:
@@ -101,7 +100,7 @@ def _fitted(t: Floats, places: Floats, curve: NDArray[np.integer]) -> tuple[Floa
     radius = np.linalg.norm(places, axis=1)
     rate2 = EARTH_GM / radius**3
     bent = 0.5 * _oblate(places, radius)
-    near = list(_partners(t, curve, np.minimum(MAX_STEP_S, SERIES_S / np.sqrt(rate2)) + SLACK_S))
+    near = list(_neighbours(t, curve, np.minimum(MAX_STEP_S, SERIES_S / np.sqrt(rate2)) + SLACK_S))
     count = np.sum([new for _, new in near], axis=0)
     p, q, speed2, rr, ff, free = np.zeros((6, t.size))  # p and q of `_series`: those of a circle
     offset, velocity, fr, gr = np.zeros((4, *places.shape))
@@ -129,14 +128,14 @@ def _fitted(t: Floats, places: Floats, curve: NDArray[np.integer]) -> tuple[Floa
     unsure = np.sqrt(noise2 * ff / free / speed2)
     bound = speed2 < 2 * EARTH_GM / radius
     low = np.linalg.norm(np.cross(places, velocity), axis=1) ** 2 / EARTH_GM > 0.3 * radius
-    one = noise2 <= (MAX_LEFT * radius) ** 2
-    good = bound & low & one & (unsure <= MAX_UNSURE)
+    one = noise2 <= (MAX_RESIDUAL * radius) ** 2
+    good = bound & low & one & (unsure <= MAX_DIRECTION_SD)
     velocity = np.where(good[:, None], velocity, np.nan)
     back = np.argsort(order)
     return velocity[back], unsure[back]
 
 
-def _partners(
+def _neighbours(
     t: Floats, curve: NDArray[np.integer], reach: Floats
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.bool_]]]:
     """Rows within `reach` (T,) s of each row and in its curve, and whether they are new; sorted."""
@@ -145,8 +144,8 @@ def _partners(
     first = np.searchsorted(clock, clock - reach, "left")
     more = np.searchsorted(clock, clock + reach, "right") - 1 - first
     last = np.full(t.size, -1)
-    for k in range(PARTNERS):
-        row = first + k * more // (PARTNERS - 1)
+    for k in range(MAX_NEIGHBOURS):
+        row = first + k * more // (MAX_NEIGHBOURS - 1)
         yield row, row > last
         last = row
 
@@ -163,5 +162,5 @@ def _series(dt: Floats, rate2: Floats, p: Floats, q: Floats) -> tuple[Floats, Fl
 def _oblate(places: Floats, radius: Floats) -> Floats:
     """Acceleration by the Earth's J2, km/s², (T, 3); the axes' z is taken for the Earth's pole."""
     sine2 = (places[:, 2:] / radius[:, None]) ** 2
-    size = 1.5 * J2 * EARTH_GM * EARTH_KM**2 / radius[:, None] ** 5
+    size = 1.5 * EARTH_J2 * EARTH_GM * EARTH_RADIUS_KM**2 / radius[:, None] ** 5
     return -size * places * (np.array([1.0, 1.0, 3.0]) - 5 * sine2)

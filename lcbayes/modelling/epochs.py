@@ -5,17 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lcbayes.core.constants import DAY_S, SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.segments import pass_numbers
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
-from lcbayes.modelling import pass_effects as passes
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.modelling.pass_effects import Passes
 from lcbayes.physics import photometry
 from lcbayes.physics.attitude.laws import Ephemeris
+
+Floats = NDArray[np.float64]
 
 
 def _static(default):
@@ -124,35 +128,11 @@ class Epochs:
             Default: ``curve`` itself.
         """
         fitted = curve if fitted is None else fitted
-        t = curve.t - fitted.t.min()
-        if curve.epoch_jd is not None and fitted.epoch_jd is not None:
-            if curve.frame == "ecliptic-j2000":  # dates of asteroids are counted evenly
-                t = t + (curve.epoch_jd - fitted.epoch_jd) * 86400.0
-            else:
-                t = t + seconds_between(fitted.epoch_jd, curve.epoch_jd)
-        span = np.ptp(fitted.t)
-        n = curve.n_obs
-        dilution = np.ones(n)
-        if curve.range_km is not None:
-            solar = photometry.SOLAR_FLUX_VISIBLE if fitted.kind == "flux" else 1.0
-            dilution = solar * earth_shadow.irradiance(curve) / (1e3 * curve.range_km) ** 2
-        # A band without a tabled Sun (an unfiltered camera, say) is taken for V; reports say so.
-        sun_v = photometry.sun_magnitude("V")
-        bands, inverse = np.unique(curve.band, return_inverse=True)
-        zero_point = np.array([photometry.SUN_MAGNITUDE.get(str(b), sun_v) for b in bands])[inverse]
-        linear = curve.brightness
-        if curve.kind == "mag":
-            linear = 10 ** (-0.4 * (curve.brightness - zero_point))
-        level, noise_unit = np.ones(curve.n_curves), np.ones(curve.n_curves)
-        for i in range(curve.n_curves):
-            here = curve.curve == i
-            if curve.free_scale[i]:
-                level[i] = np.mean(linear[here] / dilution[here])
-            if curve.kind == "flux":
-                noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
+        t, span, n = _since_first(curve, fitted), np.ptp(fitted.t), curve.n_obs
+        dilution, zero_point = _dilution(curve, fitted.kind), _zero_point(curve)
+        level, noise_unit = _units(curve, dilution, zero_point)
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
-        together = Passes.of(curve, fitted) if has_passes else Passes.single(n)
         airmass = np.ones(n)
         if curve.position_km is not None and curve.range_km is not None:
             airmass = earth.airmass(curve.position_km, curve.obs, curve.range_km)
@@ -178,7 +158,7 @@ class Epochs:
             member=jnp.asarray(
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
             ),
-            passes=together,
+            passes=Passes.of(curve, fitted) if has_passes else Passes.single(n),
             information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
@@ -190,15 +170,54 @@ class Epochs:
             has_passes=has_passes,
         )
 
-    def apart(self) -> Epochs:
+    def without_passes(self) -> Epochs:
         """Each point a pass of its own: what is said of it then rests on no other point."""
-        return replace(self, passes=self.passes.apart())
+        return replace(self, passes=self.passes.without_passes())
+
+
+def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:
+    """Time since the first measurement of the fitted curve, s, (T,)."""
+    t = curve.t - fitted.t.min()
+    if curve.epoch_jd is None or fitted.epoch_jd is None:
+        return t
+    if curve.frame == "ecliptic-j2000":  # dates of asteroids are counted evenly
+        return t + (curve.epoch_jd - fitted.epoch_jd) * DAY_S
+    return t + seconds_between(fitted.epoch_jd, curve.epoch_jd)
+
+
+def _dilution(curve: LightCurve, kind: str) -> Floats:
+    if curve.range_km is None:
+        return np.ones(curve.n_obs)
+    solar = SOLAR_FLUX_VISIBLE if kind == "flux" else 1.0
+    return solar * earth_shadow.irradiance(curve) / (1e3 * curve.range_km) ** 2
+
+
+def _zero_point(curve: LightCurve) -> Floats:
+    """Of each point; a band without a tabulated Sun (an unfiltered camera) counts as V."""
+    sun_v = photometry.sun_magnitude("V")
+    bands, inverse = np.unique(curve.band, return_inverse=True)
+    return np.array([photometry.SUN_MAGNITUDE.get(str(b), sun_v) for b in bands])[inverse]
+
+
+def _units(curve: LightCurve, dilution: Floats, zero_point: Floats) -> tuple[Floats, Floats]:
+    """``level`` and ``noise_unit`` of each group, (C,)."""
+    linear = curve.brightness
+    if curve.kind == "mag":
+        linear = 10 ** (-0.4 * (curve.brightness - zero_point))
+    level, noise_unit = np.ones(curve.n_curves), np.ones(curve.n_curves)
+    for i in range(curve.n_curves):
+        here = curve.curve == i
+        if curve.free_scale[i]:
+            level[i] = np.mean(linear[here] / dilution[here])
+        if curve.kind == "flux":
+            noise_unit[i] = np.mean(np.abs(curve.brightness[here]))
+    return level, noise_unit
 
 
 def _has_passes(curve: LightCurve) -> bool:
     if curve.n_curves == 1:
         return False
-    return curve.n_curves < int(passes.numbers(curve).max()) + 1 < curve.n_obs
+    return curve.n_curves < int(pass_numbers(curve).max()) + 1 < curve.n_obs
 
 
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:

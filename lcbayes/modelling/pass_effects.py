@@ -8,7 +8,7 @@ import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import numbers
+from lcbayes.data.segments import pass_numbers
 
 
 class Passes(NamedTuple):
@@ -32,7 +32,7 @@ class Passes(NamedTuple):
     @classmethod
     def of(cls, curve: LightCurve, fitted: LightCurve) -> Passes:
         """Of the points of a curve; the longest pass is that of the curve that is fitted."""
-        number = numbers(curve)
+        number = pass_numbers(curve)
         order = np.lexsort((curve.t, number))
         mine = number[order]
         first = np.searchsorted(mine, mine, "left")
@@ -49,7 +49,7 @@ class Passes(NamedTuple):
         each = jnp.arange(n)
         return cls(each, each, each, jnp.zeros(n))
 
-    def apart(self) -> Passes:
+    def without_passes(self) -> Passes:
         """Every point a pass of its own, at the same time since the middle of it."""
         return self.single(len(self.order))._replace(elapsed=self.elapsed)
 
@@ -73,7 +73,7 @@ class Passes(NamedTuple):
 
 def _longest(curve: LightCurve) -> float:
     """Half of the longest pass, s."""
-    number = numbers(curve)
+    number = pass_numbers(curve)
     first = np.full(number.max() + 1, np.inf)
     last = -first
     np.minimum.at(first, number, curve.t)

@@ -220,14 +220,19 @@ def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
     tensor = inertia(inertia_sd)
     momentum = tensor @ omega
     pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
-    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
-    numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
-    numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
+    pole_angles(pole)
 
     return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors)
 
 
-def lit_and_seen(
+def pole_angles(pole: jax.Array) -> None:
+    """Deterministic sites ``pole_lon_deg`` and ``pole_lat_deg`` of a unit vector (3,)."""
+    lon, lat = jnp.arctan2(pole[1], pole[0]), jnp.arcsin(jnp.clip(pole[2], -1.0, 1.0))
+    numpyro.deterministic("pole_lon_deg", jnp.mod(jnp.rad2deg(lon), 360.0))
+    numpyro.deterministic("pole_lat_deg", jnp.rad2deg(lat))
+
+
+def visibility_prior(
     sun_body: jax.Array, obs_body: jax.Array, normals: jax.Array, softness: float = 0.02
 ) -> None:
     """Each facet is lit and seen at least once: directions (T, 3) and normals (N, 3), body frame.
@@ -243,7 +248,7 @@ def lit_and_seen(
     best = jax.lax.stop_gradient(jnp.argmax(both, axis=1))
     mu0, mu = (jnp.sum(normals * v[best], axis=1) for v in (sun_body, obs_body))
     m = jnp.minimum(mu0, mu)
-    numpyro.factor("lit_and_seen", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
+    numpyro.factor("visibility", -jnp.sum((jnp.minimum(m, 0.0) / softness) ** 2))
 
 
 def _positive(name: str, value: float) -> None:

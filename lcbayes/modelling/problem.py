@@ -208,7 +208,7 @@ class Problem:
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
         """One draw of the data given z: posterior predictive, each point for itself, (T,)."""
-        return self._trace(z, data.apart())[0][OBSERVED]["fn"].sample(key)
+        return self._trace(z, data.without_passes())[0][OBSERVED]["fn"].sample(key)
 
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Expected information of all that is conditioned on, plus the prior's, (D, D).

@@ -6,12 +6,13 @@ A model file is Python. It defines::
 
     def model(data, *, option: type = default, ...):
         ...                                  # NumPyro sites
-        noise.observe(data, flux)            # conditions on the brightness
+        likelihood.observe(data, flux)       # conditions on the brightness
 
-``data`` is an `epochs.Epochs`; ``flux`` (T,) is at unit distance under unit irradiance.
+``data`` is a `lcbayes.modelling.epochs.Epochs`; ``likelihood`` is `lcbayes.modelling.likelihood`;
+``flux`` (T,) is the flux at unit distance under unit irradiance.
 Options are keyword-only, with a type and a default; one without a default must be given; a
-``Literal`` type lists what may be chosen. An `InputError` that the model raises is told to the
-user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega``,
+``Literal`` type lists what may be chosen. The message of an `InputError` that the model raises is
+shown to the user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega``,
 ``pole_lon_deg`` …) are shown as what they are. A file may also define:
 
 ``FACET_SITES``

@@ -118,7 +118,7 @@ def _flux_jvp(law, primals, tangents):
         if few:
             return along(vectors, matrix, weights)
         # An axis at a time: the transposes are row vector times matrix, which XLA does best.
-        return sum(vectors[:, k] * total(matrix, weights[:, k]) for k in range(3))  # pyright: ignore
+        return sum(vectors[:, k] * total(matrix, weights[:, k]) for k in range(3))  # pyright: ignore[reportReturnType]
 
     value = total(kernel, albedo_area)
     change = jnp.zeros_like(value)

@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-
-SOLAR_FLUX_VISIBLE = 455.0  # W/m², Linares & Crassidis below eq. (5); Hinks et al. below eq. (3)
 
 # Distance modulus of 1 au: 5 log10(1 au / 10 pc).
 _MODULUS = -31.5721

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes.core.text import join_words
 from lcbayes.inference import odds
 from lcbayes.inference.facet_count import Candidate, Compared
 from lcbayes.inference.loo import BAD_K, stacking
-from lcbayes.inference.odds import facets, listed
+from lcbayes.inference.odds import facets
 
 CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
@@ -208,7 +209,7 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
     if out := [row["n_facets"] for row in summary["ruled_out"]]:
         said.append(
             f"Ruled out by the best fit alone, whose likelihood no evidence can exceed: "
-            f"{listed([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
+            f"{join_words([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
         )
     if (path := summary["sparse"]) is not None:
         shares = ", ".join(f"{n}: {s:.2f}" for n, s in path["shares"].items())
@@ -219,8 +220,8 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
     bad = [r["n_facets"] for r in summary["candidates"] if r["n_bad_pareto_k"]]
     if bad:
         said.append(
-            f"LOO of {listed([*map(str, bad[:-1]), facets(bad[-1])])} rests on epochs whose Pareto "
-            f"k exceeds {BAD_K}: it may be too favourable there."
+            f"LOO of {join_words([*map(str, bad[:-1]), facets(bad[-1])])} rests on epochs whose "
+            f"Pareto k exceeds {BAD_K}: it may be too favourable there."
         )
     return said
 

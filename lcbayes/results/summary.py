@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import unwrapped
 from lcbayes.geometry.times import Times
 from lcbayes.inference import goodness_of_fit
 from lcbayes.inference.fit import Posterior
@@ -30,22 +31,13 @@ LIKELY = 0.5  # probability from which a point is called an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
-def unwrapped(name: str, values: Floats) -> Floats:
-    """Draws of a quantity on a circle, cut opposite their circular mean."""
-    turn = CIRCLES.get(name)
-    if turn is None:
-        return values
-    angle = 2 * np.pi * values / turn
-    middle = np.arctan2(np.sin(angle).mean((0, 1)), np.cos(angle).mean((0, 1)))
-    apart = (angle - middle + np.pi) % (2 * np.pi) - np.pi
-    return (np.mod(middle, 2 * np.pi) + apart) * turn / (2 * np.pi)
-
-
 def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
     """Mean, sd, quantiles, R-hat and effective sizes of each scalar, by ``name`` or ``name[i]``."""
     import arviz as az
 
-    shown = {k: unwrapped(k, np.asarray(draws[k], float)) for k in reported(draws)}
+    shown = {k: np.asarray(draws[k], float) for k in reported(draws)}
+    for name in shown.keys() & CIRCLES.keys():
+        shown[name] = unwrapped(shown[name], CIRCLES[name], axis=(0, 1))
     data = dataset(shown)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # constant draws give NaN, which the caller reads

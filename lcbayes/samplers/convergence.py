@@ -1,4 +1,4 @@
-"""How many draws are enough, and whether more of them would be."""
+"""Convergence checks of chains, and the length at which they would pass."""
 
 from __future__ import annotations
 
@@ -8,44 +8,58 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-# What draws must be to be trusted, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
+# Limits of a converged run, after Vehtari et al. 2021, Bayesian Analysis 16, 667.
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
-MAX_DIVERGING = 0.005  # share of the draws whose trajectories diverged
-# Chains this far apart will not meet by going on.
-APART = 1.1
-# Judged are unconstrained coordinates, reported are others, which may be worth a little less.
-MARGIN = 1.2
+MAX_DIVERGING = 0.005  # share of divergent transitions
+MAX_RHAT_TO_CONTINUE = 1.1  # above, longer chains are not expected to mix
+# The check is of unconstrained coordinates; reported quantities may have fewer effective draws.
+LENGTH_MARGIN = 1.2
 
 
-def worth(z: NDArray[np.float64]) -> tuple[float, float]:
-    """Largest R-hat and smallest effective size, bulk or tail, of the coordinates of draws
-    (C, S, D)."""
+def rhat_and_ess(z: NDArray[np.float64]) -> tuple[float, float]:
+    """Largest R-hat and smallest effective sample size, bulk or tail, over the coordinates.
+
+    Parameters
+    ----------
+    z : (C, S, D)
+        Draws: chains, draws, coordinates.
+    """
     import arviz as az
 
     data = xr.Dataset({"z": (("chain", "draw", "coordinate"), z)})
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # constant draws give NaN, with which nothing is hoped for
+        warnings.simplefilter("ignore")  # constant draws give NaN, which fails every check
         rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
     return float(rhat["z"].max()), float(min(bulk["z"].min(), tail["z"].min()))
 
 
-def wanted(z: NDArray[np.float64], most: int) -> int:
-    """Length of the chains (C, S, D) at which they are likely to be worth `MIN_ESS` independent
-    draws and to agree to `MAX_RHAT`.
+def required_length(z: NDArray[np.float64], max_length: int) -> int:
+    """Length at which chains are expected to reach `MIN_ESS` and `MAX_RHAT`.
 
-    Effective size grows with length and R-hat − 1 falls with it, so that a bound of either says
-    how far to go: a third more at least and as much again at most, since both are estimates. S
-    where the draws are enough already, and where ``most`` would not do or the chains are apart:
-    what is stuck costs no more.
+    The effective sample size grows in proportion to the length and R-hat − 1 falls in proportion to
+    it; the length is extrapolated from both, to between 4/3 and 2 times the present one.
+
+    Parameters
+    ----------
+    z : (C, S, D)
+    max_length : int
+
+    Returns
+    -------
+    int
+        S where the chains have converged, where ``max_length`` would not suffice, and where R-hat
+        exceeds `MAX_RHAT_TO_CONTINUE`.
     """
     n = z.shape[1]
-    if n >= most or len(z) < 2:
+    if n >= max_length or len(z) < 2:
         return n
-    rhat, size = worth(z)
-    if not (rhat <= APART and size >= MIN_ESS * n / most):  # nor where they are NaN
+    rhat, size = rhat_and_ess(z)
+    if not (
+        rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length
+    ):  # nor where they are NaN
         return n
-    short = MARGIN * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
+    short = LENGTH_MARGIN * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
     if short <= 1.0:
         return n
-    return min(most, int(np.ceil(n * min(max(short, 4 / 3), 2.0))))
+    return min(max_length, int(np.ceil(n * min(max(short, 4 / 3), 2.0))))

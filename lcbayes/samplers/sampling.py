@@ -108,7 +108,7 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = convergence.wanted(draws, self.settings.most_samples)
+                    length = convergence.required_length(draws, self.settings.most_samples)
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more

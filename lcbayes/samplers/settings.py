@@ -20,7 +20,7 @@ WARMUP = {
 }
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # by default: draws of a chain, particles that move
-MOST_DRAWS = 3000  # of a chain, where by default it goes on until there are enough
+MAX_DRAWS = 3000  # of a chain, where by default it goes on until there are enough
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -57,7 +57,7 @@ class Settings:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
         most = self.num_samples
         if self.num_samples == 0:
-            number, most = (MOVING, MOVING) if self.sampler == PARTICLES else (DRAWS, MOST_DRAWS)
+            number, most = (MOVING, MOVING) if self.sampler == PARTICLES else (DRAWS, MAX_DRAWS)
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {

@@ -38,14 +38,14 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import moves, tempering, tempering_path
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.moves import Moved, Tuning
-from lcbayes.samplers.tempering_path import HALF, Path
+from lcbayes.samplers.tempering_path import FULL_DATA, TimePath
 
 Floats = NDArray[np.float64]
 
 BLOCKS = 4  # of particles, for the threads: a constant, so that numbers do not hang on their count
 PROBES = 256  # particles whose information tells how wide a solution is
 MAX_STAGES = 300
-LEAST_ACCEPTANCE = 0.15
+MIN_ACCEPTANCE = 0.15
 
 
 class Collapse(RuntimeError):
@@ -169,8 +169,8 @@ class _Run:
     ) -> None:
         self.problem, self.data, self.n, self.plan, self.mirror = problem, data, n, plan, mirror
         self.pool, self.track = pool, track
-        self.path = Path.of(
-            data, problem.dim, tempering_path.turns(problem, data, jax.random.key(0))
+        self.path = TimePath.of(
+            data, problem.dim, tempering_path.rotates(problem, data, jax.random.key(0))
         )
         self.step_size, self.gradients, self.told = 0.5, 0, 0
         self.stages: list[Stage] = []
@@ -197,7 +197,7 @@ class _Run:
             s = new
             key, key_choice, key_move = jax.random.split(key, 3)
             uniform = float(jax.random.uniform(key_choice))
-            n_chains = self.n if s > HALF else self.n * self.plan.crowd
+            n_chains = self.n if s > FULL_DATA else self.n * self.plan.crowd
             chosen = tempering.systematic(log_weights, n_chains, uniform)
             z, log_likelihood = self._moved(key_move, s, z[chosen], log_evidence)
             log_weights = np.full(len(z), -np.log(len(z)))
@@ -296,7 +296,7 @@ class _Run:
         self.stages.append(
             Stage(s, len(passed), accept, self.step_size, moved, float(log_evidence))
         )
-        if accept < LEAST_ACCEPTANCE:
+        if accept < MIN_ACCEPTANCE:
             raise Collapse(
                 f"{s:.0%} of the way to the posterior {accept:.1%} of the moves are accepted "
                 f"after {len(passed)} changes of the step size (now {self.step_size:.2g}); the "

@@ -1,4 +1,4 @@
-"""The way from the prior to the posterior: which points count, and how much, at each step of it."""
+"""Tempering schedules: the power of each point's likelihood between prior and posterior."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
 
-HALF = 0.5  # of the path, where all points have come in
-BINS = 48  # of the epochs, in order of time: what a particle keeps of its likelihood
-RAMP = 0.3  # share of the points that are coming in together
-DRAWS = 8  # of the prior, on which it is looked at whether the body turns
-SIGNAL = 100.0  # squared signal over noise for each parameter, to which the power is first held
+FULL_DATA = 0.5  # of the path, from which all points are included
+BINS = 48  # of the epochs in order of time, by which a particle stores its likelihood
+RAMP = 0.3  # share of the points whose power is rising at one time
+DRAWS = 8  # of the prior, by which a rotating body is recognised
+MAX_SIGNAL = 100.0  # squared signal-to-noise ratio per parameter in the first half
 
 
 @dataclass(frozen=True)
-class Path:
-    """Powers of the points' likelihoods that rise from 0 to 1 as s goes from 0 to 1.
+class TimePath:
+    """Powers of the points' likelihoods, which rise from 0 to 1 as s goes from 0 to 1.
 
-    In the first half points come in at the power λ₀, one after the other in time if the body
-    turns, else all together; in the second the power of all rises to λ₀^(2 − 2s).
+    In the first half points are added with the power λ₀, in order of time if the body rotates, else
+    all together; in the second half the power of all points is λ₀^(2 − 2s).
 
-    A spin is known to about 1/T once it has been seen for a time T. If all points counted a
-    little from the beginning there would be far more spins to tell apart than particles, and
-    chance would decide how many of these are near the right one when it begins to win: ln Z of four
-    facets that turn scattered by 2.9 between runs of 500 particles, all of it from there. As the
-    time grows bit by bit no more spins come up than the particles can follow. The power λ₀ leaves
-    as much signal as parameters need to be told; more of it makes the first steps narrow, less
-    brings the many spins back. Where nothing turns there are no spins to tell apart, and points
-    that come in together take half of the gradients.
+    Data over a time T determine a spin to about 1/T. If all points counted from the beginning, the
+    posterior would have more modes in spin than there are particles, and the number of particles
+    near the right one would be left to chance: ln Z of four rotating facets scattered by 2.9
+    between runs of 500 particles for this reason alone. With a time span that grows gradually the
+    number of modes stays within what the particles can represent. λ₀ is set by the signal that the
+    parameters require: a larger power makes the first distributions narrow, a smaller one brings
+    back the many modes. For a body that does not rotate, adding all points together takes half as
+    many gradients.
 
     Attributes
     ----------
@@ -43,20 +43,20 @@ class Path:
         Bin of each point.
     plateau : float
         λ₀.
-    in_time : bool
-        Whether points come in one after the other.
+    time_ordered : bool
+        Whether points are added in order of time.
 
     References
     ----------
-    Chopin 2002, Biometrika 89, 539 (from the prior by taking in data bit by bit).
+    Chopin 2002, Biometrika 89, 539 (sequential inclusion of data).
     """
 
     bins: NDArray[np.int64]
     plateau: float
-    in_time: bool = True
+    time_ordered: bool = True
 
     @classmethod
-    def of(cls, data: Epochs, dim: int, in_time: bool = True) -> Path:
+    def of(cls, data: Epochs, dim: int, time_ordered: bool = True) -> TimePath:
         """For the points of a light curve and a number of parameters."""
         n = data.t.size
         rank = np.argsort(np.argsort(np.asarray(data.t), kind="stable"))
@@ -65,29 +65,29 @@ class Path:
             error = 0.03 * np.asarray(data.noise_unit)[np.asarray(data.curve)]
         signal = np.sum(((brightness - brightness.mean()) / error) ** 2)
         signal *= float(np.mean(np.asarray(data.information)))
-        plateau = min(1.0, SIGNAL * dim / max(signal, 1e-300))
-        return cls(rank * BINS // n, plateau, in_time)
+        plateau = min(1.0, MAX_SIGNAL * dim / max(signal, 1e-300))
+        return cls(rank * BINS // n, plateau, time_ordered)
 
     def powers(self, s: float) -> Floats:
         """Of each bin, (BINS,)."""
-        if s > HALF:
-            return np.full(BINS, self.plateau ** ((1.0 - s) / (1.0 - HALF)))
-        if not self.in_time:
-            return np.full(BINS, self.plateau * s / HALF)
-        front, place = s / HALF * (1.0 + RAMP), np.arange(BINS) / BINS
+        if s > FULL_DATA:
+            return np.full(BINS, self.plateau ** ((1.0 - s) / (1.0 - FULL_DATA)))
+        if not self.time_ordered:
+            return np.full(BINS, self.plateau * s / FULL_DATA)
+        front, place = s / FULL_DATA * (1.0 + RAMP), np.arange(BINS) / BINS
         return self.plateau * np.clip((front - place) / RAMP, 0.0, 1.0)
 
     def at(self, data: Epochs, s: float) -> Epochs:
-        """The data as they count at s, on top of `Epochs.information`."""
+        """The data with their powers at s, times `Epochs.information`."""
         return replace(data, information=jnp.asarray(self.powers(s)[self.bins]) * data.information)
 
 
-def in_time(problem: Problem, data: Epochs) -> Path | None:
-    """The path on which points come in one after the other, where the body turns."""
-    return Path.of(data, problem.dim) if turns(problem, data, jax.random.key(0)) else None
+def time_ordered(problem: Problem, data: Epochs) -> TimePath | None:
+    """The path in order of time if the body rotates, else None."""
+    return TimePath.of(data, problem.dim) if rotates(problem, data, jax.random.key(0)) else None
 
 
-def turns(problem: Problem, data: Epochs, key: jax.Array) -> bool:
+def rotates(problem: Problem, data: Epochs, key: jax.Array) -> bool:
     """Whether the brightness of the prior's bodies changes with time where the directions to Sun
     and observer do not."""
     return bool(jnp.any(_changes(problem, data, jax.random.split(key, DRAWS)) != 0.0))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
@@ -18,7 +19,13 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
-from lcbayes.physics.attitude.laws import ConstantRate, Ephemeris, PrincipalAxis, TorqueFree
+from lcbayes.physics.attitude.laws import (
+    Attitude,
+    ConstantRate,
+    Ephemeris,
+    PrincipalAxis,
+    TorqueFree,
+)
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.bodies.shapes import Body
 from lcbayes.physics.reflectance import LAWS
@@ -226,38 +233,11 @@ def truth(
     facets that are ``on_array`` are in the array's axes. `albedo_area_m2` is None for facets whose
     reflectance is not one factor.
     """
-    law = scenario.attitude
     t_ref = float(curve.t[0])
+    spin, turn = _attitude_truth(scenario.attitude, t_ref)
     normals, u_axes = scenario.body.normals, scenario.body.u_axes
-    spin: dict[str, Any]
-    if isinstance(law, ConstantRate):
-        rotation = rotations.constant_rate(jnp.array([t_ref]), jnp.asarray(law.omega_rad_s))
-        normals, u_axes = (v @ np.asarray(rotation[0]).T for v in (normals, u_axes))
-        spin = {"law": law.name, **law.settings()}
-    elif isinstance(law, TorqueFree):
-        when = Ephemeris(jnp.array([t_ref]), jnp.zeros((1, 3)))
-        first, now = (law.frames(when._replace(t=t)).body[0] for t in (jnp.zeros(1), when.t))
-        inertia = jnp.diag(jnp.asarray(law.inertia))
-        momentum = first @ inertia @ first.T @ jnp.asarray(law.omega_rad_s)
-        tensor = now @ inertia @ now.T
-        normals, u_axes = (v @ np.asarray(now).T for v in (normals, u_axes))
-        spin = {
-            "law": law.name,
-            **law.settings(),
-            "omega_at_t_ref_rad_s": jnp.linalg.solve(tensor, momentum).tolist(),
-            "inertia_at_t_ref": tensor.tolist(),
-            "angular_momentum": (momentum / jnp.linalg.norm(momentum)).tolist(),
-        }
-    elif isinstance(law, PrincipalAxis):
-        spin = {
-            "law": "principal-axis",
-            "pole_lon_deg": law.pole_lon_deg,
-            "pole_lat_deg": law.pole_lat_deg,
-            "period_h": law.period_s / 3600.0,
-            "phase0_deg": law.phase0_deg,
-        }
-    else:
-        spin = {"law": law.name, **law.settings()}
+    if turn is not None:
+        normals, u_axes = normals @ turn.T, u_axes @ turn.T
     phi, g = facets.angles(jnp.asarray(normals))
     used = set(scenario.body.labels)
     return {
@@ -291,6 +271,36 @@ def truth(
         "noise": {scenario.noise.kind: scenario.noise.value},
         scenario.kind: clean.tolist(),
     }
+
+
+def _attitude_truth(law: Attitude, t_ref: float) -> tuple[dict[str, Any], Floats | None]:
+    """The law as `truth` has it, and the turn (3, 3) from its body axes to those of `truth`."""
+    turn: Floats | None = None
+    spin = {"law": law.name, **law.settings()}
+    if isinstance(law, ConstantRate):
+        omega = jnp.asarray(law.omega_rad_s)
+        turn = np.asarray(rotations.constant_rate(jnp.array([t_ref]), omega)[0])
+    elif isinstance(law, TorqueFree):
+        when = Ephemeris(jnp.array([t_ref]), jnp.zeros((1, 3)))
+        first, now = (law.frames(when._replace(t=t)).body[0] for t in (jnp.zeros(1), when.t))
+        inertia = jnp.diag(jnp.asarray(law.inertia))
+        momentum = first @ inertia @ first.T @ jnp.asarray(law.omega_rad_s)
+        tensor = now @ inertia @ now.T
+        turn = np.asarray(now)
+        spin |= {
+            "omega_at_t_ref_rad_s": jnp.linalg.solve(tensor, momentum).tolist(),
+            "inertia_at_t_ref": tensor.tolist(),
+            "angular_momentum": (momentum / jnp.linalg.norm(momentum)).tolist(),
+        }
+    elif isinstance(law, PrincipalAxis):
+        spin = {
+            "law": "principal-axis",
+            "pole_lon_deg": law.pole_lon_deg,
+            "pole_lat_deg": law.pole_lat_deg,
+            "period_h": law.period_s / HOUR_S,
+            "phase0_deg": law.phase0_deg,
+        }
+    return spin, turn
 
 
 def _albedo_area(scenario: Scenario, i: int) -> float | None:

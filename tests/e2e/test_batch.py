@@ -47,7 +47,7 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     out = tmp_path / "out"
     command = ["batch", str(catalogue), "-o", str(out), *FEW]
     with monkeypatch.context() as patch:
-        patch.setattr(batching, "crew", stopping)
+        patch.setattr(batching, "worker_pool", stopping)
         assert main(command) == EXIT_INTERRUPTED
     assert "2 of 3 objects were not done" in (out / "batch.json").read_text()
     fit_object, done = worker.fit_object, []

@@ -17,6 +17,7 @@ from lcbayes.analysis import glints_report
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.glints import analyse
+from lcbayes.physics.attitude.laws import ConstantRate
 
 
 def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
@@ -62,8 +63,8 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     curve, attitude, axis = wire_flashes(3, 50.0)
     lcbayes.write(curve, tmp_path / "wire.csv")
     out = tmp_path / "out"
-    assert attitude.omega is not None
-    omega = "--omega=" + ",".join(map(str, attitude.omega))
+    assert isinstance(attitude, ConstantRate)
+    omega = "--omega=" + ",".join(map(str, attitude.omega_rad_s))
     assert main.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
     told = capsys.readouterr().out
     assert "cylinder: axis" in told

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.data.read import read
 from lcbayes.inversion.albedo_area.distribution import grid, solve
 from lcbayes.inversion.albedo_area.kernel import Material, columns
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import PrincipalAxis
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
 
@@ -18,7 +20,7 @@ def test_ariadne_fits_as_well_as_least_squares_over_harmonics(data_dir):
     materials = (Material.parse("lommel-seeliger-lambert"),)
     misfit = {}
     for pole in ((253.2, -17.2), (100.0, 40.0)):
-        attitude = Attitude(pole_lon_deg=pole[0], pole_lat_deg=pole[1], period_h=5.76198)
+        attitude = PrincipalAxis(*pole, 5.76198 * HOUR_S, t0_s=0.5 * float(np.ptp(curve.t)))
         seen = Observed.of(curve, attitude)
         normals, which = grid(300, materials)
         found = solve(seen, normals, which, columns(seen, normals, which, materials))

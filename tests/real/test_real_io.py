@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from lcbayes.core.constants import EARTH_GM
 from lcbayes.data.read import read
 from lcbayes.data.write import write
-from lcbayes.geometry.earth import EARTH_GM
 
 pytestmark = pytest.mark.real
 

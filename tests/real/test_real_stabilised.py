@@ -6,8 +6,9 @@ from false_alarms import EACH, counts
 
 import lcbayes
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data import segments
 from lcbayes.data.read import read
-from lcbayes.modelling import pass_effects, registry
+from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.tasks.predict.run import predict
@@ -70,7 +71,7 @@ def test_the_wrong_match_is_an_outlier_of_the_model(data_dir):
     problem = Problem(entry.bind(entry.check(HELD)), data)
     z = problem.ravel({k: jnp.asarray(v) for k, v in MEANS.items()})
     outlier = np.asarray(jax.jit(problem.constrain)(z, data)["outlier"])
-    number = pass_effects.numbers(curve)
+    number = segments.pass_numbers(curve)
     assert number.max() + 1 == 320
     assert curve.range_km is not None
     wrong = curve.range_km > 2300

@@ -14,9 +14,9 @@ import small
 from numpy.typing import NDArray
 from numpyro import handlers
 
+from lcbayes.core.constants import EARTH_RADIUS_KM
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_KM
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.registry import Entry
@@ -144,8 +144,8 @@ def _dusk() -> LightCurve:
     unit = lambda v: v / np.linalg.norm(v, axis=-1, keepdims=True)  # noqa: E731
     site = unit(np.array([0.1, 0.95, 0.3]) + 0.1 * rng.standard_normal((n, 3)))
     up = unit(site + 0.06 * rng.standard_normal((n, 3)))
-    position = (EARTH_KM + 550.0) * up
-    line = EARTH_KM * site - position
+    position = (EARTH_RADIUS_KM + 550.0) * up
+    line = EARTH_RADIUS_KM * site - position
     light = LightCurve(
         t=np.linspace(0.0, 300.0, n),
         brightness=np.full(n, 6.0),

@@ -11,7 +11,8 @@ from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import grid, solve
 from lcbayes.inversion.albedo_area.facets import few, refine
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Fixed
 from lcbayes.physics.bodies import shapes
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
@@ -22,7 +23,7 @@ ONE = (LAMBERTIAN,)
 def test_areas_directions_and_volume_scatter_as_they_say():
     area, across, volume = [], [], []
     for seed in range(10):
-        seen = Observed.of(curve_of(BRICK, 250, 0.02, seed), Attitude())
+        seen = Observed.of(curve_of(BRICK, 250, 0.02, seed), Fixed())
         normals, which = grid(200)
         matrix = columns(seen, normals, which)
         coarse = solve(seen, normals, which, matrix)

@@ -46,14 +46,14 @@ def test_a_killed_worker_loses_no_hypothesis():
     def screened(run, track):
         return search.screen(points, body, tried, run, NOTHING, "screen", track)
 
-    with workers.crew() as run, Silent().stage("", 1, "") as track:
+    with workers.worker_pool() as run, Silent().stage("", 1, "") as track:
         alone = screened(run, track)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         with distributed.Client(cluster) as client:
             pids = client.run(os.getpid)
-        with workers.crew(scheduler=cluster.scheduler_address) as run:
+        with workers.worker_pool(scheduler=cluster.scheduler_address) as run:
             killer = Killer(min(pids.values()), tried.size // 2)
             together = screened(run, killer)
     assert killer.done
@@ -68,4 +68,4 @@ def test_an_empty_address_is_said(monkeypatch):
 
     monkeypatch.setattr(workers, "WAIT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers at tcp://127"):
-        workers.crew(scheduler="tcp://127.0.0.1:9").__enter__()
+        workers.worker_pool(scheduler="tcp://127.0.0.1:9").__enter__()

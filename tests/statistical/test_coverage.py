@@ -67,8 +67,8 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
         data = observed(seed)
         key_start, key = jax.random.split(jax.random.key(seed))
         starts = draw(jax.random.split(key_start, 32), data)
-        ends = search.race(problem, data, starts, 2, Silent())
-        (best,) = solutions.worth_sampling(
+        ends = search.successive_halving(problem, data, starts, 2, Silent())
+        (best,) = solutions.select_for_sampling(
             problem, data, solutions.distinct(problem, data, ends, order, 4)
         )
         with Silent().stage("sampling", 1, "draws") as track:

@@ -67,7 +67,7 @@ def posed() -> tuple[Problem, Epochs]:
 def prior_draw(problem: Problem, data: Epochs, key: jax.Array) -> jax.Array:
     """An exact draw from the whole prior, visibility included, by rejection.
 
-    The factor `lit_and_seen` is at most one, so it is the probability with which to keep a draw.
+    The factor `visibility_prior` is at most one: the probability with which to keep a draw.
     """
 
     def excess(z):

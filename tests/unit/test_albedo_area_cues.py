@@ -15,7 +15,8 @@ from lcbayes.inversion.albedo_area.distribution import Distribution, grid, solve
 from lcbayes.inversion.albedo_area.facets import few, refine
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.maps import Maps
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Fixed
 from lcbayes.physics.bodies import facets, shapes
 from lcbayes.physics.bodies.closure import close
 
@@ -36,7 +37,7 @@ def on_grid(seen: Observed, n: int = 120) -> tuple[Distribution, np.ndarray]:
 
 
 def test_null_is_the_ellipsoid_itself_where_the_body_is_one():
-    seen = Observed.of(curve_of(ellipsoid((2.0, 1.2, 0.8)), 200, noise=0.01), Attitude())
+    seen = Observed.of(curve_of(ellipsoid((2.0, 1.2, 0.8)), 200, noise=0.01), Fixed())
     found, matrix = on_grid(seen, 800)
     areas = nulls.ellipsoid(seen, found, matrix)
     expected = np.linalg.norm(found.normals * [2.0, 1.2, 0.8], axis=1) ** -4.0
@@ -49,7 +50,7 @@ def test_null_is_the_ellipsoid_itself_where_the_body_is_one():
 def test_clusters_raise_false_alarms_as_often_as_they_say(axes):
     maps, body, p = Maps(facets.grid(100)), ellipsoid(axes), []
     for seed in range(80):
-        seen = Observed.of(curve_of(body, 120, 0.03, seed), Attitude())
+        seen = Observed.of(curve_of(body, 120, 0.03, seed), Fixed())
         found, matrix = on_grid(seen, 100)
         with Silent().stage("", 1, "") as track:
             null = nulls.smooth_bodies(seen, found, matrix, 19, seed, track)
@@ -66,7 +67,7 @@ def test_arcs_and_even_regions_raise_few_false_alarms_on_facets_at_random():
     arc, even = [], []
     for seed in range(60):
         truth = shapes.body(directions(rng, 9), rng.exponential(size=9))
-        seen = Observed.of(curve_of(truth, 120, 0.03, seed), Attitude())
+        seen = Observed.of(curve_of(truth, 120, 0.03, seed), Fixed())
         found, matrix = on_grid(seen, 100)
         known = Distribution(
             truth.normals, np.zeros(9, int), truth.areas, np.ones(1), found.flux, 0.0
@@ -137,7 +138,7 @@ def test_statistics_of_ideal_maps():
 
 
 def cues_of(body: shapes.Body, noise: float = 0.02, seed: int = 5) -> dict[str, Cue]:
-    seen = Observed.of(curve_of(body, 250, noise, seed=seed), Attitude())
+    seen = Observed.of(curve_of(body, 250, noise, seed=seed), Fixed())
     found, matrix = on_grid(seen, 250)
     fewer = few(seen, refine(seen, found, matrix, ONE), ONE)
     return {c.name: c for c in cues.find(seen, found, matrix, fewer, ONE, n_null=19, seed=1)}

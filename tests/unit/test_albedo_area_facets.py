@@ -17,7 +17,8 @@ from lcbayes.inversion.albedo_area.distribution import Distribution, grid, smoot
 from lcbayes.inversion.albedo_area.facets import Facets, explain, few, linear, refine
 from lcbayes.inversion.albedo_area.inversion import invert
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import ConstantRate, Fixed
 from lcbayes.physics.bodies import shapes
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
@@ -46,7 +47,7 @@ def matched(found: Distribution, normals: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def brick() -> tuple[Observed, Distribution, Facets]:
-    seen = Observed.of(curve_of(BRICK), Attitude())
+    seen = Observed.of(curve_of(BRICK), Fixed())
     return seen, *found_in(seen)
 
 
@@ -112,7 +113,7 @@ def test_a_facet_costs_what_it_is_told(brick):
 def test_no_facet_is_found_that_no_epoch_shows(seed):
     curve = fully_lit(simulate(load("box-wing"), seed)[0])
     material = Material.parse("non-lambertian")
-    attitude = Attitude(omega=(0.012, -0.020, 0.018))
+    attitude = ConstantRate((0.012, -0.020, 0.018))
     result = invert(curve, attitude, [material], n_bootstrap=0, n_null=0)
     assert result.reasons == []
     assert result.facets is not None
@@ -141,7 +142,7 @@ def from_above(n_below: int = 0) -> LightCurve:
 
 def test_a_dark_facet_takes_no_other_with_it():
     """Were facets weighed by their areas, those in the light would be negligible beside it."""
-    seen = Observed.of(from_above(), Attitude())
+    seen = Observed.of(from_above(), Fixed())
     below = BRICK.normals[:, 2] < -0.9
     areas, which = np.where(below, 1e8, BRICK.areas), np.zeros(6, int)
     flux = columns(seen, BRICK.normals, which) @ areas
@@ -153,7 +154,7 @@ def test_a_dark_facet_takes_no_other_with_it():
 
 def test_an_area_that_one_point_tells_is_in_doubt():
     """One number has no say in two of the three of an area vector: large variances, not none."""
-    result = invert(from_above(1), Attitude(), n_bootstrap=0, n_null=0)
+    result = invert(from_above(1), Fixed(), n_bootstrap=0, n_null=0)
     assert result.facets is not None
     below = result.facets.normals[:, 2] < -0.3
     assert below.any()
@@ -164,7 +165,7 @@ def test_an_area_that_one_point_tells_is_in_doubt():
 
 def test_a_shiny_panel_on_a_dull_brick():
     materials = (LAMBERTIAN, Material.parse("blinn-phong:n=20"))
-    seen = Observed.of(curve_of(BRICK, 500), Attitude())
+    seen = Observed.of(curve_of(BRICK, 500), Fixed())
     normals = np.vstack([BRICK.normals, [[0.6, 0.0, 0.8]]])
     areas, which = np.append(BRICK.areas, 1.0), np.array([0] * 6 + [1])
     flux = columns(seen, normals, which, materials) @ areas
@@ -184,7 +185,7 @@ def test_a_shiny_panel_on_a_dull_brick():
 
 def test_a_material_that_is_not_there_is_left_out():
     materials = (LAMBERTIAN, Material.parse("blinn-phong:n=50"))
-    seen = Observed.of(curve_of(BRICK, 70), Attitude())
+    seen = Observed.of(curve_of(BRICK, 70), Fixed())
     normals, which = grid(60, materials)
     matrix = columns(seen, normals, which, materials)
     coarse = solve(seen, normals, which, matrix)
@@ -198,7 +199,7 @@ def test_curves_of_unknown_scale_give_the_proportions():
     group = np.arange(400) // 40
     curve = curve_of(BRICK, 400, curve=group, free_scale=np.ones(10, bool))
     scale = np.linspace(0.5, 2.0, 10)
-    seen = Observed.of(curve, Attitude())
+    seen = Observed.of(curve, Fixed())
     seen = seen.with_flux(scale[group] * seen.flux).with_error(scale[group] * seen.error)
     _, found = found_in(seen)
     assert found.scale.mean() == pytest.approx(1.0)
@@ -209,7 +210,7 @@ def test_curves_of_unknown_scale_give_the_proportions():
 
 
 def test_curves_are_drawn_whole_where_there_are_many():
-    seen = Observed.of(curve_of(BRICK, 120, curve=np.arange(120) // 10), Attitude())
+    seen = Observed.of(curve_of(BRICK, 120, curve=np.arange(120) // 10), Fixed())
     weight = bootstrap.weights(seen, 30, 0)
     assert weight.shape == (30, 120)
     assert (weight.reshape(30, 12, 10).std(axis=2) == 0).all()
@@ -217,7 +218,7 @@ def test_curves_are_drawn_whole_where_there_are_many():
 
 
 def test_blocks_are_drawn_where_there_are_few_curves():
-    seen = Observed.of(curve_of(BRICK, 125), Attitude())
+    seen = Observed.of(curve_of(BRICK, 125), Fixed())
     weight = bootstrap.weights(seen, 30, 0)
     changes = np.sum(np.diff(weight, axis=1) != 0, axis=1)
     assert changes.max() <= 24  # 25 blocks of five
@@ -266,7 +267,7 @@ def test_resampled_distributions_are_those_of_the_resampled_data(brick):
 
 
 def test_the_whole_way_from_a_curve_to_a_brick():
-    result = invert(curve_of(BRICK, seed=3), Attitude(), n_normals=200, n_bootstrap=20, n_null=0)
+    result = invert(curve_of(BRICK, seed=3), Fixed(), n_normals=200, n_bootstrap=20, n_null=0)
     assert result.reasons == []
     assert result.cues == []
     assert result.shape is not None
@@ -282,7 +283,7 @@ def test_the_whole_way_from_a_curve_to_a_brick():
 def test_a_common_albedo_sets_the_size():
     curve = curve_of(BRICK, seed=3)
     bright, dark = (
-        invert(curve, Attitude(), n_normals=150, n_bootstrap=0, n_null=0, albedo=a).shape
+        invert(curve, Fixed(), n_normals=150, n_bootstrap=0, n_null=0, albedo=a).shape
         for a in (1.0, 0.25)
     )
     assert bright is not None
@@ -291,7 +292,7 @@ def test_a_common_albedo_sets_the_size():
 
 
 def test_errors_that_are_not_given_are_estimated():
-    result = invert(curve_of(BRICK, error=None), Attitude(), n_bootstrap=0, n_null=0)
+    result = invert(curve_of(BRICK, error=None), Fixed(), n_bootstrap=0, n_null=0)
     assert not result.seen.error_known
     truth = 0.01 * result.seen.flux.mean()
     assert result.rms == pytest.approx(0.01, rel=0.2)
@@ -301,14 +302,14 @@ def test_errors_that_are_not_given_are_estimated():
 
 
 def test_a_wrong_attitude_is_not_trusted():
-    result = invert(curve_of(BRICK), Attitude(omega=(0.1, 0.2, 0.3)), n_bootstrap=0, n_null=0)
+    result = invert(curve_of(BRICK), ConstantRate((0.1, 0.2, 0.3)), n_bootstrap=0, n_null=0)
     assert "no convex body of material lambertian with this attitude" in result.reasons[0]
     assert "--material non-lambertian" in result.reasons[0]
 
 
 def test_an_open_surface_has_no_shape():
     plate = shapes.body([[0, 0, 1.0], [0.6, 0, 0.8]], [2.0, 1.0])
-    result = invert(curve_of(plate, 400), Attitude(), n_bootstrap=0, n_null=0)
+    result = invert(curve_of(plate, 400), Fixed(), n_bootstrap=0, n_null=0)
     assert result.shape is None
     assert "facets do not close: |sum(A n)| / sum(A) = 0.9" in result.no_shape
     assert "so no convex body of one albedo has them" in result.no_shape
@@ -322,11 +323,11 @@ def test_directions_never_lit_are_told():
     lit = curve_of(BRICK, 300)
     object.__setattr__(lit, "obs", near)
     object.__setattr__(lit, "sun", near)
-    result = invert(lit, Attitude(), n_bootstrap=0, n_null=0)
+    result = invert(lit, Fixed(), n_bootstrap=0, n_null=0)
     assert any("never lit and seen at once" in reason for reason in result.reasons)
     assert "or facets are missing" in result.no_shape
 
 
 def test_options_that_make_no_sense():
     with pytest.raises(InputError, match="at least 50 normals"):
-        invert(curve_of(BRICK), Attitude(), n_normals=10)
+        invert(curve_of(BRICK), Fixed(), n_normals=10)

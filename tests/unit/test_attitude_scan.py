@@ -9,7 +9,7 @@ import pytest
 import spinning
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
@@ -251,7 +251,7 @@ def test_what_was_done_is_not_done_again(curve, tmp_path):
     points = Points.of(spinning.observed(curve, POLE, 5.0, 0.02), phase_law_known=False)
     body = SmoothBody.of(60, 2, spinning.LAW)
     tried = grid.Grid(facets.grid(3), np.array([1.0, 1.01]) / (5.0 * 3600))
-    with crew() as run, Silent().stage("", 1, "") as track:
+    with worker_pool() as run, Silent().stage("", 1, "") as track:
         whole = search.screen(points, body, tried, run, Checkpoint(None, {}), "screen", track)
         first = Checkpoint(tmp_path / "checkpoint", {"run": 1})
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 import lcbayes
 from lcbayes.analysis import scan_plots, style
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
@@ -21,9 +21,10 @@ from lcbayes.inversion.attitude_scan import engine, equivalence, faceted, stabil
 from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
 from lcbayes.inversion.attitude_scan.spin import tilts
 from lcbayes.inversion.attitude_scan.verdict import summarise
-from lcbayes.modelling.ephemeris import frames
+from lcbayes.modelling.ephemeris import ephemeris, frames
 from lcbayes.physics import brightness
 from lcbayes.physics.attitude import catalogue, rotations
+from lcbayes.physics.attitude.laws import Ephemeris, Spinning
 from lcbayes.physics.bodies import facets, shapes
 
 LAW = "lambertian"
@@ -73,7 +74,7 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
 
 def judged(curve: LightCurve):
     laws, left_out = stabilised.chosen(("all",), curve, None)
-    with crew() as run, Silent().stage("", 1, "") as track:
+    with worker_pool() as run, Silent().stage("", 1, "") as track:
         found, dark = stabilised.judge(curve, laws, LAW, run, track)
     return sorted(found, key=lambda s: s.chi2), left_out | dark
 
@@ -126,10 +127,10 @@ def test_free_facets_polish_a_tumblers_spin():
         passes(200), t=np.linspace(0.0, 600.0, 200), position_km=None, velocity_km_s=None
     )
     pole, frequency = np.array([0.36, 0.48, 0.8]), 1.0 / 90.0
-    truth = faceted.Spinning(tilts(pole[None])[0], frequency)
-    rotation = truth.rotation(jnp.asarray(curve.t), jnp.asarray(300.0))
+    truth = Spinning(tilts(pole[None])[0], frequency, 300.0)
+    rotation = truth.frames(ephemeris(curve)).body
     given = seen(curve, rotation, noise=0.02)
-    start = truth.moved(np.array([0.05, -0.04, 0.05]), 600.0)
+    start = faceted.moved(truth, np.array([0.05, -0.04, 0.05]), 600.0)
     material = Material.parse(LAW)
     before = faceted.best_body(given, start, material, 200)
     found, body = faceted.polish(given, start, 600.0, material, 200)
@@ -141,8 +142,9 @@ def test_free_facets_polish_a_tumblers_spin():
 
 
 def test_a_spin_is_turned_as_it_says():
-    spin = faceted.Spinning(tilts(np.array([[0.6, 0.0, 0.8]]))[0], 0.01)
-    turned = np.asarray(spin.rotation(jnp.array([300.0, 325.0]), jnp.asarray(300.0)))
+    spin = Spinning(tilts(np.array([[0.6, 0.0, 0.8]]))[0], 0.01, 300.0)
+    times = Ephemeris(jnp.array([300.0, 325.0]), jnp.zeros((2, 3)))
+    turned = np.asarray(spin.frames(times).body)
     np.testing.assert_allclose(turned[0], spin.tilt, atol=1e-12)
     np.testing.assert_allclose(turned[:, :, 2], np.tile([0.6, 0.0, 0.8], (2, 1)), atol=1e-12)
     np.testing.assert_allclose(turned[1][:, 0], spin.tilt[:, 1], atol=1e-12)  # a quarter turn

@@ -11,7 +11,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import fit, search
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.solutions import Solution
 from lcbayes.inversion.attitude_scan.spin import in_convention
 from lcbayes.modelling import registry
@@ -195,7 +195,7 @@ def test_search_finds_a_known_ellipsoid():
     built, data = problem(observed())
     rows = convex_grid.starts(data, jax.random.key(0), **SMALL)
     z = jnp.stack([built.ravel(row) for row in rows])
-    best = search.race(built, data, z, 2, Silent()).z[0]
+    best = search.successive_halving(built, data, z, 2, Silent()).z[0]
     found = built.constrain(jnp.asarray(best), data)
     pole = unit(float(found["pole_lon_deg"]), float(found["pole_lat_deg"]))
     assert np.degrees(np.arccos(pole @ unit(*POLE_DEG))) < 4.0
@@ -207,7 +207,7 @@ def test_search_finds_a_known_ellipsoid():
 def test_moments_are_left_where_they_do_not_give_a_body_back(size, holds):
     """Nearly all area in a few places, as of a brick: the plain coordinates are sampled there."""
     data = Epochs.of(observed())
-    plain, own = posed(registry.find("convex-grid"), SMALL, data)
+    plain, own = build_problem(registry.find("convex-grid"), SMALL, data)
     drawn = plain.constrain(plain.prior_draw(jax.random.key(0), data), data)
     sites = {name: drawn[name] for name in plain.names}
     rng = np.random.default_rng(0)

@@ -10,8 +10,8 @@ import small
 
 import lcbayes
 from lcbayes.core.progress import Silent
-from lcbayes.samplers.convergence import MIN_ESS, wanted, worth
-from lcbayes.samplers.settings import MOST_DRAWS, Settings
+from lcbayes.samplers.convergence import MIN_ESS, required_length, rhat_and_ess
+from lcbayes.samplers.settings import MAX_DRAWS, Settings
 
 
 def autoregressive(memory: float, n: int = 750, chains: int = 4) -> np.ndarray:
@@ -24,38 +24,40 @@ def autoregressive(memory: float, n: int = 750, chains: int = 4) -> np.ndarray:
 
 
 def test_worth_of_draws_of_known_memory():
-    rhat, size = worth(autoregressive(0.9, 20_000))
+    rhat, size = rhat_and_ess(autoregressive(0.9, 20_000))
     assert size == pytest.approx(80_000 * 0.1 / 1.9, rel=0.15)
     assert 1.0 <= rhat < 1.01
 
 
 def test_enough_draws_are_left_alone():
     z = autoregressive(0.0)
-    assert wanted(z, 3000) == 750
-    assert wanted(autoregressive(0.9), 750) == 750  # as many as were asked for
+    assert required_length(z, 3000) == 750
+    assert required_length(autoregressive(0.9), 750) == 750  # as many as were asked for
 
 
 @pytest.mark.parametrize("memory", [0.85, 0.9])
 def test_too_few_draws_ask_for_what_is_missing(memory):
     z = autoregressive(memory)
-    _, size = worth(z)
+    _, size = rhat_and_ess(z)
     assert size < MIN_ESS
-    n = wanted(z, 3000)
+    n = required_length(z, 3000)
     assert 4 / 3 * 750 <= n <= 1500
     assert n * size / 750 > MIN_ESS or n == 1500
-    assert worth(autoregressive(memory, wanted(autoregressive(memory, n), 3000)))[1] > MIN_ESS
+    longer = required_length(autoregressive(memory, n), 3000)
+    assert rhat_and_ess(autoregressive(memory, longer))[1] > MIN_ESS
 
 
 def test_hopeless_chains_cost_no_more():
-    assert wanted(autoregressive(0.99), 3000) == 750  # worth 15
+    assert required_length(autoregressive(0.99), 3000) == 750  # worth 15
     z = autoregressive(0.9)
-    assert wanted(z + np.arange(4.0)[:, None, None], 3000) == 750  # each in a place of its own
-    assert wanted(np.zeros((4, 750, 2)), 3000) == 750  # stuck
-    assert wanted(z[:1], 3000) == 750  # one chain, which nothing can be compared with
+    separate = z + np.arange(4.0)[:, None, None]
+    assert required_length(separate, 3000) == 750
+    assert required_length(np.zeros((4, 750, 2)), 3000) == 750  # stuck
+    assert required_length(z[:1], 3000) == 750  # one chain, which nothing can be compared with
 
 
 def test_who_asks_for_a_number_gets_it():
-    assert Settings().most_samples == MOST_DRAWS
+    assert Settings().most_samples == MAX_DRAWS
     assert Settings(num_samples=500).most_samples == 500
     assert Settings(sampler="smc").most_samples == Settings(sampler="smc").num_samples
 
@@ -92,7 +94,7 @@ def test_a_fit_goes_on_until_it_has_enough_and_so_it_does_when_resumed(tmp_path,
     curve = small.curve(20, noise=0.1)
     asked = {"n_facets": 1, "spin": "none", "num_warmup": 100, "num_starts": 24, "seed": 3}
     whole = lcbayes.fit(curve, **asked)
-    assert 100 < whole.posterior.sizes["draw"] <= MOST_DRAWS
+    assert 100 < whole.posterior.sizes["draw"] <= MAX_DRAWS
     assert whole.summary()["min_ess_bulk"] >= MIN_ESS
     with pytest.raises(KeyboardInterrupt):
         lcbayes.fit(curve, out=tmp_path, progress=Cut(), **asked)

@@ -8,6 +8,7 @@ import numpy as np
 import small
 
 import lcbayes
+from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import photometry
 
@@ -52,9 +53,7 @@ def test_fitted_sets_the_kind():
     flux = small.curve(5, range_km=np.full(5, 700.0))
     assert Epochs.of(flux, mag).kind == "mag"
     np.testing.assert_allclose(Epochs.of(flux, mag).dilution, 1 / 7e5**2)
-    np.testing.assert_allclose(
-        Epochs.of(mag, flux).dilution, photometry.SOLAR_FLUX_VISIBLE / 7e5**2
-    )
+    np.testing.assert_allclose(Epochs.of(mag, flux).dilution, SOLAR_FLUX_VISIBLE / 7e5**2)
 
 
 def test_levels_make_a_unit_scale_ordinary():

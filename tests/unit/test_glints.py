@@ -13,14 +13,13 @@ from flashes import (
     wire_flashes,
 )
 
+from lcbayes.core.constants import SUN_ANGULAR_RADIUS
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area.observed import Attitude
 from lcbayes.inversion.glints import analyse
 from lcbayes.inversion.glints.detect import detect
 from lcbayes.inversion.glints.directions import (
     CHI2_90,
-    SUN_RADIUS,
     Sighting,
     bisector,
     cylinder,
@@ -29,6 +28,7 @@ from lcbayes.inversion.glints.directions import (
     tracking,
 )
 from lcbayes.inversion.glints.instants import instants, rounding
+from lcbayes.physics.attitude.laws import ConstantRate
 from lcbayes.physics.bodies.facets import across as axes_across
 
 T = np.arange(0.0, 300.0, 0.5)
@@ -186,7 +186,7 @@ def test_axes_of_cylinders_lie_in_their_regions_as_often_as_said():
             turn = rng.uniform(0, 2 * np.pi)
             b = np.cos(turn) * e1 + np.sin(turn) * e2
             rate = rng.uniform(0.002, 0.01) * c
-            off = np.hypot(np.linalg.norm(rate) * 0.5, 0.5 * SUN_RADIUS) * rng.normal()
+            off = np.hypot(np.linalg.norm(rate) * 0.5, 0.5 * SUN_ANGULAR_RADIUS) * rng.normal()
             b = b + off * c
             seen.append(Sighting(b / np.linalg.norm(b), rate, 0.5, 2.0))
         found = cylinder(seen, range(5))
@@ -263,7 +263,7 @@ def test_where_conditions_fail_nothing_is_given():
     none = "no glint stands out: none has a false-alarm probability below 0.01"
     assert any(analyse(no_flashes(seed, 50.0)).reasons == [none] for seed in range(3, 6))
     curve, attitude, _ = facet_flashes(3, 50.0)
-    wrong = Attitude(omega=(0.02, 0.03, 0.01))
+    wrong = ConstantRate((0.02, 0.03, 0.01))
     assert analyse(curve, wrong).reasons
     first = analyse(curve, attitude).glints[0]
     alone = analyse(curve.select(np.abs(curve.t - first.t) < 40.0), attitude)

@@ -85,7 +85,7 @@ def test_more_facets_that_fit_worse_have_lost_their_way():
     found = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
     told = screening.lost(found, 1.0)
     assert list(told) == [4, 6]
-    assert "fit by 50 nats worse than with 3, which 4 include" in told[4]
+    assert "fit 50 nats worse than with 3; increase" in told[4]
     assert "42 nats worse than with 5" in told[6]
     assert list(screening.lost(found, 0.7)) == [4]
     assert screening.lost({2: -400.0, 3: -30.0}, 1.0) == {}

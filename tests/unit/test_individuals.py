@@ -10,9 +10,9 @@ import pytest
 from false_alarms import EACH, counts, limit
 
 import lcbayes
+from lcbayes.core.constants import EARTH_RADIUS_KM
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_KM
 from lcbayes.inference import solutions
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling import registry
@@ -37,8 +37,8 @@ def fleet(n: int, n_passes: int = 3, n_points: int = 5, seed: int = 0) -> LightC
     step = np.tile(np.arange(n_points) * 8.0, total)
     start = unit(np.array([0.1, 0.95, 0.3]) + 0.12 * rng.standard_normal((total, 3)))
     ahead = 7.6 * unit(np.cross(start, rng.standard_normal((total, 3))))
-    position = (EARTH_KM + 550.0) * start[where] + ahead[where] * step[:, None]
-    line = EARTH_KM * unit(np.array([0.1, 0.95, 0.3])) - position
+    position = (EARTH_RADIUS_KM + 550.0) * start[where] + ahead[where] * step[:, None]
+    line = EARTH_RADIUS_KM * unit(np.array([0.1, 0.95, 0.3])) - position
     names = tuple(f"sat {i}" for i in range(n))
     light = LightCurve(
         t=DAY * np.tile(np.repeat(np.arange(n_passes), n_points), n) + step,

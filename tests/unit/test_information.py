@@ -27,7 +27,7 @@ def test_white_residuals_count_whole():
     """Each of 50 seeds gives less than 1 once in 740, binomial; less than 0.6 takes 6.7 sd."""
     group = np.repeat(np.arange(10), 40)
     found = [
-        correlation.of_residuals(np.random.default_rng(s).standard_normal(400), group)
+        correlation.information_per_point(np.random.default_rng(s).standard_normal(400), group)
         for s in range(50)
     ]
     assert np.sum(np.array(found) < 1.0) <= counts(50, 1 / 740)[1]
@@ -40,7 +40,8 @@ def test_an_autoregressive_sequence_has_its_known_correlation_time():
     the rest is scatter, which 8 seeds tell: three comparisons by t of 7 degrees of freedom."""
     for rho in (0.3, 0.6, 0.9):
         n, group = 200_000, np.zeros(200_000, int)
-        found = [correlation.of_residuals(autoregressive(n, rho, s), group) for s in range(8)]
+        of = correlation.information_per_point
+        found = [of(autoregressive(n, rho, s), group) for s in range(8)]
         tau = 1 / np.array(found)
         error = limit(3, len(tau) - 1) * tau.std(ddof=1) / np.sqrt(len(tau))
         want = (1 + rho) / (1 - rho)
@@ -54,10 +55,10 @@ def test_groups_do_not_reach_into_each_other():
     group = np.repeat(np.arange(200), 2)
     pairs = rng.standard_normal((200, 2))
     level = np.repeat(np.linspace(-1, 1, 200)[:, None], 2, axis=1)
-    assert correlation.of_residuals(pairs.ravel(), group) == 1.0
-    assert correlation.of_residuals((pairs + 3 * level).ravel(), group) < 0.6
+    assert correlation.information_per_point(pairs.ravel(), group) == 1.0
+    assert correlation.information_per_point((pairs + 3 * level).ravel(), group) < 0.6
     # The same residuals, each its own group: there is no pair to tell.
-    assert correlation.of_residuals((pairs + 3 * level).ravel(), np.arange(400)) == 1.0
+    assert correlation.information_per_point((pairs + 3 * level).ravel(), np.arange(400)) == 1.0
 
 
 def test_points_that_are_copies_count_once():
@@ -72,7 +73,7 @@ def test_points_that_are_copies_count_once():
     problem, data = small.posed(light, n_facets=1, spin="none")
     _, many = small.posed(copies, n_facets=1, spin="none")
     z = small.truth(problem, data, 1)
-    weighed = correlation.weighed(problem, np.asarray(z), many)
+    weighed = correlation.tempered(problem, np.asarray(z), many)
     assert 0.07 < float(weighed.information) < 0.15
 
     @jax.jit

@@ -63,7 +63,7 @@ def test_damit(tmp_path):
     assert curve.sun.tolist() == [[0, -1, 0], [0, -1, 0], [0, 0, 1]]
     np.testing.assert_allclose(curve.obs[2], [0, 0.8, 0.6], rtol=1e-15)
     assert curve.error is None
-    assert read(path, error=0.01).error.tolist() == [0.01] * 3  # pyright: ignore
+    assert read(path, error=0.01).error.tolist() == [0.01] * 3  # pyright: ignore[reportOptionalMemberAccess]
     assert read_geometry(path).geometry_only
 
 

@@ -145,4 +145,4 @@ def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     unknown = SimpleNamespace(own_level=np.array([True]))
     monkeypatch.setattr(known.predict.Foretold, "of", lambda *_, **__: unknown)
     with pytest.raises(InputError, match="has curves of unknown scale only"):
-        known.from_fit("fit", SimpleNamespace(curve=curve), "pole")  # pyright: ignore
+        known.from_fit("fit", SimpleNamespace(curve=curve), "pole")  # pyright: ignore[reportArgumentType]

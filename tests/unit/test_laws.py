@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from lcbayes.core.constants import EARTH_RATE, OBLIQUITY
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
@@ -18,9 +19,21 @@ from lcbayes.data.read import read
 from lcbayes.data.write import write
 from lcbayes.geometry.times import Times
 from lcbayes.geometry.tle import parse_tle
-from lcbayes.modelling.ephemeris import _fitted, ephemeris, frames, unsure_deg, velocity_from_places
+from lcbayes.modelling.ephemeris import (
+    _fitted,
+    ephemeris,
+    frames,
+    velocity_direction_sd_deg,
+    velocity_from_places,
+)
 from lcbayes.physics.attitude import catalogue, laws
-from lcbayes.physics.attitude.laws import TARGETS, ConstantRate, Ephemeris, Fixed, PrincipalAxis
+from lcbayes.physics.attitude.laws import (
+    TARGETS,
+    ConstantRate,
+    Ephemeris,
+    Fixed,
+    PrincipalAxis,
+)
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
 
@@ -44,7 +57,7 @@ def orbit(t: jax.Array, eccentricity: float = 0.0, season: float = 0.0) -> Ephem
     lon = 5.5 + season * t
     sun = jnp.stack([0.6 * jnp.cos(lon), 0.6 * jnp.sin(lon), jnp.full(t.shape, 0.8)], axis=1)
     north = jnp.array([0.0, 0.0, 1.0])
-    ecliptic = jnp.array([0.0, -np.sin(laws.OBLIQUITY), np.cos(laws.OBLIQUITY)])
+    ecliptic = jnp.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
     return Ephemeris(t, sun, position, velocity, north, ecliptic)
 
 
@@ -216,7 +229,7 @@ def test_names_and_settings():
 def test_laws_are_spelled_as_they_are_read(text):
     law = catalogue.parse(text)
     assert catalogue.spelled(law) == text
-    assert catalogue.told_apart([law, catalogue.find("lvlh-backward"), law])[law.name] == law
+    assert catalogue.by_unique_name([law, catalogue.find("lvlh-backward"), law])[law.name] == law
 
 
 @pytest.mark.parametrize(
@@ -276,7 +289,7 @@ def iss(t) -> tuple[np.ndarray, np.ndarray]:
 def coarse(t, place, degrees, km) -> np.ndarray:
     """Places as seen from a site under the middle of the pass, angles and ranges rounded."""
     site = 6371.0 * unit(place[len(t) // 2]) + np.array([100.0, 300.0, -200.0])
-    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, laws.EARTH_RATE]))
+    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, EARTH_RATE]))
     line = place - turn.apply(site)
     far = np.linalg.norm(line, axis=1)
     up, right = np.arcsin(line[:, 2] / far), np.arctan2(line[:, 1], line[:, 0])
@@ -362,8 +375,9 @@ def test_how_unsure_directions_are_is_known():
     ratio = rms / np.sqrt(np.mean(np.square(told), axis=0))
     assert np.all((ratio > 0.7) & (ratio < 1.4))
     one = seen(position_km=place[:1].repeat(41, 0), t=np.arange(41.0))
-    assert unsure_deg(one) is None
-    assert unsure_deg(seen(position_km=place[:41], t=t[:41], velocity_km_s=motion[:41])) is None
+    assert velocity_direction_sd_deg(one) is None
+    known = seen(position_km=place[:41], t=t[:41], velocity_km_s=motion[:41])
+    assert velocity_direction_sd_deg(known) is None
 
 
 def test_velocities_of_several_passes_and_curves():

@@ -20,7 +20,7 @@ from lcbayes.simulation.observability.campaign import (
     flux_weight,
     jacobian,
 )
-from lcbayes.simulation.observability.linearity import LINEAR, nonlinearity
+from lcbayes.simulation.observability.linearity import MAX_NONLINEARITY, nonlinearity
 from lcbayes.simulation.observability.measurements import measure, over_directions
 from lcbayes.simulation.observability.parameters import GROUPS, USUAL, Unknowns
 from lcbayes.simulation.observability.targets import of_unknowns
@@ -170,7 +170,7 @@ def test_one_exponent_of_an_isotropic_facet_moves_both(panel, measured):
     unknowns = Unknowns.of(with_nu(40.0), ["surface"])
     assert unknowns.names == ("panel.r_diff", "panel.r_spec", "panel.log_nu")
     some = [x[:3] for x in (m.curve.t, m.curve.sun, m.curve.obs)]
-    moved = unknowns.flux(np.array([0.0, 0.0, np.log(1.5)]), *some)  # pyright: ignore
+    moved = unknowns.flux(np.array([0.0, 0.0, np.log(1.5)]), *some)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(moved, flux_at(with_nu(60.0), *some), rtol=1e-12)
 
 
@@ -424,7 +424,7 @@ def test_an_error_within_which_the_brightness_bends_is_told():
         ends.append(2.0 * least_squares(residuals, np.zeros(8), x_scale=scale, xtol=1e-10).cost)
     expected = np.max(np.abs(np.sqrt(ends) / 2.0 - 1.0))
     assert off[100.0][i] == pytest.approx(expected, rel=0.02)
-    assert off[100.0][i] < LINEAR < off[10.0][i]
+    assert off[100.0][i] < MAX_NONLINEARITY < off[10.0][i]
 
 
 def test_unknown_groups_are_named():

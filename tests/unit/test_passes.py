@@ -14,6 +14,7 @@ from scipy import integrate, stats
 from scipy.special import logsumexp
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data import segments
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import goodness_of_fit
 from lcbayes.modelling import likelihood, pass_effects
@@ -52,9 +53,9 @@ def curve(n_each: int = 3) -> LightCurve:
 
 
 def test_passes_are_of_one_group_and_site_without_a_gap():
-    assert pass_effects.numbers(curve()).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 4]
+    assert segments.pass_numbers(curve()).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 4]
     in_turn = curve().select([0, 6, 1, 7, 3, 9, 4, 11])  # rows of the two satellites
-    assert pass_effects.numbers(in_turn).tolist() == [0, 2, 0, 2, 1, 3, 1, 4]
+    assert segments.pass_numbers(in_turn).tolist() == [0, 2, 0, 2, 1, 3, 1, 4]
     assert Epochs.of(curve()).has_passes
     one = curve().select(np.arange(6))
     assert not Epochs.of(one).has_passes  # one satellite
@@ -83,7 +84,9 @@ def test_innovations_make_up_the_joint_density():
     whole = np.diag(sd**2) + (0.49 + 0.16 * np.outer(X, X)) * (NUMBER[:, None] == NUMBER)
     want = stats.multivariate_normal(mean, whole).logpdf(y)
     assert float(stats.norm.logpdf(y, loc, scale).sum()) == pytest.approx(want, rel=1e-12)
-    alone = pass_effects.innovations(TOGETHER.apart(), *map(jnp.asarray, (y, mean, sd, 0.7, 0.4)))
+    alone = pass_effects.innovations(
+        TOGETHER.without_passes(), *map(jnp.asarray, (y, mean, sd, 0.7, 0.4))
+    )
     np.testing.assert_allclose(alone[0], mean)
     np.testing.assert_allclose(alone[1], np.sqrt(np.diag(whole)))
 
@@ -139,7 +142,7 @@ def test_observing_with_passes(law):
     np.testing.assert_allclose(np.asarray(fn.scale)[first], wide[first])
     rest = np.setdiff1d(np.arange(12), first)
     assert np.all(np.asarray(fn.scale)[rest] < wide[rest])
-    apart = handlers.trace(model).get_trace(data.apart(), jnp.ones(12), law, 0.3, True)
+    apart = handlers.trace(model).get_trace(data.without_passes(), jnp.ones(12), law, 0.3, True)
     np.testing.assert_allclose(apart["brightness"]["fn"].loc, mean)
     np.testing.assert_allclose(apart["brightness"]["fn"].scale, wide)
 
@@ -167,7 +170,7 @@ def test_a_pass_without_weight_does_not_matter():
     """As where it is left out, if the power of its points is next to none."""
     light = curve()
     data = Epochs.of(light)
-    keep = pass_effects.numbers(light) != 1
+    keep = segments.pass_numbers(light) != 1
     data = replace(data, information=jnp.where(keep, 1.0, 1e-300))
     model = handlers.seed(likelihood.observe, 0)
     whole = handlers.trace(model).get_trace(data, jnp.ones(12), "mixture", 0.3, True)["brightness"]

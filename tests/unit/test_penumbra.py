@@ -11,31 +11,32 @@ import pytest
 from scipy import integrate, optimize
 
 from lcbayes.cli.commands.reading import asked, read_from, read_lit
+from lcbayes.core.constants import AU_KM, EARTH_FLATTENING, EARTH_RADIUS_KM, SUN_RADIUS_KM
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import AU_KM, EARTH_KM, SUN_KM, airmass, sun_position
+from lcbayes.geometry.earth import airmass, sun_position
 from lcbayes.geometry.times import Times
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics.earthshine import RINGS, SECTORS, glow
 from lcbayes.simulation import scenarios
 
 SUN = np.array([1.0, 0.0, 0.0])
-RADIUS = EARTH_KM + 550.0
+RADIUS = EARTH_RADIUS_KM + 550.0
 
 
 def places(height_km: np.ndarray) -> np.ndarray:
     """On a circular orbit in the equator's plane, where the line to the Sun's centre passes over
     the ground at these heights, (T, 3)."""
-    low = EARTH_KM + height_km
+    low = EARTH_RADIUS_KM + height_km
     return np.stack([-np.sqrt(RADIUS**2 - low**2), low, 0.0 * low], axis=1)
 
 
 def overlap(place: np.ndarray) -> float:
     """Share of the Sun's disc seen past a bare spherical Earth: the area common to two discs."""
     to_sun = AU_KM * SUN
-    a, b = np.arcsin(SUN_KM / AU_KM), np.arcsin(EARTH_KM / np.linalg.norm(place))
+    a, b = np.arcsin(SUN_RADIUS_KM / AU_KM), np.arcsin(EARTH_RADIUS_KM / np.linalg.norm(place))
     c = np.arccos(-place @ to_sun / np.linalg.norm(place) / AU_KM)
     if c >= a + b:
         return 1.0
@@ -56,7 +57,9 @@ def test_without_air_it_is_the_share_of_the_disc_that_is_seen():
 
 
 def test_all_light_arrives_high_above_the_air_and_on_the_day_side():
-    high = np.array([[-3000.0, EARTH_KM + 300.0, 0.0], [7000.0, 0.0, 0.0], [0.0, 7000.0, 0.0]])
+    high = np.array(
+        [[-3000.0, EARTH_RADIUS_KM + 300.0, 0.0], [7000.0, 0.0, 0.0], [0.0, 7000.0, 0.0]]
+    )
     np.testing.assert_allclose(earth_shadow.sunlight(high, np.tile(SUN, (3, 1))), 1.0, atol=1e-9)
     assert earth_shadow.sunlight(np.array([[-7000.0, 0.0, 0.0]]), SUN[None])[0] == 0.0
 
@@ -66,7 +69,7 @@ def test_with_air_by_rays_one_at_a_time(height):
     """The disc in strips of straight height g: each finds its bent ray, and the dilution dh/dg."""
     (place,) = places(np.array([height]))
     behind = -place @ SUN
-    radius = SUN_KM / AU_KM * behind
+    radius = SUN_RADIUS_KM / AU_KM * behind
 
     def bent(h):
         return h - behind * earth_shadow.BENDING * np.exp(-h / earth_shadow.SCALE_KM)
@@ -89,7 +92,7 @@ def test_the_limb_is_that_of_the_ellipsoid():
     """Over a pole the ground is 21 km lower: as much light arrives from rays so much lower."""
     equator = places(np.array([20.0]))
     pole = equator[:, [0, 2, 1]]
-    lower = pole * [1.0, 1.0, (EARTH_KM * (1 - earth_shadow.FLATTENING) + 20.0) / pole[0, 2]]
+    lower = pole * [1.0, 1.0, (EARTH_RADIUS_KM * (1 - EARTH_FLATTENING) + 20.0) / pole[0, 2]]
     found = earth_shadow.sunlight(np.concatenate([equator, pole, lower]), np.tile(SUN, (3, 1)))
     assert found[1] > found[0] + 0.3
     assert found[2] == pytest.approx(found[0], abs=2e-3)
@@ -99,7 +102,7 @@ def test_extinction_along_a_ray_by_quadrature():
     """Of the ozone alone, over the length of the ray; toward the zenith it is 0.03."""
 
     def density(r):
-        z = (r - EARTH_KM - earth_shadow.OZONE_KM) / earth_shadow.OZONE_WIDTH_KM
+        z = (r - EARTH_RADIUS_KM - earth_shadow.OZONE_KM) / earth_shadow.OZONE_WIDTH_KM
         return (
             earth_shadow.OZONE
             / (np.sqrt(2 * np.pi) * earth_shadow.OZONE_WIDTH_KM)
@@ -107,9 +110,9 @@ def test_extinction_along_a_ray_by_quadrature():
         )
 
     for h in (5.0, 20.0, 30.0):
-        along = lambda s, h=h: density(np.hypot(EARTH_KM + h, s))  # noqa: E731
+        along = lambda s, h=h: density(np.hypot(EARTH_RADIUS_KM + h, s))  # noqa: E731
         ozone = 2.0 * integrate.quad(along, 0.0, 1500.0, limit=200)[0]
-        air = earth_shadow.RAYLEIGH * np.sqrt(2 * np.pi * EARTH_KM / earth_shadow.SCALE_KM)
+        air = earth_shadow.RAYLEIGH * np.sqrt(2 * np.pi * EARTH_RADIUS_KM / earth_shadow.SCALE_KM)
         want = ozone + air * np.exp(-h / earth_shadow.SCALE_KM)
         assert earth_shadow.extinction(np.array([h]))[0] == pytest.approx(want, rel=2e-3)
 
@@ -119,14 +122,17 @@ def test_airmass_is_that_of_air_in_spherical_layers():
     (Kasten & Young 1989: 37.92, with refraction)."""
     for altitude in (90.0, 30.0, 10.0, 0.0):
         a = np.radians(altitude)
-        site, toward = np.array([EARTH_KM, 0, 0]), np.array([np.sin(a), np.cos(a), 0.0])
+        site, toward = np.array([EARTH_RADIUS_KM, 0, 0]), np.array([np.sin(a), np.cos(a), 0.0])
         found = airmass((site + 800.0 * toward)[None], -toward[None], np.array([800.0]))[0]
         if altitude == 0.0:
             assert found == pytest.approx(37.92, rel=1e-3)
             continue
 
         def above(s, a=a):
-            return np.sqrt(EARTH_KM**2 + s**2 + 2 * EARTH_KM * s * np.sin(a)) - EARTH_KM
+            return (
+                np.sqrt(EARTH_RADIUS_KM**2 + s**2 + 2 * EARTH_RADIUS_KM * s * np.sin(a))
+                - EARTH_RADIUS_KM
+            )
 
         slant = integrate.quad(lambda s: np.exp(-above(s) / 8.0), 0, 600, limit=200)[0]
         assert found == pytest.approx(slant / 8.0, rel=0.01)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.laws import ConstantRate, Ephemeris, PrincipalAxis, Tabulated
 
 
 def cross_matrix(w):
@@ -163,3 +165,34 @@ def test_to_body_undoes_the_attitude_and_fixed_does_nothing():
     there = jnp.einsum("tij,tj->ti", a, v)
     np.testing.assert_allclose(rotations.to_body(a, there), v, atol=1e-14)
     np.testing.assert_array_equal(rotations.to_body(rotations.fixed(t), v), v)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PrincipalAxis(1.0, 91.0, 2.0), "-90 to 90"),
+        (lambda: PrincipalAxis(1.0, 1.0, 0.0), "period_s is 0"),
+        (lambda: PrincipalAxis(1.0, 1.0, float("nan")), "finite"),
+        (lambda: ConstantRate((0.0, float("inf"), 0.0)), "finite"),
+    ],
+)
+def test_laws_of_impossible_numbers(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_the_phase_of_a_spin_is_that_at_its_epoch():
+    t = jnp.array([0.0, 30.0])
+    at = Ephemeris(t, jnp.zeros((2, 3)))
+    spin = PrincipalAxis(40.0, -30.0, 120.0, 15.0, t0_s=30.0)
+    first = PrincipalAxis(40.0, -30.0, 120.0, 15.0)
+    np.testing.assert_array_equal(spin.frames(at).body[1], first.frames(at).body[0])
+    assert "t0_s" not in first.settings()
+    assert spin.settings()["t0_s"] == 30.0
+
+
+def test_a_tabulated_attitude_is_given_back():
+    axes = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
+    law = Tabulated(axes)
+    np.testing.assert_array_equal(law.frames(Ephemeris(jnp.zeros(2), jnp.zeros((2, 3)))).body, axes)
+    assert law.settings() == {"axes": axes.tolist()}

@@ -11,6 +11,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import basins, population
 from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.samplers import smc
 from lcbayes.samplers.chains import Whitening
@@ -64,17 +65,15 @@ def sampled(posed, monkeypatch, clouds, at, log_z=(0.0, 0.0, 0.0), n=150, **aske
     ]
     monkeypatch.setattr(population, "_runs", lambda *_: runs)
     monkeypatch.setattr(basins, "optima", lambda *_: [solution(z) for z in at])
-    monkeypatch.setattr(basins.Regions, "evidence", lambda *_: {})  # these clouds are no posterior
+    monkeypatch.setattr(basins.Basins, "evidence", lambda *_: {})  # these clouds are no posterior
     settings = Settings("smc", num_samples=n, num_chains=len(runs), **asked)
     return population.sample(
         problem,
         data,
         [],
         order,
-        settings,
+        Execution(settings, 1, Checkpoint(None, {})),
         jax.random.key(0),
-        1,
-        Checkpoint(None, {}),
         Timing(),
         Silent(),
     )

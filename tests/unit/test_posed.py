@@ -17,7 +17,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import problem_cache as keeping
 from lcbayes.inference import search
-from lcbayes.inference.problem_cache import forget, posed, structures
+from lcbayes.inference.problem_cache import build_problem, forget, structures
 from lcbayes.modelling import likelihood, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.moments import MomentCoordinates
@@ -44,19 +44,19 @@ def entry(**hooks) -> registry.Entry:
 def test_same_structure_same_problem_other_structure_other_problem():
     forget()
     one = entry()
-    first, _ = posed(one, {"level": 0.0}, Epochs.of(small.curve(8, seed=1)))
-    assert posed(one, {"level": 0.0}, Epochs.of(small.curve(8, seed=2)))[0] is first
+    first, _ = build_problem(one, {"level": 0.0}, Epochs.of(small.curve(8, seed=1)))
+    assert build_problem(one, {"level": 0.0}, Epochs.of(small.curve(8, seed=2)))[0] is first
     others = [
         ({"level": 0.0}, small.curve(9)),
         ({"level": 0.1}, small.curve(8)),
         ({"level": 0.0}, small.curve(8, free_scale=np.array([True]))),
         ({"level": 0.0}, small.curve(8, error=None)),
     ]
-    found = [posed(one, o, Epochs.of(c))[0] for o, c in others]
+    found = [build_problem(one, o, Epochs.of(c))[0] for o, c in others]
     assert len({id(p) for p in [first, *found]}) == structures() == 5
     forget()
     assert structures() == 0
-    assert posed(one, {"level": 0.0}, Epochs.of(small.curve(8)))[0] is not first
+    assert build_problem(one, {"level": 0.0}, Epochs.of(small.curve(8)))[0] is not first
 
 
 def test_a_second_light_curve_compiles_nothing_and_gives_its_own_numbers():
@@ -64,16 +64,16 @@ def test_a_second_light_curve_compiles_nothing_and_gives_its_own_numbers():
     ends = []
     for seed in (1, 2):
         data = Epochs.of(small.curve(8, seed=seed))
-        problem, same = posed(one, {}, data)
+        problem, same = build_problem(one, {}, data)
         assert same is problem  # no coordinates of its own
         before = len(TRACED)
         starts = jnp.linspace(-1.0, 1.0, 4)[:, None]
-        found = search.race(problem, data, starts, 1, Silent())
+        found = search.successive_halving(problem, data, starts, 1, Silent())
         sd = compiled(problem.moments)(jnp.asarray(found.z[0]), data).sd
         ends.append((float(found.z[0, 0]), float(sd[0])))
         assert (len(TRACED) > before) == (seed == 1)
     fresh = Epochs.of(small.curve(8, seed=2))
-    alone = search.race(Problem(one.bind({}), fresh), fresh, starts, 1, Silent())
+    alone = search.successive_halving(Problem(one.bind({}), fresh), fresh, starts, 1, Silent())
     assert ends[1][0] == float(alone.z[0, 0]) != ends[0][0]
 
 
@@ -87,12 +87,12 @@ def slow(data: Epochs):
 
 def test_threads_trace_beside_each_other_while_programs_are_let_go_of(monkeypatch):
     """Light curves of different length, each with a problem of its own, of which one is kept."""
-    monkeypatch.setattr(keeping, "MOST", 1)
+    monkeypatch.setattr(keeping, "MAX_STRUCTURES", 1)
     one = entry(model=slow)
 
     def numbers(n: int) -> list[float]:
         data = Epochs.of(small.curve(n))
-        problem, _ = posed(one, {}, data)
+        problem, _ = build_problem(one, {}, data)
         z, whitening = jnp.zeros(1), chains.Whitening(jnp.zeros(1), jnp.eye(1))
         kernel = chains.kernel(problem)
         state = chains.start(kernel, jax.random.key(n), 10, whitening, data)
@@ -122,10 +122,10 @@ def unmade(monkeypatch):
 def test_no_more_structures_are_kept_than_may_be():
     one, data = entry(), Epochs.of(small.curve(8))
     kept = []
-    for i in range(keeping.MOST + 1):
-        posed(one, {"level": float(i)}, data)
+    for i in range(keeping.MAX_STRUCTURES + 1):
+        build_problem(one, {"level": float(i)}, data)
         kept.append(structures())
-    assert kept == [*range(1, keeping.MOST + 1), 1]
+    assert kept == [*range(1, keeping.MAX_STRUCTURES + 1), 1]
 
 
 @pytest.mark.usefixtures("unmade")
@@ -136,7 +136,7 @@ def test_coordinates_that_are_equal_are_shared():
 
     def problems(coordinates):
         one = entry(coordinates=coordinates)
-        return [posed(one, {}, data) for _ in range(2)]
+        return [build_problem(one, {}, data) for _ in range(2)]
 
     first, again = problems(lambda _: {"x": MomentCoordinates(basis, 1)})
     assert first is again

@@ -15,7 +15,7 @@ from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
-EDGE = 0.02 * np.sqrt(np.pi) / 2  # what the soft edge of `priors.lit_and_seen` adds, rad
+EDGE = 0.02 * np.sqrt(np.pi) / 2  # what the soft edge of `priors.visibility_prior` adds, rad
 
 
 def test_a_constant_factor():

@@ -116,7 +116,7 @@ def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
 
     def factor(sun, obs, normals=axes, softness=0.02):
         sun, obs = (jnp.pad(jnp.array(v), ((0, 0), (0, 3 - len(v[0])))) for v in (sun, obs))
-        return factor_of(lambda: priors.lit_and_seen(sun, obs, normals, softness))
+        return factor_of(lambda: priors.visibility_prior(sun, obs, normals, softness))
 
     assert factor([[-0.5, 0.2], [0.3, 0.9]], [[0.9, 0.1], [0.05, -0.2]]) == 0.0
     # Lit at one epoch and seen at another is not enough: max over epochs of the smaller.
@@ -132,8 +132,8 @@ def test_lit_and_seen_leads_back():
 
     def log_p(normals):
         with handlers.block(), handlers.trace() as trace, handlers.seed(rng_seed=0):
-            priors.lit_and_seen(jnp.asarray(sun), jnp.asarray(obs), normals)
-        return trace["lit_and_seen"]["fn"].log_factor
+            priors.visibility_prior(jnp.asarray(sun), jnp.asarray(obs), normals)
+        return trace["visibility"]["fn"].log_factor
 
     away, towards = jnp.array([[-1.0, 0.1, 0.0]]), jnp.array([[1.0, 0.1, 0.0]])
     slope = jax.grad(log_p)(away)

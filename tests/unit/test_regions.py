@@ -10,7 +10,7 @@ from false_alarms import EACH, limit, squares
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import basins
-from lcbayes.inference.basins import Regions
+from lcbayes.inference.basins import Basins
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.solutions import Solution
 
@@ -55,12 +55,12 @@ def drawn(rng: np.random.Generator, counts: tuple[int, int]) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def cut() -> Regions:
+def cut() -> Basins:
     order = FacetOrder(PROBLEM, ("facet",))  # type: ignore[arg-type]
-    return Regions(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
+    return Basins(PROBLEM, None, [Solution(b.ravel(), 0.0, 0.0, 0.0, 1) for b in BODIES], order)  # type: ignore[arg-type]
 
 
-def weighed(cut: Regions, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> basins.Weighed:
+def weighed(cut: Basins, z: np.ndarray, path: np.ndarray, n_chains: int, rng) -> basins.Weighed:
     label, rows = cut.place(z)
     return basins.weigh(cut, label, rows, path, n_chains, rng)
 
@@ -108,7 +108,7 @@ def test_a_way_that_led_elsewhere_is_told(cut):
     rng = np.random.default_rng(2)
     z = np.stack([drawn(rng, (840, 360)) for _ in range(3)])
     found = weighed(cut, z, LOG_Z + 4.0 + np.array([-0.2, 0.0, 0.2]), 1200, rng)
-    assert any("off by 4.0 nats" in reason for reason in found.reasons)
+    assert any("differs by 4.0 nats" in reason for reason in found.reasons)
 
 
 def test_too_few_particles_are_counted(cut):

@@ -13,12 +13,12 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.problem_cache import posed
+from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.search import SearchState
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import prior_draws
-from lcbayes.samplers.tempering_path import in_time
+from lcbayes.samplers.tempering_path import time_ordered
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
 
@@ -34,7 +34,7 @@ def one():
     problem, data = small.posed(small.curve(30), n_facets=1, spin="none")
     keys = jax.random.split(jax.random.key(0), 24)
     starts = jax.jit(jax.vmap(problem.prior_draw, (0, None)))(keys, data)
-    return problem, data, starts, search.race(problem, data, starts, 2, Silent())
+    return problem, data, starts, search.successive_halving(problem, data, starts, 2, Silent())
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_ends_are_sorted_and_never_worse_than_their_starts(one):
 
 def test_workers_do_not_change_the_numbers(one):
     problem, data, starts, ends = one
-    again = search.race(problem, data, starts, 1, Silent())
+    again = search.successive_halving(problem, data, starts, 1, Silent())
     for a, b in zip(ends, again, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -72,7 +72,7 @@ def test_workers_do_not_change_the_numbers(one):
 def test_a_start_without_density_is_given_up(one):
     problem, data, starts, _ = one
     broken = starts.at[0].set(jnp.nan)
-    ends = search.race(problem, data, broken, 1, Silent())
+    ends = search.successive_halving(problem, data, broken, 1, Silent())
     assert np.all(np.isfinite(ends.potential[:12]))
     assert np.isfinite(ends.z[0]).all()
 
@@ -133,7 +133,7 @@ def test_far_and_much_worse_ends_are_dropped(two):
     ends = ends_at(problem, data, z, worse)
     found = solutions.distinct(problem, data, ends, order, 4)
     assert len(found) == 2
-    kept = solutions.worth_sampling(problem, data, found)
+    kept = solutions.select_for_sampling(problem, data, found)
     assert len(kept) == 1
     np.testing.assert_array_equal(kept[0].z, z)
 
@@ -178,13 +178,15 @@ def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_so
     """Two facets that turn, 120 of the usual 423 starts: over six draws of them."""
     data = Epochs.of(simulate(load("two-facet-spin"), 1)[0])
     entry = registry.find("faceted")
-    problem, _ = posed(entry, entry.check({"n_facets": 2}), data)
-    way = in_time(problem, data)
+    problem, _ = build_problem(entry, entry.check({"n_facets": 2}), data)
+    way = time_ordered(problem, data)
     assert way is not None
     ends = {}
     for path in (None, way):
         found = [
-            search.race(problem, data, prior_draws(problem, keys, data), 2, Silent(), path)
+            search.successive_halving(
+                problem, data, prior_draws(problem, keys, data), 2, Silent(), path
+            )
             for keys in jax.random.split(jax.random.key(3), (6, 120))
         ]
         ends[path is way] = np.concatenate([f.potential for f in found])
@@ -198,4 +200,4 @@ def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_so
 
 def test_bodies_that_do_not_turn_have_no_such_path(one):
     problem, data, _, _ = one
-    assert in_time(problem, data) is None
+    assert time_ordered(problem, data) is None

@@ -215,7 +215,7 @@ def test_only_what_can_be_observed_is():
         time = Time(curve.epoch_jd, curve.t[here] / 86400.0, format="jd", scale="utc")
         place = EarthLocation.from_geodetic(site.lon_deg, site.lat_deg, site.height_m)
         sun = get_sun(time).transform_to(AltAz(obstime=time, location=place))
-    assert sun.alt.deg.max() < -8.0  # pyright: ignore
+    assert sun.alt.deg.max() < -8.0  # pyright: ignore[reportCallIssue, reportOptionalCall, reportOptionalMemberAccess]
     all_day = replace(geometry.passes[0], min_elevation_deg=89.0)
     with pytest.raises(InputError, match=r"can be observed: of 376, 376 are below 89 deg, \d+ in"):
         epochs(replace(geometry, passes=(all_day,)))

@@ -17,7 +17,7 @@ from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import moves, smc, tempering, tempering_path
-from lcbayes.samplers.tempering_path import Path
+from lcbayes.samplers.tempering_path import TimePath
 
 N, RUNS = 200, 8
 PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
@@ -176,7 +176,7 @@ def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
     problem, data = gaussian
     shuffled = jax.tree.map(lambda x: x[::-1] if x.ndim and x.shape[0] == 20 else x, data)
     for epochs in (data, shuffled):
-        way = Path.of(epochs, problem.dim)
+        way = TimePath.of(epochs, problem.dim)
         powers = np.array([way.at(epochs, s).information for s in np.linspace(0, 1, 201)])
         assert np.all(powers[0] == 0.0)
         np.testing.assert_allclose(powers[-1], 1.0)
@@ -187,24 +187,24 @@ def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
         assert powers[40][early[0]] == way.plateau
         assert powers[40][early[-1]] == 0.0
     loud = replace(data, error=100.0 * data.error)
-    assert Path.of(loud, problem.dim).plateau == 1.0
+    assert TimePath.of(loud, problem.dim).plateau == 1.0
     unknown = replace(data, error=jnp.full(20, jnp.nan), has_error=False)
-    assert 0.0 < Path.of(unknown, problem.dim).plateau < 1.0
+    assert 0.0 < TimePath.of(unknown, problem.dim).plateau < 1.0
 
 
 def test_points_come_in_together_where_nothing_turns():
     """A flux that depends on time by itself turns; facets do if they have a spin."""
     problem, data = small.posed(small.curve(12), spin="none")
-    assert not tempering_path.turns(problem, data, jax.random.key(0))
-    together = Path.of(data, problem.dim, in_time=False)
+    assert not tempering_path.rotates(problem, data, jax.random.key(0))
+    together = TimePath.of(data, problem.dim, time_ordered=False)
     for s in np.linspace(0, 1, 11):
         assert np.ptp(together.powers(s)) == 0.0
-    in_time = Path.of(data, problem.dim)
+    time_ordered = TimePath.of(data, problem.dim)
     for s in (0.0, 0.5, 0.7, 1.0):
-        np.testing.assert_allclose(together.powers(s), in_time.powers(s))
-    assert tempering_path.turns(*small.posed(small.curve(12), spin="free"), jax.random.key(0))
+        np.testing.assert_allclose(together.powers(s), time_ordered.powers(s))
+    assert tempering_path.rotates(*small.posed(small.curve(12), spin="free"), jax.random.key(0))
     epochs = Epochs.of(small.curve(20))
-    assert tempering_path.turns(Problem(linear, epochs), epochs, jax.random.key(0))
+    assert tempering_path.rotates(Problem(linear, epochs), epochs, jax.random.key(0))
 
 
 def test_systematic_choice_keeps_to_the_weights():
@@ -272,7 +272,7 @@ def test_a_move_leaves_the_tempered_gaussian_as_it_is(gaussian):
     _, mean, cov = exact(data, 0.1)
     n, lam = 8000, jnp.asarray(0.1)
     z = np.random.default_rng(0).multivariate_normal(mean, cov, n)
-    at, bins = replace(data, information=lam), Path.of(data, 3).bins
+    at, bins = replace(data, information=lam), TimePath.of(data, 3).bins
     state = moves.start(problem, at, jnp.asarray(z))
     width = jnp.sqrt(jnp.diagonal(jnp.asarray(cov)))
     tuning = moves.Tuning(0.9, 0.3, 1.5, 8, 0.5, width)

@@ -10,10 +10,10 @@ from false_alarms import EACH, limit, squares
 from numpyro import handlers
 from scipy import integrate, stats
 
+from lcbayes.core.constants import EARTH_RADIUS_KM
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_KM
 from lcbayes.modelling import likelihood, registry
 from lcbayes.modelling.ephemeris import frames
 from lcbayes.modelling.epochs import Epochs
@@ -33,8 +33,8 @@ def sky(n: int = N, seed: int = 0, velocity: bool = True) -> LightCurve:
     unit = lambda v: v / np.linalg.norm(v, axis=-1, keepdims=True)  # noqa: E731
     site = unit(np.array([0.1, 0.95, 0.3]) + 0.1 * rng.standard_normal((n, 3)))
     up = unit(site + 0.06 * rng.standard_normal((n, 3)))
-    position = (EARTH_KM + 550.0) * up
-    line = EARTH_KM * site - position
+    position = (EARTH_RADIUS_KM + 550.0) * up
+    line = EARTH_RADIUS_KM * site - position
     return LightCurve(
         t=np.linspace(0.0, 300.0, n),
         brightness=np.full(n, 6.0),
@@ -208,7 +208,7 @@ def test_earthshine_adds_what_the_ground_sends():
     options: dict = {"law": "lvlh", "reflectance": "lambertian", "facets": "+z@2"}
     dark, lit = traced(curve, **options), traced(curve, **options, earth_albedo=0.4)
     assert curve.position_km is not None
-    light = glow(jnp.asarray(curve.position_km / EARTH_KM), jnp.asarray(curve.sun), 0.4)
+    light = glow(jnp.asarray(curve.position_km / EARTH_RADIUS_KM), jnp.asarray(curve.sun), 0.4)
     nadir = -curve.position_km / np.linalg.norm(curve.position_km, axis=1, keepdims=True)
     seen = 2.0 * lit["r_diff"] / np.pi * np.sum(curve.obs * nadir, axis=1)
     want = seen * np.sum(light.strength * np.einsum("qtk,tk->qt", light.toward, nadir), axis=0)

@@ -14,22 +14,6 @@ from lcbayes.results import summary
 from lcbayes.samplers.bridge import LogEvidence
 
 
-@pytest.mark.parametrize(("name", "turn"), [("phi", 2 * np.pi), ("pole_lon_deg", 360.0)])
-def test_angles_are_cut_opposite_their_mean(name, turn):
-    rng = np.random.default_rng(0)
-    straight = 0.02 * turn * rng.standard_normal((4, 500, 2))
-    straight += np.array([0.0, 0.4]) * turn  # the first at the seam
-    found = summary.unwrapped(name, np.mod(straight, turn))
-    np.testing.assert_allclose(np.mod(found - straight + turn / 2, turn), turn / 2, atol=1e-9)
-    np.testing.assert_allclose(found.std((0, 1)), straight.std((0, 1)), rtol=1e-9)
-    assert np.all((found.mean((0, 1)) > -0.05 * turn) & (found.mean((0, 1)) < 1.05 * turn))
-
-
-def test_other_quantities_are_left_alone():
-    values = np.ones((2, 3))
-    assert summary.unwrapped("g", values) is values
-
-
 def test_parameters_of_independent_draws():
     rng = np.random.default_rng(1)
     draws = {

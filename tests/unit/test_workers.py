@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.core.cluster import crew
+from lcbayes.core.cluster import worker_pool
 from lcbayes.core.errors import InputError
 
 
@@ -24,11 +24,11 @@ def halve(shared: float, x: int) -> float:
 
 def test_a_task_that_fails_is_raised_or_told_as_asked():
     tasks = [(i,) for i in range(6)]
-    with crew(keep_going=True) as run:
+    with worker_pool(keep_going=True) as run:
         done = dict(run(halve, 0.5, tasks))
     assert isinstance(done.pop(3), ValueError)
     assert done == {i: 0.5 * i for i in (0, 1, 2, 4, 5)}
-    with crew() as run, pytest.raises(ValueError, match="3"):
+    with worker_pool() as run, pytest.raises(ValueError, match="3"):
         dict(run(halve, 0.5, tasks))
 
 
@@ -43,7 +43,7 @@ def die(shared: str, x: int) -> int:
 
 def test_a_task_is_done_again_when_its_worker_dies_but_not_for_ever(tmp_path):
     pytest.importorskip("distributed")
-    with crew(n_workers=1, deaths=1, keep_going=True) as run:
+    with worker_pool(n_workers=1, deaths=1, keep_going=True) as run:
         done = dict(run(die, str(tmp_path), [(i,) for i in range(4)]))
     assert type(done.pop(2)).__name__ == "KilledWorker"
     assert done == {i: i for i in (0, 1, 3)}
@@ -67,7 +67,7 @@ def test_workers_without_lcbayes_are_told_of():
         )
         try:
             told = pytest.raises(InputError, match="1 of the 1 Dask workers cannot import lcbayes")
-            with told, crew(scheduler=address):
+            with told, worker_pool(scheduler=address):
                 pass
         finally:
             worker.kill()
@@ -85,7 +85,7 @@ def saved(folder: str, name: str) -> str:
 
 def test_a_worker_of_a_cluster_writes_its_results(tmp_path):
     pytest.importorskip("distributed")
-    with crew(n_workers=1) as run:
+    with worker_pool(n_workers=1) as run:
         assert dict(run(saved, str(tmp_path), [("posterior.nc",)])) == {0: "posterior.nc"}
     assert (tmp_path / "posterior.nc").stat().st_size > 1000
 
@@ -108,7 +108,7 @@ def test_a_cluster_that_goes_is_told_of_in_a_line():
     done = []
 
     def work() -> None:
-        with crew(scheduler=address) as run:
+        with worker_pool(scheduler=address) as run:
             for i, _ in run(slowly, 0.2, [(i,) for i in range(50)]):
                 done.append(i)
                 distributed.default_client()._timeout = 0.5  # for the scheduler to come back

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from lcbayes.cli.commands.attitude_options import add_attitude_arguments, attitude_from
+from lcbayes.cli.commands.attitude_options import (
+    add_attitude_arguments,
+    attitude_from,
+    attitude_settings,
+    phased,
+)
 from lcbayes.cli.commands.reading import (
     add_reading_arguments,
     add_result_arguments,
@@ -79,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if (args.out / "posterior.nc").exists():
         raise InputError(f"{args.out} holds a fit; give another folder with -o")
     curve = read_lit(args)
+    attitude = phased(attitude, curve)
 
     from lcbayes.analysis import albedo_area_report as report
     from lcbayes.analysis.small_report import tell
@@ -102,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     )
     about = {
         **asked(args, curve),
-        "attitude": {k: v for k, v in vars(attitude).items() if v is not None},
+        "attitude": attitude_settings(args, attitude),
         "options": {
             name: getattr(args, name)
             for name in ("n_normals", "smoothness", "facet_cost", "albedo", "bootstrap", "nulls")

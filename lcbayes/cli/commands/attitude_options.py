@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 
 if TYPE_CHECKING:
-    from lcbayes.inversion.albedo_area.observed import Attitude
+    from lcbayes.data.lightcurve import LightCurve
+    from lcbayes.physics.attitude.laws import Attitude
 
 
 def add_attitude_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,15 +38,36 @@ def attitude_from(args: argparse.Namespace, *, optional: bool = False) -> Attitu
         )
     if (args.pole is None) != (args.period is None):
         raise InputError("a spin needs both --pole LON,LAT and --period HOURS")
-    from lcbayes.inversion.albedo_area.observed import Attitude
+    from lcbayes.physics.attitude.laws import ConstantRate, Fixed, PrincipalAxis
 
     if args.omega is not None:
         x, y, z = numbers_from("--omega", args.omega, 3, "rad/s, as 0,0,0.1")
-        return Attitude(omega=(x, y, z))
+        return ConstantRate((x, y, z))
     if args.pole is not None:
         lon, lat = numbers_from("--pole", args.pole, 2, "degrees, as 253.2,-17.2")
-        return Attitude(pole_lon_deg=lon, pole_lat_deg=lat, period_h=args.period)
-    return Attitude()
+        return PrincipalAxis(lon, lat, HOUR_S * args.period)
+    return Fixed()
+
+
+def phased(attitude: Attitude, curve: LightCurve) -> Attitude:
+    """The attitude with the phase of a spin counted from the middle of the data."""
+    from lcbayes.physics.attitude.laws import PrincipalAxis
+
+    if not isinstance(attitude, PrincipalAxis):
+        return attitude
+    return replace(attitude, t0_s=0.5 * float(curve.t.max() - curve.t.min()))
+
+
+def attitude_settings(args: argparse.Namespace, attitude: Attitude) -> dict[str, Any]:
+    """The attitude as a results file has it."""
+    from lcbayes.physics.attitude.laws import ConstantRate, PrincipalAxis
+
+    if isinstance(attitude, ConstantRate):
+        return {"omega": attitude.omega_rad_s}
+    if isinstance(attitude, PrincipalAxis):
+        lon, lat = attitude.pole_lon_deg, attitude.pole_lat_deg
+        return {"pole_lon_deg": lon, "pole_lat_deg": lat, "period_h": args.period}
+    return {}
 
 
 def numbers_from(option: str, text: str, count: int, unit: str) -> list[float]:

@@ -22,7 +22,7 @@ examples:
 
 Evidences and predictive densities are natural logarithms (nat). Each number of
 facets is as likely as the others before the data. The run ends with exit status 3
-if its runs differ by more than bears a conclusion, or the particles lost their way.
+if its runs differ by more than bears a conclusion, or the particles missed the posterior.
 A run that was stopped goes on when the same command is given again.
 """
 FLAGS = ("law", "reflectance", "noise_law", "spin")

@@ -7,7 +7,9 @@ import argparse
 from lcbayes.cli.commands.attitude_options import (
     add_attitude_arguments,
     attitude_from,
+    attitude_settings,
     numbers_from,
+    phased,
 )
 from lcbayes.cli.commands.reading import (
     add_reading_arguments,
@@ -68,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
             raise InputError("--sun-tracking is 0,0,0; expected an axis, as 0,0,1")
     attitude = attitude_from(args, optional=True)
     curve = read_lit(args)
+    attitude = phased(attitude, curve)
 
     from lcbayes.analysis import glints_report as report
     from lcbayes.analysis.small_report import tell
@@ -76,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     result = analyse(curve, attitude, axis=axis, alarm=args.alarm, longest_s=args.longest)
     about = {
         **asked(args, curve),
-        "attitude": {k: v for k, v in vars(attitude).items() if v is not None},
+        "attitude": attitude_settings(args, attitude),
         "sun_tracking": axis,
         "alarm": args.alarm,
         "longest_s": args.longest,

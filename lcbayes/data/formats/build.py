@@ -26,6 +26,11 @@ from lcbayes.data.lightcurve import FRAMES, LightCurve
 
 Floats = NDArray[np.float64]
 
+BRIGHTEST_MAG, FAINTEST_MAG = -30.0, 40.0  # 99.99 and -99 mark what is missing
+LARGEST_MAG_ERROR = 9.0
+LARGEST_ALBEDO_AREA = 1e6  # m², of a body nearer than `NEAR_KM`
+NEAR_KM = 1e6
+SOLAR_FLUX = 455.0  # W/m² at 1 au in the visible band, for orders of magnitude
 KEPT_UNIT = 1e-14  # a length this near one is left alone, so that rewriting loses nothing
 
 
@@ -53,6 +58,8 @@ def build(
     directions, more, extra = _geometry(table, options, t, epoch_jd, used)
     absolute = kind == "flux" or directions.get("range_km") is not None
     free_scale, unknown = _free_scale(table, used, curve, len(names), absolute)
+    if kind == "flux" and not options.geometry_only:
+        unknown += _check_flux(table, brightness, directions.get("range_km"), free_scale[curve])
     columns = table.texts | table.numbers
     kept = {table.label(name): columns[name] for name in columns if name not in used}
     try:
@@ -100,8 +107,8 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
     name = _one_column(table, TIMES, "the time")
     if name is None:
         raise InputError(
-            f"{table.file.name} has no column of times; expected one of: utc, jd, t (found: "
-            f"{_shown(table)})"
+            f"{table.file.name} has no column of times; expected one of: utc, jd, mjd, t (found: "
+            f"{_shown(table)}); name it with --columns utc=NAME"
         )
     used.add(name)
     if name == "utc":
@@ -126,6 +133,7 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
     return values, epoch_jd, name
 
 
+_MISSING = "such values mark missing measurements: drop those rows"
 _JD_RANGE = (
     "outside the years 1900 .. 2099",
     "give full Julian dates (MJD + 2400000.5), UTC",
@@ -148,7 +156,7 @@ def _brightness(
     if kind is None:
         raise InputError(
             f"{table.file.name} has no column of brightness; expected flux or mag (found: "
-            f"{_shown(table)})"
+            f"{_shown(table)}); name it with --columns mag=NAME"
         )
     err = f"{kind}_err"
     other = "mag_err" if kind == "flux" else "flux_err"
@@ -159,7 +167,12 @@ def _brightness(
         )
     used |= {kind, err}
     values = table.number(kind)
+    if kind == "mag":
+        faint = (values < BRIGHTEST_MAG) | (values > FAINTEST_MAG)
+        table.reject(kind, faint, f"outside {BRIGHTEST_MAG:g} .. {FAINTEST_MAG:g} mag", _MISSING)
     given = table.numbers.get(err)
+    if given is not None and kind == "mag" and options.error is None:
+        table.reject(err, given >= LARGEST_MAG_ERROR, f">= {LARGEST_MAG_ERROR:g} mag", _MISSING)
     if given is not None and options.error is None and options.error_floor is not None:
         given = table.number(err)  # before a floor hides what is not a number
     error = options.errors(given, len(table), table.file.name)
@@ -208,6 +221,31 @@ RANGE = (
     "give the distance to which the magnitudes belong: of each row, or the one distance to which "
     "they were reduced"
 )
+
+
+def _check_flux(
+    table: Table, flux: Floats, range_km: Floats | None, free: NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """Refuse calibrated fluxes that no body sends; say in what unit those without a range are."""
+    calibrated = flux[~free]
+    if calibrated.size == 0:
+        return ()
+    with np.errstate(over="ignore"):
+        level = float(np.median(calibrated))
+    if range_km is None:
+        return (
+            f"flux without range_km is taken as reduced to 1 m under unit sunlight (median "
+            f"{level:.3g} m²); counts need a column calibrated with 0, magnitudes the name mag",
+        )
+    with np.errstate(over="ignore"):
+        area = float(np.median(np.pi * calibrated * (1e3 * range_km[~free]) ** 2 / SOLAR_FLUX))
+    if area > LARGEST_ALBEDO_AREA and np.median(range_km) < NEAR_KM:
+        raise InputError(
+            f"{table.file.name}: flux is {level:.3g} W/m² (median), for which a body would need "
+            f"some {area:.1g} m²; if these are counts add a column calibrated with 0, if "
+            "magnitudes name the column mag (--columns mag=flux)"
+        )
+    return ()
 
 
 def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.data.formats.table import Table
+from lcbayes.geometry.tle import Tle
 
 Floats = NDArray[np.float64]
 
@@ -20,19 +22,22 @@ PLACE = ("sat_x_km", "sat_y_km", "sat_z_km")
 VELOCITY = ("sat_vx_km_s", "sat_vy_km_s", "sat_vz_km_s")
 SITE = ("site_lat_deg", "site_lon_deg", "site_height_m")
 BRIGHTNESS = ("flux", "mag")
-_PLAIN = ("jd", "t", "flux", "mag", "flux_err", "mag_err", "exposure_s")
+_PLAIN = ("jd", "mjd", "t", "flux", "mag", "flux_err", "mag_err", "exposure_s")
+TEXTS = ("utc", "date", "clock", "curve", "band", "site", "frame", "calibrated")
 NUMERIC = frozenset((*_PLAIN, *VECTORS, *RADEC, *ALTAZ, *SITE, *PLACE, *VELOCITY))
+KNOWN = (*_PLAIN, *TEXTS, *VECTORS, *RADEC, *ALTAZ, *SITE, *PLACE, *VELOCITY)
 
 
 @dataclass(frozen=True)
 class Options:
     """What the caller adds to a file."""
 
-    tle: str | None = None
+    tle: str | Tle | None = None  # a file, or elements already read
     site: str | None = None
     error: float | None = None
     error_floor: float | None = None
     geometry_only: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)  # our name → the file's
 
     def __post_init__(self) -> None:
         for name in ("error", "error_floor"):

@@ -9,8 +9,10 @@ from typing import Any
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile
 from lcbayes.data.formats.build import build
-from lcbayes.data.formats.columns import NUMERIC, Options
-from lcbayes.data.formats.table import Table, header_of, parse
+from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
+from lcbayes.data.formats.names import renamed
+from lcbayes.data.formats.table import Table, header_labels, header_of, parse
+from lcbayes.data.formats.times import with_utc
 from lcbayes.data.lightcurve import LightCurve
 
 UNITS = {"jd": "d", "t": "s", "mag": "mag", "mag_err": "mag", "exposure_s": "s"} | {
@@ -42,7 +44,9 @@ def read_ecsv(file: TextFile, options: Options) -> LightCurve:
             f"{file.at(1)}: the ECSV header cannot be read ({reason}); write it with astropy, or "
             "remove the '# %ECSV' line to read plain CSV"
         ) from None
-    table = parse(file, NUMERIC, delimiter=delimiter)
+    labels = header_labels(file, delimiter)
+    rename, notes = renamed(file, labels, options.columns, brightness=not options.geometry_only)
+    table = parse(file, NUMERIC, rename, delimiter, texts=TEXTS)
     given = {table.label(name) for name in (*table.numbers, *table.texts)}
     if given != set(columns):
         odd = _short(", ".join(sorted(given ^ set(columns))))
@@ -52,7 +56,7 @@ def read_ecsv(file: TextFile, options: Options) -> LightCurve:
         )
     _check_units(table, columns)
     table.meta = {key: (value, 1) for key, value in meta.items()}
-    return build(table, options, "ecsv")
+    return build(with_utc(table), options, "ecsv", notes)
 
 
 def _said(yaml: list[str]) -> tuple[dict[str, dict], str, dict[str, str]]:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import EARTH_GM, EARTH_RATE
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.earth import EARTH_GM
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,6 @@ RATES = (
     "dra_cosdec_deg_s_satchecker",
     "ddec_deg_s_satchecker",
 )
-EARTH_RATE = 7.292115e-5  # rad/s
 NEAR_POLE = np.cos(np.radians(85.0))  # cos δ below which a difference of RA is no rate
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile
 from lcbayes.data.formats.build import build
-from lcbayes.data.formats.columns import NUMERIC, RADEC, SITE, Options
+from lcbayes.data.formats.columns import NUMERIC, RADEC, SITE, TEXTS, Options
 from lcbayes.data.formats.satchecker import RATES, observed_velocity
 from lcbayes.data.formats.table import Table, header_of, parse
 from lcbayes.data.lightcurve import LightCurve
@@ -113,7 +113,7 @@ def read_score(file: TextFile, options: Options) -> LightCurve:
     elements, for a noise law that knows of outliers.
     """
     may_lack = {"mag", "mag_err", "alt_deg_satchecker", *RADEC, *RATES}
-    table = parse(file, NUMERIC | may_lack, SCORE_COLUMNS, may_be_empty=may_lack)
+    table = parse(file, NUMERIC | may_lack, SCORE_COLUMNS, may_be_empty=may_lack, texts=TEXTS)
     wanted = {"a place in the sky": RADEC}
     if not options.geometry_only:
         wanted = {"a magnitude": ("mag",)} | wanted
@@ -172,7 +172,7 @@ def read_pomenis(file: TextFile, options: Options) -> LightCurve:
     The site is Mt Lemmon unless another is given. Heights are taken over the WGS84 ellipsoid. Rows
     are sorted by time.
     """
-    table = parse(file, NUMERIC, POMENIS_COLUMNS)
+    table = parse(file, NUMERIC, POMENIS_COLUMNS, texts=TEXTS)
     table.texts["curve"] = np.full(len(table), "0")
     notes: tuple[str, ...] = ()
     if options.site is None:

@@ -13,7 +13,7 @@ from lcbayes.data.formats.table import Table
 from lcbayes.geometry.directions import Geometry, from_altaz, from_radec, from_tle
 from lcbayes.geometry.sites import Site
 from lcbayes.geometry.times import Times
-from lcbayes.geometry.tle import read_tle
+from lcbayes.geometry.tle import Tle, read_tle
 
 Floats = NDArray[np.float64]
 
@@ -62,12 +62,13 @@ def _place(
 ) -> Geometry:
     time = Times.of(epoch_jd, t)
     if options.tle is not None:
-        found = from_tle(time, site, read_tle(options.tle))
+        elements = options.tle if isinstance(options.tle, Tle) else read_tle(options.tle)
+        found = from_tle(time, site, elements)
         if "range_km" in table:
             used.add("range_km")
             given = table.number("range_km")
             off = np.abs(found.range_km - given) > RANGE_TOLERANCE * given
-            remedy = f"check that {options.tle} is of this object and date"
+            remedy = f"check that {elements.name} is of this object and date"
             table.reject("range_km", off, "that the elements contradict by over 5 %", remedy)
         return found
     if "ra_deg" in table or "dec_deg" in table:

@@ -138,6 +138,15 @@ def header_of(text: str) -> tuple[int, str]:
     return 0, ""
 
 
+def header_labels(file: TextFile, delimiter: str | None = None) -> list[str]:
+    """Names of the columns, as the file has them."""
+    number, line = header_of(file.text)
+    if not line:
+        return []
+    cells = _cells(file, number, line, delimiter or delimiter_of(line))
+    return [cell.strip() for cell in cells]
+
+
 def _lines(text: str) -> Iterator[str]:
     """Lines with their \\n, without splitting at the other characters str.splitlines knows."""
     return iter(io.StringIO(text, newline="\n"))
@@ -150,6 +159,7 @@ def parse(
     delimiter: str | None = None,
     header: list[str] | None = None,
     may_be_empty: Collection[str] = (),
+    texts: Collection[str] = (),
 ) -> Table:
     """Parse delimited text.
 
@@ -161,6 +171,7 @@ def parse(
     delimiter : found from the header when None
     header : names of the columns when the file's first row is data
     may_be_empty : names (after renaming) of numeric columns whose empty cells are NaN
+    texts : names in lower case of columns of text that have a meaning here
 
     Raises
     ------
@@ -173,7 +184,7 @@ def parse(
         raise InputError(f"{file.name} holds only comments; expected a header and rows")
     if header is None:
         delimiter = delimiter or delimiter_of(line)
-        labels = [cell.strip() for cell in _cells(file, skipped, line, delimiter)]
+        labels = header_labels(file, delimiter)
     else:
         labels, skipped = header, skipped - 1
     lines = islice(_lines(file.text), skipped, None)
@@ -181,7 +192,7 @@ def parse(
         lines = ("\n" if line.startswith("#") else line for line in lines)
     names = [rename.get(label, label.lower()) for label in labels]
     names = [
-        name if name in numeric or label in rename or name in _KNOWN_TEXT else label
+        name if name in numeric or label in rename or name in texts else label
         for name, label in zip(names, labels, strict=True)
     ]
     _check_header(file, skipped, labels, names)
@@ -196,6 +207,8 @@ def parse(
             if is_number[i]:
                 if names[i] in may_be_empty:
                     column = [cell if cell.strip() else "nan" for cell in column]
+                if delimiter in (";", "\t"):
+                    column = _with_points(column)
                 columns[i].append(_floats(file, labels[i], column, at))
             else:
                 cells = [cell.strip() for cell in column]
@@ -212,9 +225,6 @@ def parse(
         np.concatenate(numbers_of_lines),
         {name: label for name, label in zip(names, labels, strict=True) if name != label},
     )
-
-
-_KNOWN_TEXT = ("utc", "curve", "band", "site", "frame", "calibrated")
 
 
 def _check_header(file: TextFile, line: int, labels: list[str], names: list[str]) -> None:
@@ -313,6 +323,14 @@ def _chunks(
         ) from None
     if rows:
         yield rows, np.array(at)
+
+
+def _with_points(column: Sequence[str]) -> Sequence[str]:
+    """Numbers with decimal commas, where no cell has a point, with decimal points."""
+    joined = "".join(column)
+    if "," not in joined or "." in joined:
+        return column
+    return [cell.replace(",", ".") if cell.count(",") == 1 else cell for cell in column]
 
 
 def _floats(

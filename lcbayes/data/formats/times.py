@@ -14,10 +14,11 @@ Floats = NDArray[np.float64]
 
 _UTC = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ]([01]\d|2[0-3]):([0-5]\d):([0-5]\d(?:\.\d*)?|60(?:\.\d*)?)"
-    r"(?:Z|[+-]00:?00)?"
+    r"(?:Z|([+-])([01]\d|2[0-3]):?([0-5]\d))?"
 )
 _FIRST, _LAST = np.datetime64("1900-01-01"), np.datetime64("2100-01-01")
 JD_OF_1970 = 2440587.5
+MJD_ORIGIN = 2400000.5
 
 
 def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
@@ -38,7 +39,8 @@ def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
         table.reject(name, bad, "not on the calendar", "correct those rows")
         raise
     table.reject(name, (day < _FIRST) | (day > _LAST), "outside 1900 .. 2100", "correct those rows")
-    clock = np.array([part[1:] for part in parts]).astype(float)
+    clock = np.array([part[1:4] for part in parts]).astype(float)
+    offset = np.array([_offset_s(*part[4:]) for part in parts])
     minutes = clock[:, 0] * 60.0 + clock[:, 1]
     leap = (clock[:, 2] >= 60.0) & ~(
         (minutes == 1439) & (_leap_seconds(day + np.timedelta64(1, "D"), day) > 0)
@@ -47,7 +49,27 @@ def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
     first = day.min()
     whole = (day - first).astype(float) * 86400.0 + _leap_seconds(day, first)
     epoch_jd = JD_OF_1970 + float(first.astype(np.int64))
-    return whole + minutes * 60.0 + clock[:, 2], epoch_jd
+    return whole + minutes * 60.0 + clock[:, 2] - offset, epoch_jd
+
+
+def _offset_s(sign: str | None, hours: str | None, minutes: str | None) -> float:
+    """Seconds by which the clock of a time zone is ahead of UTC."""
+    if sign is None or hours is None or minutes is None:
+        return 0.0
+    return float(f"{sign}1") * (3600.0 * int(hours) + 60.0 * int(minutes))
+
+
+def with_utc(table: Table) -> Table:
+    """The table with ``utc`` in place of ``date`` and ``clock``, and ``jd`` in place of ``mjd``."""
+    if "mjd" in table and "jd" not in table:
+        table.numbers["jd"] = table.number("mjd", -1e5, 2e5) + MJD_ORIGIN
+        table.labels["jd"] = table.label("mjd")
+        del table.numbers["mjd"]
+    if "date" in table and "clock" in table and "utc" not in table:
+        date, clock = table.texts.pop("date"), table.texts.pop("clock")
+        table.texts["utc"] = np.char.add(np.char.add(date, "T"), clock)
+        table.labels["utc"] = f"{table.label('date')} with {table.label('clock')}"
+    return table
 
 
 _REMEDY = "write them like 2024-04-29T10:28:45.25Z"

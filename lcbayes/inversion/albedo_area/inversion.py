@@ -22,7 +22,8 @@ from lcbayes.inversion.albedo_area.distribution import (
 )
 from lcbayes.inversion.albedo_area.facets import Facets, explain
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Attitude
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron

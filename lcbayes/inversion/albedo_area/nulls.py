@@ -57,7 +57,7 @@ def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
 
     unit = typical(seen, matrix) * len(np.unique(found.which))
     start = unit**-0.25 * np.eye(3)[lower]
-    best = least_squares(residual, start, jac=jacobian, x_scale=unit**-0.25, max_nfev=200)  # pyright: ignore
+    best = least_squares(residual, start, jac=jacobian, x_scale=unit**-0.25, max_nfev=200)  # pyright: ignore[reportArgumentType]
     return share * factors(best.x)[1]
 
 

@@ -3,74 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.physics.attitude import rotations as attitude
+from lcbayes.physics.attitude.laws import Attitude
 
 Floats = NDArray[np.float64]
 
-HOUR = 3600.0
 ORDER = 3  # instants per exposure, Gauss-Legendre
 UNKNOWN_ERROR = 0.02  # of a curve's mean flux, where the data carry no errors; a fit corrects it
-
-
-class Turning(Protocol):
-    """Anything that says how a body is turned."""
-
-    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
-        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
-        ...
-
-
-@dataclass(frozen=True)
-class Attitude:
-    """The attitude that is taken as known.
-
-    Attributes
-    ----------
-    omega : (3,) rad/s or None
-        Constant angular velocity, inertial; the body axes are the inertial ones at the first point.
-    pole_lon_deg, pole_lat_deg : degrees, or None
-        Pole of a spin about the body's z axis, in the frame of the light curve's vectors; the
-        rotational phase is zero at the middle of the data.
-    period_h : h, or None
-        Sidereal period of that spin; negative for the other sense.
-
-    With neither, the body axes stay the inertial axes.
-    """
-
-    omega: tuple[float, float, float] | None = None
-    pole_lon_deg: float | None = None
-    pole_lat_deg: float | None = None
-    period_h: float | None = None
-
-    def __post_init__(self) -> None:
-        pole = (self.pole_lon_deg, self.pole_lat_deg, self.period_h)
-        if None in pole and pole != (None, None, None):
-            raise InputError("a spin needs its pole (longitude and latitude) and its period")
-        if self.omega is not None and None not in pole:
-            raise InputError("both an angular velocity and a pole are given; give one attitude")
-        given = [x for x in (*pole, *(self.omega or ())) if x is not None]
-        if not np.isfinite(given).all():
-            raise InputError("an attitude is told in finite numbers")
-        if self.period_h == 0 or (self.pole_lat_deg is not None and abs(self.pole_lat_deg) > 90):
-            raise InputError("a period is not zero, and a pole's latitude lies in -90..90 degrees")
-
-    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
-        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
-        if self.omega is not None:
-            return attitude.constant_rate(t, jnp.asarray(self.omega))
-        if self.pole_lon_deg is None or self.pole_lat_deg is None or self.period_h is None:
-            return attitude.fixed(t)
-        lon, lat = np.radians([self.pole_lon_deg, self.pole_lat_deg])
-        return attitude.principal_axis(t - t_middle, lon, lat, HOUR * self.period_h, 0.0)
 
 
 @dataclass(frozen=True)
@@ -103,8 +48,12 @@ class Observed:
     error_known: bool
 
     @classmethod
-    def of(cls, curve: LightCurve, attitude: Turning) -> Observed:
-        """Linear flux, see `linear_flux`, and body-frame directions of a light curve."""
+    def of(cls, curve: LightCurve, attitude: Attitude) -> Observed:
+        """Linear flux, see `linear_flux`, and body-frame directions of a light curve.
+
+        The attitude's time is counted from the first point. During an exposure time alone runs:
+        Sun, observer and orbit stay.
+        """
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)
         group = np.asarray(data.curve)
@@ -114,7 +63,8 @@ class Observed:
             weight = 0.5 * weight
         sun, obs = [], []
         for x in offset:
-            turn = attitude.rotation(data.t + 0.5 * x * data.exposure_s, data.t_middle)
+            instant = data.orbit._replace(t=data.t + 0.5 * x * data.exposure_s)
+            turn = attitude.frames(instant).body
             sun.append(np.einsum("tij,ti->tj", turn, data.sun))
             obs.append(np.einsum("tij,ti->tj", turn, data.obs))
         return cls(

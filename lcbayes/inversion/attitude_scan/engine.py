@@ -12,21 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.cluster import Run, crew
+from lcbayes.core.cluster import Run, worker_pool
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
 from lcbayes.inversion.attitude_scan import search, stabilised
-from lcbayes.inversion.attitude_scan.faceted import Spinning, polish
-from lcbayes.inversion.attitude_scan.grid import HOUR, Grid, grid
+from lcbayes.inversion.attitude_scan.faceted import polish
+from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.solutions import Geometry, counted, distinct
 from lcbayes.inversion.attitude_scan.spin import Ends, in_convention
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.physics.attitude.laws import Spinning
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import DIFFUSE_LAWS
 
@@ -100,7 +102,7 @@ def run(
     )
     chosen, found.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     found.n_laws = len(chosen)
-    with crew(scheduler, n_workers) as workers:
+    with worker_pool(scheduler, n_workers) as workers:
         if spins:
             _spins(curve, points, settings, found, workers, checkpoint, progress)
         if chosen:
@@ -289,7 +291,8 @@ def _faceted_solutions(
 
 def _polished(shared: tuple, tilt: Floats, frequency: float) -> tuple:
     curve, span, law = shared
-    return polish(curve, Spinning(tilt, frequency), span, Material.parse(law))
+    start = Spinning(tilt, frequency, 0.5 * float(np.ptp(curve.t)))
+    return polish(curve, start, span, Material.parse(law))
 
 
 def relative(curve: LightCurve, flux: Floats | None = None) -> Floats:
@@ -326,4 +329,4 @@ def _relate(found: Found, geometry: Geometry) -> None:
     found.solutions = related
 
 
-__all__ = ["HOUR", "Settings", "run"]
+__all__ = ["HOUR_S", "Settings", "run"]

@@ -6,18 +6,19 @@ facets says how well an attitude explains its light curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.distribution import Distribution, grid, solve
 from lcbayes.inversion.albedo_area.facets import refine
 from lcbayes.inversion.albedo_area.kernel import Material, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.laws import Attitude, Spinning
 
 Floats = NDArray[np.float64]
 
@@ -28,41 +29,20 @@ ROUNDS = 3  # of finding the spin for given normals, and the normals for a given
 NUDGE = 1e-3  # rad, and turns over the data, of the differences that stand for derivatives
 
 
-@dataclass(frozen=True)
-class Spinning:
-    """A constant spin: ``tilt`` (3, 3) is the attitude at the middle of the data, ``frequency`` the
-    turns per second about the body's z axis."""
-
-    tilt: Floats
-    frequency: float
-
-    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:
-        """A (T, 3, 3), body to inertial, at t (s since the first point)."""
-        return rotations.spinning(t - t_middle, jnp.asarray(self.tilt), 1.0 / self.frequency)
-
-    def moved(self, step: Floats, span: float) -> Spinning:
-        """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
-        small = rotations.constant_rate(jnp.ones(1), jnp.array([step[0], step[1], 0.0]))[0]
-        return Spinning(self.tilt @ np.asarray(small), self.frequency + step[2] / span)
-
-
-@dataclass(frozen=True)
-class Given:
-    """An attitude known at the points themselves, (T, 3, 3); exposures are taken for instants."""
-
-    frames: Floats
-
-    def rotation(self, t: jax.Array, t_middle: jax.Array) -> jax.Array:  # noqa: ARG002
-        """A (T, 3, 3), body to inertial."""
-        return jnp.asarray(self.frames)
+def moved(spin: Spinning, step: Floats, span: float) -> Spinning:
+    """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
+    small = rotations.constant_rate(jnp.ones(1), jnp.array([step[0], step[1], 0.0]))[0]
+    return replace(
+        spin, tilt=spin.tilt @ np.asarray(small), frequency=spin.frequency + step[2] / span
+    )
 
 
 def best_body(
     curve: LightCurve,
-    turning: Spinning | Given,
+    attitude: Attitude,
     material: Material,
     n_normals: int = N_NORMALS,
-    array: Given | None = None,
+    array: Attitude | None = None,
 ) -> Distribution:
     """The facets, facing anywhere and none negative, that fit best under an attitude.
 
@@ -71,11 +51,11 @@ def best_body(
     Parameters
     ----------
     curve : LightCurve
-    turning : Spinning or Given
+    attitude : Attitude
     material : Material
     n_normals : int
         Of the grid.
-    array : Given, optional
+    array : Attitude, optional
         How a solar array is turned that the body carries: its front and back are two more facets.
 
     Returns
@@ -84,7 +64,7 @@ def best_body(
         The array's front and back come last, with ``which`` 1 and normals in the array's axes.
     """
     normals, which = grid(n_normals, (material,))
-    seen = Observed.of(curve, turning)
+    seen = Observed.of(curve, attitude)
     matrix = columns(seen, normals, which, (material,))
     if array is not None:
         own = columns(Observed.of(curve, array), FRONT_AND_BACK, np.zeros(2, int), (material,))
@@ -126,7 +106,7 @@ def _nearest(
 
     # about one, as the differences are relative
     def residual(x: Floats) -> Floats:
-        seen = Observed.of(curve, start.moved(x - 1.0, span))
+        seen = Observed.of(curve, moved(start, x - 1.0, span))
         body = solve(seen, normals, which, columns(seen, normals, which, (material,)))
         return (seen.flux - body.flux) / seen.error
 
@@ -139,4 +119,4 @@ def _nearest(
         xtol=1e-6,
         ftol=1e-5,
     )
-    return start.moved(end.x - 1.0, span)
+    return moved(start, end.x - 1.0, span)

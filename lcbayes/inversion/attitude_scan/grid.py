@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.physics.bodies import facets
 
 Floats = NDArray[np.float64]
 
-HOUR = 3600.0
 STEP = 0.8  # of half a turn over the data, as the usual period scans of asteroids have it
 MOST = 5_000_000  # hypotheses; a guard against slips
 
@@ -77,7 +77,7 @@ def grid(
     if period_h is not None:
         if not (np.isfinite(period_h) and period_h > 0):
             raise InputError(f"--period is {period_h:g}; give hours, greater than 0")
-        return Grid(poles, np.array([1.0 / (HOUR * period_h)]))
+        return Grid(poles, np.array([1.0 / (HOUR_S * period_h)]))
     assert range_h is not None
     low, high = range_h
     if not 0 < low < high < np.inf:
@@ -86,7 +86,7 @@ def grid(
         )
     if not 0 < step <= 2:
         raise InputError(f"--period-step is {step:g}; give a number in 0..2, such as {STEP}")
-    first, last = 1.0 / (HOUR * high), 1.0 / (HOUR * low)
+    first, last = 1.0 / (HOUR_S * high), 1.0 / (HOUR_S * low)
     apart = step * 0.5 / span
     count = int((last - first) / apart) + 1
     if count * n_poles > MOST:

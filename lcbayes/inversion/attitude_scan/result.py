@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.inversion.attitude_scan.grid import HOUR
+from lcbayes.core.constants import HOUR_S
+from lcbayes.geometry.spherical import lon_lat_deg
 
 Floats = NDArray[np.float64]
 
@@ -67,12 +68,12 @@ class Solution:
         """Pole and period by their names in files; nothing for laws."""
         if self.pole is None or self.frequency is None:
             return {}
-        lon, lat = lon_lat(self.pole)
+        lon, lat = map(float, lon_lat_deg(self.pole))
         omega = 2.0 * np.pi * self.frequency * self.pole
         return {
             "pole_lon_deg": lon,
             "pole_lat_deg": lat,
-            "period_h": 1.0 / (HOUR * self.frequency),
+            "period_h": 1.0 / (HOUR_S * self.frequency),
             **{f"omega_{axis}_rad_s": float(x) for axis, x in zip("xyz", omega, strict=True)},
         }
 
@@ -136,7 +137,7 @@ class Found:
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: periods that are closer turn the body by less than once more over the data."""
-        return period_h**2 / (float(np.ptp(self.t)) / HOUR)
+        return period_h**2 / (float(np.ptp(self.t)) / HOUR_S)
 
     @property
     def n_hypotheses(self) -> int:
@@ -159,9 +160,9 @@ class Found:
         if self.screened is not None:
             s = self.screened
             for i in range(len(s.chi2)):
-                angles = (*lon_lat(s.start[i]), *lon_lat(s.pole[i]))
+                angles = (*lon_lat_deg(s.start[i]), *lon_lat_deg(s.pole[i]))
                 a, b, c, d = (f"{x:.4f}" for x in angles)
-                tried, period = (f"{1.0 / (HOUR * f):.9g}" for f in (s.tried[i], s.frequency[i]))
+                tried, period = (f"{1.0 / (HOUR_S * f):.9g}" for f in (s.tried[i], s.frequency[i]))
                 rows.append(
                     [
                         "constant-rate",
@@ -185,7 +186,7 @@ class Found:
 
 def readable_period(hours: float) -> tuple[float, str]:
     """A period in hours, or in seconds where it is short, and its unit."""
-    return (hours, "h") if hours >= SHORTEST_H else (HOUR * hours, "s")
+    return (hours, "h") if hours >= SHORTEST_H else (HOUR_S * hours, "s")
 
 
 def written_period(hours: float, resolution_h: float) -> str:
@@ -193,9 +194,3 @@ def written_period(hours: float, resolution_h: float) -> str:
     period, unit = readable_period(hours)
     decimals = 2 - math.floor(math.log10(resolution_h * period / hours))
     return f"{period:.{max(decimals, 0)}f} {unit}"
-
-
-def lon_lat(pole: Floats) -> tuple[float, float]:
-    """Longitude in [0, 360) and latitude of a unit vector, degrees."""
-    lon = float(np.degrees(np.arctan2(pole[1], pole[0]))) % 360.0
-    return lon, float(np.degrees(np.arcsin(np.clip(pole[2], -1.0, 1.0))))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import DAY_S
+from lcbayes.data.segments import Gap, split
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.spin import Ends
 
@@ -17,7 +19,6 @@ SAME_TURNS = 0.25  # turns over the data by which two frequencies differ at most
 FLAT = 0.25  # thickness over breadth of the directions up to which there is a mirror
 GAP = 0.05  # of the span: a longer one parts the data into sets
 OFF_ALIAS = 0.15  # half turns between two sets by which an alias may be off
-DAY = 86400.0
 
 SAME, MIRROR, REVERSED, POLE = "best", "mirror", "reversed", "pole"
 HALF, TWICE, ALIAS, PERIOD = "half-period", "double-period", "period-alias", "period"
@@ -47,8 +48,8 @@ class Geometry:
         values, vectors = np.linalg.eigh(sun.T @ sun + obs.T @ obs)
         flat = values[0] <= FLAT**2 * values[1]
         t, span = np.sort(np.asarray(points.t).mean(axis=0)), float(points.span)
-        parts = np.split(t, np.flatnonzero(np.diff(t) > GAP * span) + 1)
-        middle = np.array([p.mean() for p in parts])
+        parts = split(t, np.zeros(t.size, int), Gap(GAP * span))
+        middle = np.array([t[rows].mean() for rows in parts])
         apart = np.abs(middle[:, None] - middle)[np.triu_indices(len(middle), 1)]
         return cls(vectors[:, 0] if flat else None, span, np.append(apart, span))
 
@@ -79,8 +80,8 @@ class Geometry:
         for k in (1, 2):
             off = np.abs(turns - k)
             if off.min() < OFF_ALIAS:
-                days = self.separations[np.argmin(off)] / DAY
-                length = f"{days:.4g} days" if days >= 1 else f"{days * DAY:.4g} s"
+                days = self.separations[np.argmin(off)] / DAY_S
+                length = f"{days:.4g} days" if days >= 1 else f"{days * DAY_S:.4g} s"
                 how = "half a turn" if k == 1 else "a turn"
                 return ALIAS, f"period alias: {how} {'more' if more > 0 else 'less'} in {length}"
         return PERIOD, "another period"

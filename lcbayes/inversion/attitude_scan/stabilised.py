@@ -8,23 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.cluster import Run
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Track
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.distribution import Distribution
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
-from lcbayes.inversion.attitude_scan.faceted import Given, best_body
+from lcbayes.inversion.attitude_scan.faceted import best_body
 from lcbayes.inversion.attitude_scan.result import Solution
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics.attitude import catalogue
-from lcbayes.physics.attitude.laws import Attitude, Law, require
+from lcbayes.physics.attitude.laws import Attitude, Law, Tabulated, require
 
 Floats = NDArray[np.float64]
 
 ALL = "all"
-HOUR = 3600.0
 UNLIT = 1e-4  # share of all albedo-area below which an array is as good as absent
 
 
@@ -49,7 +49,7 @@ def chosen(
                 if period_h is None:
                     left_out[law.name] = "it spins, and no --period is given"
                     continue
-                law = law.set(period_s=HOUR * period_h)
+                law = law.set(period_s=HOUR_S * period_h)
             try:
                 assert known is not None
                 require(law, known)
@@ -63,14 +63,14 @@ def chosen(
         raise InputError(
             "none of the laws can be judged: " + next(iter(left_out.values()), "none is given")
         )
-    return catalogue.told_apart(laws), left_out
+    return catalogue.by_unique_name(laws), left_out
 
 
 def _named(name: str, period_h: float | None) -> Attitude:
     """A law with its settings; one that spins takes the period given elsewhere."""
     if ":" not in name:
         law = catalogue.find(name)
-        return law.set(period_s=HOUR * period_h) if law.spins and period_h is not None else law
+        return law.set(period_s=HOUR_S * period_h) if law.spins and period_h is not None else law
     return catalogue.parse(name)
 
 
@@ -124,7 +124,7 @@ def _judged(shared: tuple, frames: Floats, array: Floats | None) -> Distribution
     curve, reflectance = shared
     return best_body(
         curve,
-        Given(frames),
+        Tabulated(frames),
         Material.parse(reflectance),
-        array=None if array is None else Given(array),
+        array=None if array is None else Tabulated(array),
     )

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import equivalence
-from lcbayes.inversion.attitude_scan.grid import HOUR
 from lcbayes.inversion.attitude_scan.result import Found, Solution, written_period
 from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 
@@ -140,12 +140,12 @@ def _end_of_range(frequency: float, found: Found) -> str:
         return ""
     span = float(np.ptp(found.t))
     step = 0.5 * settings.period_step / span
-    low, high = (1.0 / (HOUR * p) for p in reversed(settings.period_range_h))
+    low, high = (1.0 / (HOUR_S * p) for p in reversed(settings.period_range_h))
     inside, end = min((frequency - low, low), (high - frequency, high))
     if inside >= step:
         return ""
-    resolution = found.resolution_h(1.0 / (HOUR * frequency))
-    at = f"the end of the range, {written_period(1.0 / (HOUR * end), resolution)}"
+    resolution = found.resolution_h(1.0 / (HOUR_S * frequency))
+    at = f"the end of the range, {written_period(1.0 / (HOUR_S * end), resolution)}"
     if inside < 0:
         return f"beyond {at}"
     apart = written_period(0.5 * settings.period_step * resolution, resolution)

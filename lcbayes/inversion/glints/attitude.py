@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import labels, stretches
-from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Attitude, Observed
+from lcbayes.data.segments import labels, nights
+from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Observed
 from lcbayes.inversion.glints.detect import Baseline, Glint, detect
 from lcbayes.inversion.glints.directions import (
     Direction,
@@ -22,6 +22,7 @@ from lcbayes.inversion.glints.directions import (
     tracking,
 )
 from lcbayes.inversion.glints.instants import instants, rounding
+from lcbayes.physics.attitude.laws import Attitude, Fixed
 
 Floats = NDArray[np.float64]
 
@@ -93,14 +94,14 @@ def analyse(
     InputError
         There is no brightness, no stretch has 30 points, or an axis goes with a spin.
     """
-    if axis is not None and attitude is not None and attitude != Attitude():
+    if axis is not None and attitude is not None and attitude != Fixed():
         raise InputError("a panel that follows the Sun has no spin; give one of axis and attitude")
-    observed = Observed.of(curve, attitude or Attitude())
+    observed = Observed.of(curve, attitude or Fixed())
     every = labels(curve)
     rows, flux, error = _averaged(curve, every, observed)
     t, label = curve.t[rows], every[rows]
     sun, obs = observed.sun.mean(axis=0)[rows], observed.obs.mean(axis=0)[rows]
-    parts = stretches(t, label)
+    parts = nights(t, label)
     if not parts:
         raise InputError("no stretch without gaps has 30 points; glints need denser sampling")
     middle = bisector(sun, obs)

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 
-from lcbayes.data.segments import stretches
+from lcbayes.data.segments import nights
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer]
@@ -151,7 +151,7 @@ def detect(
     list of Glint, in order of time
     Baseline
     """
-    parts = stretches(t, label)
+    parts = nights(t, label)
     widest = [longest_s] * len(parts) if isinstance(longest_s, int | float) else longest_s
     value, sigma = (np.log(flux), error / flux) if relative else (flux, error)
     level, longest = baseline(t, value, sigma, parts, widest)

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from lcbayes.core.constants import SUN_ANGULAR_RADIUS
 from lcbayes.physics.bodies.facets import across
 
 Floats = NDArray[np.float64]
 
-SUN_RADIUS = np.radians(0.267)
 CHI2_90 = float(stats.chi2.ppf(0.9, 2))
 ACROSS = 1.5  # offsets across the track, in widths (sd) of the lobe: it glints beside it, too
 
@@ -54,7 +54,7 @@ class Sighting:
         1.5 standard deviations of its lobe. Half the Sun's disc is added to both.
         """
         speed = float(np.linalg.norm(self.rate))
-        disc = 0.25 * SUN_RADIUS
+        disc = 0.25 * SUN_ANGULAR_RADIUS
         lobe = speed * self.fwhm / 2.355
         return float(np.hypot(speed * self.t_error, disc)), float(np.hypot(ACROSS * lobe, disc))
 
@@ -157,7 +157,7 @@ def cylinder(seen: Sequence[Sighting], members: Sequence[int]) -> Direction | No
         new = vectors[:, 0]
         if np.sqrt(1.0 / max(values[1], 1e-300)) > np.radians(20.0):
             return None
-        fresh = np.hypot((rate @ new) * sigma, 0.5 * SUN_RADIUS)
+        fresh = np.hypot((rate @ new) * sigma, 0.5 * SUN_ANGULAR_RADIUS)
         done = np.allclose(fresh, error, rtol=1e-6) and abs(new @ c) > 1 - 1e-14
         c, error = new, fresh
         if done:
@@ -251,7 +251,7 @@ def tracking(seen: Sequence[Sighting], sun: Floats, sun_rate: Floats, axis: Floa
 
     offsets = np.angle(np.exp(1j * (azimuth(b) - azimuth(sun))))
     speed = turning(b, rate) - turning(sun, sun_rate)
-    errors = np.hypot(speed * sigma, 0.25 * SUN_RADIUS)
+    errors = np.hypot(speed * sigma, 0.25 * SUN_ANGULAR_RADIUS)
     weight = errors**-2
     mean = float(np.average(offsets, weights=weight))
     return Tracking(

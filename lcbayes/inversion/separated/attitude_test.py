@@ -35,7 +35,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
-from lcbayes.physics.attitude.catalogue import told_apart
+from lcbayes.physics.attitude.catalogue import by_unique_name
 from lcbayes.physics.attitude.laws import Attitude
 
 SEPARATION_DEG = 4.0  # of directions that count as alike
@@ -176,7 +176,7 @@ def attitude_test(
     eph = ephemeris(curve)
     found: list[Verdict] = []
     axes: dict[str, Floats] = {}
-    named = told_apart(laws)
+    named = by_unique_name(laws)
     with progress.stage("testing laws", len(named), "laws") as track:
         for name, law in named.items():
             try:

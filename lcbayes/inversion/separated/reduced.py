@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
+from lcbayes.data import segments
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area.observed import Attitude, Observed
-from lcbayes.physics.attitude.laws import Attitude as Law
-from lcbayes.physics.attitude.laws import Ephemeris
+from lcbayes.inversion.albedo_area.observed import Observed
+from lcbayes.physics.attitude.laws import Attitude, Ephemeris, Fixed
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-GAP_S = 600.0  # a longer silence ends a pass
+Ints = NDArray[np.integer]
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Reduced:
     sun, obs : (T, 3)
         Unit vectors, inertial.
     one_pass : (T,) int
-        Stretch of one curve, site and band without a gap of 600 s.
+        Pass of one curve, site and band, `lcbayes.data.segments.PASS`.
     group : (T,) int
         Points whose brightness can be compared: one band, and one curve where its scale is free.
     row : (T,) int
@@ -66,25 +64,24 @@ def reduce(curve: LightCurve) -> Reduced:
             "the light curve gives no errors, so that noise cannot be told from a change; give "
             "flux_err or mag_err, or one for all points with --error"
         )
-    seen = Observed.of(curve, Attitude())
+    seen = Observed.of(curve, Fixed())
     label = _numbered(curve.curve, curve.site, curve.band)
-    order = np.lexsort((curve.t, label))
-    label, t = label[order], curve.t[order]
-    new = (np.diff(label) != 0) | (np.diff(t) > GAP_S)
+    passes = segments.split(curve.t, label)
+    order = np.concatenate(passes)
     loose = np.where(curve.free_scale[curve.curve], curve.curve, -1)
     return Reduced(
-        t,
+        curve.t[order],
         seen.flux[order],
         seen.error[order],
         curve.sun[order],
         curve.obs[order],
-        np.concatenate([[0], np.cumsum(new)]),
+        np.repeat(np.arange(len(passes)), [rows.size for rows in passes]),
         _numbered(loose, curve.band)[order],
         order,
     )
 
 
-def turns(law: Law, eph: Ephemeris, seen: Reduced) -> list[Floats]:
+def turns(law: Attitude, eph: Ephemeris, seen: Reduced) -> list[Floats]:
     """Axes (T, 3, 3) of the body and, where the law turns one, of its array, point by point.
 
     ``eph`` is that of the whole light curve, so that a law is compiled for one length alone.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import MIN_POINTS, labels, stretches
+from lcbayes.data.segments import MIN_POINTS, labels, nights
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
@@ -59,10 +59,10 @@ class Pass:
 def split(curve: LightCurve) -> list[Pass]:
     """The passes of a light curve with at least `MIN_POINTS` points.
 
-    A pass ends where group, site or band change and where nothing was measured for longer than
-    600 s and 50 median steps, or than six hours. Flux is brought to unit distance where the range
-    is known, and divided by a cubic in time. Errors that are unknown are taken from differences of
-    third order, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which a smooth curve leaves alone.
+    A pass is of one group, site and band and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux
+    is brought to unit distance where the range is known, and divided by a cubic in time. Errors
+    that are unknown are taken from differences of third order, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which a
+    smooth curve leaves alone.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def split(curve: LightCurve) -> list[Pass]:
         raise InputError("the light curve has no brightness, only geometry; give a measured one")
     flux, error = linear(curve)
     passes = []
-    for rows in stretches(curve.t, labels(curve)):
+    for rows in nights(curve.t, labels(curve)):
         one = _one(curve, rows, flux[rows], None if error is None else error[rows])
         if one is not None:
             passes.append(one)

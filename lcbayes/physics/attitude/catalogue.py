@@ -306,7 +306,7 @@ def spelled(law: Attitude) -> str:
     return f"{law.name}:{settings}" if settings else law.name
 
 
-def told_apart(laws: Sequence[Attitude]) -> dict[str, Attitude]:
+def by_unique_name(laws: Sequence[Attitude]) -> dict[str, Attitude]:
     """Laws by their names, each once; by name and settings where several have one name."""
     each = {spelled(law): law for law in laws}
     count = Counter(law.name for law in each.values())

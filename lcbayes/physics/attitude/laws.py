@@ -3,7 +3,8 @@
 A law has a `name` and `frames(ephemeris)`; whatever asks for body axes asks it. `Law` describes the
 stabilised ones by what they hold: one body axis points exactly at a target, a second one as nearly
 as it then can. `catalogue` lists them under the names that operators use; `ConstantRate`,
-`PrincipalAxis`, `TorqueFree` and `Fixed` are the laws that need nothing but time.
+`PrincipalAxis`, `Spinning`, `TorqueFree` and `Fixed` need nothing but time; `Tabulated` is an
+attitude known at the times of a light curve.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lcbayes.core.constants import EARTH_RATE
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.attitude.rotations import Scalar
 from lcbayes.physics.attitude.torque_free import torque_free
 
-EARTH_RATE = 7.292115e-5  # rad/s, IERS
-OBLIQUITY = np.deg2rad(84381.406 / 3600.0)  # of the ecliptic at J2000, IAU 2006
 SINGULAR = 1e-9  # sine of the angle between two targets below which the second says nothing
 
 
@@ -70,7 +71,7 @@ class Frames(NamedTuple):
 
 
 class Attitude(Protocol):
-    """What every law is."""
+    """How a body is oriented in time: what every attitude law offers."""
 
     @property
     def name(self) -> str: ...
@@ -93,8 +94,8 @@ class Attitude(Protocol):
 
 
 @dataclass(frozen=True)
-class _Free:
-    """A law that needs nothing but time."""
+class _OfTime:
+    """A law that needs no orbit: it depends on time alone."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -105,14 +106,22 @@ class _Free:
         return ""
 
     def settings(self) -> dict[str, Any]:
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in vars(self).items()}
+        return {
+            k: np.asarray(v).tolist() if isinstance(v, tuple | np.ndarray) else v
+            for k, v in vars(self).items()
+        }
 
 
 @dataclass(frozen=True)
-class ConstantRate(_Free):
+class ConstantRate(_OfTime):
     """A(t) = exp([ω×] t), ω (3,) rad/s inertial; A = I at t = 0."""
 
     omega_rad_s: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for x in self.omega_rad_s:
+            if isinstance(x, int | float) and not np.isfinite(x):
+                raise InputError(f"omega_rad_s has a component {x}; give three finite numbers")
 
     @property
     def name(self) -> str:
@@ -123,13 +132,39 @@ class ConstantRate(_Free):
 
 
 @dataclass(frozen=True)
-class PrincipalAxis(_Free):
-    """Rotation about the body's z axis; pole in the frame of the geometry, phase0 at t = 0."""
+class PrincipalAxis(_OfTime):
+    """Rotation about the body's z axis.
+
+    Parameters
+    ----------
+    pole_lon_deg, pole_lat_deg : degrees
+        Pole, in the frame of the geometry.
+    period_s : s
+        Sidereal; negative for the other sense.
+    phase0_deg : degrees
+        Rotational phase at the time ``t0_s``.
+    t0_s : s
+
+    Raises
+    ------
+    InputError
+        The period is zero, the latitude is out of range, or a number is not finite.
+    """
 
     pole_lon_deg: float
     pole_lat_deg: float
     period_s: float
     phase0_deg: float = 0.0
+    t0_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            if isinstance(value, int | float) and not np.isfinite(value):
+                raise InputError(f"{key} of a principal-axis spin is {value}; give a finite number")
+        if isinstance(self.period_s, int | float) and self.period_s == 0:
+            raise InputError("period_s is 0; a period is positive, or negative for the other sense")
+        if isinstance(self.pole_lat_deg, int | float) and abs(self.pole_lat_deg) > 90:
+            raise InputError(f"pole_lat_deg is {self.pole_lat_deg:g}; expected -90 to 90")
 
     @property
     def name(self) -> str:
@@ -139,11 +174,61 @@ class PrincipalAxis(_Free):
         angles = jnp.array([self.pole_lon_deg, self.pole_lat_deg, self.phase0_deg])
         lon, lat, phase = jnp.deg2rad(angles)
         period = jnp.asarray(self.period_s)
-        return Frames(rotations.principal_axis(ephemeris.t, lon, lat, period, phase))
+        time = ephemeris.t - self.t0_s
+        return Frames(rotations.principal_axis(time, lon, lat, period, phase))
+
+    def settings(self) -> dict[str, Any]:
+        given = super().settings()
+        if not self.t0_s:
+            del given["t0_s"]
+        return given
 
 
 @dataclass(frozen=True)
-class TorqueFree(_Free):
+class Spinning(_OfTime):
+    """Rotation about the body's z axis from a known attitude.
+
+    Parameters
+    ----------
+    tilt : (3, 3)
+        Body to inertial at the time ``t0_s``; its third column is the pole.
+    frequency : float
+        Turns per second, sidereal.
+    t0_s : s
+    """
+
+    tilt: NDArray[np.float64]
+    frequency: float
+    t0_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return "spinning"
+
+    def frames(self, ephemeris: Ephemeris) -> Frames:
+        time = ephemeris.t - self.t0_s
+        return Frames(rotations.spinning(time, jnp.asarray(self.tilt), 1.0 / self.frequency))
+
+
+@dataclass(frozen=True)
+class Tabulated(_OfTime):
+    """An attitude known at the times of a light curve, ``axes`` (T, 3, 3) body to inertial.
+
+    It is constant during an exposure.
+    """
+
+    axes: NDArray[np.float64]
+
+    @property
+    def name(self) -> str:
+        return "tabulated"
+
+    def frames(self, ephemeris: Ephemeris) -> Frames:  # noqa: ARG002
+        return Frames(jnp.asarray(self.axes))
+
+
+@dataclass(frozen=True)
+class TorqueFree(_OfTime):
     """A rigid body left to itself; its axes are its principal axes.
 
     ω (3,) rad/s at t = 0, inertial; moments of inertia about x, y, z of any scale; at t = 0 the
@@ -167,7 +252,7 @@ class TorqueFree(_Free):
 
 
 @dataclass(frozen=True)
-class Fixed(_Free):
+class Fixed(_OfTime):
     """The body's axes are the inertial axes."""
 
     @property

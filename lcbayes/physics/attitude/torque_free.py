@@ -241,7 +241,7 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     scale = jnp.pi / (2.0 * jnp.where(near, inner + outer, quarter))  # the sum is K'
     inner, outer = (scale * jnp.where(near, *x) for x in ((quarter, inner), (inner, outer)))
     speed = sign * jnp.sqrt(a * b) * a3 * scale
-    real, imaginary = _apart(inner, outer, near)
+    real, imaginary = _real_imaginary(inner, outer, near)
     slope = -2.0 * N @ imaginary / (1.0 + jnp.sum(real))  # d ln θ₃/dy at iy, or by y' at y'
     precession = length / j2 - sign * a * a3**2 * m1 / length - speed * slope
     return Polhode(
@@ -401,7 +401,9 @@ def _signed(first: Sequence[jax.Array], passages: jax.Array) -> jax.Array:
     return jnp.stack([sign * first[0], sign * first[1], first[2]])
 
 
-def _apart(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _real_imaginary(
+    inner: jax.Array, outer: jax.Array, near: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """2 q^(n²) cosh 2ny and −2 q^(n²) sinh 2ny, n >= 1, or 2 q'^(n²) times cos and sin of 2ny'."""
     half = jnp.where(near, inner, inner + outer)  # ½ ln 1/q or 1/q'
     up = jnp.exp(-2.0 * N * ((N - 1.0) * half + inner))  # q^(n²) e^(2ny); q'^(n²) where near
@@ -419,7 +421,7 @@ def _terms(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Arr
     odd = jnp.exp(-2.0 * (ALL**2 + ALL) * half)
     even = jnp.where(ALL == 0, 1.0, 2.0) * jnp.exp(-2.0 * ALL**2 * half)
     angle = (2.0 * ALL + 1.0) * outer
-    real, imaginary = (FLIP[1:] * x for x in _apart(inner, outer, near))
+    real, imaginary = (FLIP[1:] * x for x in _real_imaginary(inner, outer, near))
     rest = jnp.append(jnp.cumsum(real[::-1])[::-1], 0.0)  # cos 2nx − cos (2n + 2)x has sin x
     real = jnp.where(near, FLIP * odd * jnp.sin(angle), rest)
     imaginary = jnp.where(near, FLIP * odd * jnp.cos(angle), jnp.append(0.0, imaginary))

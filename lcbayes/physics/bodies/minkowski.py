@@ -16,11 +16,11 @@ Floats = NDArray[np.float64]
 # Facets below this fraction of the mean area are left out: they change the body by less than any
 # light curve can show, and make the equations stiff.
 SMALLEST = 1e-8
-ALIKE = 1e-7  # rad; facets closer than this are one
-OPEN = 1e-6  # |Σ A n|/Σ A up to which facets count as closed
-FLAT = 1e-10  # of Σ A n nᵀ's eigenvalues, smallest to largest: below, the body has no thickness
-PRECISE = 1e-10  # error of each area, relative to it, at which the iteration ends
-FOUND = 1e-6  # error relative to the mean area up to which a body counts as found
+SAME_NORMAL = 1e-7  # rad; facets whose normals are closer are merged
+MAX_CLOSURE_GAP = 1e-6  # |Σ A n|/Σ A up to which facets count as closed
+MIN_THICKNESS = 1e-10  # smallest over largest eigenvalue of Σ A n nᵀ: below, the body is flat
+AREA_TOLERANCE = 1e-10  # error of each area, relative to it, at which the iteration ends
+MAX_AREA_ERROR = 1e-6  # relative to the mean area, at which the iteration counts as converged
 MAX_STEPS = 200  # of Newton's; a few dozen do
 
 
@@ -104,9 +104,9 @@ def _checked(normals: ArrayLike, areas: ArrayLike) -> tuple[Floats, Floats]:
     if not np.any(a > 0):
         raise InputError("no facet has an area, so no convex body has them")
     gap = closure(n, a)
-    if not gap <= OPEN:
+    if not gap <= MAX_CLOSURE_GAP:
         raise InputError(
-            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2g} exceeds {OPEN:g}, "
+            f"facets do not close: |sum(A n)| / sum(A) = {gap:.2g} exceeds {MAX_CLOSURE_GAP:g}, "
             "so no convex body has them (Minkowski)"
         )
     return n, a
@@ -118,7 +118,7 @@ def _merge(normals: Floats) -> tuple[Floats, NDArray[np.integer]]:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    pairs = KDTree(normals).query_pairs(ALIKE, output_type="ndarray")
+    pairs = KDTree(normals).query_pairs(SAME_NORMAL, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(normals),) * 2)
     count, group = connected_components(links, directed=False)
     mean = np.zeros((count, 3))
@@ -133,7 +133,7 @@ def _isotropic(vectors: Floats) -> tuple[Floats, Floats]:
         length = np.linalg.norm(image, axis=1)
         tensor = 3.0 / length.sum() * (image / length[:, None]).T @ image
         values, axes = np.linalg.eigh(tensor)
-        if values[0] < FLAT * values[2]:
+        if values[0] < MIN_THICKNESS * values[2]:
             raise InputError("facets lie in one plane, so no convex body has them (Minkowski)")
         if values[2] - values[0] < 1e-3:
             break
@@ -155,7 +155,7 @@ def _solve(n: Floats, target: Floats) -> _Cut:
     least = 0.5 * min(np.min(body.areas / body.areas.sum()), np.min(target))
     for _ in range(MAX_STEPS):
         gradient = target - body.areas / body.volume
-        if np.all(np.abs(body.areas / body.areas.sum() - target) < PRECISE * target):
+        if np.all(np.abs(body.areas / body.areas.sum() - target) < AREA_TOLERANCE * target):
             break
         step = _newton_step(n, body, gradient)
         size = 1.0
@@ -174,7 +174,7 @@ def _solve(n: Floats, target: Floats) -> _Cut:
         h = trial - n @ new.centroid  # keep the origin well inside
         body = _cut(n, h)
     error = np.max(np.abs(body.areas / body.areas.sum() - target)) * len(n)
-    if not error <= FOUND:
+    if not error <= MAX_AREA_ERROR:
         raise InputError(f"the shape was not found: an area is off by {error:.2g} of the mean area")
     return body
 

@@ -201,25 +201,29 @@ def read_obj(path: str | Path) -> Body:
         elif word == "usemtl":
             material = " ".join(rest)
         elif word == "f":
-            corners = np.array([vertices[i] for i in _indices(rest, len(vertices), file, number)])
-            vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
-            area = float(np.linalg.norm(vector))
-            extent = float(np.ptp(corners, axis=0).max())
-            if not area > 1e-12 * extent**2:
-                raise InputError(
-                    f"{file.at(number)}: the facet has no area; remove it or fix its vertices"
-                )
-            edges = np.roll(corners, -1, axis=0) - corners
-            longest = edges[np.argmax(np.linalg.norm(edges, axis=1))]
-            unit = vector / area
-            longest = longest - unit * (longest @ unit)
-            normals.append(unit)
+            rows = _indices(rest, len(vertices), file, number)
+            normal, area, axis = _polygon(np.array([vertices[i] for i in rows]), file, number)
+            normals.append(normal)
             areas.append(area)
-            axes.append(longest / np.linalg.norm(longest))
+            axes.append(axis)
             labels.append(material or group)
     if not normals:
         raise InputError(f"{file.name}: no facets (lines that begin with 'f'); give an OBJ file")
     return Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
+
+
+def _polygon(corners: Floats, file: TextFile, number: int) -> tuple[Floats, float, Floats]:
+    """Normal, area and the direction of the longest edge of a polygon with corners (K, 3)."""
+    vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    area = float(np.linalg.norm(vector))
+    extent = float(np.ptp(corners, axis=0).max())
+    if not area > 1e-12 * extent**2:
+        raise InputError(f"{file.at(number)}: the facet has no area; remove it or fix its vertices")
+    edges = np.roll(corners, -1, axis=0) - corners
+    longest = edges[np.argmax(np.linalg.norm(edges, axis=1))]
+    normal = vector / area
+    longest = longest - normal * (longest @ normal)
+    return normal, area, longest / np.linalg.norm(longest)
 
 
 def _vertex(words: list[str], file: TextFile, number: int) -> list[float]:

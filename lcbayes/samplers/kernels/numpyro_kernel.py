@@ -19,7 +19,7 @@ from lcbayes.samplers.kernels import adaptation, ahmc, hmc, mh, rmhmc
 from lcbayes.samplers.kernels.trajectory import Info, State
 
 STARTS = 10  # prior draws of which a chain starts at the best
-STUCK = 0.05  # mean acceptance, relative to its target, below which a chain counts as stuck
+MIN_RELATIVE_ACCEPTANCE = 0.05  # mean acceptance over its target; below, a chain is stuck
 
 
 class KernelState(NamedTuple):
@@ -313,7 +313,7 @@ class Kernel(MCMCKernel):
         done, warmup = int(state.i), int(state.num_warmup)
         n = done if done <= warmup else done - warmup
         accept, words = float(state.mean_accept_prob), []
-        if n >= 50 and accept < STUCK * self._target_accept_prob:
+        if n >= 50 and accept < MIN_RELATIVE_ACCEPTANCE * self._target_accept_prob:
             words.append(
                 f"stuck: of the last {n} proposals {100 * accept:.2g} % were accepted "
                 f"(aim {100 * self._target_accept_prob:.0f} %); "

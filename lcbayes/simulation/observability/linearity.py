@@ -12,7 +12,7 @@ from lcbayes.simulation.observability.measurements import Measurements
 Floats = NDArray[np.float64]
 
 ENDS = 2.0  # standard deviations
-LINEAR = 0.05  # up to this the bound describes an error
+MAX_NONLINEARITY = 0.05  # up to this the bound describes an error
 _FAR = 1e4  # χ² beyond which no step is taken from a straight line
 _ROUNDS = 4  # of the other unknowns following; where they need more, nothing is linear
 
@@ -23,8 +23,8 @@ def nonlinearity(found: Campaign, measured: Measurements) -> Floats:
     Each unknown is put two standard deviations (`Campaign.bound_with_prior`) to either side, the
     others follow as the data and the prior want, and the brightness is worked out anew. If it were
     linear, data without noise would have lost χ² = 4. The number is max |√χ²/2 − 1| over the two
-    sides: 0 for a linear model, negligible if below `LINEAR`; large where a facet turns away, a
-    phase is lost or nothing but the prior holds the unknown.
+    sides: 0 for a linear model, negligible if below `MAX_NONLINEARITY`;
+    large where a facet turns away, a phase is lost or only the prior constrains the unknown.
 
     The others follow by Gauss-Newton steps with the Jacobian of the truth, which costs a few
     evaluations of the brightness for each unknown. Where that does not converge, χ² comes out too

@@ -139,7 +139,7 @@ def by_facet(scenario: Scenario, sun_body: Floats, obs_body: Floats) -> Floats:
     body, directions = scenario.body, (jnp.asarray(sun_body), jnp.asarray(obs_body))
 
     def flux(areas: jax.Array) -> jax.Array:
-        return body_flux(body._replace(areas=areas), scenario.materials, *directions)  # pyright: ignore
+        return body_flux(body._replace(areas=areas), scenario.materials, *directions)
 
     return np.asarray(jax.jit(jax.jacfwd(flux))(jnp.asarray(body.areas))) * body.areas
 

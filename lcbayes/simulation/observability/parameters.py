@@ -132,10 +132,10 @@ class Unknowns:
         if "omega_x" in value and isinstance(law, ConstantRate):
             change = jnp.stack([value[f"omega_{axis}"] for axis in "xyz"])
             omega = jnp.asarray(law.omega_rad_s) + change
-            return replace(scenario, attitude=ConstantRate(omega))  # pyright: ignore
+            return replace(scenario, attitude=ConstantRate(omega))  # pyright: ignore[reportArgumentType]
         if "log_period" in value and isinstance(law, PrincipalAxis):
             period = law.period_s * jnp.exp(value["log_period"])
-            return replace(scenario, attitude=replace(law, period_s=period))  # pyright: ignore
+            return replace(scenario, attitude=replace(law, period_s=period))
         return scenario
 
     def _surface(self, scenario: Scenario, value: dict[str, jax.Array]) -> Scenario:
@@ -144,9 +144,9 @@ class Unknowns:
             given = dict(material.parameters)
             for key, was in given.items():
                 if f"{name}.{key}" in value:
-                    given[key] = was + value[f"{name}.{key}"]  # pyright: ignore
+                    given[key] = was + value[f"{name}.{key}"]  # pyright: ignore[reportArgumentType]
                 elif f"{name}.log_{key}" in value:
-                    given[key] = was * jnp.exp(value[f"{name}.log_{key}"])  # pyright: ignore
+                    given[key] = was * jnp.exp(value[f"{name}.log_{key}"])  # pyright: ignore[reportArgumentType]
             was = material.parameters.get("nu")
             if (
                 was is not None
@@ -175,7 +175,7 @@ class Unknowns:
             areas = areas * jnp.exp(jnp.asarray(log))
         return replace(
             scenario,
-            body=body._replace(normals=normals, u_axes=axes, areas=areas),  # pyright: ignore
+            body=body._replace(normals=normals, u_axes=axes, areas=areas),
         )
 
 

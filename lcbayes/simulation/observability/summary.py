@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
 from lcbayes.physics.bodies.facets import grid
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.simulation.observability.campaign import Campaign
 from lcbayes.simulation.observability.campaign_plan import Plan
-from lcbayes.simulation.observability.linearity import LINEAR
+from lcbayes.simulation.observability.linearity import MAX_NONLINEARITY
 from lcbayes.simulation.observability.measurements import Measurements, over_directions
 from lcbayes.simulation.observability.parameters import Parameter
 from lcbayes.simulation.observability.trades import Trade
@@ -227,7 +228,7 @@ def linearity_words(found: Findings) -> str:
     """
     parameters = found.campaign.unknowns.parameters
     off = np.where(np.isfinite(found.campaign.bound), found.nonlinearity, -1.0)
-    bent = np.flatnonzero(off > LINEAR)
+    bent = np.flatnonzero(off > MAX_NONLINEARITY)
     seen = int(np.sum(off >= 0.0))
     if not seen:
         return "no unknown is set by the measurements alone"
@@ -247,7 +248,7 @@ def linearity_words(found: Findings) -> str:
     return (
         f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
         "brightness is not linear within two standard deviations, and intervals are off, most "
-        f"for {' and '.join([', '.join(told[:-1]), told[-1]] if told[1:] else told)}"
+        f"for {join_words(told)}"
     )
 
 

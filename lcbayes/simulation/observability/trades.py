@@ -15,15 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.text import join_words
 from lcbayes.simulation.observability.campaign import NOTHING, Campaign
 from lcbayes.simulation.observability.measurements import Measurements, by_facet
 from lcbayes.simulation.observability.parameters import Parameter, Unknowns
 
 Floats = NDArray[np.float64]
 
-OPEN = 1.0  # information over that of the prior below which a combination counts as open
-SHOWN = 0.15  # share of a combination's largest part below which a part is left out of the words
-STRAIGHT = 0.5  # width over length of the path of the half vector up to which it has a direction
+MIN_INFORMATION_GAIN = 1.0  # information over the prior's; below, a combination is unconstrained
+MIN_SHOWN_SHARE = 0.15  # of the largest part of a combination, for a part to be named
+MAX_PATH_WIDTH = 0.5  # over length, of a path of the half vector that has a direction
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
     _, values, rows = np.linalg.svd(scaled, full_matrices=True)
     information = np.zeros(len(sd))
     information[: len(values)] = values**2
-    floor = NOTHING * max(information[0], OPEN)
+    floor = NOTHING * max(information[0], MIN_INFORMATION_GAIN)
     still = np.flatnonzero(np.sum(scaled**2, axis=0) <= floor)
     named = [*_dark(unknowns, still)]
     basis = [np.eye(len(sd))[still]]
@@ -70,7 +71,7 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
     other = []
     for exact in (True, False):
         # what is not seen at all by itself, not mixed with what is seen badly
-        rest = rows[(information < OPEN) & ((information <= floor) == exact)]
+        rest = rows[(information < MIN_INFORMATION_GAIN) & ((information <= floor) == exact)]
         if known is not None:
             rest = rest - rest @ known @ known.T
         _, size, rest = np.linalg.svd(rest, full_matrices=False)
@@ -166,7 +167,7 @@ def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
             continue
         plane = np.stack([u, np.cross(n, u)])
         values, vectors = np.linalg.eigh(np.cov(plane @ half.T, aweights=weight, ddof=0))
-        if values[1] > 0.0 and np.sqrt(max(values[0], 0.0) / values[1]) < STRAIGHT:
+        if values[1] > 0.0 and np.sqrt(max(values[0], 0.0) / values[1]) < MAX_PATH_WIDTH:
             found[i] = vectors[:, 1] @ plane
     return found
 
@@ -176,7 +177,7 @@ def _sentence(
 ) -> str:
     parts = _parts(unknowns, v, paths)
     top = parts[0].size
-    kept = [p for p in parts if p.size >= SHOWN * top][:6]
+    kept = [p for p in parts if p.size >= MIN_SHOWN_SHARE * top][:6]
     how = (
         "not seen at all" if exact else f"known to {100 / np.sqrt(1 + told):.0f} % of the prior sd"
     )
@@ -193,16 +194,16 @@ def _sentence(
                 f"for {degrees:.2g} deg; {how}"
             )
     kinds = {p.kind for p in kept}
-    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore
+    if kinds <= {"area", "tilt"} and len(alone) > 1 and _alike(unknowns, sorted(alone)):  # pyright: ignore[reportArgumentType]
         apart = "how one is tilted against the other"
         what = "how their area is shared out" if kinds == {"area"} else apart
-        listed = _and([str(f) for f in sorted(alone)])  # pyright: ignore
+        listed = join_words([str(f) for f in sorted(alone)])  # pyright: ignore[reportArgumentType]
         return f"facets {listed} face the same way, and {what} is {how}"
     if len(kinds) == 1 and kept[0].kind in ("area", "tilt") and len(alone) == len(kept):
-        listed = _and(sorted((str(p.facet) for p in kept), key=int))
+        listed = join_words(sorted((str(p.facet) for p in kept), key=int))
         noun = f"{kept[0].noun}s" if kept[0].kind == "area" else "tilts"
         return f"the {noun} of facets {listed} trade against each other: {how}"
-    return f"the {_and([p.words for p in kept])} trade: {how}"
+    return f"the {join_words([p.words for p in kept])} trade: {how}"
 
 
 def _alike(unknowns: Unknowns, facets: list[int]) -> bool:
@@ -232,7 +233,7 @@ def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Par
         if p.group == "normals" and p.name[-1] in "uv":
             u = body.u_axes[p.facet]
             axis = u if p.name[-1] == "u" else np.cross(body.normals[p.facet], u)
-            tilts[p.facet] = tilts.get(p.facet, np.zeros(3)) + c * axis  # pyright: ignore
+            tilts[p.facet] = tilts.get(p.facet, np.zeros(3)) + c * axis  # pyright: ignore[reportArgumentType, reportCallIssue]
         elif p.name.startswith("omega_"):
             spin["xyz".index(p.name[-1])] = c
         else:
@@ -268,7 +269,3 @@ def _direction(d: Floats, path: Floats | None) -> str:
     if angle > 60.0:
         return "across the pass direction"
     return f"at {angle:.0f} deg to the pass direction"
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

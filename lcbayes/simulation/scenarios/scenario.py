@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.toml import REQUIRED, Table, read_toml
 from lcbayes.physics.attitude import catalogue
@@ -26,7 +27,6 @@ from lcbayes.simulation.scenarios import bundled
 from lcbayes.simulation.scenarios.body import Material, read_body, read_materials
 from lcbayes.simulation.scenarios.viewing import MAX_RATE, Orbit, Planar, Vectors, read_geometry
 
-HOUR = 3600.0
 MAX_EXPOSURE_S = 86400.0
 PERIODS_S = (1e-3, 1e12)
 NOISES = {"sigma": (1e-30, 1e30), "mag_err": (1e-12, 10.0), "snr": (1e-6, 1e12)}
@@ -178,7 +178,7 @@ def _period(table: Table) -> float:
     """In s, from `period_h` or `period_s`."""
     if ("period_h" in table) == ("period_s" in table):
         raise table.fault(None, "needs one of 'period_h' and 'period_s'")
-    unit, scale = ("period_h", HOUR) if "period_h" in table else ("period_s", 1.0)
+    unit, scale = ("period_h", HOUR_S) if "period_h" in table else ("period_s", 1.0)
     period = table.number(unit)
     if period == 0:
         raise table.fault(unit, "is 0; a period is positive, or negative for the other sense")

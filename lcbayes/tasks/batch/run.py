@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from lcbayes.core.cluster import Run, crew
+from lcbayes.core.cluster import Run, worker_pool
 from lcbayes.core.files import write_atomic
 from lcbayes.core.progress import Silent
 from lcbayes.core.version import installed_version
@@ -160,12 +160,12 @@ def _crew(
 ) -> tuple[AbstractContextManager[Run], str]:
     """Who does it, and that in words."""
     if scheduler is not None:
-        return crew(scheduler, workers, keep_going=True), f"Dask cluster {scheduler}"
+        return worker_pool(scheduler, workers, keep_going=True), f"Dask cluster {scheduler}"
     if workers is None and find_spec("distributed") is None:
-        return crew(keep_going=True), "threads of one process (Dask is not installed)"
+        return worker_pool(keep_going=True), "threads of one process (Dask is not installed)"
     count = workers if workers is not None else max(1, min(os.cpu_count() or 1, n))
     return (
-        crew(n_workers=count, deaths=DEATHS, keep_going=True),
+        worker_pool(n_workers=count, deaths=DEATHS, keep_going=True),
         f"{count} process{'es' if count > 1 else ''} of this machine",
     )
 

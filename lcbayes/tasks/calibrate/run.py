@@ -108,7 +108,7 @@ def calibrate(
     from lcbayes.core.jax_setup import jax
     from lcbayes.inference.fit import constrain_draws
     from lcbayes.inference.prior_mass import accepted
-    from lcbayes.inference.problem_cache import posed
+    from lcbayes.inference.problem_cache import build_problem
     from lcbayes.modelling import registry
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import compiled
@@ -122,7 +122,7 @@ def calibrate(
             "calibration draws scales and errors from their priors, and those of this curve are "
             "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
-    plain, _ = posed(entry, entry.check(options), data)
+    plain, _ = build_problem(entry, entry.check(options), data)
     told = quantities or scalars
     places, trusted, kept = [], [], ()
     with (progress or Silent()).stage("calibrating", n, "fits") as track:

@@ -237,7 +237,7 @@ def _attributes(
 
 def _assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> list[str]:
     """What the numbers rest on, in sentences."""
-    from lcbayes.modelling.ephemeris import unsure_deg
+    from lcbayes.modelling.ephemeris import velocity_direction_sd_deg
     from lcbayes.physics.photometry import SUN_MAGNITUDE
 
     said, model = [], entry.name
@@ -263,7 +263,7 @@ def _assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) ->
         said.append("The body is flat facets that do not shade one another.")
         law = options.get("law", "yaw-steering")
         said.append(f"Its attitude follows the law {law}; normals are in the axes of that law.")
-        if (unsure := unsure_deg(curve) or 0.0) > UNSURE_DEG:
+        if (unsure := velocity_direction_sd_deg(curve) or 0.0) > UNSURE_DEG:
             said.append(
                 "Directions of flight, where a law asks for them, come from the places of the file "
                 f"and are unsure by up to {unsure:.0f} deg; elements (--tle) give better ones."

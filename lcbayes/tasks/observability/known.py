@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference.correlation import weighed
+from lcbayes.inference.correlation import tempered
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.simulation.observability.measurements import Measurements
 from lcbayes.simulation.observability.targets import Target, of_sites
@@ -82,7 +82,7 @@ def at_draws(
     """
     problem = ready.problem
     z = jax.vmap(problem.ravel)({k: jnp.asarray(v) for k, v in ready.sites.items()})
-    data = weighed(problem, np.asarray(z[len(z) // 2]), ready.data)
+    data = tempered(problem, np.asarray(z[len(z) // 2]), ready.data)
     unit = ""
 
     def asked(z: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ import numpy as np
 from lcbayes.core.progress import Silent
 from lcbayes.simulation.observability import campaign_plan
 from lcbayes.simulation.observability.campaign import campaign
-from lcbayes.simulation.observability.linearity import LINEAR, nonlinearity
+from lcbayes.simulation.observability.linearity import MAX_NONLINEARITY, nonlinearity
 from lcbayes.simulation.observability.measurements import measure
 from lcbayes.simulation.observability.parameters import USUAL, Unknowns
 from lcbayes.simulation.observability.summary import Findings
@@ -60,7 +60,7 @@ def judge(
         left = trades(found, measured)
         track.advance(1, f"{len(left)} combinations open")
         bent = nonlinearity(found, measured)
-        track.advance(1, f"{int(np.sum(bent > LINEAR))} beyond the linear")
+        track.advance(1, f"{int(np.sum(bent > MAX_NONLINEARITY))} beyond the linear")
         plan = None
         if n_visits:
             if posterior is None:

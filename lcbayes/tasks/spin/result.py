@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lcbayes.analysis import small_report, spin_report
-from lcbayes.analysis.quantities import lon_lat
 from lcbayes.analysis.style import Gallery
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.sidereal import Solution, Spin
 from lcbayes.results.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
 
-HOUR = 3600.0
 COLUMNS = {
     "weight": "weight",
     "pole_lon_deg": "pole_lon_deg",
@@ -118,12 +118,12 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
 
 
 def _solution(s: Solution) -> dict[str, Any]:
-    lon, lat = lon_lat(s.pole)
+    lon, lat = lon_lat_deg(s.pole)
     return {
         "pole_lon_deg": float(lon),
         "pole_lat_deg": float(lat),
         "radius_deg": float(np.degrees(s.radius)),
-        "period_h": 1.0 / s.frequency / HOUR,
+        "period_h": 1.0 / s.frequency / HOUR_S,
         "period_s": 1.0 / s.frequency,
         "period_sd_s": s.error / s.frequency**2,
         "cycles_per_turn": s.multiple,

@@ -1,0 +1,173 @@
+"""Columns of other names: those a user maps, and those that are recognised.
+
+What is taken for what is said in a note. A column that looks like an error is never ignored without
+a word: it is recognised, or the file is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import TextFile
+from lcbayes.data.formats.columns import BRIGHTNESS, KNOWN, TIMES
+
+IGNORE = "ignore"  # in place of a name of ours: the column is left aside
+# Names in use, in lower case with every other character than letters and digits as one underscore.
+ALIASES: dict[str, tuple[str, ...]] = {
+    "utc": (
+        "date_time_utc", "datetime_utc", "utc_datetime", "date_time", "datetime", "date_utc",
+        "time_utc", "utc_time", "timestamp", "timestamp_utc", "date_obs", "dateobs", "obs_time",
+        "observation_time", "observation_time_utc", "isot", "iso_time", "epoch_utc",
+    ),
+    "jd": ("jd_utc", "julian_date", "jd_mid", "bjd_utc"),
+    "mjd": ("mjd_utc", "modified_julian_date", "mjd_mid"),
+    "t": ("t_s", "time_s", "seconds", "elapsed_s", "time_sec", "t_sec"),
+    "date": ("date_ut", "day"),
+    "clock": ("time", "ut", "ut_time", "time_ut", "hour", "utc_clock"),
+    "mag": (
+        "magnitude", "apparent_magnitude", "app_mag", "vmag", "v_mag", "mag_v", "gmag", "g_mag",
+        "instmag", "inst_mag", "instrumental_magnitude", "mag_auto",
+    ),
+    "flux": ("flux_w_m2", "brightness_flux", "irradiance", "intensity"),
+    "mag_err": (
+        "magerr", "mag_error", "magerror", "e_mag", "err_mag", "mag_unc", "mag_uncertainty",
+        "mag_sigma", "sigma_mag", "mag_sd", "dmag", "magnitude_error", "magnitude_uncertainty",
+        "apparent_magnitude_uncertainty", "magerr_auto",
+    ),
+    "flux_err": (
+        "fluxerr", "flux_error", "fluxerror", "e_flux", "err_flux", "flux_unc", "flux_uncertainty",
+        "flux_sigma", "sigma_flux", "flux_sd", "dflux", "intensity_error",
+    ),
+    "band": ("filter", "passband"),
+    "site": ("observatory", "station", "site_name"),
+    "range_km": ("range", "distance_km", "slant_range_km"),
+    "exposure_s": ("exposure", "exptime", "exp_s", "exposure_time_s"),
+    "ra_deg": ("ra", "ra_j2000_deg", "right_ascension_deg"),
+    "dec_deg": ("dec", "decl_deg", "dec_j2000_deg", "declination_deg"),
+}  # fmt: skip
+# Errors of whatever the brightness is.
+ERRORS = ("err", "error", "uncertainty", "unc", "sigma", "sd", "std", "stddev", "e", "rms")
+_ERROR_LIKE = re.compile(r"err(or)?s?(_|$)|(^|_)(uncertainty|unc|sigma|std|stddev)(_|$)")
+_MAPPED = re.compile(r'\s*(\w+)\s*=\s*(?:"([^"]*)"|([^,"]+))\s*')
+_PAIRS = re.compile(f"{_MAPPED.pattern}(,{_MAPPED.pattern})*")
+
+
+def mapping_of(columns: str | Mapping[str, str] | None) -> dict[str, str]:
+    """Our name → the file's, from ``mag=V,mag_err=err,utc="Date/Time (UTC)"`` or a mapping.
+
+    Raises
+    ------
+    InputError
+        A pair is malformed or names a column that is not known.
+    """
+    if columns is None:
+        return {}
+    if isinstance(columns, str):
+        if not _PAIRS.fullmatch(columns):
+            raise InputError(f"--columns is {columns!r}; expected pairs such as mag=V,mag_err=err")
+        columns = {m[1]: (m[2] or m[3]).strip() for m in _MAPPED.finditer(columns)}
+    unknown = [name for name in columns if name not in KNOWN and name != IGNORE]
+    if unknown:
+        raise InputError(
+            f"--columns names {unknown[0]!r}; available: {', '.join((*KNOWN, IGNORE))}"
+        )
+    return dict(columns)
+
+
+def renamed(
+    file: TextFile, labels: Sequence[str], asked: Mapping[str, str], *, brightness: bool = True
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Name in the file → our name, and a note of what was recognised.
+
+    Parameters
+    ----------
+    labels : names of the columns in the file
+    asked : our name → the file's, from the user
+    brightness : whether the brightness is read; without it errors are of no interest
+
+    Raises
+    ------
+    InputError
+        A column asked for is not there, two columns could be the same thing, or a column looks like
+        an error but cannot be matched.
+    """
+    rename: dict[str, str] = {}
+    for name, label in asked.items():
+        if label not in labels:
+            raise InputError(
+                f"{file.name} has no column {label!r}, which --columns names for {name}; it has: "
+                f"{', '.join(labels[:12])}"
+            )
+        rename[label] = f"{IGNORE}:{label}" if name == IGNORE else name
+    simple = {label: _simple(label) for label in labels}
+    present = {simple[label] for label in labels} | set(rename.values())
+    notes = []
+    for name in _missing(present):
+        found = [
+            label for label in labels if label not in rename and simple[label] in ALIASES[name]
+        ]
+        if len(found) > 1:
+            raise InputError(
+                f"{file.name} has {' and '.join(map(repr, found))}, each of which could be {name}; "
+                f"say which: --columns {name}={found[0]!r}"
+            )
+        if found:
+            rename[found[0]] = name
+            present |= {name}
+            notes.append(f"column {found[0]!r} was taken for {name}")
+    if brightness:
+        notes += _errors(file, labels, simple, rename, present)
+    return rename, tuple(notes)
+
+
+def _simple(label: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_")
+
+
+def _missing(present: set[str]) -> list[str]:
+    """Our names that the file does not have and that could be meant by another."""
+    times = bool(present & {*TIMES, "mjd"})
+    kinds = present & set(BRIGHTNESS)
+    left = []
+    for name in ALIASES:
+        has = name in present
+        if name in (*TIMES, "mjd", "date", "clock"):
+            has = has or times
+        if name in BRIGHTNESS:
+            has = has or bool(kinds)
+        if not has:
+            left.append(name)
+    return left
+
+
+def _errors(
+    file: TextFile,
+    labels: Sequence[str],
+    simple: Mapping[str, str],
+    rename: dict[str, str],
+    present: set[str],
+) -> list[str]:
+    """Take the one column that looks like an error for it, or refuse the file."""
+    kind = next((name for name in BRIGHTNESS if name in present), None)
+    known = {_simple(name) for name in KNOWN}
+    error_like = [
+        label
+        for label in labels
+        if label not in rename
+        and simple[label] not in known
+        and (simple[label] in ERRORS or _ERROR_LIKE.search(simple[label]))
+    ]
+    if kind is None or not error_like:
+        return []
+    error = f"{kind}_err"
+    if error in present:
+        return [f"column {label!r} is left aside: {error} is the error" for label in error_like]
+    if len(error_like) == 1 and simple[error_like[0]] in ERRORS:
+        rename[error_like[0]] = error
+        return [f"column {error_like[0]!r} was taken for {error}"]
+    raise InputError(
+        f"{file.name}: column {error_like[0]!r} looks like an error; say what it is: "
+        f"--columns {error}={error_like[0]!r}, or --columns {IGNORE}={error_like[0]!r}"
+    )
