@@ -7,7 +7,7 @@ NumPy (`shadow_points`), where it has many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import shadows
-from lcbayes.physics.bodies.primitives import Panels, moved
+from lcbayes.physics.bodies.division import TOLERANCE
+from lcbayes.physics.bodies.primitives import Panels
 from lcbayes.physics.bodies.shadow_points import POINTS, Points, points_on
 from lcbayes.physics.bodies.shapes import Body
 from lcbayes.physics.bodies.solids import Solid
@@ -26,8 +27,9 @@ Floats = NDArray[np.float64]
 type Method = Literal["none", "exact", "points"]
 
 MOST_PAIRS = 5_000  # of a polygon and a solid, for exact shadows
-MOST_TESTS = 1_000_000  # of an edge against an edge at each epoch, for exact shadows
-_PROBES = 8
+MOST_TESTS = 400_000  # of an edge against an edge at each epoch, for exact shadows
+MOST_POINTS = 1_000_000
+_PROBES = 16
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,6 @@ def rotation_by(angles_deg: ArrayLike) -> Floats:
     return total
 
 
-def placed(panels: Panels, rotation: Floats, position: ArrayLike) -> Panels:
-    """Panels of a part in body axes."""
-    return moved(panels, rotation, np.asarray(position, float))
-
-
 @dataclass(frozen=True)
 class Assembly:
     """A body of parts.
@@ -96,10 +93,12 @@ class Assembly:
     ----------
     parts : of the body
     shaded : whether its parts shade and hide one another
+    tolerance : of shadows by points, over the largest flux
     """
 
     parts: tuple[Part, ...]
     shaded: bool = True
+    tolerance: float = TOLERANCE
 
     @cached_property
     def body(self) -> Body:
@@ -129,8 +128,7 @@ class Assembly:
         """Exact shadows; empty where there are none, or they would cost too much."""
         if not self.shaded or len(self.polygons) * len(self._blocking[1]) > MOST_PAIRS:
             return ()
-        found = shadows.shadows(self.polygons, *self._blocking)
-        return found if shadows.tests_per_epoch(found) <= MOST_TESTS else ()
+        return shadows.shadows(self.polygons, *self._blocking, most=MOST_TESTS) or ()
 
     @cached_property
     def _blocking(self) -> tuple[NDArray[np.integer], list[Solid], NDArray[np.integer]]:
@@ -144,10 +142,41 @@ class Assembly:
     @cached_property
     def points(self) -> Points | None:
         """Shadows by points; None where there are none, or they are exact."""
+        return self._sampled[0]
+
+    @cached_property
+    def shadow_error(self) -> float:
+        """Of the flux in shadow, over the largest flux, for Lambert's law on all of the body.
+
+        For points, the largest difference from four times as many in `_PROBES` random pairs of
+        directions; they are as many as make it less than the tolerance, or `MOST_POINTS`. 0 where
+        shadows are exact, but that a round solid's outline is drawn with `primitives.OUTLINE`
+        sides.
+        """
+        return self._sampled[1]
+
+    @cached_property
+    def _sampled(self) -> tuple[Points | None, float]:
         lone = len(self.parts) == 1 and self.parts[0].panels.convex
         if not self.shaded or lone or self.groups:
-            return None
-        return points_on(self.polygons, *self._blocking)
+            return None, 0.0
+        found = points_on(self.polygons, *self._blocking)
+        if found is None:
+            return None, 0.0
+        directions = np.random.default_rng(20261123).standard_normal((2, _PROBES, 3))
+        directions[1] += directions[0]  # most phase angles are below 90 deg
+        sun, obs = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        normals, areas = self.body.normals, self.body.areas
+        kernel = np.clip(sun @ normals.T, 0.0, None) * np.clip(obs @ normals.T, 0.0, None)
+        flux, count = (kernel * found.lit_and_seen(sun, obs)) @ areas, POINTS
+        while True:
+            finer = points_on(self.polygons, *self._blocking, 4 * count)
+            assert finer is not None
+            right = (kernel * finer.lit_and_seen(sun, obs)) @ areas
+            error = float(np.max(np.abs(flux - right)) / np.max(right))
+            if error <= self.tolerance or 4 * count > MOST_POINTS:
+                return found, error
+            found, flux, count = finer, right, 4 * count
 
     def lit_and_seen(self, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array | None:
         """Fraction of each panel that is both lit and seen, (T, N); None where all are whole.
@@ -167,28 +196,3 @@ class Assembly:
         return jax.pure_callback(
             self.points.lit_and_seen, shape, sun_body, obs_body, vmap_method="sequential"
         )
-
-    @cached_property
-    def shadow_error(self) -> float:
-        """Of the flux in shadow, over the largest flux, for Lambert's law on all of the body.
-
-        0 where shadows are exact (to 1e-8). For points, the largest difference from four times as
-        many in `_PROBES` random pairs of directions.
-        """
-        if self.method != "points":
-            return 0.0
-        assert self.points is not None
-        finer = points_on(self.polygons, *self._blocking, 4 * POINTS)
-        assert finer is not None
-        directions = np.random.default_rng(20261123).standard_normal((2, _PROBES, 3))
-        directions[1] += directions[0]  # phase angles below 90 deg, most of them
-        sun, obs = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-        body = self.body
-        kernel = np.clip(sun @ body.normals.T, 0, None) * np.clip(obs @ body.normals.T, 0, None)
-        flux = [(kernel * p.lit_and_seen(sun, obs)) @ body.areas for p in (self.points, finer)]
-        return float(np.max(np.abs(flux[0] - flux[1])) / np.max(flux[1]))
-
-
-def assembled(parts: Sequence[Part], shaded: bool = True) -> Assembly:
-    """A body of parts; with ``shaded`` they shade and hide one another."""
-    return Assembly(tuple(parts), shaded)

@@ -173,7 +173,7 @@ def points_on(
         return None
     share = areas[receivers] / areas[receivers].sum()
     made = [
-        _lattice(polygons[i], max(LEAST, round(count * part)))
+        _lattice(polygons[i], max(LEAST, round(count * part)), i)
         for i, part in zip(receivers, share, strict=True)
     ]
     which = np.repeat(receivers, [len(p) for p in made])
@@ -188,19 +188,21 @@ def points_on(
     return Points(np.concatenate(made), which, part, outward, convex, flat, extent)
 
 
-def _lattice(polygon: Floats, count: int) -> Floats:
+def _lattice(polygon: Floats, count: int, seed: int) -> Floats:
     """Points of equal weight on a convex polygon: a lattice on each triangle of its fan.
 
-    The lattice of Kronecker by the plastic number (Roberts 2018), folded into the triangle.
+    The lattice of Kronecker by the plastic number (Roberts 2018), folded into the triangle, and
+    shifted at random, so that errors of equal panels side by side are not the same.
     """
+    shift = np.random.default_rng(seed).random((len(polygon) - 2, 2))
     fan, _ = triangles([polygon])
     areas = 0.5 * np.linalg.norm(np.cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0]), axis=1)
     edges = np.round(count * np.concatenate([[0.0], np.cumsum(areas)]) / areas.sum()).astype(int)
     plastic = 1.32471795724474602596
     found = []
-    for triangle, begin, end in zip(fan, edges[:-1], edges[1:], strict=True):
+    for triangle, begin, end, (right, up) in zip(fan, edges[:-1], edges[1:], shift, strict=True):
         i = np.arange(1, end - begin + 1)
-        x, y = np.mod(0.5 + i / plastic, 1.0), np.mod(0.5 + i / plastic**2, 1.0)
+        x, y = np.mod(right + i / plastic, 1.0), np.mod(up + i / plastic**2, 1.0)
         beyond = x + y > 1.0
         x, y = np.where(beyond, 1.0 - x, x)[:, None], np.where(beyond, 1.0 - y, y)[:, None]
         found.append(

@@ -83,8 +83,12 @@ class _Receiver(NamedTuple):
 
 
 def shadows(
-    polygons: Sequence[Floats], parts: ArrayLike, solids: Sequence[Solid], owners: ArrayLike
-) -> tuple[Group, ...]:
+    polygons: Sequence[Floats],
+    parts: ArrayLike,
+    solids: Sequence[Solid],
+    owners: ArrayLike,
+    most: float = np.inf,
+) -> tuple[Group, ...] | None:
     """Which solids can shade or hide which polygons, with what of each is above the plane.
 
     A solid cannot where all of it lies behind the plane of the polygon, and none shades the part
@@ -99,14 +103,16 @@ def shadows(
     solids : list of Solid
     owners : (S,) int
         Which part each solid belongs to; −1 for one that may shade any polygon.
+    most : float
+        Give up where over so many tests an epoch are needed (`tests_per_epoch`).
 
     Returns
     -------
     tuple of Group
-        Empty where nothing can be in shadow, as for a convex body.
+        Empty where nothing can be in shadow, as for a convex body; None where it gave up.
     """
     part, owner = np.asarray(parts), np.asarray(owners)
-    receivers = []
+    receivers, tests = [], 0
     for i, polygon in enumerate(polygons):
         vector = vector_area(polygon)
         normal = vector / np.linalg.norm(vector)
@@ -118,10 +124,14 @@ def shadows(
         before = [edges(solid) for solid in cut if solid is not None]
         if before:
             receivers.append(_Receiver(i, polygon, int(part[i]), before))
+            tests += _tests(*_size(receivers[-1]))
+            if tests > 2 * most:  # two sides of a panel count as one
+                return None
     found: dict[tuple[int, ...], list[list[_Receiver]]] = {}
     for sides in _paired(receivers):
         found.setdefault((*_size(sides[0]), len(sides)), []).append(sides)
-    return tuple(_group(key[0], key[2], members) for key, members in sorted(found.items()))
+    groups = tuple(_group(key[0], key[2], members) for key, members in sorted(found.items()))
+    return groups if tests_per_epoch(groups) <= most else None
 
 
 def _size(one: _Receiver) -> tuple[int, int, int]:
@@ -177,12 +187,13 @@ def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:
     """Edges tested against edges at one epoch: what `lit_and_seen` costs."""
-    total = 0
-    for g in groups:
-        corners, outlines, slots = g.corners.shape[2], 2 * g.first.shape[2], g.first.shape[3]
-        shade = outlines * slots
-        total += len(g.index) * (corners * shade + shade * (corners + shade - slots))
-    return total
+    sizes = [(len(g.index), g.corners.shape[2], *g.first.shape[2:4]) for g in groups]
+    return sum(count * _tests(*size) for count, *size in sizes)
+
+
+def _tests(corners: int, solids: int, slots: int) -> int:
+    shade = 2 * solids * slots
+    return corners * shade + shade * (corners + shade - slots)
 
 
 def lit_and_seen(
@@ -213,7 +224,7 @@ def lit_and_seen(
     >>> from lcbayes.physics.bodies.solids import flat_solid
     >>> square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     >>> wall = np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]], float)
-    >>> groups = shadows([square], [0], [flat_solid(wall)], [1])
+    >>> groups = shadows([square], [0], [flat_solid(wall)], [1]) or ()
     >>> sun = jnp.array([[-1.0, 0, 1.0], [-1.0, 0, 2.0], [1.0, 0, 1.0]])
     >>> sun = sun / jnp.linalg.norm(sun, axis=1, keepdims=True)
     >>> above = jnp.array([[0.0, 0.0, 1.0]] * 3)
