@@ -20,6 +20,7 @@ from lcbayes.physics.bodies.solids import Solid, flat_solid, vector_area
 
 Floats = NDArray[np.float64]
 
+GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
 OUTLINE = 32  # sides of a round end and of the solid that casts a round part's shadow
 
 
@@ -159,7 +160,8 @@ def ellipsoid(x: float, y: float, z: float, n: int) -> Panels:
     """An ellipsoid with semi-axes x, y, z about the origin.
 
     The panels are images of panels of the unit sphere between n/2 + 1 parallels, of which a zone
-    at polar angle θ has n sin θ. A panel of the sphere between θ₁ and θ₂ has the area
+    at polar angle θ has n sin θ. The first panel of each zone begins at another azimuth, so that no
+    edge of the lit part runs along edges of panels in all zones at once. A panel of the sphere between θ₁ and θ₂ has the area
     Δφ (cos θ₁ − cos θ₂); the map diag(x, y, z) takes an element of area n dA to
     xyz diag(1/x, 1/y, 1/z) n dA.
     """
@@ -171,7 +173,7 @@ def ellipsoid(x: float, y: float, z: float, n: int) -> Panels:
         middle = 0.5 * (theta[k] + theta[k + 1])
         s, c = np.sin(middle), np.cos(middle)
         rim = np.column_stack([np.sin(theta[k : k + 2]), np.cos(theta[k : k + 2])])
-        made, azimuth = _zone(rim, max(4, round(n * s)), k)
+        made, azimuth = _zone(rim, max(4, round(n * s)), k / GOLDEN)
         unit = np.column_stack([s * np.cos(azimuth), s * np.sin(azimuth), np.full(len(made), c)])
         image = unit / scale
         length = np.linalg.norm(image, axis=1)
@@ -185,16 +187,11 @@ def ellipsoid(x: float, y: float, z: float, n: int) -> Panels:
     return Panels(polygons, made, np.concatenate(areas), u_axes, sides, [_ellipsoid(scale)])
 
 
-def _zone(rim: Floats, count: int, k: int) -> tuple[list[Floats], Floats]:
+def _zone(rim: Floats, count: int, begin: float) -> tuple[list[Floats], Floats]:
     """Panels between two circles about z, given by radius and height, (2, 2); and the azimuths of
-    their middles.
-
-    The first panel of each zone begins elsewhere, so that no edge of light or shadow runs along
-    edges of panels in all zones at once: the error of the flux is then that of a plane lattice.
-    """
+    their middles. The first panel begins at a share ``begin`` of a full turn."""
     step = 2.0 * np.pi / count
-    begin = 2.0 * np.pi * np.mod(k / ((1.0 + np.sqrt(5.0)) / 2.0), 1.0)
-    azimuth = begin + step * np.arange(count + 1)
+    azimuth = 2.0 * np.pi * np.mod(begin, 1.0) + step * np.arange(count + 1)
     r, z = rim.T
     r = r * np.sqrt(step / np.sin(step))
     edge = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
@@ -241,10 +238,11 @@ def sphere(radius: float, n: int) -> Panels:
 def dish(radius: float, depth: float, n: int) -> Panels:
     """Both sides of a thin paraboloid about z, its vertex at the origin, open towards +z.
 
-    z = a r², a = depth/radius². Its front is the hollow side. Rings are of equal width in r; the
-    area within r is π/(6a²) [(1 + 4a²r²)^(3/2) − 1].
+    z = a r², a = depth/radius². Its front is the hollow side. Rings are of equal width in r and
+    have n panels each, so that there are no gaps between panels; the area within r is
+    π/(6a²) [(1 + 4a²r²)^(3/2) − 1].
     """
-    rings = max(2, n // 6)
+    rings = max(2, n // 4)
     a = depth / radius**2
     r = radius * np.arange(rings + 1) / rings
     within = np.pi / (6.0 * a**2) * ((1.0 + 4.0 * a**2 * r**2) ** 1.5 - 1.0)
@@ -252,7 +250,7 @@ def dish(radius: float, depth: float, n: int) -> Panels:
     for k in range(rings):
         middle = 0.5 * (r[k] + r[k + 1])
         rim = np.column_stack([r[k : k + 2], a * r[k : k + 2] ** 2])
-        made, azimuth = _zone(rim, max(6, round(n * middle / radius)), k)
+        made, azimuth = _zone(rim, n, 0.0)
         c, s = np.cos(azimuth), np.sin(azimuth)
         slope, one = 2.0 * a * middle, np.ones(len(made))
         polygons += made

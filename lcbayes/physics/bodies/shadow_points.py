@@ -10,7 +10,7 @@ observer, meets
   the direction, where a grid of cells says which triangles may lie over which points.
 
 Exact for each point; the error of a fraction is that of the points, and
-`parts.Assembly.shadow_error` measures it. In NumPy and without a derivative, so for simulation only.
+`parts.Assembly.shadow_error` measures it. In NumPy and without a derivative: for simulation only.
 """
 
 from __future__ import annotations
@@ -84,14 +84,16 @@ class Points:
         blocked = np.zeros(len(mine), bool)
         for owner, faces, offsets in self.solids:
             other = np.flatnonzero((self.part[mine] != owner) & ~blocked)
-            outside = self.at[mine[other]] @ faces.T - offsets  # > 0 in front of the face
-            rate = faces @ direction
-            with np.errstate(divide="ignore", invalid="ignore"):
-                at = -outside / rate
-            enter = np.max(np.where(rate < 0.0, at, 0.0), axis=1, initial=0.0)
-            leave = np.min(np.where(rate > 0.0, at, np.inf), axis=1)
-            beside = np.any((rate == 0.0) & (outside > 0.0), axis=1)
-            blocked[other] = ~beside & (leave > enter + CLEARANCE * self.extent)
+            outside = faces @ self.at[mine[other]].T - offsets[:, None]  # > 0 in front of a face
+            enter, leave = np.zeros(len(other)), np.full(len(other), np.inf)
+            for height, rate in zip(outside, faces @ direction, strict=True):
+                if rate < 0.0:
+                    np.maximum(enter, height / -rate, out=enter)
+                elif rate > 0.0:
+                    np.minimum(leave, height / -rate, out=leave)
+                else:
+                    leave[height > 0.0] = -1.0
+            blocked[other] = leave > enter + CLEARANCE * self.extent
         return blocked
 
     def _blocked(self, mine: NDArray[np.integer], direction: Floats) -> NDArray[np.bool_]:

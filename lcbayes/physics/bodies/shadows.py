@@ -369,7 +369,7 @@ def _area_and_parts(corners: Points, outlines: Ends):
 
 
 def _at(ends: Ends, where: Any) -> Ends:
-    return tuple(tuple(x[where] for x in points) for points in ends)  # pyright: ignore
+    return tuple(tuple(x[where] for x in points) for points in ends)  # pyright: ignore[reportReturnType]
 
 
 def _cross(a: Points, b: Points) -> jax.Array:

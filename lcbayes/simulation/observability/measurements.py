@@ -91,7 +91,7 @@ def measure(scenario: Scenario) -> Measurements:
         )
     if scenario.parts is not None and scenario.parts.method != "none":
         raise InputError(
-            f"scenario {scenario.name!r}: what can be known of a body whose parts shade one another "
+            f"scenario {scenario.name!r}: what can be known of a body whose parts shade each other "
             "is not worked out; set body.shadows = false"
         )
     curve, truth = simulate(scenario)
