@@ -19,6 +19,7 @@ TOLERANCE = 1e-3
 MOST_PANELS = 20_000  # of a part
 FIRST = 16
 PROBES = 600  # pairs of directions
+PHASE_DEG = 150.0  # the largest phase angle at which the error is that which is given
 _BLOCK = 512  # panels at once
 _MARGIN = 2.0  # over the difference that halving the panels makes, 4/3 for an error like 1/n²
 _SEEN_AT = 97  # a division that shares no panel with those that are tried
@@ -40,6 +41,8 @@ def divide(
     n goes through 16, 24, 32, 48, … until the flux changes by less than half the tolerance where n
     is doubled, in the worst of `PROBES` pairs of directions to Sun and observer. Half of these are
     random; of the others the bisector is a normal of the surface, where a glossy surface glints.
+    Phase angles are up to `PHASE_DEG`: beyond, the lit part that is seen is a crescent narrower
+    than panels, and a glossy one is bright there.
 
     Parameters
     ----------
@@ -104,12 +107,14 @@ def _flux(law, parameters, sun, obs, normals, areas, u_axes):
 def _probes(normals: Floats) -> tuple[Floats, Floats]:
     """Directions to Sun and observer, (PROBES, 3) each."""
     rng = np.random.default_rng(20261123)
-    sun, obs = rng.standard_normal((2, PROBES, 3))
-    bisector = normals[rng.integers(len(normals), size=PROBES // 2)]
-    bisector = bisector + 0.01 * rng.standard_normal(bisector.shape)
+    half = PROBES // 2
+    bisector = np.concatenate(
+        [rng.standard_normal((half, 3)), normals[rng.integers(len(normals), size=half)]]
+    )
+    bisector /= np.linalg.norm(bisector, axis=1, keepdims=True)
+    bisector[half:] += 0.01 * rng.standard_normal((half, 3))
     across = np.cross(bisector, rng.standard_normal(bisector.shape))
-    across *= np.linalg.norm(bisector, axis=1, keepdims=True)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    tilt = np.tan(rng.uniform(0.0, 1.3, PROBES // 2))[:, None]
-    sun[::2], obs[::2] = bisector + tilt * across, bisector - tilt * across
+    angle = np.deg2rad(rng.uniform(0.0, 0.5 * PHASE_DEG, (2 * half, 1)))
+    sun, obs = bisector + np.tan(angle) * across, bisector - np.tan(angle) * across
     return tuple(v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sun, obs))

@@ -161,9 +161,9 @@ def ellipsoid(x: float, y: float, z: float, n: int) -> Panels:
 
     The panels are images of panels of the unit sphere between n/2 + 1 parallels, of which a zone
     at polar angle θ has n sin θ. The first panel of each zone begins at another azimuth, so that no
-    edge of the lit part runs along edges of panels in all zones at once. A panel of the sphere between θ₁ and θ₂ has the area
-    Δφ (cos θ₁ − cos θ₂); the map diag(x, y, z) takes an element of area n dA to
-    xyz diag(1/x, 1/y, 1/z) n dA.
+    edge of the lit part runs along edges of panels in all zones at once. A panel of the sphere
+    between θ₁ and θ₂ has the area Δφ (cos θ₁ − cos θ₂); the map diag(x, y, z) takes an element of
+    area n dA to xyz diag(1/x, 1/y, 1/z) n dA.
     """
     zones = max(2, n // 2)
     theta = np.pi * np.arange(zones + 1) / zones
