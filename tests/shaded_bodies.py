@@ -78,7 +78,7 @@ position = [0.5, 0, 1]
 STAGE = """
 [body]
 material = "white"
-tolerance = 5e-4
+tolerance = TOLERANCE
 [[body.parts]]
 kind = "cylinder"
 radius = 1
@@ -94,7 +94,7 @@ position = [0, 0, -3]
 DISH = """
 [body]
 material = "white"
-tolerance = 1e-3
+tolerance = TOLERANCE
 [[body.parts]]
 kind = "box"
 x = 1
@@ -110,7 +110,7 @@ back_material = "grey"
 MESH = """
 [body]
 material = "white"
-tolerance = 5e-4
+tolerance = TOLERANCE
 [[body.parts]]
 kind = "mesh"
 file = "ring.obj"
@@ -135,13 +135,13 @@ def ring() -> Floats:
     )
 
 
-def scenario(name: str, folder: Path) -> Scenario:
+def scenario(name: str, folder: Path, tolerance: float = 1e-3) -> Scenario:
     corners = ring().reshape(-1, 3)
     lines = ["v {:.17g} {:.17g} {:.17g}".format(*c) for c in corners]
     lines += [f"f {i} {i + 1} {i + 2}" for i in range(1, len(corners), 3)]
     (folder / "ring.obj").write_text("\n".join(lines))
     path = folder / f"{name}.toml"
-    path.write_text(TEXTS[name] + REST)
+    path.write_text(TEXTS[name].replace("TOLERANCE", str(tolerance)) + REST)
     return load(path)
 
 
