@@ -26,9 +26,11 @@ because the ends of that part are where v meets another edge, which has its own 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
@@ -47,8 +49,9 @@ UNROLLED = 12  # edges of a polygon; longer loops are not written out
 class Group(NamedTuple):
     """Polygons that receive shadows, with equally many edges and equally many solids before them.
 
-    A two-sided panel has S = 2 sides, of which one at most is lit, so that both cost as much as
-    one; for others S = 1.
+    Of two polygons with opposite normals, such as the sides of a panel or opposite faces of a box,
+    one at most is lit: they are S = 2 sides of one receiver and cost as much as one. For others,
+    S = 1.
 
     Attributes
     ----------
@@ -57,12 +60,14 @@ class Group(NamedTuple):
     frame : (R, S, 3, 3)
         Rows: two unit vectors in the polygon's plane and its normal, body frame.
     corners : (R, S, K, 2) m
-        Vertices in the plane, counter-clockwise.
+        Vertices in the plane, counter-clockwise; the first is the origin, the second on the x axis.
     area : (R, S) m²
     first, second : (R, S, J, E, 2, 3) m
         Ends of the edges of each solid (`solids.Edges`): in the plane, and height above it.
     normal_a, normal_b : (R, S, J, E, 3)
         In the polygon's frame.
+    rectangles : bool
+        All polygons are rectangles.
     """
 
     index: NDArray[np.integer]
@@ -73,6 +78,7 @@ class Group(NamedTuple):
     second: Floats
     normal_a: Floats
     normal_b: Floats
+    rectangles: bool
 
 
 class _Receiver(NamedTuple):
@@ -125,16 +131,16 @@ def shadows(
         if before:
             receivers.append(_Receiver(i, polygon, int(part[i]), before))
             tests += _tests(*_size(receivers[-1]))
-            if tests > 2 * most:  # two sides of a panel count as one
+            if tests > 2 * most:  # opposite polygons count as one
                 return None
-    found: dict[tuple[int, ...], list[list[_Receiver]]] = {}
+    found: dict[tuple[Any, ...], list[list[_Receiver]]] = {}
     for sides in _paired(receivers):
-        found.setdefault((*_size(sides[0]), len(sides)), []).append(sides)
-    groups = tuple(_group(key[0], key[2], members) for key, members in sorted(found.items()))
+        found.setdefault((_size(sides[0]), len(sides)), []).append(sides)
+    groups = tuple(_group(key[0], members) for key, members in sorted(found.items()))
     return groups if tests_per_epoch(groups) <= most else None
 
 
-def _size(one: _Receiver) -> tuple[int, int, int]:
+def _size(one: _Receiver) -> tuple[int, int, int, bool]:
     """Few sizes of groups: corners and edges of a solid are filled up to 4, 6, 8, 12, 16, 24, …"""
 
     def rounded(count: int) -> int:
@@ -142,34 +148,52 @@ def _size(one: _Receiver) -> tuple[int, int, int]:
         return 3 * power // 4 if power > 4 and count <= 3 * power // 4 else power
 
     slots = max(len(e.first) for e in one.before)
-    return rounded(len(one.polygon)), len(one.before), rounded(slots)
+    return rounded(len(one.polygon)), len(one.before), rounded(slots), _rectangle(one.polygon)
+
+
+def _rectangle(polygon: Floats) -> bool:
+    """Whether a polygon (k, 3) is one, to rounding."""
+    if len(polygon) != 4:
+        return False
+    a, b = polygon[1] - polygon[0], polygon[3] - polygon[0]
+    tolerance = 1e-12 * max(np.linalg.norm(a), np.linalg.norm(b))
+    closes = np.abs(polygon[2] - polygon[0] - a - b).max() < tolerance
+    return bool(closes and abs(a @ b) < tolerance**2 * 1e12)
 
 
 def _paired(receivers: list[_Receiver]) -> list[list[_Receiver]]:
-    """The two sides of a panel together, where their groups are of one size."""
-    found: dict[tuple, list[_Receiver]] = {}
+    """Two and two with opposite normals, where their groups are of one size."""
+    found: list[list[_Receiver]] = []
+    alone: dict[tuple[Any, ...], list[list[_Receiver]]] = {}
     for one in receivers:
-        corners = tuple(sorted(map(tuple, one.polygon.tolist())))
-        found.setdefault((one.part, _size(one), corners), []).append(one)
-    return list(found.values())
+        vector = vector_area(one.polygon)
+        normal = np.round(vector / np.linalg.norm(vector), 12) + 0.0
+        waiting = alone.get((_size(one), *(0.0 - normal).tolist()))
+        if waiting:
+            waiting.pop().append(one)
+        else:
+            found.append([one])
+            alone.setdefault((_size(one), *normal.tolist()), []).append(found[-1])
+    return found
 
 
-def _group(size: int, slots: int, members: list[list[_Receiver]]) -> Group:
-    rows = [[_placed(one, size, slots) for one in sides] for sides in members]
-    return Group(*(np.array([[side[k] for side in sides] for sides in rows]) for k in range(8)))
+def _group(size: tuple[int, int, int, bool], members: list[list[_Receiver]]) -> Group:
+    corners, _, slots, rectangles = size
+    rows = [[_placed(one, corners, slots) for one in sides] for sides in members]
+    arrays = (np.array([[side[k] for side in sides] for sides in rows]) for k in range(8))
+    return Group(*arrays, rectangles)
 
 
 def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
     """A polygon and the edges before it in its frame, filled up with edges of no length."""
-    polygon = one.polygon
+    polygon, origin = one.polygon, one.polygon[0]
     vector = vector_area(polygon)
     area = float(np.linalg.norm(vector))
     normal = vector / area
-    u = polygon[1] - polygon[0]
+    u = polygon[1] - origin
     u = u - normal * (u @ normal)
     u /= np.linalg.norm(u)
     frame = np.stack([u, np.cross(normal, u), normal])
-    origin = polygon.mean(axis=0)
     corners = (polygon - origin) @ frame[:2].T
     corners = np.concatenate([corners, np.repeat(corners[-1:], size - len(corners), axis=0)])
     made = []
@@ -187,13 +211,15 @@ def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:
     """Edges tested against edges at one epoch: what `lit_and_seen` costs."""
-    sizes = [(len(g.index), g.corners.shape[2], *g.first.shape[2:4]) for g in groups]
-    return sum(count * _tests(*size) for count, *size in sizes)
+    return sum(
+        len(g.index) * _tests(g.corners.shape[2], *g.first.shape[2:4], g.rectangles) for g in groups
+    )
 
 
-def _tests(corners: int, solids: int, slots: int) -> int:
+def _tests(corners: int, solids: int, slots: int, rectangle: bool) -> int:
     shade = 2 * solids * slots
-    return corners * shade + shade * (corners + shade - slots)
+    around = 2 if rectangle else corners
+    return (corners - 2) * shade + shade * (around + shade - slots)
 
 
 def lit_and_seen(
@@ -271,10 +297,10 @@ def _fraction(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     both = [jnp.sum(frame * d.T[None, None], axis=2) for d in (sun, obs)]  # (R, 3, T)
     facing = (both[0][:, 2] > GRAZING) & (both[1][:, 2] > GRAZING)
     both = [jnp.where(facing[:, None], d, np.array([0.0, 0.0, 1.0])[:, None]) for d in both]
-    solids = tuple(side(x) for x in group[4:])
+    solids = tuple(side(x) for x in group[4:8])
     outlines = _nudged(*_outlines(*solids, both))
     corners = side(group.corners)
-    area = _area((corners[:, :, 0], corners[:, :, 1]), outlines)
+    area = _area(group.rectangles, (corners[:, :, 0], corners[:, :, 1]), outlines)
     fraction = jnp.clip(area / side(group.area), 0.0, 1.0)
     lit = [facing & (front if k == 0 else ~front) for k in range(sides)]
     return jnp.where(jnp.stack(lit), fraction, 1.0)
@@ -317,55 +343,71 @@ def _nudged(start: Points, end: Points) -> Ends:
     return (ax, ay), (bx, by)
 
 
-@jax.custom_jvp
-def _area(corners: Points, outlines: Ends) -> jax.Array:
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _area(rectangles: bool, corners: Points, outlines: Ends) -> jax.Array:
     """Area of polygons without the union of outlines, (R, T)."""
-    return _area_and_parts(corners, outlines)[0]
+    return _area_and_parts(rectangles, corners, outlines)[0]
 
 
-@_area.defjvp
-def _area_jvp(primals, tangents):
+@partial(_area.defjvp, symbolic_zeros=True)
+def _area_jvp(rectangles, primals, tangents):
     corners, outlines = primals
     d_corners, d_outlines = tangents
-    area, of_corners, of_outlines = _area_and_parts(corners, outlines)
-    change = _swept(_ends(corners), _ends(d_corners), of_corners, 1)
-    change = change - _swept(outlines, d_outlines, of_outlines, (1, 2))
-    return area, change
+    if not all(isinstance(d, SymbolicZero) for d in d_corners):
+        raise NotImplementedError("no derivative by the corners of a polygon")
+    area, (length, moment) = _area_and_parts(rectangles, corners, outlines)
+    (ax, ay), (bx, by) = outlines
+    zero = jnp.zeros_like(ax)
+    (vax, vay), (vbx, vby) = (
+        [zero if isinstance(v, SymbolicZero) else v for v in points] for points in d_outlines
+    )
+    # each edge sweeps ∫ v × (b − a) dt, v = (1 − t) v_a + t v_b
+    rest = length - moment
+    vx, vy = rest * vax + moment * vbx, rest * vay + moment * vby
+    return area, -jnp.sum(vx * (by - ay) - vy * (bx - ax), axis=(1, 2))
 
 
-def _swept(ends: Ends, moved: Ends, parts: tuple[jax.Array, jax.Array], axis) -> jax.Array:
-    """Area over which edges pass, to the right of them: Σ ∫ v × (b − a) dt."""
-    length, moment = parts
-    (ax, ay), (bx, by) = ends
-    (vax, vay), (vbx, vby) = moved
-    weight = length - moment
-    vx, vy = weight * vax + moment * vbx, weight * vay + moment * vby
-    return jnp.sum(vx * (by - ay) - vy * (bx - ax), axis=axis)
+def _area_and_parts(
+    rectangles: bool, corners: Points, outlines: Ends
+) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """Area, and ∫dt and ∫t dt of the part of each outline's edge where it bounds the area.
 
-
-def _ends(corners: Points) -> Ends:
-    x, y = corners
-    return corners, (jnp.roll(x, -1, axis=1), jnp.roll(y, -1, axis=1))
-
-
-def _area_and_parts(corners: Points, outlines: Ends):
-    """Area, and ∫dt and ∫t dt of the lit and seen part of each edge.
-
-    Edges of the polygon count as they lie in no outline, those of an outline as they lie in the
-    polygon and in no other outline.
+    Edges of the polygon count as they lie in no outline; the first and the last meet the origin and
+    have no moment about it. Those of an outline count as they lie in the polygon and in no other
+    outline.
     """
     start, end = outlines
-    count = start[0].shape[1]
-    others = np.array([[k for k in range(count) if k != j] for j in range(count)])
-    polygon = tuple(tuple(x[:, None] for x in end_of) for end_of in _ends(corners))
-    of_corners = _parts(*_intervals(polygon, _at(outlines, (slice(None), None))))
-    low, high = _intervals(outlines, _at(polygon, (slice(None), None)))
-    hidden = _intervals(outlines, _at(outlines, (slice(None), others)))
-    of_outlines = _parts(*hidden, low[:, :, :, 0], high[:, :, :, 0])
-    of_corners = tuple(x[:, 0] for x in of_corners)
-    around = jnp.sum(_cross(*_ends(corners)) * of_corners[0], axis=1)
-    area = 0.5 * (around - jnp.sum(_cross(start, end) * of_outlines[0], axis=(1, 2)))
-    return area, of_corners, of_outlines
+    count, (x, y) = start[0].shape[1], corners
+    other = np.array([[k for k in range(count) if k != j] for j in range(count)])
+    whole = slice(None)
+    sides = (x[:, 1:-1], y[:, 1:-1]), (x[:, 2:], y[:, 2:])
+    of_sides, _ = _parts(*_intervals(_at(sides, (whole, None)), _at(outlines, (whole, None))))
+    if rectangles:
+        low, high = _within(outlines, (x[:, None, None, 2], y[:, None, None, 2]))
+    else:
+        around = corners, (jnp.roll(x, -1, axis=1), jnp.roll(y, -1, axis=1))
+        low, high = _intervals(outlines, _at(around, (whole, None, None)))
+        low, high = low[:, :, :, 0], high[:, :, :, 0]
+    hidden = _intervals(outlines, _at(outlines, (whole, other)))
+    parts = _parts(*hidden, low, high)
+    area = jnp.sum(_cross(*sides) * of_sides[:, 0], axis=1)
+    area = 0.5 * (area - jnp.sum(_cross(start, end) * parts[0], axis=(1, 2)))
+    return area, parts
+
+
+def _within(ends: Ends, far: Points) -> tuple[jax.Array, jax.Array]:
+    """Where edges (R, J, E, T) enter a rectangle from the origin to a far corner, and leave it."""
+    low, high = 0.0, 1.0
+    for a, b, size in zip(*ends, far, strict=True):
+        change = b - a
+        level = change == 0.0
+        change = jnp.where(level, 1.0, change)
+        beside = jnp.where((a < 0.0) | (a > size), 2.0, -1.0)
+        one = jnp.where(level, beside, -a / change)
+        other = jnp.where(level, 2.0, (size - a) / change)
+        low = jnp.maximum(low, jnp.minimum(one, other))
+        high = jnp.minimum(high, jnp.maximum(one, other))
+    return low, high  # pyright: ignore[reportReturnType]
 
 
 def _at(ends: Ends, where: Any) -> Ends:
