@@ -185,10 +185,11 @@ def flux_brdf(
     law: str,
     params: Mapping[str, jax.Array | float],
     u_axes: jax.Array | None = None,
+    visible: jax.Array | None = None,
 ) -> jax.Array:
     """Flux of a body whose facets follow any law of `reflectance.LAWS`, as in `flux`.
 
-    f(t) = Σᵢ Aᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and seen.
+    f(t) = Σᵢ Aᵢ vᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and seen.
 
     Parameters
     ----------
@@ -203,6 +204,9 @@ def flux_brdf(
         The law's parameters. Give "nu" alone for an isotropic Ashikhmin-Shirley facet.
     u_axes : (N, 3) or None
         Unit vectors in each facet's plane, perpendicular to its normal; for anisotropic laws.
+    visible : (T, N) or None
+        Fraction v of each facet that nothing shades and nothing hides (`bodies.shadows`); 1 where
+        None.
 
     Returns
     -------
@@ -215,4 +219,6 @@ def flux_brdf(
     """
     found, lit = geometry(sun_body, obs_body, normals, u_axes)
     sent = get_law(law).brdf(found, params) * found.mu0 * found.mu
+    if visible is not None:
+        sent = sent * visible
     return jnp.where(lit, sent, 0.0) @ area

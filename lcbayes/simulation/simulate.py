@@ -30,6 +30,7 @@ from lcbayes.physics.bodies import facets
 from lcbayes.physics.bodies.shapes import Body
 from lcbayes.physics.reflectance import LAWS
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
+from lcbayes.simulation.scenarios import parts
 from lcbayes.simulation.scenarios.body import Material
 from lcbayes.simulation.scenarios.epochs import epochs
 from lcbayes.simulation.scenarios.scenario import Scenario
@@ -146,7 +147,8 @@ def predicted_flux(
             if attitude_error is not None and rotation is made.body:
                 turn = rotations.constant_rate(jnp.ones(1), attitude_error)[0]
                 directions = tuple(x @ turn.T for x in directions)
-            total += body_flux(scenario.body, scenario.materials, *directions, which=which)
+            visible = None if scenario.parts is None else scenario.parts.lit_and_seen(*directions)
+            total += body_flux(scenario.body, scenario.materials, *directions, which, visible)
         return total
 
     t, exposure = along.t, scenario.exposure_s
@@ -165,11 +167,12 @@ def body_flux(
     sun_body: jax.Array,
     obs_body: jax.Array,
     which: NDArray[np.bool_] | None = None,
+    visible: jax.Array | None = None,
 ) -> jax.Array:
     """Flux at unit distance under unit irradiance of directions in the body frame, m², (T,).
 
     Sum over the laws of the body's facets, or of those in ``which`` (N,); those of one law go
-    together.
+    together. ``visible`` (T, N) is the fraction of each facet that no other part shades or hides.
     """
     which = np.ones(len(body.labels), bool) if which is None else which
     laws = [
@@ -188,6 +191,7 @@ def body_flux(
             law,
             params,
             jnp.asarray(body.u_axes[here]),
+            None if visible is None else visible[:, here],
         )
     return total
 
@@ -231,15 +235,15 @@ def truth(
     torque-free body, whose ω and inertia tensor are given there too; for a principal-axis spin they
     are in its own body axes, z towards the pole, and so for laws of the catalogue, where those of
     facets that are ``on_array`` are in the array's axes. `albedo_area_m2` is None for facets whose
-    reflectance is not one factor.
+    reflectance is not one factor. A body of parts has `parts` and `shadows` in place of facets,
+    always in its own body axes.
     """
     t_ref = float(curve.t[0])
     spin, turn = _attitude_truth(scenario.attitude, t_ref)
-    normals, u_axes = scenario.body.normals, scenario.body.u_axes
-    if turn is not None:
-        normals, u_axes = normals @ turn.T, u_axes @ turn.T
-    phi, g = facets.angles(jnp.asarray(normals))
     used = set(scenario.body.labels)
+    body = {"facets": _facets_truth(scenario, turn)}
+    if scenario.parts is not None:
+        body = parts.described(scenario.parts)
     return {
         "scenario": scenario.name,
         "seed": seed,
@@ -250,19 +254,7 @@ def truth(
         "epoch_jd": curve.epoch_jd,
         "t_ref_s": t_ref,
         "attitude": spin,
-        "facets": [
-            {
-                "normal": normals[i].tolist(),
-                "u": u_axes[i].tolist(),
-                "phi": float(phi[i]),
-                "g": float(g[i]),
-                "area_m2": float(area),
-                "albedo_area_m2": _albedo_area(scenario, i),
-                "material": scenario.body.labels[i],
-                **({"on_array": scenario.on_array[i]} if scenario.on_array else {}),
-            }
-            for i, area in enumerate(scenario.body.areas)
-        ],
+        **body,
         "materials": {
             name: {"law": m.law, **m.parameters}
             for name, m in scenario.materials.items()
@@ -271,6 +263,27 @@ def truth(
         "noise": {scenario.noise.kind: scenario.noise.value},
         scenario.kind: clean.tolist(),
     }
+
+
+def _facets_truth(scenario: Scenario, turn: Floats | None) -> list[dict[str, Any]]:
+    """The facets as `truth` has them, turned from the body axes of the attitude law."""
+    normals, u_axes = scenario.body.normals, scenario.body.u_axes
+    if turn is not None:
+        normals, u_axes = normals @ turn.T, u_axes @ turn.T
+    phi, g = facets.angles(jnp.asarray(normals))
+    return [
+        {
+            "normal": normals[i].tolist(),
+            "u": u_axes[i].tolist(),
+            "phi": float(phi[i]),
+            "g": float(g[i]),
+            "area_m2": float(area),
+            "albedo_area_m2": _albedo_area(scenario, i),
+            "material": scenario.body.labels[i],
+            **({"on_array": scenario.on_array[i]} if scenario.on_array else {}),
+        }
+        for i, area in enumerate(scenario.body.areas)
+    ]
 
 
 def _attitude_truth(law: Attitude, t_ref: float) -> tuple[dict[str, Any], Floats | None]:

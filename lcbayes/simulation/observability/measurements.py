@@ -81,13 +81,18 @@ def measure(scenario: Scenario) -> Measurements:
     Raises
     ------
     InputError
-        As `simulate.simulate`; or the attitude follows the orbit.
+        As `simulate.simulate`; or the attitude follows the orbit, or parts shade one another.
     """
     if scenario.attitude.needs or scenario.attitude.array:
         raise InputError(
             f"scenario {scenario.name!r}: what can be known under the law "
             f"{scenario.attitude.name!r} is not worked out; give an attitude that is fixed, "
             "constant-rate or principal-axis"
+        )
+    if scenario.parts is not None and scenario.parts.method != "none":
+        raise InputError(
+            f"scenario {scenario.name!r}: what can be known of a body whose parts shade each other "
+            "is not worked out; set body.shadows = false"
         )
     curve, truth = simulate(scenario)
     clean, sd = np.asarray(truth[scenario.kind], float), np.asarray(curve.error)

@@ -67,7 +67,11 @@ def read_body(
     ways = [key for key in ("facets", "shape", "file") if key in table]
     if len(ways) != 1:
         given = " and ".join(map(repr, ways)) or "none of them"
-        raise table.fault(None, f"needs one of 'facets', 'shape' and 'file'; it has {given}")
+        raise table.fault(
+            None, f"needs one of 'facets', 'parts', 'shape' and 'file'; it has {given}"
+        )
+    if table.flag("shadows", False):
+        raise table.fault("shadows", "needs places; give the body as [[body.parts]]")
     only = next(iter(materials)) if len(materials) == 1 else None
     default = table.text("material", only, tuple(materials))
     told: list[bool | None] = []

@@ -23,8 +23,10 @@ from lcbayes.physics.attitude.laws import (
     TorqueFree,
 )
 from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.simulation.scenarios import bundled
 from lcbayes.simulation.scenarios.body import Material, read_body, read_materials
+from lcbayes.simulation.scenarios.parts import read_parts
 from lcbayes.simulation.scenarios.viewing import MAX_RATE, Orbit, Planar, Vectors, read_geometry
 
 MAX_EXPOSURE_S = 86400.0
@@ -56,6 +58,7 @@ class Scenario:
     exposure_s : 0 for instantaneous brightness
     on_array : for each facet, whether it turns with the solar array of the attitude law; the normal
         of such a facet is in the array's axes (front x, hinge y)
+    parts : of a body of parts, whose panels are the facets of `body`; with their shadows
     """
 
     name: str
@@ -68,6 +71,7 @@ class Scenario:
     band: str
     exposure_s: float
     on_array: tuple[bool, ...] = ()
+    parts: Assembly | None = None
 
 
 def scenario_path(scenario: str | Path) -> Path:
@@ -118,10 +122,15 @@ def load(scenario: str | Path) -> Scenario:
     path = scenario_path(scenario)
     root = read_toml(path)
     materials = read_materials(root)
-    body, on_array = read_body(root.table("body"), materials)
+    table, parts = root.table("body"), None
+    if "parts" in table:
+        parts, on_array = read_parts(table, materials)
+        body = parts.body
+    else:
+        body, on_array = read_body(table, materials)
     attitude = _attitude(root.table("attitude"))
     if attitude.array and not any(on_array):
-        raise root.table("body").fault(
+        raise table.fault(
             None,
             f"has no facet on the solar array that the law {attitude.name!r} turns; name a part "
             "'panel' or 'back', or set on_array = true for its facets",
@@ -154,6 +163,7 @@ def load(scenario: str | Path) -> Scenario:
         band,
         exposure,
         on_array if attitude.array else (),
+        parts,
     )
 
 
