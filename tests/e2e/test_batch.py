@@ -81,7 +81,9 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     assert main(command) == EXIT_DONE
     assert done == ["second"]
     assert lcbayes.load(out).trusted
-    assert lcbayes.load(out / "objects" / "first").summary()["parameter"].iloc[0] == "albedo_area[0]"
+    assert (
+        lcbayes.load(out / "objects" / "first").summary()["parameter"].iloc[0] == "albedo_area[0]"
+    )
     assert "3 of 3 objects" in (out / "report.html").read_text()
 
 

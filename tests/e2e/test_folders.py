@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,11 +90,11 @@ def test_a_loaded_fit_is_the_fit(folder):
 def test_a_small_task_is_loaded_with_its_tables(tmp_path):
     curve = lcbayes.simulate("box-wing", seed=1).data
     lcbayes.spin(curve, shuffles=99, out=tmp_path / "s", report=False)
-    result = lcbayes.load(tmp_path / "s")
+    result: Any = lcbayes.load(tmp_path / "s")
     assert result.task == "spin"
     assert set(result.tables()) == {"solutions", "synodic_periods"}
     with pytest.raises(InputError, match="has no figures; run the task again"):
-        result.plot_pole()
+        result.plot_pole()  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(InputError, match="are drawn only when it runs"):
         lcbayes.report(tmp_path / "s")
 
@@ -184,7 +185,7 @@ def test_the_file_that_was_fitted_is_run_where_it_is_given(quiet, tmp_path):
 
 def test_loading_reporting_and_listing_run_nothing(quiet):
     folder, _, marker = quiet
-    assert lcbayes.load(folder).summary()["parameter"][0] == "size"
+    assert lcbayes.load(folder).summary()["parameter"].iloc[0] == "size"
     assert main(["report", str(folder)]) == EXIT_NOT_TRUSTED
     assert not marker.exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,9 +32,9 @@ def fit(curve: Path, out: Path, sampler: str, *more: str) -> list[str]:
 
 @pytest.mark.slow
 def test_the_published_sampler_is_never_trusted():
-    few = {"num_warmup": 100, "num_samples": 100, "num_chains": 2, "num_starts": 16}
-    problem = {"n_facets": 1, "spin": "none", "seed": 2}
-    result = fit_with_kernel(small_curves.curve(40), "ahmc-paper", **problem, **few)
+    few: dict[str, Any] = {"num_warmup": 100, "num_samples": 100, "num_chains": 2, "num_starts": 16}
+    problem: dict[str, Any] = {"n_facets": 1, "spin": "none", "seed": 2} | few
+    result = fit_with_kernel(small_curves.curve(40), "ahmc-paper", **problem)
     assert not result.trusted
     assert result.reasons[0].code == "published-sampler"
     assert result.text().startswith("DO NOT TRUST THIS RESULT")

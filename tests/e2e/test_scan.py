@@ -157,6 +157,7 @@ def test_a_scan_is_loaded_and_reported_again_from_its_folder_alone(asteroid, tmp
     """Every array that a page draws comes back, and so does the page."""
     folder = shutil.copytree(asteroid[0] / "out", tmp_path / "elsewhere")
     found = lcbayes.load(folder)
+    assert isinstance(found, lcbayes.Scan)
     page = (folder / "report.html").read_text()
     figures = {p.name: p.read_bytes() for p in (folder / "figures").iterdir()}
     (folder / "report.html").unlink()

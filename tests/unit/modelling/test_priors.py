@@ -109,7 +109,7 @@ def test_angular_velocity_has_the_sd_asked_for():
     np.testing.assert_allclose(trace["omega"]["value"], 0.02 * trace["omega_unit"]["value"])
 
 
-def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
+def test_visibility_prior_is_exact_inside_and_a_slope_outside():
     """Zero wherever each facet has one epoch with both cosines positive; −(m/s)² below."""
     # Normals along x and y: the first two components of a direction are the cosines of the facets.
     axes = jnp.eye(3)[:2]
@@ -130,7 +130,7 @@ def test_lit_and_seen_is_exact_inside_and_a_slope_outside():
     )
 
 
-def test_lit_and_seen_leads_back():
+def test_visibility_prior_leads_back():
     """Its slope is that of the best epoch, as finite differences see it."""
     rng = np.random.default_rng(3)
     sun, obs = rng.normal(size=(2, 7, 3)) + np.array([2.0, 0.0, 0.0])

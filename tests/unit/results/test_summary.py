@@ -11,6 +11,7 @@ from lcbayes.inference.fit import Mode
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.solutions import Solution
 from lcbayes.results import summary
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.samplers.bridge import LogEvidence
 
 
@@ -59,7 +60,8 @@ def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
     ]
     posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[])
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
-    return list(summary._reasons(posterior, entries, fit))  # type: ignore[arg-type]
+    found = summary._findings(posterior, entries, fit)  # type: ignore[arg-type]
+    return [sentence(one).text for one in found]
 
 
 def test_good_chains_give_no_reason():

@@ -166,7 +166,7 @@ def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
         return tmp_path / "report.html"
 
     page = written(said, run).read_text()
-    assert "1 of 3 objects have a result that is trusted" in page
+    assert "1 of 3 objects have a trusted result" in page
     assert "Right: total albedo-area against rotation rate" in page
     still = [{k: v for k, v in row.items() if not k.startswith("omega")} for row in rows()]
     other = written({**said, "objects": still}, run).read_text()
