@@ -3,7 +3,7 @@
     python benchmarks/shadows.py [--attitudes N]      into RESULTS.md
 
 Time: the flux of a body at 300 epochs, and its gradient by the directions, with shadows and
-without, each compiled beforehand. Errors: against rays cast at the analytic surfaces, at N attitudes.
+without, each compiled beforehand. Errors: against rays cast at analytic surfaces, at N attitudes.
 """
 
 from __future__ import annotations

@@ -160,6 +160,28 @@ def test_shadows_of_several_solids_are_not_counted_twice():
     assert found == pytest.approx(1.0 - covered, abs=1e-8)
 
 
+def test_a_panel_seen_edge_on_hides_nothing():
+    """A wall on the edge of a square, Sun and observer in its plane, one of them, or neither."""
+    wall = np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]], float)
+    groups = shadows.shadows([SQUARE], [0], [flat_solid(wall)], [1])
+    assert groups
+    up, low, steep, away = [0, 0, 1.0], [-1, 0, 1.0], [-1, 0, 2.0], [1, 0, 1.0]
+    pairs = {
+        (0, 0): 1.0,
+        (1, 0): 0.0,
+        (0, 1): 0.0,
+        (2, 0): 0.5,
+        (2, 2): 0.5,
+        (3, 0): 1.0,
+        (3, 2): 0.5,
+    }
+    for (i, j), right in pairs.items():
+        sun, obs = (np.array([[up, low, steep, away][k]]) for k in (i, j))
+        sun, obs = (jnp.asarray(v / np.linalg.norm(v)) for v in (sun, obs))
+        found = float(shadows.lit_and_seen(groups, 1, sun, obs)[0, 0])
+        assert found == pytest.approx(right, abs=1e-8)
+
+
 def test_a_solid_above_a_plane():
     made = box(2.0, 2.0, 2.0).solids[0]
     half = above(made, [0, 0, 0.25], [0, 0, 1.0])
