@@ -80,11 +80,15 @@ demo: $(VENV)/.installed
 # The workers share the cores: a BLAS that takes all of them for each call of each worker is slower.
 test test-all: export OPENBLAS_NUM_THREADS = 1
 
+# A file's tests stay with one worker, which makes its fixtures once; in the order of the folders,
+# that of the longest files first, so that both workers end together.
+SHARED := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
 test: env
-	@$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
+	@$(BIN)/python -m pytest -m "not slow" $(SHARED)
 
 test-all: env
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	@$(BIN)/python -m pytest $(SHARED)
 
 docs: $(VENV)/.installed-docs
 	@$(BIN)/python docs/make_gallery.py

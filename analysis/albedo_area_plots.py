@@ -21,10 +21,16 @@ def draw(result: Inversion, gallery: Gallery) -> None:
     draw_map(result, gallery)
     draw_fit(result, gallery)
     if result.shape is not None:
-        body = result.shape
-        reach = float(np.max(np.linalg.norm(body.vertices, axis=1)))
-        faces = [body.vertices[f] / reach for f in body.faces]
-        draw_views(faces, [STONE] * len(faces), gallery, "shape", "Shape from three sides.")
+        draw_shape(result, gallery)
+
+
+def draw_shape(result: Inversion, gallery: Gallery) -> None:
+    """The convex body from three sides."""
+    body = result.shape
+    assert body is not None
+    reach = float(np.max(np.linalg.norm(body.vertices, axis=1)))
+    faces = [body.vertices[f] / reach for f in body.faces]
+    draw_views(faces, [STONE] * len(faces), gallery, "shape", "Shape from three sides.")
 
 
 def draw_map(result: Inversion, gallery: Gallery) -> None:

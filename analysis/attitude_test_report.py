@@ -1,59 +1,19 @@
-"""What `lcbayes attitude-test` writes: the ranking, the words, the pairs behind it."""
+"""The words and figures of `lcbayes attitude-test`."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.style import FAINT, Gallery, colour
 from lcbayes.inversion.separated.attitude_test import MIN_PAIRS, MIN_POINTS, AttitudeTest, Verdict
 
-NAME = "attitude_test"
-
-
-def write(result: AttitudeTest, folder: Path, about: Mapping[str, Any]) -> None:
-    """`attitude_test.json`, `attitude_test.txt` and `figures/`."""
-    content = dict(about) | numbers(result)
-    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
-
-
-def numbers(result: AttitudeTest) -> dict[str, Any]:
-    """The content of `attitude_test.json`."""
-    keys = (
-        "name",
-        "settings",
-        "tested",
-        "reason",
-        "p_value",
-        "statistic",
-        "expected",
-        "n_pairs",
-        "n_points",
-        "same_as",
-    )
-    return {
-        "n_obs": result.n_obs,
-        "n_glints_left_out": result.n_glints,
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "level": result.level,
-        "laws": [
-            {k: getattr(v, k) for k in keys} | {"rejected": result.rejected(v)}
-            for v in result.verdicts
-        ],
-    }
-
 
 def words(result: AttitudeTest) -> list[str]:
-    """The result as text; caveats come first."""
-    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
+    """The result in lines for a reader, without the verdict."""
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
-    lines.append(f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}")
+    lines = [f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}"]
     lines += [_line(v, result) for v in result.verdicts if v.tested]
     lines += _not_tested(result)
     held = [v for v in result.verdicts if v.tested and not result.rejected(v)]
@@ -95,7 +55,7 @@ def _not_tested(result: AttitudeTest) -> list[str]:
     lines = []
     for reason, stopped in names.items():
         # on top already, with the remedy
-        why = "as said above" if any(reason in r for r in result.reasons) else reason
+        why = "as said above" if any(reason in str(r) for r in result.reasons) else reason
         count = f"{len(stopped)} laws" if len(stopped) > 1 else "1 law"
         lines.append(f"{count} not tested, {why}:")
         lines += textwrap.wrap(
@@ -110,9 +70,14 @@ def _not_tested(result: AttitudeTest) -> list[str]:
 
 def draw(result: AttitudeTest, gallery: Gallery) -> None:
     """The p-values, and the differences within pairs of the best law and of the worst."""
+    if any(v.tested for v in result.verdicts):
+        draw_laws(result, gallery)
+        draw_pairs(result, gallery)
+
+
+def draw_laws(result: AttitudeTest, gallery: Gallery) -> None:
+    """The p-value of each law that was tested."""
     tested = [v for v in result.verdicts if v.tested]
-    if not tested:
-        return
     figure = gallery.figure(6.4, 1.0 + 0.2 * len(tested))
     axes = figure.subplots()
     y = np.arange(len(tested))[::-1]
@@ -127,6 +92,11 @@ def draw(result: AttitudeTest, gallery: Gallery) -> None:
     axes.set_ylim(-0.7, len(tested) - 0.3)
     axes.set_xlabel(f"p-value (dashed: {result.level:g}, below it a law is rejected)")
     gallery.add(figure, "laws", "p-value of each attitude law.", "p-value of each attitude law.")
+
+
+def draw_pairs(result: AttitudeTest, gallery: Gallery) -> None:
+    """Differences of flux within the pairs of the best law and of the worst."""
+    tested = [v for v in result.verdicts if v.tested]
     shown = [tested[0], tested[-1]] if len(tested) > 1 else tested
     figure = gallery.figure(3.4 * len(shown), 3.0)
     for k, (v, axes) in enumerate(

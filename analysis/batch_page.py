@@ -12,7 +12,6 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 from lcbayes.analysis import style
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.tables import three
-from lcbayes.core.files import write_atomic
 from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
 
 RATE, AREA = "rotation rate", "total albedo-area"
@@ -40,13 +39,13 @@ SHOWN = {
 }
 
 
-def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:
-    """Write `batch.html` and `figures/batch.png` into a folder that `lcbayes batch` wrote.
+def write_page(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> None:
+    """Write ``report.html`` and ``figures/batch.png`` of a batch into a folder.
 
-    Returns
-    -------
-    Path
-        The page.
+    Parameters
+    ----------
+    summary : content of ``summary.json``
+    run : content of ``run.toml``
     """
     rows = summary["objects"]
     _, _, what, against = _bodies_of(rows)
@@ -61,27 +60,25 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
             summary=summary,
             image=image,
             heads=[SHOWN[k] for k in columns],
-            rows=[_cells(folder, row, columns) for row in rows],
+            rows=[_cells(row, columns) for row in rows],
             version=run["version"],
         )
     )
-    write_atomic(folder / "batch.html", lambda p: p.write_text(page, encoding="utf-8"))
-    return folder / "batch.html"
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _cells(folder: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
+def _cells(row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
     """A line of the table, with a link to the object's own page where there is one."""
-    page = f"objects/{row['name']}/report.html"
     fit = "–"
     if row.get("chi2") is not None:
         fit = f"{three(row['chi2'] / max(row['dof'], 1))}"
     return {
         "name": row["name"],
-        "page": page if (folder / page).is_file() else None,
+        "page": row.get("page"),
         "status": row["status"],
         "fit": fit,
         "cells": ["–" if row.get(k) is None else _number(k, row[k]) for k in columns],
-        "reasons": row["reasons"],
+        "reasons": [reason["text"] for reason in row["reasons"]],
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import style
-from lcbayes.analysis.pages import environment
-from lcbayes.core.files import write_atomic
+from lcbayes.analysis.pages import command, environment
+from lcbayes.core.options import Options
 from lcbayes.results import comparison
 
 DEPTH = 12.0  # nats below the best that are drawn; what lies lower is marked by an arrow
@@ -25,21 +24,19 @@ CAPTION = (
 )
 
 
-def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:
-    """Write `compare.html` and `figures/compare.png` into a folder that `lcbayes compare` wrote.
+def write_page(
+    folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any], options: type[Options]
+) -> None:
+    """Write ``report.html`` and ``figures/compare.png`` of a comparison into a folder.
 
     Parameters
     ----------
     folder : path
     summary : mapping
-        The content of compare.json.
+        The content of summary.json.
     run : mapping
         That of run.toml.
-
-    Returns
-    -------
-    Path
-        The page.
+    options : of the task
     """
     image = style.picture(
         folder,
@@ -54,34 +51,18 @@ def write(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> P
         environment()
         .get_template("compare.html.j2")
         .render(
-            title=Path(run["curve"]).name or "a light curve",
+            title=Path(run.get("curve", "")).name or "a light curve",
             conclusion=said[0].upper() + said[1:] + ".",
             summary=summary,
             image=image,
             heads=heads,
             rows=rows,
             notes=comparison.notes(summary),
-            command=_command(run),
+            command=command(run, options),
             version=run["version"],
         )
     )
-    write_atomic(folder / "compare.html", lambda p: p.write_text(page, encoding="utf-8"))
-    return folder / "compare.html"
-
-
-def _command(run: Mapping[str, Any]) -> str:
-    """What to type for the same numbers."""
-    words = ["lcbayes", "compare", run["curve"], "--facets", run["facets"]]
-    for name in ("sparse", "num_starts"):  # 0 where they were not given
-        if run[name]:
-            words += ["--" + name.replace("_", "-"), run[name]]
-    for name in ("model", "seed", "num_particles", "num_runs"):
-        words += ["--" + name.replace("_", "-"), run[name]]
-    for table, flag in (("reading", "--{}"), ("options", "--set")):
-        for name, value in run[table].items():
-            given = value if table == "reading" else f"{name}={value}"
-            words += [flag.format(name.replace("_", "-")), given]
-    return shlex.join(map(str, [*words, "-o", "DIR"]))
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def draw(

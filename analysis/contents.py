@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
+from lcbayes.results.draws import DARK, LOG_LIKELIHOOD, pointwise, weighted_draws
 from lcbayes.results.load import open_posterior, read_json
 
 Floats = NDArray[np.float64]
@@ -47,7 +48,8 @@ class Mode:
 
 @dataclass(frozen=True)
 class Results:
-    """A results folder in memory. Arrays over T epochs are sorted by time."""
+    """A results folder in memory. Arrays over T epochs are sorted by time, ``t`` (s) is from the
+    first of them, and so is ``attrs["epoch_jd"]``."""
 
     folder: Path
     attrs: Mapping[str, Any]
@@ -59,8 +61,7 @@ class Results:
     error: Floats  # NaN where unknown
     curve: NDArray[np.int64]
     constant: xr.Dataset
-    posterior: xr.Dataset  # all solutions mixed by weight, thinned like the next two
-    predicted: xr.DataArray | None
+    predicted: xr.DataArray | None  # of equally weighted draws, as the next one
     log_likelihood: xr.DataArray | None
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
 
@@ -114,94 +115,93 @@ def read(folder: Path) -> Results:
             raise InputError(
                 f"{folder / 'posterior.nc'} has no group {missing[0]}; run `lcbayes fit` again"
             )
-        return _assemble(
+        return assemble(
             folder, tree, summary, toml.read_text(encoding="utf-8") if toml.is_file() else ""
         )
 
 
-def _assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
+def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str) -> Results:
     constant = tree["constant_data"].to_dataset().load()
+    t = constant["t"].to_numpy().astype(float)
+    order = np.argsort(t, kind="stable")
+    constant, t = constant.isel(time=order), t[order]
     observed = tree["observed_data"].to_dataset()["brightness"].to_numpy()
-    order = np.argsort(constant["t"].to_numpy(), kind="stable")
-    constant = constant.isel(time=order)
     size = observed.size
-
-    # Thin draws evenly, per chain, to what can be held and seen.
-    mixed = tree["posterior"].to_dataset()
-    chains, draws = mixed.sizes["chain"], mixed.sizes["draw"]
-    wanted = int(np.clip(MOST_PREDICTED // max(size, 1), FEWEST_DRAWS, MOST_DRAWS))
-    step = max(1, -(-chains * draws // wanted))
-    thin = {"draw": slice(None, None, step)}
-
-    def brightness(group: str) -> xr.DataArray | None:
-        if group not in tree or "brightness" not in tree[group]:
-            return None
-        return tree[group].to_dataset()["brightness"].isel(thin).load().isel(time=order)
-
-    posterior = mixed.isel(thin).load()
-    predicted = brightness("posterior_predictive")
+    attrs = {str(k): v for k, v in tree.attrs.items()}
+    if "epoch_jd" in attrs:  # of the first point, as t is from here on
+        attrs["epoch_jd"] = attrs["epoch_jd"] + t[0] / 86400.0
+    drawn = _thinned(tree, size)
+    posterior = drawn["posterior"].to_dataset()
+    predicted = log_likelihood = None
+    if "posterior_predictive" in drawn:
+        predicted = drawn["posterior_predictive"].to_dataset()["brightness"].isel(time=order)
+    if LOG_LIKELIHOOD in drawn:
+        log_likelihood = pointwise(drawn).isel(time=order)
     constant_or = {
         "error": np.full(size, np.nan),
         "curve": np.zeros(size, int),
     } | {k: constant[k].to_numpy() for k in ("error", "curve") if k in constant}
     return Results(
         folder=folder,
-        attrs={str(k): v for k, v in tree.attrs.items()},
+        attrs=attrs,
         summary=summary,
         run_toml=toml,
-        modes=_modes(tree, mixed, posterior, predicted, summary, size),
-        t=constant["t"].to_numpy().astype(float),
+        modes=_modes(tree, posterior, predicted, summary, size),
+        t=t - t[0],
         brightness=observed[order].astype(float),
         error=constant_or["error"].astype(float),
         curve=constant_or["curve"].astype(int),
         constant=constant,
-        posterior=posterior,
         predicted=predicted,
-        log_likelihood=brightness("log_likelihood"),
+        log_likelihood=log_likelihood,
         labels={k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant},
     )
 
 
+def _thinned(tree: xr.DataTree, size: int) -> xr.DataTree:
+    """Equally weighted draws, taken evenly from each chain, as many as can be held and seen."""
+    sizes = tree["posterior"].sizes
+    solution = tree["posterior"].coords.get("solution", np.zeros(sizes["chain"], int))
+    chains = int(np.unique(solution, return_counts=True)[1].max())
+    wanted = int(np.clip(MOST_PREDICTED // max(size, 1), FEWEST_DRAWS, MOST_DRAWS))
+    step = max(1, -(-chains * sizes["draw"] // wanted))
+    parts = {
+        name: tree[name].to_dataset().isel(draw=slice(None, None, step))
+        for name in ("posterior", "posterior_predictive", LOG_LIKELIHOOD, DARK)
+        if name in tree
+    }
+    return weighted_draws(xr.DataTree.from_dict(parts), seed=int(tree.attrs.get("seed", 0)))
+
+
 def _modes(
     tree: xr.DataTree,
-    mixed: xr.Dataset,
     posterior: xr.Dataset,
     predicted: xr.DataArray | None,
     summary: dict[str, Any],
     size: int,
 ) -> list[Mode]:
     """The solutions, heaviest first; a folder without the group `modes` has one."""
-    which = posterior["mode"].to_numpy() if "mode" in posterior else None
-    names = sorted(tree["modes"].children, key=int) if "modes" in tree else ["0"]
+    which = np.zeros(posterior.sizes["draw"], int)
+    if "solution" in posterior.coords:
+        which = posterior["solution"].to_numpy()
     listed = summary.get("modes") or []
     found = []
-    for name in names:
-        k = int(name)
-        if "modes" in tree:
-            node = tree[f"modes/{name}"]
-            draws = node["posterior"].to_dataset().load()
-            stats = node["sample_stats"].to_dataset().load() if "sample_stats" in node else None
-        else:
-            draws = mixed.load()
-            stats = tree["sample_stats"].to_dataset().load() if "sample_stats" in tree else None
-        mine = np.ones(posterior.sizes["chain"] * posterior.sizes["draw"], bool)
-        if which is not None:
-            mine = (which == k).ravel()
+    for name in sorted(tree["modes"].children, key=int) if "modes" in tree else [""]:
+        node = tree[f"modes/{name}"] if name else tree
+        stats = node["sample_stats"].to_dataset().load() if "sample_stats" in node else None
+        k = int(name or 0)
         entry = listed[k] if k < len(listed) else {}
-        weight = entry.get("weight", float(np.mean(mine)))
         found.append(
             Mode(
                 index=k,
-                weight=float(weight),
+                weight=float(entry.get("weight", np.mean(which == k))),
                 weight_sd=entry.get("weight_sd"),
-                draws=draws.drop_vars("mode", errors="ignore"),
+                draws=node["posterior"].to_dataset().load(),
                 stats=stats if stats is not None else xr.Dataset(),
                 predicted=(
                     np.empty((0, size))
                     if predicted is None
-                    else predicted.transpose("chain", "draw", "time")
-                    .to_numpy()
-                    .reshape(-1, size)[mine]
+                    else predicted.transpose("chain", "draw", "time").to_numpy()[0, which == k]
                 ),
                 summary=entry,
             )

@@ -1,14 +1,9 @@
-"""What `lcbayes glints` writes: the numbers, the words and the figures."""
+"""The words and figures of `lcbayes glints`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.numerals import digits, show
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
@@ -20,90 +15,25 @@ from lcbayes.inversion.glints.detect import Glint
 from lcbayes.inversion.glints.directions import CHI2_90, Direction
 from lcbayes.physics.bodies.facets import across
 
-NAME = "glints"
 REFUSED = "no direction found"
 MOST = 4  # stretches that are drawn: those with the strongest glints
-LISTED = 12  # glints in the table
+LISTED = 12  # glints in the text
 
 
-def write(result: Glints, curve: LightCurve, folder: Path, about: Mapping[str, Any]) -> None:
-    """`glints.json`, `glints.txt` and `figures/`."""
-    content = dict(about) | numbers(result, curve)
-    lines = words(result, curve)
-    small_report.write(folder, NAME, content, lines, lambda g: draw(result, g), refused=REFUSED)
-
-
-def numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
-    """The content of `glints.json`."""
-    panel = result.panel
-    rows = []
-    for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
-        lon, lat = lon_lat_deg(seen.bisector)
-        rows.append(
-            vars(one)
-            | {
-                "bisector": seen.bisector,
-                "lon_deg": float(lon),
-                "lat_deg": float(lat),
-                "sharp_and_small": _sharp(result, i),
-            }
-        )
-    return {
-        "n_obs": curve.n_obs,
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "notes": result.notes,
-        "glints": rows,
-        "facets": [_direction(f) for f in result.facets],
-        "facets_of_one_glint": [_direction(f) for f in result.single],
-        "cylinder": None if result.cylinder is None else _direction(result.cylinder),
-        "sun_tracking_panel": None
-        if panel is None
-        else {
-            "offset_deg": np.degrees(panel.mean),
-            "offset_sd_deg": np.degrees(panel.error),
-            "chi2": panel.chi2,
-            "dof": panel.freedom,
-            "p_value": panel.p_value,
-            "glint_offset_deg": np.degrees(panel.offsets),
-            "glint_offset_sd_deg": np.degrees(panel.errors),
-            "glint_tilt_deg": np.degrees(panel.tilt),
-            "glint_sun_tilt_deg": np.degrees(panel.sun),
-        },
-    }
-
-
-def _sharp(result: Glints, i: int) -> bool:
-    """No higher than its baseline and shorter than two degrees of the bisector: a wire's."""
+def wire_like(result: Glints, i: int) -> bool:
+    """Whether a glint is no higher than its baseline and shorter than 2 deg of the bisector."""
     one, seen = result.glints[i], result.seen[i]
     return one.height < one.baseline and np.linalg.norm(seen.rate) * one.fwhm < np.radians(2.0)
 
 
-def _direction(d: Direction) -> dict[str, Any]:
-    lon, lat = lon_lat_deg(d.vector)
-    longer, shorter = d.ellipse
-    return {
-        "vector": d.vector,
-        "lon_deg": float(lon),
-        "lat_deg": float(lat),
-        "semi_axes_90_deg": [np.degrees(longer), np.degrees(shorter)],
-        "covariance": d.covariance,
-        "chi2": d.chi2,
-        "dof": d.freedom,
-        "p_value": d.p_value,
-        "glints": list(d.members),
-    }
-
-
 def words(result: Glints, curve: LightCurve) -> list[str]:
-    """The result as text; caveats come first."""
-    lines = [f"{REFUSED}: {reason}" for reason in result.reasons]
-    legend = "; heights in baselines, directions of bisectors" if result.glints else ""
-    lines.append(f"{len(result.glints)} glint(s) in {curve.n_obs} points{legend}")
+    """The result in lines for a reader, without the verdict."""
+    units = "; heights in baselines, directions of bisectors" if result.glints else ""
+    lines = [f"{len(result.glints)} glint(s) in {curve.n_obs} points{units}"]
     if result.glints:
         lines += _table(result, curve)
     if len(result.glints) > LISTED:
-        lines.append(f"  and {len(result.glints) - LISTED} more, in {NAME}.json")
+        lines.append(f"  and {len(result.glints) - LISTED} more, in summary.json")
     for f in result.facets:
         lines.append(f"facet: normal {_where(f)}, from {len(f.members)} glints")
     if result.cylinder is not None:
@@ -131,7 +61,7 @@ def _table(result: Glints, curve: LightCurve) -> list[str]:
     for i, one in enumerate(result.glints[:LISTED]):
         lon, lat = (show(float(x), 10.0) for x in lon_lat_deg(result.seen[i].bisector))
         narrow = [] if one.resolved else ["not resolved"]
-        wire = ["wire-like"] if _sharp(result, i) else []
+        wire = ["wire-like"] if wire_like(result, i) else []
         lines.append(
             row.format(
                 f"{i + 1}:",

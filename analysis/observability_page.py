@@ -1,11 +1,8 @@
-"""What `lcbayes observability` writes: the numbers, the schedule, the figures and the page."""
+"""The page of `lcbayes observability`, with its figures."""
 
 from __future__ import annotations
 
-import os
-import shlex
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,50 +12,30 @@ from lcbayes.analysis import observability_plots as plots
 from lcbayes.analysis import style
 from lcbayes.analysis.numerals import show
 from lcbayes.analysis.pages import environment
-from lcbayes.core.files import write_atomic, write_json
 from lcbayes.core.version import installed_version
-from lcbayes.results.folder import alone_in
 from lcbayes.simulation.observability import summary
 from lcbayes.simulation.observability.summary import Findings
 
-NUMBERS, PAGE, SCHEDULE = "observability.json", "observability.html", "schedule.csv"
 
+def write_page(found: Findings, content: Mapping[str, Any], folder: Path, command: str) -> None:
+    """Write ``report.html`` and ``figures/``.
 
-def write(found: Findings, out: Path, command: Sequence[Any]) -> Path:
-    """Write `observability.json`, `.html`, `figures/` and, with a plan, `schedule.csv`.
-
-    Returns
-    -------
-    Path
-        Of the numbers, which are written last.
+    Parameters
+    ----------
+    content : of `observability.json`
+    folder : where they go
+    command : what to type for the same numbers
     """
-    content = summary.numbers(found)
-    with alone_in(out, (NUMBERS, PAGE, SCHEDULE)) as folder:
-        assert folder is not None
-        figures = folder / "figures"
-        figures.mkdir(exist_ok=True)
-        with (
-            tempfile.TemporaryDirectory(prefix=".figures-", dir=folder) as scratch,
-            style.drawing(),
-        ):
-            images = plots.draw(found, style.Gallery(Path(scratch)))
-            for old in figures.glob("*.svg"):
-                old.unlink()
-            for made in Path(scratch).iterdir():
-                os.replace(made, figures / made.name)
-        page = _page(found, content, images, command)
-        write_atomic(folder / PAGE, lambda p: p.write_text(page, encoding="utf-8"))
-        if found.plan is None:
-            (folder / SCHEDULE).unlink(missing_ok=True)
-        else:
-            rows = summary.table(content["plan"]["schedule"], content["plan"]["unit"])
-            write_atomic(folder / SCHEDULE, lambda p: p.write_text(rows, encoding="utf-8"))
-        write_json(content, folder / NUMBERS)
-        return folder / NUMBERS
+    figures = folder / "figures"
+    figures.mkdir()
+    with style.drawing():
+        images = plots.draw(found, style.Gallery(figures))
+    page = _page(found, content, images, command)
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _page(
-    found: Findings, content: dict[str, Any], images: dict[str, style.Image], command: Sequence[Any]
+    found: Findings, content: Mapping[str, Any], images: dict[str, style.Image], command: str
 ) -> str:
     sentences = summary.sentences(found.trades)
     return (
@@ -79,7 +56,7 @@ def _page(
             plan_words=[] if found.plan is None else summary.plan_words(found.plan),
             schedule=[] if found.plan is None else _schedule(content["plan"]),
             notes=found.notes,
-            command=shlex.join(["lcbayes", *map(str, command), "-o", "DIR"]),
+            command=command,
             version=installed_version(),
         )
     )

@@ -23,15 +23,15 @@ FAINT_ERROR = 0.5  # mag: fainter points have an error for a flux, but none for 
 def draw(found: Findings, gallery: Gallery) -> dict[str, Image]:
     """Every figure that there is something to show on, by name."""
     made = {
-        "information": _information(found, gallery),
-        "hemisphere": _hemisphere(found, gallery),
-        "seen": _seen(found, gallery),
-        "bounds": _bounds(found, gallery),
+        "information": draw_information(found, gallery),
+        "hemisphere": draw_hemisphere(found, gallery),
+        "seen": draw_seen(found, gallery),
+        "bounds": draw_bounds(found, gallery),
     }
     if found.trades:
-        made["open"] = _open(found, gallery)
+        made["open"] = draw_open(found, gallery)
     if found.plan is not None:
-        made["plan"] = _plan(found, gallery)
+        made["plan"] = draw_plan(found, gallery)
     return made
 
 
@@ -52,7 +52,7 @@ def _time(found: Findings) -> tuple[Floats, str]:
     return t, "time (s)"
 
 
-def _information(found: Findings, gallery: Gallery) -> Image:
+def draw_information(found: Findings, gallery: Gallery) -> Image:
     m = found.measured
     figure = gallery.figure(7.0, 4.4)
     upper, lower = figure.subplots(2, 1, sharex=True)
@@ -125,7 +125,8 @@ def levels(information: Floats) -> Floats:
     return np.where(information > 0.0, np.clip(depth, 0.0, 1.0), np.nan)
 
 
-def _hemisphere(found: Findings, gallery: Gallery) -> Image:
+def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
+    """The information of a measurement from each direction of the body frame."""
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
     lon, lat = np.linspace(-180.0, 180.0, 241), np.linspace(-90.0, 90.0, 121)
@@ -183,8 +184,8 @@ def _mark_directions(axes: Any, found: Findings) -> None:
         axes.plot(*place(*lon_lat_deg(body.normals)), "s", label="facet normals", **squares)
 
 
-def _seen(found: Findings, gallery: Gallery) -> Image:
-    """The sensitive axis of each measurement, and the other two axes for the best one."""
+def draw_seen(found: Findings, gallery: Gallery) -> Image:
+    """The axis each measurement sees, and for the best one the two that it does not."""
     m, i = found.measured, found.most_informative
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
@@ -237,7 +238,7 @@ def _great_circle(plane: Floats) -> Floats:
     return np.cos(turn) * plane[0] + np.sin(turn) * plane[1]
 
 
-def _bounds(found: Findings, gallery: Gallery) -> Image:
+def draw_bounds(found: Findings, gallery: Gallery) -> Image:
     c = found.campaign
     parameters, sd = c.unknowns.parameters, c.unknowns.prior_sd
     ratio, alone = c.bound_with_prior / sd, c.bound / sd
@@ -289,7 +290,7 @@ def _bounds(found: Findings, gallery: Gallery) -> Image:
     )
 
 
-def _open(found: Findings, gallery: Gallery) -> Image:
+def draw_open(found: Findings, gallery: Gallery) -> Image:
     unknowns, trades = found.campaign.unknowns, found.trades[:16]
     weights = np.array([t.combination for t in trades]) / unknowns.prior_sd
     weights /= np.abs(weights).max(axis=1, keepdims=True)
@@ -323,7 +324,7 @@ def _open(found: Findings, gallery: Gallery) -> Image:
     )
 
 
-def _plan(found: Findings, gallery: Gallery) -> Image:
+def draw_plan(found: Findings, gallery: Gallery) -> Image:
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
     plan = found.plan

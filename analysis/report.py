@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import (
-    contents,
     diagnostics_plots,
     light_curve_plots,
     quantities,
@@ -21,42 +20,19 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
-from lcbayes.results.folder import REPORT, made_aside
-from lcbayes.results.verdict import agreed
+from lcbayes.results.reasons import agreement, stored
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
 
-def write(folder: Path | str) -> Path:
-    """Write `report.html`, `figures/` and `shape.obj` into a results folder, from it alone.
-
-    Each is put in place when it is complete; an older one is never half-overwritten.
-
-    Parameters
-    ----------
-    folder : path
-        What `lcbayes fit -o` wrote.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    lcbayes.core.errors.InputError
-        If the folder is none of lcbayes, or is damaged.
-    """
-    folder = Path(folder)
-    results = contents.read(folder)
-    with made_aside(folder, REPORT) as scratch:
-        figures = scratch / "figures"
-        figures.mkdir()
-        with style.drawing():
-            page, shapes = _compose(results, style.Gallery(figures))
-        (scratch / "report.html").write_text(page, encoding="utf-8")
-        _write_shapes(scratch, shapes)
-    return folder / "report.html"
+def write_page(folder: Path, results: Results) -> None:
+    """Write ``report.html``, ``figures/`` and ``shape.obj`` of a fit into a folder."""
+    figures = folder / "figures"
+    figures.mkdir()
+    with style.drawing():
+        page, shapes = _compose(results, style.Gallery(figures))
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    _write_shapes(folder, shapes)
 
 
 def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
@@ -77,7 +53,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
     overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
     curves = tables.curve_table(results)
     values: dict[str, Any] = {
-        "title": Path(str(results.attrs.get("source_file") or results.folder.resolve())).name,
+        "title": Path(str(results.attrs.get("source_file") or "")).name or "a light curve",
         "attrs": results.attrs,
         "summary": results.summary,
         "verdict": _verdict(results),
@@ -129,15 +105,15 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
 def _verdict(results: Results) -> dict[str, Any]:
     """What to think of the result, in words, before any number."""
     summary, count = results.summary, len(results.modes)
-    reasons = [str(r) for r in summary.get("reasons") or []]
-    if not summary.get("converged"):
+    reasons = [reason.text for reason in stored(summary)]
+    if not summary["trusted"]:
         return {
             "good": False,
-            "head": "Do not trust these numbers: the run did not converge.",
+            "head": "Do not trust these numbers.",
             "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
         }
-    head = agreed([mode.weight for mode in results.modes])
-    notes = list(reasons)
+    head = agreement([mode.weight for mode in results.modes])
+    notes = []
     if count > 1:
         shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)
         notes.insert(

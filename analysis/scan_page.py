@@ -2,90 +2,69 @@
 
 from __future__ import annotations
 
-import re
-import shlex
-import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lcbayes.analysis import scan_plots, style
 from lcbayes.analysis.numerals import duration
-from lcbayes.analysis.pages import environment
+from lcbayes.analysis.pages import command, environment
 from lcbayes.analysis.sky_plots import FRAMES
 from lcbayes.core.errors import InputError
+from lcbayes.core.options import Options
 from lcbayes.inversion.attitude_scan.result import Found, written_period
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron
-from lcbayes.results.folder import put_in_place
-
-PAGE, BODY = "report.html", "shape.obj"
-FLAGS = {
-    "period_h": "--period",
-    "period_range_h": "--period-range",
-    "period_step": "--period-step",
-    "reflectance": "--reflectance",
-    "n_poles": "--n-poles",
-    "n_facets": "--n-facets",
-    "degree": "--degree",
-    "keep": "--keep",
-    "n_sky": "--n-sky",
-}
 
 
-def write(folder: Path, found: Found, summary: Mapping[str, Any], run: Mapping[str, Any]) -> Path:
-    """Write `report.html`, `figures/` and, of smooth bodies, `shape.obj` into a results folder.
+def write_page(
+    folder: Path,
+    found: Found,
+    summary: Mapping[str, Any],
+    run: Mapping[str, Any],
+    options: type[Options],
+) -> None:
+    """Write ``report.html``, ``figures/`` and, of smooth bodies, ``shape.obj`` into a folder.
 
-    All are made aside and put in place when complete.
-
-    Returns
-    -------
-    Path
-        The page.
+    Parameters
+    ----------
+    summary : content of ``summary.json``
+    run : content of ``run.toml``
+    options : of the task
     """
-    scratch = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
-    try:
-        scratch.chmod(0o755)
-        figures = scratch / "figures"
-        figures.mkdir()
-        body = _body(found)
-        with style.drawing():
-            gallery = style.Gallery(figures)
-            drawn = [
-                scan_plots.draw_sky(found, gallery),
-                scan_plots.draw_periods(found, gallery),
-                scan_plots.draw_laws(found, gallery),
-                scan_plots.draw_fit(found, gallery),
-                None if body is None else scan_plots.draw_shape(body, gallery),
-            ]
-        page = (
-            environment()
-            .get_template("scan.html.j2")
-            .render(
-                title=Path(run["curve"]).name or "a light curve",
-                summary=summary,
-                headline=headline(summary),
-                images=[image for image in drawn if image is not None],
-                rows=_rows(summary),
-                spins=any("period_h" in s for s in summary["solutions"]),
-                frame=FRAMES.get(found.frame, found.frame),
-                took=duration(sum(found.timing.values())),
-                command=_command(run),
-                version=run["version"],
-            )
+    figures = folder / "figures"
+    figures.mkdir()
+    body = body_of(found)
+    with style.drawing():
+        gallery = style.Gallery(figures)
+        drawn = [
+            scan_plots.draw_sky(found, gallery),
+            scan_plots.draw_periods(found, gallery),
+            scan_plots.draw_laws(found, gallery),
+            scan_plots.draw_fit(found, gallery),
+            None if body is None else scan_plots.draw_shape(body, gallery),
+        ]
+    page = (
+        environment()
+        .get_template("scan.html.j2")
+        .render(
+            title=Path(run.get("curve", "")).name or "a light curve",
+            summary=summary,
+            headline=headline(summary),
+            images=[image for image in drawn if image is not None],
+            rows=_rows(summary),
+            spins=any("period_h" in s for s in summary["solutions"]),
+            frame=FRAMES.get(found.frame, found.frame),
+            took=duration(sum(found.timing.values())),
+            command=command(run, options),
+            version=run["version"],
         )
-        (scratch / PAGE).write_text(page, encoding="utf-8")
-        (folder / BODY).unlink(missing_ok=True)
-        if body is not None:
-            (scratch / BODY).write_text(
-                body.obj("convex body of the best solution, lcbayes scan"), encoding="utf-8"
-            )
-        put_in_place(scratch, folder)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return folder / PAGE
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    if body is not None:
+        text = body.obj("convex body of the best solution, lcbayes scan")
+        (folder / "shape.obj").write_text(text, encoding="utf-8")
 
 
 def headline(summary: Mapping[str, Any]) -> str:
@@ -102,7 +81,8 @@ def headline(summary: Mapping[str, Any]) -> str:
     )
 
 
-def _body(found: Found) -> Polyhedron | None:
+def body_of(found: Found) -> Polyhedron | None:
+    """The convex body of the best solution, where its facets close."""
     best = found.solutions[0]
     if best.coefficients is None:
         return None  # facets of unknown albedos do not close
@@ -134,20 +114,3 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _command(run: Mapping[str, Any]) -> str:
-    """What to type for the same numbers."""
-    words = ["lcbayes", "scan", run["curve"]]
-    options = run["options"]
-    for name, flag in FLAGS.items():
-        if name in options:
-            words += [flag, options[name]]
-    # commas are between laws, and between the settings NAME=NUMBER of one
-    for law in filter(None, re.split(r",(?!\w+=)", str(options.get("laws", "")))):
-        words += ["--law", law]
-    if options.get("common_noise"):
-        words.append("--common-noise")
-    for name, value in run["reading"].items():
-        words += ["--" + name.replace("_", "-"), value]
-    return shlex.join(map(str, [*words, "-o", "DIR"]))

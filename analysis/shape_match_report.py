@@ -1,58 +1,41 @@
-"""What `lcbayes shape-match` writes: the candidates, the words, the distributions."""
+"""The words and figures of `lcbayes shape-match`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.style import DATA, Gallery, colour
 from lcbayes.inversion.separated.shape_match import REACH_MAG, ShapeMatch
 
-NAME = "shape_match"
 PANELS = 8
 
 
-def write(result: ShapeMatch, folder: Path, about: Mapping[str, Any]) -> None:
-    """`shape_match.json`, `shape_match.txt` and `figures/`."""
-    content = dict(about) | numbers(result)
-    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
-
-
-def numbers(result: ShapeMatch) -> dict[str, Any]:
-    """The content of `shape_match.json`."""
-    keys = ("name", "p_value", "p_kolmogorov", "p_energy", "kolmogorov", "energy", "excess")
-    return {
-        "n_obs": result.n_obs,
-        "n_faint_left_out": result.n_faint,
-        "n_used": len(result.phase),
-        "points_per_independent_one": result.correlation,
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "level": result.level,
-        "consistent": [m.name for m in result.consistent],
-        "candidates": [{k: getattr(m, k) for k in keys} for m in result.matches],
-    }
+def assumptions(result: ShapeMatch) -> str:
+    """What a rejection holds for."""
+    surface = result.surface
+    return (
+        "rejected are shapes with this surface on all facets (diffuse "
+        f"{surface.r_diff:g}, specular {surface.r_spec:g}, exponent {surface.exponent:g}), whether "
+        "their orientation is random at every point or they spin about a fixed axis; another "
+        "surface may reject the true shape, and a stabilised body is not tested"
+    )
 
 
 def words(result: ShapeMatch) -> list[str]:
-    """The result as text; caveats come first."""
-    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
+    """The result in lines for a reader, without the verdict."""
     faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
     taken = f", one in {result.stride} taken" if result.stride > 1 else ""
-    lines.append(
+    lines = [
         f"{result.n_obs} points{faint}{taken}: {len(result.phase)} used, phase angles "
         f"{np.degrees(result.phase.min()):.0f} to {np.degrees(result.phase.max()):.0f} deg"
-    )
+    ]
     for m in result.matches:
         verdict = "consistent" if m.p_value >= result.level else "rejected"
         lines.append(
             f"{m.name:14s} p = {m.p_value:.3f}  {verdict}  (Kolmogorov-Smirnov {m.p_kolmogorov:.3f}"
-            f", energy distance {m.p_energy:.3f})"
+            f", energy distance {m.p_energy:.3f}; spin about a fixed axis {m.p_fixed_axis:.3f})"
         )
+    lines.append(assumptions(result))
     if result.reasons:
         return lines
     left = [m.name for m in result.consistent]

@@ -1,21 +1,17 @@
-"""What `lcbayes single-facet` writes: the region, the edges, the words."""
+"""The words and figures of `lcbayes single-facet`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lcbayes.analysis import small_report
 from lcbayes.analysis.light_curve_plots import runs
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
-NAME = "single_facet"
 SIDES = {  # of laws whose z is at nadir and whose x is along the flight
     "forward": [1, 0, 0],
     "aft": [-1, 0, 0],
@@ -27,47 +23,13 @@ SIDES = {  # of laws whose z is at nadir and whose x is along the flight
 FLYING = ("lvlh", "velocity", "ram", "ground-track")
 
 
-def write(result: SingleFacet, folder: Path, about: Mapping[str, Any]) -> None:
-    """`single_facet.json`, `single_facet.txt` and `figures/`."""
-    content = dict(about) | numbers(result)
-    small_report.write(folder, NAME, content, words(result), lambda g: draw(result, g))
-
-
-def numbers(result: SingleFacet) -> dict[str, Any]:
-    """The content of `single_facet.json`: body axes of the law, degrees, s, m²."""
-    lon, lat = lon_lat_deg(result.normal[None])
-    return {
-        "n_obs": len(result.seen.t),
-        "trusted": not result.reasons,
-        "reasons": result.reasons,
-        "law": result.law,
-        "normal": result.normal,
-        "lon_deg": float(lon[0]),
-        "lat_deg": float(lat[0]),
-        "region": {
-            "probability": 0.9,
-            "area_deg2": result.area_sr * np.degrees(1.0) ** 2,
-            "farthest_deg": result.radius_deg,
-            "normals": result.normals[result.region],
-        },
-        "albedo_area_m2": result.albedo_area,
-        "share": result.share,
-        "kind": result.kind,
-        "p_no_edge": result.p_value,
-        "chi2": result.chi2,
-        "dof": result.dof,
-        "edges": [vars(e) for e in result.edges],
-    }
-
-
 def words(result: SingleFacet) -> list[str]:
-    """The result as text; caveats come first."""
-    lines = [f"{small_report.UNTRUSTED}: {reason}" for reason in result.reasons]
-    lines.append(
+    """The result in lines for a reader, without the verdict."""
+    lines = [
         f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
         f"chi2 {result.chi2:.1f} for {result.dof} degrees of freedom; an edge by chance: "
         f"p = {result.p_value:.3f}"
-    )
+    ]
     if result.reasons:
         return lines
     lon, lat = lon_lat_deg(result.normal[None])
@@ -113,12 +75,12 @@ def _side(result: SingleFacet) -> str:
 
 def draw(result: SingleFacet, gallery: Gallery) -> None:
     """The curve with its edges, and the region on the sphere."""
-    _draw_edges(result, gallery)
-    _draw_region(result, gallery)
+    draw_edges(result, gallery)
+    draw_region(result, gallery)
 
 
-def _draw_edges(result: SingleFacet, gallery: Gallery) -> None:
-    """The light curve with the fit and the edges of the facet."""
+def draw_edges(result: SingleFacet, gallery: Gallery) -> None:
+    """Flux at unit distance with the best fit, its part without the facet, and the edges."""
     seen = result.seen
     passes = np.unique(seen.one_pass)[:6]
     figure = gallery.figure(6.6, 3.2)
@@ -170,8 +132,8 @@ def _draw_pass(
         axes.axvline(e.t - start, color=hue, lw=0.8, ls=":")
 
 
-def _draw_region(result: SingleFacet, gallery: Gallery) -> None:
-    """The 90 % region of the normal on the sphere."""
+def draw_region(result: SingleFacet, gallery: Gallery) -> None:
+    """Where the facet's normal may point, in the body axes of the law."""
     figure = gallery.figure(5.8, 3.2)
     axes = mollweide(figure)
     cloud = result.normals[result.region]

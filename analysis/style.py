@@ -110,6 +110,26 @@ class Gallery:
         return image
 
 
+class Sketchbook(Gallery):
+    """Collects figures as they are, to be shown rather than written."""
+
+    def __init__(self) -> None:
+        super().__init__(Path())
+        self.figures: list[Any] = []
+
+    def add(self, figure: Any, name: str, alt: str, caption: str = "") -> Image:
+        self.figures.append(figure)
+        return Image(name, "", alt, caption, 0, 0)
+
+
+def figures(draw: Callable[[Gallery], object]) -> list[Any]:
+    """The Matplotlib figures that a function draws for a gallery."""
+    book = Sketchbook()
+    with drawing():
+        draw(book)
+    return book.figures
+
+
 def picture(
     folder: Path, name: str, draw: Callable[[Gallery], Any], alt: str, caption: str
 ) -> Image:

@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 from _results import table, write_section
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from passes import measured, passes
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.attitude_test import AttitudeTest, attitude_test
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
+from tests.helpers.simulated_passes import measured, passes
 
 LAWS = ("lvlh", "yaw-steering", "sun-north", "inertial", "nadir-sun-array")
 NOISE = (0.02, 0.1)

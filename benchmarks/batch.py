@@ -24,7 +24,6 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Console
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.physics import brightness
-from lcbayes.results.folder import make_folder
 from lcbayes.tasks.batch.objects import objects
 from lcbayes.tasks.batch.worker import fit_object
 
@@ -125,7 +124,7 @@ def workers(n: int = 30) -> None:
         for name, count in (("threads of one process", None), ("1 process", 1), ("2 processes", 2)):
             with worker_pool(n_workers=count, keep_going=True) as run:
                 tasks = [(one,) for one in objects(curves, OPTIONS)]
-                where = make_folder(Path(scratch) / str(count)).as_posix()
+                where = (Path(scratch) / str(count)).as_posix()
                 warm = 2 * (count or 2)
                 list(run(fit_object, (where, False), tasks[:warm]))
                 begun = time.monotonic()
@@ -151,14 +150,14 @@ def batch(n: int = 300) -> None:
         killer = Killer()
         threading.Thread(target=killer.watch, args=(out,), daemon=True).start()
         begun = time.monotonic()
-        found = lcbayes.batch(curves, out=out, common=OPTIONS, progress=killer)
+        found = lcbayes.batch(curves, out=out, progress=killer, **OPTIONS)
         first = time.monotonic() - begun
-        page = found.report(out)
+        page = out / "report.html"
         again = time.monotonic()
-        lcbayes.batch(curves, out=out, common=OPTIONS)
+        lcbayes.batch(curves, out=out, **OPTIONS)
         again = time.monotonic() - again
-        s = found.summary()
-        reason = next(row["reasons"][0] for row in found.rows if row["status"] == "failed")
+        s = found.content
+        reason = next(row["reasons"][0]["text"] for row in found.rows if row["status"] == "failed")
         rows = [
             ["objects", str(n)],
             ["results", str(s["n_trusted"] + s["n_not_trusted"])],

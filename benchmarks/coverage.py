@@ -22,21 +22,21 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "analysis" / "papers"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 SEEDS, MORE = range(20), range(200)
 NAMES = {"albedo_area": "albedo_area_m2", "phi": "phi", "g": "g"}
 
 
 def exact() -> dict[str, np.ndarray]:
     """Whether the exact 90 % interval of each seed of `MORE` holds the truth, by parameter."""
-    import one_facet
+    from tests.helpers import one_facet_posterior
 
     what = scenario.load("one-facet")
     truth = dict(zip(NAMES, (np.log(10.0), 0.8, 0.15), strict=True))
     held: dict[str, list[bool]] = {name: [] for name in NAMES}
     for seed in MORE:
-        grid = one_facet.Quadrature.of(Epochs.of(simulate(what, seed)[0]))
-        for name, site, axis in zip(NAMES, one_facet.NAMES, grid.axes, strict=True):
+        grid = one_facet_posterior.Quadrature.of(Epochs.of(simulate(what, seed)[0]))
+        for name, site, axis in zip(NAMES, one_facet_posterior.NAMES, grid.axes, strict=True):
             ends = axis + 0.5 * (axis[1] - axis[0])
             below = np.interp(truth[name], ends, np.cumsum(grid.marginal(site)))
             held[name].append(bool(0.05 < below < 0.95))
@@ -53,9 +53,9 @@ def main() -> None:
         begun = time.monotonic()
         found = lcbayes.fit(curve, n_facets=1, spin="none", seed=seed)
         seconds.append(time.monotonic() - begun)
-        trusted += found.converged
+        trusted += found.trusted
         for name, key in NAMES.items():
-            true, row = truth["facets"][0][key], found.summary()["parameters"][f"{name}[0]"]
+            true, row = truth["facets"][0][key], found.content["parameters"][f"{name}[0]"]
             inside[name] += row["q05"] <= true <= row["q95"]
             pulls[name].append((row["mean"] - true) / row["sd"])
         print(f"seed {seed}: {seconds[-1]:.1f} s, inside so far {inside}", flush=True)

@@ -24,7 +24,7 @@ from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent / "analysis" / "papers"), str(HERE.parent / "tests")]
+sys.path.insert(0, str(HERE.parent))
 NOISE_SEED = 1
 PARTICLES, RUNS = 1000, 4
 LIVE, NESTED_RUNS = 1000, 4
@@ -47,8 +47,7 @@ HEADS = ["", "ln Z", "error", "from", "likelihoods or gradients", "wall (s)"]
 
 
 def compare(name: str) -> None:
-    import nested
-    import one_facet
+    from tests.helpers import nested_sampling, one_facet_posterior
 
     part = PARTS[name]
     what = scenario.load(part.what)
@@ -82,14 +81,14 @@ def compare(name: str) -> None:
 
     found, evaluations, begun = [], [], time.monotonic()
     for seed in range(NESTED_RUNS):
-        one, n = nested.log_evidence(
+        one, n = nested_sampling.log_evidence(
             problem, data, jax.random.key(seed), part.n_facets, part.spin, LIVE
         )
         found.append(one)
         evaluations.append(n)
         print(one, flush=True)
     took = (time.monotonic() - begun) / NESTED_RUNS
-    value, error = nested.pooled(found)
+    value, error = nested_sampling.pooled(found)
     each = ", ".join(f"{f.value:.2f} ± {f.se:.2f}" for f in found)
     lines.append(
         [
@@ -106,7 +105,7 @@ def compare(name: str) -> None:
     text = f"{data.t.size} epochs, {problem.dim} parameters of the model."
     apart = abs(runs.log_evidence - value) / np.hypot(runs.se, error)
     if name == "one":
-        exact = one_facet.Quadrature.of(data).log_evidence(data)
+        exact = one_facet_posterior.Quadrature.of(data).log_evidence(data)
         rows.append(["quadrature", f"{exact:.2f}", "", "", "", ""])
     text += f"\n\n{table(HEADS, rows)}\n\nThe two differ by {runs.log_evidence - value:+.2f},"
     text += f" {apart:.1f} of their combined error. The particles themselves gave {reasons} reasons"

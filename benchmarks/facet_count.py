@@ -78,14 +78,14 @@ def study() -> None:
             begun = time.monotonic()
             found = lcbayes.compare(
                 observed(n, seed),
-                range(max(1, n - 1), n + 2),
+                n_facets=range(max(1, n - 1), n + 2),
                 seed=seed,
                 num_particles=PARTICLES,
                 num_runs=RUNS,
                 spin="none",
             )
             jax.clear_caches()  # programs of 16 comparisons left LLVM no room
-            by = {c["n_facets"]: c for c in found.summary()["candidates"]}
+            by = {c["n_facets"]: c for c in found.content["candidates"]}
             top = max(by, key=lambda k: by[k]["log_evidence"])
             gap = by[top]["log_evidence"] - by[n]["log_evidence"]
             good, best = good + (gap <= 1.0), best + (top == n)
@@ -99,7 +99,7 @@ def study() -> None:
                     f"{gap:.2f}",
                     f"{probability:.2f}",
                     f"{max(c['log_evidence_spread'] for c in by.values()):.2f}",
-                    "yes" if found.converged else "no",
+                    "yes" if found.trusted else "no",
                     f"{time.monotonic() - begun:.0f}",
                 ]
             )
@@ -133,10 +133,11 @@ def turning() -> lcbayes.LightCurve:
 def timed() -> None:
     curve = turning()
     begun = time.monotonic()
-    found = lcbayes.compare(curve, range(1, 9), seed=1, progress=Console())
+    found = lcbayes.compare(curve, n_facets=range(1, 9), seed=1, progress=Console())
     took = time.monotonic() - begun
-    text = f"`lcbayes.compare(curve, range(1, 9), seed=1)`, {curve.n_obs} epochs, ω unknown, four "
-    text += f"facets: {took:.0f} s (goal: 600 s).\n\n```\n{found.table()}\n```"
+    text = "`lcbayes.compare(curve, n_facets=range(1, 9), seed=1)`, "
+    text += f"{curve.n_obs} epochs, ω unknown, four "
+    text += f"facets: {took:.0f} s (goal: 600 s).\n\n```\n{found.text()}\n```"
     print(text)
     write_section("Number of facets, 1 to 8, timed", "python benchmarks/facet_count.py timed", text)
 

@@ -21,11 +21,10 @@ os.environ["OMP_NUM_THREADS"] = "1"  # a case per core
 import numpy as np
 from _results import table, write_section
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from flashes import facet_flashes, no_flashes, panel_flashes, wire_flashes
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lcbayes.inversion.glints import analyse
+from tests.helpers.simulated_glints import facet_flashes, no_flashes, panel_flashes, wire_flashes
 
 NOISES = (10.0, 50.0)  # median flux over the noise of a point
 LEVEL_90 = 1.645

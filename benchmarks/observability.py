@@ -33,8 +33,8 @@ from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.scenarios.scenario import ConstantRate, Noise
 from lcbayes.simulation.simulate import simulate
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "analysis" / "papers"))
-import many_chains
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.helpers import many_chains
 
 SNR = (10.0, 30.0, 100.0, 300.0, 1000.0)
 SEEDS = (1, 2)

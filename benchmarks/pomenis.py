@@ -17,7 +17,7 @@ from _results import table, write_section
 
 import lcbayes
 from lcbayes.data.read import read
-from lcbayes.tasks.predict.run import predict
+from lcbayes.tasks.predict.brightness import predicted
 
 FILE = Path("starlink-v1.5-pomenis") / "pomenis_observations.csv"
 GOAL, PUBLISHED = 0.64, (0.715, 0.775)
@@ -32,15 +32,15 @@ def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) ->
     first = np.random.default_rng(seed).permutation(curve.n_obs) < curve.n_obs // 2
     fitted, other = curve.select(first), curve.select(~first)
     begun = time.perf_counter()
-    found = lcbayes.fit(fitted, "stabilised", seed=seed, **options, **settings)
+    found = lcbayes.fit(fitted, model="stabilised", seed=seed, **options, **settings)
     took = time.perf_counter() - begun
-    columns, _ = predict(found.posterior, fitted, other, "stabilised", options, seed)
+    columns, _ = predicted(found.posterior, fitted, other, "stabilised", options, seed)
     residual = other.brightness - columns["mag_mean"]
     inside = {
         level: float(np.mean((other.brightness >= columns[a]) & (other.brightness <= columns[b])))
         for level, a, b in (("90", "mag_q05", "mag_q95"), ("50", "mag_q25", "mag_q75"))
     }
-    summary = found.summary()
+    summary = found.content
     return {
         "seed": seed,
         "sd": float(residual.std()),
@@ -48,8 +48,8 @@ def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) ->
         "middle": float(np.diff(np.quantile(residual, (0.16, 0.84)))[0] / 2),
         "inside": inside,
         "seconds": took,
-        "converged": found.converged,
-        "reasons": found.reasons,
+        "converged": found.trusted,
+        "reasons": [reason.text for reason in found.reasons],
         "fit_rms": summary["fit"]["rms"],
         "max_rhat": summary["max_rhat"],
         "timing": summary["timing"],

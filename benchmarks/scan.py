@@ -187,10 +187,10 @@ def screened(points: Points, body: SmoothBody, tried: Grid, run, progress: Silen
 
 def hertha() -> None:
     begun = time.perf_counter()
-    found = scan(data("135_Hertha"), period_h=8.4006, progress=Console())
+    found = scan(data("135_Hertha"), period=8.4006, progress=Console())
     took = time.perf_counter() - begun
     rows = []
-    for i, s in enumerate(found.found.solutions[:4], start=1):
+    for i, s in enumerate(found.data.solutions[:4], start=1):
         assert s.pole is not None
         lon, lat = lon_lat_deg(s.pole)
         rows.append(

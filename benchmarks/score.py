@@ -32,6 +32,7 @@ from lcbayes.inference.loo import BAD_K
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.results.draws import pointwise
 from lcbayes.samplers.sampling import Sampler, Timing
 from lcbayes.samplers.settings import Settings
 
@@ -81,12 +82,13 @@ def fitted(name: str, curve: lcbayes.LightCurve, folder: Path) -> Kept:
     clock = out / "seconds.json"
     if not clock.exists():
         begun = time.perf_counter()
-        lcbayes.fit(curve, model, seed=1, out=out, progress=Console(), **SETTINGS, **options)
+        lcbayes.fit(curve, model=model, seed=1, out=out, progress=Console(), **SETTINGS, **options)
         clock.write_text(json.dumps(time.perf_counter() - begun))
     with xr.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
-        points = tree["log_likelihood"]["brightness"].to_numpy()
+        draws = lcbayes.weighted_draws(tree, seed=1)
+        points = pointwise(draws).to_numpy()
         return Kept(
-            tree["posterior"].to_dataset().load(),
+            draws["posterior"].to_dataset(),
             points.reshape(-1, points.shape[-1]).astype(float),
             tree["posterior_predictive"]["outlier"].to_numpy(),
             json.loads((out / "summary.json").read_text()),
@@ -255,7 +257,7 @@ def main() -> None:
         found = left_out(name, curve, fits[name], args.refits)
         scores[name] = scored(curve, fits[name], found)
         s = {k: v for k, v in scores[name].items() if np.ndim(v) == 0}
-        print(name, json.dumps(s), fits[name].summary["converged"], flush=True)
+        print(name, json.dumps(s), fits[name].summary["trusted"], flush=True)
     if not args.only:
         command = "python benchmarks/score.py --keep FOLDER"
         write_section("SCORE: one model of many satellites", command, report(curve, fits, scores))

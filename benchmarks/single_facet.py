@@ -15,14 +15,19 @@ import numpy as np
 from _results import table, write_section
 from attitude_test import share
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from facets_in_pass import body_directions, crossing, flux_of, one_pass, with_noise
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet, single_facet
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
+from tests.helpers.single_facet_passes import (
+    body_directions,
+    crossing,
+    flux_of,
+    one_pass,
+    with_noise,
+)
 
 LVLH = catalogue.find("lvlh")
 NOISE = (0.01, 0.05)

@@ -18,17 +18,16 @@ from pathlib import Path
 import numpy as np
 from _results import table, write_section
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from facets_in_pass import crossing, flux_of, one_pass, with_noise
-from flashes import wire_flashes
-from leo import spinner
-from passes import measured, passes
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import lcbayes
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
 from lcbayes.physics.attitude import catalogue
+from tests.helpers.low_earth_orbit import spinner
+from tests.helpers.simulated_glints import wire_flashes
+from tests.helpers.simulated_passes import measured, passes
+from tests.helpers.single_facet_passes import crossing, flux_of, one_pass, with_noise
 
 POINTS = 1000
 LVLH = catalogue.find("lvlh")
@@ -73,7 +72,7 @@ def main() -> None:
                     name,
                     str(path),
                     "-o",
-                    scratch,
+                    f"{scratch}/{name}",
                     "--json",
                 ]
                 begun = time.monotonic()

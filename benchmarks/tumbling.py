@@ -31,8 +31,8 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-import leo
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.helpers import low_earth_orbit
 
 SEEDS = range(20)
 N_FACETS, NOISE = 3, 0.02
@@ -51,7 +51,7 @@ ASKED = {k: OPTIONS[k] for k in ("n_facets", "spin", "omega_sd")}
 
 def geometry(rng: np.random.Generator) -> LightCurve:
     """Three sites along the ground track see the body one after the other."""
-    orbit = leo.Orbit.random(rng)
+    orbit = low_earth_orbit.Orbit.random(rng)
     t, sun, obs, which = [], [], [], []
     for i, (start, end) in enumerate(PASSES):
         at = np.linspace(start, end, POINTS)
@@ -60,7 +60,9 @@ def geometry(rng: np.random.Generator) -> LightCurve:
         site = replace(
             orbit,
             lat=np.arcsin(z) + rng.normal(0.0, 0.08),
-            lon=np.arctan2(y, x) - 2 * np.pi * at.mean() / leo.DAY + rng.normal(0.0, 0.08),
+            lon=np.arctan2(y, x)
+            - 2 * np.pi * at.mean() / low_earth_orbit.DAY
+            + rng.normal(0.0, 0.08),
         )
         place, ground = site.place(at)
         t.append(at)
@@ -111,7 +113,8 @@ def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[float, float, bool]]:
     """Of each quantity: error of the posterior's mean, its sd, whether 90 % hold the truth."""
-    draws = xr.open_datatree(folder / "posterior.nc", engine="h5netcdf")["posterior"]
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        draws = lcbayes.weighted_draws(tree["posterior"].to_dataset())
     flat = {k: draws[k].to_numpy().reshape(-1, *draws[k].shape[2:]) for k in truth}
     pole = unit(flat["pole_lon_deg"], flat["pole_lat_deg"])
     true = unit(truth["pole_lon_deg"], truth["pole_lat_deg"])
@@ -139,7 +142,7 @@ def main(folder: Path) -> None:
         curve, truth = drawn(seed)
         truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
-    found = lcbayes.batch(curves, out=folder / "out", common=OPTIONS, workers=2, progress=Console())
+    found = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
     every = {
         name: compared(folder / "out" / "objects" / name, truth)

@@ -46,7 +46,7 @@ CASES: dict[str, tuple[str, dict[str, Any], str]] = {
     "faceted, rotating": ("faceted", {"n_facets": 1, "omega_sd": 0.02}, "two-facet-spin"),
     "faceted-brdf": (
         "faceted-brdf",
-        {"n_facets": 1, "spin": "none", "law": "blinn-phong", "log_area_mean": 2.0},
+        {"n_facets": 1, "spin": "none", "reflectance": "blinn-phong", "log_area_mean": 2.0},
         "one-facet",
     ),
     "stabilised": (

@@ -1,7 +1,8 @@
 """lcbayes: Bayesian inversion of light curves of unresolved space objects.
 
-``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets, ``scan`` attitudes or
-do a ``batch`` of objects; see the README.
+``read`` a light curve, ``fit`` a model to it, ``compare`` numbers of facets, ``scan`` attitudes,
+``predict`` brightness or do a ``batch`` of objects; ``load`` the results of any of them; see the
+README.
 """
 
 import sys
@@ -13,29 +14,57 @@ if TYPE_CHECKING:
     from lcbayes.data.lightcurve import LightCurve as LightCurve
     from lcbayes.data.read import read as read
     from lcbayes.data.write import write as write
-    from lcbayes.tasks.batch.run import Batch as Batch
+    from lcbayes.results.draws import weighted_draws as weighted_draws
+    from lcbayes.results.light_curve import load_light_curve as load_light_curve
+    from lcbayes.results.result import Result as Result
+    from lcbayes.tasks.albedo_area.run import albedo_area as albedo_area
+    from lcbayes.tasks.attitude_test.run import attitude_test as attitude_test
+    from lcbayes.tasks.batch.result import Batch as Batch
     from lcbayes.tasks.batch.run import batch as batch
-    from lcbayes.tasks.compare.run import Comparison as Comparison
+    from lcbayes.tasks.compare.result import Comparison as Comparison
     from lcbayes.tasks.compare.run import compare as compare
-    from lcbayes.tasks.fit.run import Fit as Fit
+    from lcbayes.tasks.fit.result import Fit as Fit
     from lcbayes.tasks.fit.run import fit as fit
-    from lcbayes.tasks.scan.run import Scan as Scan
+    from lcbayes.tasks.glints.run import glints as glints
+    from lcbayes.tasks.load import load as load
+    from lcbayes.tasks.observability.run import observability as observability
+    from lcbayes.tasks.predict.result import Prediction as Prediction
+    from lcbayes.tasks.predict.run import predict as predict
+    from lcbayes.tasks.report.run import report as report
+    from lcbayes.tasks.scan.result import Scan as Scan
     from lcbayes.tasks.scan.run import scan as scan
+    from lcbayes.tasks.shape_match.run import shape_match as shape_match
+    from lcbayes.tasks.simulate.run import simulate as simulate
+    from lcbayes.tasks.single_facet.run import single_facet as single_facet
     from lcbayes.tasks.spin.run import spin as spin
 
 _HOMES = {
-    "Batch": "lcbayes.tasks.batch.run",
-    "Comparison": "lcbayes.tasks.compare.run",
-    "Fit": "lcbayes.tasks.fit.run",
+    "Batch": "lcbayes.tasks.batch.result",
+    "Comparison": "lcbayes.tasks.compare.result",
+    "Fit": "lcbayes.tasks.fit.result",
     "InputError": "lcbayes.core.errors",
     "LightCurve": "lcbayes.data.lightcurve",
-    "Scan": "lcbayes.tasks.scan.run",
+    "Prediction": "lcbayes.tasks.predict.result",
+    "Result": "lcbayes.results.result",
+    "Scan": "lcbayes.tasks.scan.result",
+    "albedo_area": "lcbayes.tasks.albedo_area.run",
+    "attitude_test": "lcbayes.tasks.attitude_test.run",
     "batch": "lcbayes.tasks.batch.run",
     "compare": "lcbayes.tasks.compare.run",
     "fit": "lcbayes.tasks.fit.run",
+    "glints": "lcbayes.tasks.glints.run",
+    "load": "lcbayes.tasks.load",
+    "load_light_curve": "lcbayes.results.light_curve",
+    "observability": "lcbayes.tasks.observability.run",
+    "predict": "lcbayes.tasks.predict.run",
     "read": "lcbayes.data.read",
+    "report": "lcbayes.tasks.report.run",
     "scan": "lcbayes.tasks.scan.run",
+    "shape_match": "lcbayes.tasks.shape_match.run",
+    "simulate": "lcbayes.tasks.simulate.run",
+    "single_facet": "lcbayes.tasks.single_facet.run",
     "spin": "lcbayes.tasks.spin.run",
+    "weighted_draws": "lcbayes.results.draws",
     "write": "lcbayes.data.write",
 }
 __all__ = [
@@ -44,13 +73,27 @@ __all__ = [
     "Fit",
     "InputError",
     "LightCurve",
+    "Prediction",
+    "Result",
     "Scan",
+    "albedo_area",
+    "attitude_test",
     "batch",
     "compare",
     "fit",
+    "glints",
+    "load",
+    "load_light_curve",
+    "observability",
+    "predict",
     "read",
+    "report",
     "scan",
+    "shape_match",
+    "simulate",
+    "single_facet",
     "spin",
+    "weighted_draws",
     "write",
 ]
 

@@ -17,7 +17,7 @@ def model(
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
     inertia_sd: float = 1.0,
-    law: brightness.DiffuseLaw = "non-lambertian",
+    reflectance: brightness.DiffuseLaw = "non-lambertian",
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
@@ -36,7 +36,7 @@ def model(
         Prior standard deviation of each component of ω, rad/s.
     inertia_sd
         How uneven a torque-free body is; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
-    law
+    reflectance
         Reflectance: non-lambertian, lambertian or lommel-seeliger-lambert.
     log_area_mean, log_area_sd
         Mean and sd of ln(α / m²).
@@ -55,7 +55,7 @@ def model(
         return turned(t, data.sun, data.obs)
 
     def seen(sun, obs):
-        return brightness.flux(sun, obs, normals, area, law)
+        return brightness.flux(sun, obs, normals, area, reflectance)
 
     sun, obs = directions(data.t)
     priors.visibility_prior(sun, obs, normals)

@@ -26,7 +26,7 @@ def model(
     data: Epochs,
     *,
     n_facets: int = 2,
-    law: SatelliteLaw = "ashikhmin-shirley",
+    reflectance: SatelliteLaw = "ashikhmin-shirley",
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
     inertia_sd: float = 1.0,
@@ -35,7 +35,7 @@ def model(
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
 ):
-    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r of the law named and A = α / (sum of the reflectances).
+    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r by the reflectance law and A = α / (Σ reflectances).
 
     What the data fix is the albedo-area α; how it divides into area and reflectance is left to
     the priors. Facets are isotropic. Linares & Crassidis, sec. VII.D and table 1 as corrected.
@@ -44,7 +44,7 @@ def model(
     ----------
     n_facets
         Number of facets N.
-    law
+    reflectance
         ashikhmin-shirley (denominator c·max(μ₀, μ)), ashikhmin-shirley-distribution
         (μ₀ + μ − μ₀μ), cook-torrance, blinn-phong, or a diffuse law.
     spin
@@ -66,7 +66,7 @@ def model(
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
         priors.sparse_area(albedo_area, sparsity)
-    parameters = priors.surface(law, n_facets)
+    parameters = priors.surface(reflectance, n_facets)
     for name, values in parameters.items():
         numpyro.deterministic(name, values)
     total = sum(parameters[k] for k in ("r_diff", "r_spec") if k in parameters)
@@ -76,7 +76,7 @@ def model(
         return turned(t, data.sun, data.obs)
 
     def seen(sun, obs):
-        return brightness.flux_brdf(sun, obs, normals, area, law, parameters)
+        return brightness.flux_brdf(sun, obs, normals, area, reflectance, parameters)
 
     sun, obs = directions(data.t)
     priors.visibility_prior(sun, obs, normals)

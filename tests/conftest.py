@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import browsing
-import false_alarms
 import pytest
+
+from tests.helpers import browser_pages, false_alarms
 
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
@@ -17,10 +17,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="session")
 def _chromium() -> Iterator[object | None]:
-    if browsing.executable() is None or not browsing.has_driver():
+    if browser_pages.executable() is None or not browser_pages.has_driver():
         yield None
         return
-    with browsing.chromium() as browser:
+    with browser_pages.chromium() as browser:
         yield browser
 
 
@@ -28,7 +28,7 @@ def _chromium() -> Iterator[object | None]:
 def browser(_chromium) -> object:
     """Chromium; the test is skipped where there is none."""
     if _chromium is None:
-        pytest.skip(f"needs playwright and one of {', '.join(browsing.NAMES)} on the path")
+        pytest.skip(f"needs playwright and one of {', '.join(browser_pages.NAMES)} on the path")
     return _chromium
 
 
@@ -39,7 +39,7 @@ def look(_chromium) -> Callable[..., None]:
     def check(page: Path, turning: int = 0) -> None:
         if _chromium is None:
             return
-        seen = browsing.look(_chromium, page)
+        seen = browser_pages.look(_chromium, page)
         assert seen.faults == []
         assert len(seen.views) == turning
         for start, dragged, turned, back in seen.views:

@@ -71,7 +71,8 @@ def main() -> None:
             first = rows[np.argmax(flux[rows] > 0)]
             print(f"{case}: from {site} it appears at t = {curve.t[first]:.0f} s")
         seen, _ = simulate(here, args.seed)
-        print("\n".join(single_facet_report.words(single_facet(seen, what.attitude))))
+        found = single_facet(seen, what.attitude)
+        print("\n".join([*map(str, found.reasons), *single_facet_report.words(found)]))
         axes.set_title(
             {
                 "illumination": "the facet comes into sunlight",

@@ -88,12 +88,6 @@ def to_model(theta: jax.Array) -> dict[str, jax.Array]:
     return {"log_albedo_area": theta[:1], "normals_base": facets.normal(theta[1:2], theta[2:3])}
 
 
-def from_model(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
-    """θ of the model's unconstrained vector, (3,)."""
-    sites = problem.constrain(z, data)
-    return jnp.stack([sites[name][0] for name in NAMES])
-
-
 def potential(problem: Problem, theta: jax.Array, data: Epochs) -> jax.Array:
     """−log p(θ | y) in the paper's own coordinates, up to a constant; +∞ for |g| ≥ 1.
 
@@ -202,24 +196,6 @@ class Quadrature:
         )
         tight = (*tight[:2], (max(tight[2][0], -1.0), min(tight[2][1], 1.0)))
         return cls.over(data, tight, shape)
-
-    def log_evidence(self, data: Epochs) -> float:
-        """ln ∫ p(y, θ) dθ of the data the grid was made for, every constant counted.
-
-        ``log_density`` leaves out what does not depend on θ. It is put back by writing the density
-        out in full at the highest cell, one that is lit and seen: ∏ N(yₜ; α kₜ, σₜ²) · N(log α; 0,
-        1) · 1/(4π). The length of the vector that carries the direction integrates to one.
-        """
-        at = np.unravel_index(np.argmax(self.log_density), self.log_density.shape)
-        log_alpha, phi, g = (float(axis[i]) for axis, i in zip(self.axes, at, strict=True))
-        normal = facets.normal(jnp.array([phi]), jnp.array([g]))
-        flux = brightness.flux(data.sun, data.obs, normal, jnp.exp(jnp.array([log_alpha])))
-        error = np.asarray(data.error)
-        pulls = (np.asarray(data.brightness) - np.asarray(flux)) / error
-        peak = -0.5 * np.sum(pulls**2) - np.sum(np.log(np.sqrt(2 * np.pi) * error))
-        peak += -0.5 * log_alpha**2 - 0.5 * np.log(2 * np.pi) - np.log(4 * np.pi)
-        cell = np.prod([axis[1] - axis[0] for axis in self.axes])
-        return float(peak + np.log(np.exp(self.log_density).sum() * cell))
 
     @property
     def weights(self) -> Floats:

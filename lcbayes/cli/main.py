@@ -36,8 +36,6 @@ COMMANDS = (
     "doctor",
 )
 
-TASKS = ("spin",)
-
 EPILOG = """\
 examples:
   lcbayes fit pass.csv -o out --n-facets 3
@@ -59,19 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
-        if name in TASKS:
-            _add_task(commands, name)
-            continue
-        module = import_module(f"lcbayes.cli.commands.{name.replace('-', '_')}")
-        sub = commands.add_parser(
-            name,
-            help=module.HELP,
-            description=module.HELP[0].upper() + module.HELP[1:] + ".",
-            epilog=module.EPILOG,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(sub)
-        sub.set_defaults(run=module.run)
+        _add_task(commands, name)
     return parser
 
 

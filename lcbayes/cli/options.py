@@ -13,7 +13,11 @@ from lcbayes.core.options import Option, Options, declared_options
 def add_options(parser: ArgumentParser, options: type[Options]) -> None:
     """Add a flag for every option; its absence leaves the default to the options."""
     for name, declared in declared_options(options).items():
-        names = [declared.flag]
+        if declared.declared.positional:
+            nargs = None if declared.required else "?"
+            parser.add_argument(name, nargs=nargs, **_keywords(declared))
+            continue
+        names = [declared.flag, *declared.declared.aliases]
         if declared.declared.short:
             names.insert(0, f"-{declared.declared.short}")
         parser.add_argument(*names, dest=name, **_keywords(declared))
@@ -24,12 +28,9 @@ def _keywords(declared: Option) -> dict[str, Any]:
     common = {"default": argparse.SUPPRESS, "help": text}
     if declared.kind is bool:
         return common | {"action": "store_true"}
-    d = declared.declared
-    choices = "{" + ",".join(d.choices) + "}" if d.choices else None
-    placeholder = d.metavar or choices or {int: "N", float: "X"}.get(declared.kind, "TEXT")
-    if declared.repeated and d.parse is None:
+    if declared.repeated and declared.declared.parse is None and declared.length is None:
         common["action"] = "append"
-    return common | {"metavar": placeholder}
+    return common | {"metavar": declared.placeholder}
 
 
 def options_from(args: Namespace, options: type[Options]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from functools import cache
 from pathlib import Path
@@ -38,11 +38,13 @@ class Declaration:
     help : one line without a full stop
     unit : of the value, as printed
     low, high : inclusive bounds
-    above : exclusive lower bound
+    above, below : exclusive bounds
     choices : the values allowed
     metavar : the placeholder on the command line
     flag : name on the command line where it is not the field's name
     short : single letter on the command line
+    aliases : further long options, written out
+    positional : whether it is given by its place on the command line, without a flag
     parse : turns the text of the command line or of ``run.toml`` into the value
     """
 
@@ -51,10 +53,13 @@ class Declaration:
     low: float | None = None
     high: float | None = None
     above: float | None = None
+    below: float | None = None
     choices: tuple[str, ...] = ()
     metavar: str | None = None
     flag: str | None = None
     short: str | None = None
+    aliases: tuple[str, ...] = ()
+    positional: bool = False
     parse: Callable[[str], Any] | None = None
 
 
@@ -75,6 +80,7 @@ class Option:
     kind : int, float, bool, str or Path
     optional : whether None is allowed
     repeated : whether the value is a tuple of ``kind``
+    length : number of values in that tuple, which commas separate in text; None for any number
     """
 
     name: str
@@ -83,6 +89,7 @@ class Option:
     repeated: bool
     default: Any
     declared: Declaration
+    length: int | None = None
 
     @property
     def required(self) -> bool:
@@ -90,8 +97,18 @@ class Option:
 
     @property
     def flag(self) -> str:
-        """The long option on the command line."""
+        """The long option on the command line, or the placeholder of a positional argument."""
+        if self.declared.positional:
+            return self.placeholder
         return "--" + (self.declared.flag or self.name).replace("_", "-")
+
+    @property
+    def placeholder(self) -> str:
+        """What stands for the value in the help."""
+        d = self.declared
+        choices = "{" + ",".join(d.choices) + "}" if d.choices else None
+        name = self.name.upper() if d.positional else None
+        return d.metavar or choices or name or {int: "N", float: "X"}.get(self.kind, "TEXT")
 
     @property
     def description(self) -> str:
@@ -120,9 +137,22 @@ class Option:
             if not self.repeated and not isinstance(value, self.kind):
                 return value
         if self.repeated:
-            items = value if isinstance(value, tuple | list) else (value,)
+            items = self._items(value)
             return tuple(self._one(v) for v in items)
         return self._one(value)
+
+    def _items(self, value: Any) -> Sequence[Any]:
+        if self.length is None:
+            return value if isinstance(value, tuple | list) else (value,)
+        given = value.split(",") if isinstance(value, str) else value
+        try:
+            items = [self._converted(item) for item in given]
+        except (TypeError, ValueError, OverflowError):
+            items = []
+        if len(items) != self.length:
+            unit = f" in {self.declared.unit}" if self.declared.unit else ""
+            raise InputError(f"{self.flag} is {value!r}; expected {self.length} numbers{unit}")
+        return items
 
     def _one(self, value: Any) -> Any:
         try:
@@ -130,7 +160,7 @@ class Option:
         except (TypeError, ValueError, KeyError, OverflowError):
             expected = _EXPECTED.get(self.kind, "a path")
             raise InputError(
-                f"{self.flag} is {value!r}; expected {expected}{self._range()}"
+                f"{self.flag} is {_shown(value)}; expected {expected}{self._range()}"
             ) from None
         d = self.declared
         if d.choices and converted not in d.choices:
@@ -139,10 +169,11 @@ class Option:
             (d.low is None or converted >= d.low)
             and (d.high is None or converted <= d.high)
             and (d.above is None or converted > d.above)
+            and (d.below is None or converted < d.below)
         )
         if outside:
             expected = _EXPECTED[self.kind]
-            raise InputError(f"{self.flag} is {value!r}; expected {expected}{self._range()}")
+            raise InputError(f"{self.flag} is {_shown(value)}; expected {expected}{self._range()}")
         return converted
 
     def _converted(self, value: Any) -> Any:
@@ -174,6 +205,8 @@ class Option:
         """The range in words, with the unit."""
         d = self.declared
         unit = f" {d.unit}" if d.unit else ""
+        if d.above is not None and d.below is not None:
+            return f" between {d.above:g} and {d.below:g}{unit}"
         if d.above is not None:
             limit = f" and <= {d.high:g}" if d.high is not None else ""
             return f" > {d.above:g}{limit}{unit}"
@@ -184,6 +217,15 @@ class Option:
         if d.high is not None:
             return f" <= {d.high:g}{unit}"
         return unit
+
+
+def _shown(value: Any) -> str:
+    """A value as a message has it: numbers from the command line without quotation marks."""
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return repr(value)
+    return str(value)
 
 
 class Options:
@@ -211,6 +253,11 @@ class Options:
                 raise InputError(f"{declared.flag} is missing; {declared.declared.help}")
         return cls(**given)
 
+    def files(self) -> dict[str, Path]:
+        """The files that the options name; of a results folder its summary."""
+        named = {name: value for name, value in self.as_dict().items() if isinstance(value, Path)}
+        return {k: v / "summary.json" if v.is_dir() else v for k, v in named.items()}
+
     def as_dict(self) -> dict[str, Any]:
         """Names and values without those that are None, for ``run.toml``."""
         values = {name: getattr(self, name) for name in declared_options(type(self))}
@@ -235,8 +282,10 @@ def _option(field: Field[Any], hint: Any) -> Option:
         optional = len(arguments) < len(get_args(hint))
         hint = arguments[0]
     repeated = get_origin(hint) is tuple
-    kind = get_args(hint)[0] if repeated else hint
+    items = get_args(hint)
+    kind = items[0] if repeated else hint
+    length = len(items) if repeated and Ellipsis not in items else None
     default = field.default
     if default is MISSING and field.default_factory is not MISSING:
         default = field.default_factory()
-    return Option(field.name, kind, optional, repeated, default, field.metadata[_KEY])
+    return Option(field.name, kind, optional, repeated, default, field.metadata[_KEY], length)

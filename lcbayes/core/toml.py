@@ -273,7 +273,7 @@ def _dotted(place: Place, root: str = "the file") -> str:
 
 
 def to_toml(content: Mapping[str, Any]) -> str:
-    """TOML of a table of scalars and one level of tables."""
+    """TOML of a table of scalars and arrays and one level of tables."""
     lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
     for name, table in content.items():
         if isinstance(table, Mapping):
@@ -288,4 +288,6 @@ def _toml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
     return json.dumps(printable(str(value)), ensure_ascii=False)

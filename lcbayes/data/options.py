@@ -22,9 +22,7 @@ class ReadOptions(Options):
     site: str | None = option(
         None, metavar="LAT,LON,H", help="observer: degrees north, degrees east, metres"
     )
-    error: float | None = option(
-        None, metavar="SD", help="one error for all points, instead of the file's"
-    )
+    error: float | None = option(None, metavar="SD", help="one error for all points, mag or flux")
     error_floor: float | None = option(
-        None, metavar="SD", help="smallest error to admit; smaller ones are raised to it"
+        None, metavar="SD", help="smallest error, mag or flux; smaller ones are raised to it"
     )

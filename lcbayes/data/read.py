@@ -7,7 +7,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_bytes, read_text
@@ -21,6 +20,7 @@ from lcbayes.data.formats.table import comment_values, header_labels, parse
 from lcbayes.data.formats.tdm import is_tdm, read_tdm
 from lcbayes.data.formats.times import with_utc
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.options import ReadOptions
 
 
 def _read_csv(file: TextFile, options: Options) -> LightCurve:
@@ -95,12 +95,13 @@ def read(
         One line: what is at fault, in which file and line, and what to do.
     """
     mapping = mapping_of(columns)
-    given_options = Options(_path(tle), site, error, error_floor, columns=mapping)
-    curve = _read(path, format, given_options)
+    given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
+    asked = ReadOptions.of(given)
+    options = Options(_path(asked.tle), asked.site, asked.error, asked.error_floor, columns=mapping)
+    curve = _read(path, format, options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
-    given = {"format": format, "site": site, "error": error, "error_floor": error_floor}
-    reading: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    reading = {name: value for name, value in asked.as_dict().items() if name != "tle"}
     if mapping:
         reading["columns"] = ",".join(f'{name}="{label}"' for name, label in mapping.items())
     source = dict(curve.source)
@@ -123,7 +124,8 @@ def read_geometry(
     Columns of brightness and its error are not needed and, where present, ignored; their kind is
     kept ("mag" when there are none).
     """
-    options = Options(_path(tle), site, geometry_only=True, columns=mapping_of(columns))
+    asked = ReadOptions.of({"format": format, "tle": tle, "site": site})
+    options = Options(_path(asked.tle), asked.site, geometry_only=True, columns=mapping_of(columns))
     return _read(path, format, options)
 
 
@@ -134,6 +136,8 @@ def _path(path: str | os.PathLike[str] | None) -> str | None:
 def _read(path: str | os.PathLike[str], format: str | None, options: Options) -> LightCurve:
     if format is not None and format not in _READERS:
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
+    if not isinstance(path, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"the path is of type {type(path).__name__}; give the path of a file")
     file = read_text(path)
     found = format or recognise(file)
     if options.columns and found not in WITH_COLUMNS:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import MERGE_OVERLAP, overlap
@@ -178,7 +179,7 @@ class Weighed(NamedTuple):
         Weights by each run alone.
     log_evidences : (C,)
         Of each run.
-    reasons : list of str
+    reasons : list of Finding
         Why the result cannot be trusted.
     """
 
@@ -187,7 +188,7 @@ class Weighed(NamedTuple):
     log_evidence: LogEvidence
     by_run: Floats
     log_evidences: Floats
-    reasons: list[str]
+    reasons: list[Finding]
 
 
 class Measured(NamedTuple):
@@ -285,10 +286,7 @@ def weigh(
     reasons = []
     off = total.value - by_path.value
     if abs(off) > MAX_DEVIATION * max(path.std(ddof=1), MIN_RUN_SD) / np.sqrt(n_runs):
-        reasons.append(
-            f"the evidence of the tempering path differs by {abs(off):.1f} nats from that of "
-            "bridge sampling: increase the number of particles"
-        )
+        reasons.append(Finding("evidence-differs", {"nats": float(abs(off))}))
     return Weighed(
         weight,
         np.maximum(weight_sd, weight_sd_runs / np.sqrt(n_runs)),

@@ -17,6 +17,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Parts, Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import basins, screening, search, sparse
 from lcbayes.inference import correlation as information
@@ -68,7 +69,7 @@ class Candidate:
         ln likelihood of the best particle, each point taken whole.
     z_best : (D,)
         That particle.
-    reasons : list of str
+    reasons : list of Finding
         Why not to trust it; empty where nothing is wrong.
     """
 
@@ -85,7 +86,7 @@ class Candidate:
     z_best: Floats
     gradients: int
     seconds: float
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[Finding] = field(default_factory=list)
 
     @property
     def spread(self) -> float:
@@ -98,7 +99,7 @@ class Compared:
 
     candidates: list[Candidate]  # by rising number of facets
     ruled_out: list[RuledOut]  # likewise
-    failed: list[str]  # numbers that could not be followed, and why
+    failed: list[Finding]  # numbers that could not be followed, and why
     information: float  # per point, the same for all
     weighed_at: int  # facets of the fit whose residuals it is from
     path: sparse.SparsePath | None
@@ -197,7 +198,7 @@ class _Comparison:
     weighed: Epochs  # the same data, likelihood to the power for all numbers
     candidates: dict[int, Candidate] = field(default_factory=dict)
     ruled_out: dict[int, RuledOut] = field(default_factory=dict)
-    failed: list[str] = field(default_factory=list)
+    failed: list[Finding] = field(default_factory=list)
     path: sparse.SparsePath | None = None
 
     def follow_sparse_path(self, start: _SparseStart, key: jax.Array, parts: Parts) -> None:
@@ -206,7 +207,8 @@ class _Comparison:
             try:
                 self.path = self._sparse_path(start, key, within)
             except (smc.Collapse, InputError) as fault:
-                self.failed.append(f"the sparse path from {start.upper_bound} facets: {fault}")
+                why = f"the sparse path from {start.upper_bound} facets: {fault}"
+                self.failed.append(Finding("number-not-followed", {"why": why}))
         if self.path and self.path.n_facets not in self.problems:
             n = self.path.n_facets
             options = {**start.options, "n_facets": n}
@@ -240,7 +242,8 @@ class _Comparison:
                 try:
                     self.candidates[n] = self._measured(n, own_runs, own_mass, within)
                 except (smc.Collapse, InputError) as fault:
-                    self.failed.append(f"{facets(n)}: {fault}")
+                    why = f"{facets(n)}: {fault}"
+                    self.failed.append(Finding("number-not-followed", {"why": why}))
 
     def _measured(
         self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
@@ -296,7 +299,7 @@ class _Comparison:
             del self.candidates[n]
             self.failed.append(reason)
         if not self.candidates:
-            raise InputError(self.failed[0])
+            raise InputError(self.failed[0].values["why"])
         return Compared(
             [self.candidates[n] for n in sorted(self.candidates)],
             [self.ruled_out[n] for n in sorted(self.ruled_out)],

@@ -17,9 +17,9 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
-from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
@@ -52,31 +52,8 @@ class Posterior:
     log_evidence: LogEvidence  # of the whole posterior
     n_starts: int
     timing: Timing = field(default_factory=Timing)
-    reasons: list[str] = field(default_factory=list)  # of the sampler, why not to trust it
-
-    def mixture(self, seed: int) -> tuple[Floats, NDArray[np.int64]]:
-        """Equally weighted draws z (C, S, D) and the mode (C, S) each belongs to.
-
-        Each mode gives a number of draws in proportion to its weight, taken evenly from its own
-        chains; their order is random, so that every stretch holds every mode.
-        """
-        shape = max(len(m.z) for m in self.modes), min(m.z.shape[1] for m in self.modes)
-        total = shape[0] * shape[1]
-        rng = np.random.default_rng(seed)
-        upto = np.cumsum([m.weight for m in self.modes])  # below one where solutions are left out
-        edges = np.round(upto / upto[-1] * total).astype(int)
-        counts = np.diff(edges, prepend=0)
-        z, label = [], []
-        for i, (mode, n) in enumerate(zip(self.modes, counts, strict=True)):
-            z.append(evenly(mode.z.reshape(-1, mode.z.shape[-1]), n))
-            label.append(np.full(n, i))
-        if len(self.modes) == 1:
-            return self.modes[0].z, np.zeros(shape, int)
-        shuffle = rng.permutation(total)
-        return (
-            np.concatenate(z)[shuffle].reshape(*shape, -1),
-            np.concatenate(label)[shuffle].reshape(shape),
-        )
+    reasons: list[Finding] = field(default_factory=list)  # of the sampler, why not to trust it
+    settings: Settings = field(default_factory=Settings)
 
 
 def run(
@@ -203,7 +180,9 @@ class _Fit:
         )
         for mode in modes:
             mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
-        return Posterior(plain, data, modes, log_evidence, found.n_starts, self.timing, reasons)
+        return Posterior(
+            plain, data, modes, log_evidence, found.n_starts, self.timing, reasons, self.settings
+        )
 
     def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, weighed by bridges."""
@@ -215,7 +194,7 @@ class _Fit:
         with self.progress.stage("sampling", draws, "draws") as track:
             for i, solution in enumerate(found.solutions):
                 z0 = np.asarray(_translate(self.plain, problem, solution.z, data))
-                z, stats, whitening = sampler.run(
+                z, stats, whitening, tuning = sampler.run(
                     f"mode-{i}",
                     z0,
                     data,
@@ -227,12 +206,14 @@ class _Fit:
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
                 log_z = _evidence(problem, data, order, whitening, z, z0, rng)
-                join(modes, Mode(solution, z, stats, log_z), order)
+                join(modes, Mode(solution, z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
         reasons = unsampled(modes, self.plain, problem, found.rest, order, data)
-        return Posterior(problem, data, modes, log_evidence, found.n_starts, self.timing, reasons)
+        return Posterior(
+            problem, data, modes, log_evidence, found.n_starts, self.timing, reasons, self.settings
+        )
 
 
 def _evidence(

@@ -15,6 +15,7 @@ LOG_WEIGHT_TOLERANCE = 1e-9  # smaller differences of log weights are rounding
 MIN_TAIL = 5  # draws to which a Pareto distribution can be fitted
 NEGLIGIBLE_WEIGHT = 0.01  # share of the weight below which the shape of a tail is ignored
 BAD_K = 0.7  # Pareto k above which an epoch's value is unreliable
+FLAT = 1e-5  # nats: log weights of a stored tail that differ by less are the same
 
 
 class Loo(NamedTuple):
@@ -81,6 +82,20 @@ def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Flo
     held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + LOG_WEIGHT_TOLERANCE)
     khat[few & (held < NEGLIGIBLE_WEIGHT)] = -np.inf
     return log_weight, khat
+
+
+def without_tail(log_likelihood: Floats) -> NDArray[np.bool_]:
+    """Epochs (T,) whose weights (S, T) `log_weights` does not smooth as ArviZ would.
+
+    Dark epochs above all: where the largest weights are all the same, ArviZ raises an error. As its
+    tail is shorter where draws are anti-correlated, down to half of that of independent draws, and
+    values are stored in single precision, those count as the same that differ by less than `FLAT`.
+    """
+    ratio = -log_likelihood
+    n_tail = _tail(len(ratio))
+    ends = np.sort(ratio, axis=0)[-n_tail - 1 :]
+    tied = np.any(ends[1:] <= ends[0] + LOG_WEIGHT_TOLERANCE, axis=0)
+    return tied | (ends[-1] - ends[-max(1, n_tail // 2)] < FLAT)
 
 
 def _tail(n_draws: int) -> int:

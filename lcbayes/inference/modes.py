@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.modelling.epochs import Epochs
@@ -34,6 +35,7 @@ class Mode:
     weight_sd: float = 0.0
     apart: float = 1.0  # R-hat between independent runs into this region, where there were several
     run_weights: Floats | None = None  # (C,) by each independent population, where there are such
+    tuning: dict[str, NDArray] = field(default_factory=dict)  # (C,) each, of `sampling.Chains`
 
 
 class _Region(NamedTuple):
@@ -123,7 +125,7 @@ def unsampled(
     rest: Sequence[solutions.Solution],
     order: FacetOrder,
     data: Epochs,
-) -> list[str]:
+) -> list[Finding]:
     """Why not to trust modes beside which other solutions were worth sampling, but those that lie
     within one of the modes, as the optima along a ridge do."""
     if not rest:
@@ -135,13 +137,12 @@ def unsampled(
     return left_out(len(left), float(likely[: len(left)].sum() / likely.sum()))
 
 
-def left_out(n: int, share: float) -> list[str]:
+def left_out(n: int, share: float) -> list[Finding]:
     """Why not to trust a result without n more solutions that hold a share of the posterior."""
     if share <= MAX_LEFT_OUT:
         return []
-    those = "1 more solution was" if n == 1 else f"{n} more solutions were"
-    part = f"{100 * share:.0f} %"
-    return [f"{those} not sampled, which may hold {part} of the posterior: raise --max-modes"]
+    number = "1 more solution was" if n == 1 else f"{n} more solutions were"
+    return [Finding("solutions-not-sampled", {"number": number, "percent": 100 * share})]
 
 
 def _shares(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.reasons import Finding
 from lcbayes.core.text import join_words
 
 Floats = NDArray[np.float64]
@@ -116,17 +117,14 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
     )
 
 
-def undecided(counts: Sequence[int], odds: Odds) -> list[str]:
-    """Why the runs do not bear a verdict, in words: at most one reason, of the worst number."""
+def undecided(counts: Sequence[int], odds: Odds) -> list[Finding]:
+    """Why the runs do not bear a verdict: at most one reason, of the worst number."""
     width = odds.high - odds.low
     k = int(np.argmax(width))
     if width[k] <= MAX_INTERVAL:
         return []
-    return [
-        f"independent runs differ too much: the probability of {facets(counts[k])} "
-        f"may be anything from {_two(odds.low[k])} to {_two(odds.high[k])}; take more particles "
-        "with --num-particles, or more runs with --num-runs"
-    ]
+    ends = {"low": _two(odds.low[k]), "high": _two(odds.high[k])}
+    return [Finding("probability-uncertain", {"facets": facets(counts[k]), **ends})]
 
 
 def facets(n: int) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import basins, solutions
 from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
@@ -43,7 +44,7 @@ def sample(
     key: jax.Array,
     timing: Timing,
     progress: Silent,
-) -> tuple[list[Mode], LogEvidence, list[str]]:
+) -> tuple[list[Mode], LogEvidence, list[Finding]]:
     """The solutions with their draws and weights, the heaviest first; the evidence of the whole
     posterior; why not to trust them.
 
@@ -85,15 +86,11 @@ def sample(
         of_all = float(weight[k])
         modes.append(Mode(by_optima.optima[k], draws, stats, own, of_all, sd, run_weights=shares))
         if n_found < 2 and of_all > MAX_LEFT_OUT:
-            reasons.append(
-                f"only {n_found} of {len(runs)} runs found solution {place + 1}: take more "
-                "particles with --num-samples"
-            )
+            few = {"found": n_found, "runs": len(runs), "solution": place + 1}
+            reasons.append(Finding("solution-found-by-few-runs", few))
         if shares.std(ddof=1) > MAX_WEIGHT_SD:
-            reasons.append(
-                f"independent runs give solution {place + 1} weights from {shares.min():.2f} to "
-                f"{shares.max():.2f}: take more particles with --num-samples"
-            )
+            apart = {"low": float(shares.min()), "high": float(shares.max())}
+            reasons.append(Finding("weights-differ", apart | {"solution": place + 1}))
     return modes, weighed.log_evidence, reasons
 
 

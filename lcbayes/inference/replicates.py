@@ -10,6 +10,7 @@ import numpy as np
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import symmetry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -48,7 +49,7 @@ def independent_runs(
                 "log_likelihood": result.log_likelihood,
                 "numbers": np.array([result.log_evidence, result.gradients, result.seconds]),
                 "points": np.array(result.points),
-                "reasons": np.array(result.reasons, dtype=str),
+                "reasons": np.array([r.encode() for r in result.reasons], dtype=str),
             }
             checkpoint.save(f"{name}-{i}", stored)
         log_evidence, gradients, seconds = stored["numbers"]
@@ -61,7 +62,7 @@ def independent_runs(
                 int(stored["points"]),
                 int(gradients),
                 float(seconds),
-                stored["reasons"].tolist(),
+                [Finding.decode(text) for text in stored["reasons"].tolist()],
             )
         )
     return runs

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.reasons import Finding
 from lcbayes.inference import search
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.modelling.epochs import Epochs
@@ -91,7 +92,7 @@ def with_fewer(
     return np.array(rows).reshape(-1, smaller.dim)
 
 
-def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
+def lost(best: Mapping[int, float], information: float) -> dict[int, Finding]:
     """Numbers of facets whose particles missed the posterior, with the reason.
 
     A body of N facets is one of N + 1 with a facet divided in two, so that more facets fit at least
@@ -109,10 +110,8 @@ def lost(best: Mapping[int, float], information: float) -> dict[int, str]:
         fewer = max((k for k in best if k < n), key=lambda k: best[k], default=n)
         behind = information * (best[fewer] - best[n])
         if behind > MARGIN:
-            reasons[n] = (
-                f"{n} facets: the particles missed the posterior: they fit {behind:.0f} nats worse "
-                f"than with {fewer}; increase --num-particles"
-            )
+            values = {"facets": n, "nats": float(behind), "fewer": fewer}
+            reasons[n] = Finding("particles-lost", values)
     return reasons
 
 

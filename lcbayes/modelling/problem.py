@@ -161,6 +161,15 @@ class Problem:
             start=jnp.zeros(()),
         )
 
+    def log_prior(self, z: jax.Array, data: Epochs) -> Sites:
+        """ln of the prior density of each latent site, in the model's own units; with
+        `log_factors` the whole prior."""
+        trace, _ = self._trace(z, data)
+        return {
+            k: jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"]) * _power(trace[k]))
+            for k in self.names
+        }
+
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])

@@ -114,6 +114,11 @@ class Entry:
         known, checked = self.options, {}
         for name, value in given.items():
             if name not in known:
+                if (name, "reflectance" in known) == ("law", True):
+                    raise InputError(
+                        f"model {self.name!r} has no attitude law; its reflectance law is chosen "
+                        "with --reflectance"
+                    )
                 listed = ", ".join(known) or "none"
                 raise InputError(f"model {self.name!r} has no option {name!r}; available: {listed}")
             checked[name] = _convert(self.name, known[name], value)

@@ -1,15 +1,14 @@
-"""The table of a batch as CSV, and its content as a summary."""
+"""The table of a batch, and its content as a summary."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from lcbayes.core.files import printable
+from lcbayes.core.reasons import Finding
 from lcbayes.modelling.variables import SPIN
 
 TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
@@ -38,20 +37,13 @@ def heads(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [*ROW, *spins, *LAST]
 
 
-def to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """One line an object; numbers as they are, an empty cell where there is none."""
-    columns = heads(rows)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        cells = {
-            **row,
-            "curve": printable(row.get("curve", "")),
-            "reasons": "; ".join(row["reasons"]),
-        }
-        writer.writerow(["" if cells.get(k) is None else cells[k] for k in columns])
-    return text.getvalue()
+def cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """An object as a line of the table: numbers as they are, empty where there is none."""
+    texts = {
+        "curve": printable(row.get("curve", "")),
+        "reasons": "; ".join(reason["text"] for reason in row["reasons"]),
+    }
+    return {name: "" if value is None else value for name, value in {**row, **texts}.items()}
 
 
 def summarise(
@@ -61,25 +53,24 @@ def summarise(
     reused: int,
     seconds: float,
     who: str,
-) -> dict[str, Any]:
-    """The content of ``batch.json``."""
+) -> tuple[dict[str, Any], list[Finding]]:
+    """What ``summary.json`` holds beside the verdict, and what speaks against the result."""
     count = Counter(row["status"] for row in rows)
     new = len(rows) - reused
-    reasons = []
+    against = []
     if count[FAILED]:
         names = [row["name"] for row in rows if row["status"] == FAILED]
-        reasons.append(f"{count[FAILED]} of {n_objects} objects failed: {_few(names)}")
+        values = {"count": count[FAILED], "objects": n_objects, "names": _few(names)}
+        against.append(Finding("objects-failed", values))
     if count[DOUBTED]:
         names = [row["name"] for row in rows if row["status"] == DOUBTED]
-        reasons.append(
-            f"{count[DOUBTED]} of {n_objects} results must not be trusted: {_few(names)}"
-        )
+        values = {"count": count[DOUBTED], "objects": n_objects, "names": _few(names)}
+        against.append(Finding("objects-not-trusted", values))
     if len(rows) < n_objects:
-        reasons.append(f"{n_objects - len(rows)} of {n_objects} objects were not done")
-    return {
+        values = {"count": n_objects - len(rows), "objects": n_objects}
+        against.append(Finding("objects-not-done", values))
+    content = {
         "catalogue": str(catalogue),
-        "converged": not reasons,
-        "reasons": reasons,
         "n_objects": n_objects,
         "n_trusted": count[TRUSTED],
         "n_not_trusted": count[DOUBTED],
@@ -90,6 +81,7 @@ def summarise(
         "workers": who,
         "objects": list(rows),
     }
+    return content, against
 
 
 def _few(names: Sequence[str], most: int = 8) -> str:

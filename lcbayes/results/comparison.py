@@ -7,18 +7,21 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lcbayes.core.reasons import Finding, Reason
 from lcbayes.core.text import join_words
 from lcbayes.inference import odds
 from lcbayes.inference.facet_count import Candidate, Compared
-from lcbayes.inference.loo import BAD_K, stacking
+from lcbayes.inference.loo import BAD_K, Stacked, stacking
 from lcbayes.inference.odds import facets
+from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
 LOST = 20.0  # nats below the best, error aside, from which a poor run does not matter
 
-# Columns of compare.csv, of each row of `candidates`, and what they are.
+# Columns of tables/candidates.csv, of each row of `candidates`, and what they are.
 COLUMNS = {
     "n_facets": "number of facets",
     "n_parameters": "number of inferred parameters",
@@ -43,8 +46,8 @@ COLUMNS = {
 
 def summarise(
     found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
-) -> dict[str, Any]:
-    """The content of ``compare.json``."""
+) -> tuple[dict[str, Any], list[Reason]]:
+    """What ``summary.json`` holds beside the verdict, and the reasons against the result."""
     candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
     n_runs = len(candidates[0].log_evidences)
     errors = odds.moderated(np.array([c.se for c in candidates]))
@@ -53,44 +56,12 @@ def summarise(
     verdict = odds.verdict(counts, chances)
     stacked = stacking({c.n_facets: c.loo for c in candidates})
     worth = found.information
-    rows = []
-    for k, c in enumerate(candidates):
-        elpd, khat = c.loo
-        rows.append(
-            {
-                "n_facets": c.n_facets,
-                "n_parameters": c.n_parameters,
-                "log_evidence": c.log_evidence,
-                "log_evidence_se": errors[k],
-                "log_evidence_spread": c.spread,
-                "log_evidences": c.log_evidences,
-                "log_prior_mass": c.log_prior_mass,
-                "probability": chances.probability[k],
-                "probability_q05": chances.low[k],
-                "probability_q95": chances.high[k],
-                "elpd_loo": elpd.sum(),
-                # of points that follow each other, fewer are independent
-                "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
-                "elpd_diff": stacked.diff[k],
-                "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
-                "max_pareto_k": khat.max(),
-                "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
-                "n_bounded": int(np.sum(np.isneginf(khat))),
-                "stacking_weight": stacked.weight[k],
-                "chi2": c.misfit.chi2,
-                "dof": c.misfit.dof,
-                "gradients": c.gradients,
-                "seconds": c.seconds,
-                "reasons": c.reasons,
-            }
-        )
-    reasons = [*found.failed, *odds.undecided(counts, chances), *_reasons(found, verdict)]
-    return {
+    rows = _rows(found, errors, chances, stacked)
+    against = [*found.failed, *odds.undecided(counts, chances), *_findings(found, verdict)]
+    content = {
         "model": identity["model"],
         "n_obs": n_obs,
         "seed": seed,
-        "converged": not reasons,
-        "reasons": reasons,
         "conclusion": verdict.sentence,
         "most_probable": verdict.best,
         "not_told_from_it": verdict.rivals,
@@ -118,34 +89,66 @@ def summarise(
         },
         "identity": dict(identity),
     }
+    return content, reasons(against)
 
 
-def _reasons(found: Compared, verdict: odds.Verdict) -> Iterator[str]:
+def _rows(
+    found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
+) -> list[dict[str, Any]]:
+    """The candidates, with what they weigh against each other."""
+    worth = found.information
+    rows = []
+    for k, c in enumerate(found.candidates):
+        elpd, khat = c.loo
+        rows.append(
+            {
+                "n_facets": c.n_facets,
+                "n_parameters": c.n_parameters,
+                "log_evidence": c.log_evidence,
+                "log_evidence_se": errors[k],
+                "log_evidence_spread": c.spread,
+                "log_evidences": c.log_evidences,
+                "log_prior_mass": c.log_prior_mass,
+                "probability": chances.probability[k],
+                "probability_q05": chances.low[k],
+                "probability_q95": chances.high[k],
+                "elpd_loo": elpd.sum(),
+                # of points that follow each other, fewer are independent
+                "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
+                "elpd_diff": stacked.diff[k],
+                "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
+                "max_pareto_k": khat.max(),
+                "n_bad_pareto_k": int(np.sum(khat > BAD_K)),
+                "n_bounded": int(np.sum(np.isneginf(khat))),
+                "stacking_weight": stacked.weight[k],
+                "chi2": c.misfit.chi2,
+                "dof": c.misfit.dof,
+                "gradients": c.gradients,
+                "seconds": c.seconds,
+                "reasons": [reason._asdict() for reason in reasons(c.reasons)],
+            }
+        )
+    return rows
+
+
+def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
     top = max(c.log_evidence for c in found.candidates)
     for c in found.candidates:
         if c.log_evidence + 5.0 * c.se > top - LOST:
-            yield from (f"{facets(c.n_facets)}: {reason}" for reason in c.reasons)
+            yield from (reason._replace(about=facets(c.n_facets)) for reason in c.reasons)
     fits: Candidate = max(found.candidates, key=lambda c: c.best)
     if fits.information > CLEANER * found.information:
-        yield (
-            f"each point was counted as {found.information:.2g} independent ones, after the best "
-            f"fit of the search, but the particles found a better one whose residuals are worth "
-            f"{fits.information:.2g}: search longer with --num-starts"
-        )
+        worth = {"used": found.information, "found": fits.information}
+        yield Finding("points-overcounted", worth)
     if found.path is not None:
         behind = found.information * fits.best - found.path.best
         if behind > ASTRAY:
-            yield (
-                f"the sparse path from {facets(found.path.upper_bound)} went astray: its best "
-                f"particle fits by {behind:.0f} nats worse than that of {facets(fits.n_facets)}; "
-                "take more particles with --num-particles"
-            )
+            ends = {"start": facets(found.path.upper_bound), "best": facets(fits.n_facets)}
+            yield Finding("sparse-path-astray", ends | {"nats": behind})
     best = next(c for c in found.candidates if c.n_facets == verdict.best)
     if not best.misfit.explained:
-        yield (
-            f"{facets(verdict.best)} do not explain the data, and no other number tried is more "
-            f"probable: {best.misfit.words}"
-        )
+        values = {"facets": facets(verdict.best), "why": best.misfit.words}
+        yield Finding("no-number-explains-data", values)
 
 
 TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
@@ -226,7 +229,7 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def table(summary: Mapping[str, Any]) -> str:
+def table(summary: Mapping[str, Any]) -> list[str]:
     """The table, its notes and the conclusion, for a terminal: of the columns, what it holds."""
     heads, rows = cells(summary)
     shown = [heads.index(name) for name in TOLD]
@@ -237,4 +240,4 @@ def table(summary: Mapping[str, Any]) -> str:
         for line in told
     ]
     said = summary["conclusion"]
-    return "\n".join([*lines, *notes(summary), "", said[0].upper() + said[1:] + "."])
+    return [*lines, *notes(summary), "", said[0].upper() + said[1:] + "."]

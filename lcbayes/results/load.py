@@ -2,62 +2,45 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
+from lcbayes.results.store import SCHEMA, SUMMARY
 
 if TYPE_CHECKING:
     import xarray as xr
 
-READING = ("format", "tle", "site", "error", "error_floor")  # options a light curve is read with
+KINDS = {"reasons": list, "modes": list, "parameters": dict, "fit": dict, "timing": dict}
 
 
-class Config(NamedTuple):
-    """What a run.toml says: keywords of `lcbayes.fit`, options of the model, the light curve and
-    how it was read."""
-
-    keywords: dict[str, Any]
-    options: dict[str, Any]
-    curve: str | None
-    digest: str
-    reading: dict[str, Any]
-
-
-def read_config(path: Path) -> Config:
-    """A ``run.toml``.
+def read_summary(folder: Path) -> dict[str, Any]:
+    """The ``summary.json`` of a results folder.
 
     Raises
     ------
     InputError
-        It is none; or a part of it is not of the kind that `lcbayes fit` writes.
+        There is none, it is damaged, or another version wrote it.
     """
-    from lcbayes.core.toml import read_toml
-    from lcbayes.samplers.settings import Settings
-
-    root = read_toml(path)
-    content = root.values
-    names = {f.name for f in dataclasses.fields(Settings) if f.init} - {"sampler"}
-    keywords = {k: content[k] for k in names if k in content}
-    keywords |= {
-        k: root.text(k) for k in ("model", "sampler", "start_from") if content.get(k) is not None
-    }
-    empty = root.blank()
-    wanted = root.table("reading", empty)
-    for name in wanted.keys():  # noqa: SIM118 - a Table is no mapping
-        if name not in READING:
-            raise wanted.fault(name, f"is not known; expected of: {', '.join(READING)}")
-    numbers = ("error", "error_floor")
-    reading = {
-        k: wanted.number(k) if k in numbers else wanted.text(k) for k in READING if k in wanted
-    }
-    digest = root.table("input", empty).text("sha256", "")
-    options = root.table("options", empty).values
-    return Config(keywords, options, root.text("curve", None), digest, reading)
+    path = folder / SUMMARY
+    found = read_json(path, KINDS)
+    reasons = found.get("reasons")
+    valid = (
+        found.get("schema") == SCHEMA
+        and isinstance(found.get("trusted"), bool)
+        and isinstance(reasons, list)
+        and all(isinstance(r, dict) and {"code", "text"} <= r.keys() for r in reasons)
+        and found["trusted"] == (not reasons)
+    )
+    if not valid:
+        raise InputError(
+            f"{path} is not of this version of lcbayes (schema {SCHEMA}) or is damaged; run the "
+            "command that wrote it again"
+        )
+    return found
 
 
 def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:

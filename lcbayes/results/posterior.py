@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -15,12 +15,17 @@ from numpy.typing import NDArray
 
 from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import Mode, Posterior, constrain_draws
+from lcbayes.inference.loo import loo, without_tail
+from lcbayes.inference.prior_mass import prior_sample
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
-from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
+from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
+from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 
 Floats = NDArray[np.float64]
 
@@ -61,6 +66,17 @@ STATS = {
     "diverging": "diverging",
     "energy": "energy",
 }
+FACTORS = "factors"  # of a prior, beside the densities of its sites
+METRIC = {
+    "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
+    "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
+    "where proposal_scale is inf, the inverse covariance of the warm-up",
+    "ahmc-paper": "Fisher information at the start of each trajectory",
+    "hmc": "inverse covariance of the warm-up",
+    "rmhmc": "Fisher information, varying along each trajectory",
+    "mh": "covariance of the warm-up, by which proposals are drawn",
+    "smc": "Fisher information at an auxiliary point, for particles",
+}
 
 
 def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
@@ -81,36 +97,124 @@ def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
 def tree(
     posterior: Posterior, curve: LightCurve, entry: Entry, options: Mapping[str, Any], seed: int
 ) -> xr.DataTree:
-    """The DataTree of a fit, with every group of the design."""
+    """The DataTree of a fit.
+
+    Groups
+    ------
+    posterior, sample_stats, log_prior, log_likelihood, posterior_predictive
+        A row for each draw. The chains of all solutions stand one after the other along ``chain``,
+        as they were sampled, so that R-hat shows chains that disagree and solutions that do not
+        mix. Where some solutions have more draws, their last ones are in ``modes/k`` only. The
+        coordinates ``solution`` and ``weight`` (chain) say to which solution a chain belongs and
+        what share of the posterior it stands for; `lcbayes.weighted_draws` gives equally weighted
+        draws, also of these groups together.
+    log_likelihood, log_likelihood_dark
+        ln p(yᵢ|z), each point taken whole, with ``time`` the row of the point. An epoch at which
+        the body is dark has the same likelihood in every draw, or in every draw of the tail that
+        PSIS smooths, and ArviZ raises an error there. Such epochs are in ``log_likelihood_dark``,
+        along ``dark_time``, all others in ``log_likelihood``; what asks for epochs in other groups
+        as well, such as ``az.loo_pit``, takes ``tree.sel(time=tree.log_likelihood.time)``.
+        Attributes of ``log_likelihood``: ``elpd_loo`` and
+        ``elpd_loo_se`` of all epochs by `lcbayes.inference.loo`, ``elpd_loo_dark``, the part of
+        the dark ones, and ``information_per_point``, the power p of the likelihood in the
+        posterior. ``az.loo(lcbayes.weighted_draws(tree)).elpd + elpd_loo_dark`` is ``elpd_loo``
+        where p = 1; ArviZ knows of no other p.
+    log_prior
+        ln of the prior density of each site, in the model's own units, and of the ``factors``.
+    prior
+        From the prior with all its factors; the attribute ``factors`` says how.
+    observed_data, constant_data
+        The light curve, complete: `lcbayes.load_light_curve`.
+    modes/k
+        ``posterior`` and ``sample_stats`` of each solution, all its draws.
+    """
     problem, data = posterior.problem, posterior.data
-    z, label = posterior.mixture(seed)
-    mixed = constrain_draws(problem, z, data)
-    draws = dataset(mixed).assign(mode=(("chain", "draw"), label))
-    pointwise, replicated = _predictions(problem, z, data, seed)
-    probability = _outliers(problem, z, data)
-    outliers = {} if probability is None else {OUTLIER: (("time",), probability)}
+    modes = posterior.modes
+    length = min(m.z.shape[1] for m in modes)
+    z = np.concatenate([m.z[:, :length] for m in modes])
+    apart = [dataset(constrain_draws(problem, m.z, data)) for m in modes]
+    chains = _chains(modes)
+    whole = _stacked(apart, length).assign_coords(chains)
+    point = {"time": np.arange(curve.n_obs)}
+    points = xr.Dataset(coords={k: whole[k] for k in ("chain", "draw", *chains)} | point)
     time = ("chain", "draw", "time")
+    pointwise, replicated = _predictions(problem, z, data, seed)
+    rows = weighted_rows(whole, seed=seed)
+    predicted = points.assign({OBSERVED: (time, replicated)})
+    if (probability := _outliers(problem, z, data, rows)) is not None:
+        predicted[OUTLIER] = (("time",), probability)
     groups: dict[str, xr.Dataset] = {
-        "posterior": draws,
-        "log_likelihood": xr.Dataset({OBSERVED: (time, pointwise)}),
-        "posterior_predictive": xr.Dataset({OBSERVED: (time, replicated)} | outliers),
-        "prior": dataset(_prior(problem, data, seed)),
-        "observed_data": xr.Dataset({OBSERVED: (("time",), curve.brightness)}),
-        "constant_data": _constants(curve, data, entry, options),
+        "posterior": whole,
+        "sample_stats": _stacked([_stats(m) for m in modes], length).assign_coords(chains),
+        "log_prior": points.drop_vars("time").assign(_log_prior(problem, z, data)),
+        **_log_likelihood(points.assign({OBSERVED: (time, pointwise)}), rows, data),
+        "posterior_predictive": predicted,
+        "prior": _prior(problem, data, seed),
+        "observed_data": xr.Dataset({OBSERVED: (("time",), curve.brightness)}, point),
+        "constant_data": _constants(curve, data, entry, options).assign_coords(point),
     }
-    if len(posterior.modes) == 1:
-        groups["sample_stats"] = _stats(posterior.modes[0])
-    for i, mode in enumerate(posterior.modes):
-        groups[f"modes/{i}/posterior"] = dataset(constrain_draws(problem, mode.z, data))
-        groups[f"modes/{i}/sample_stats"] = _stats(mode)
-    return xr.DataTree.from_dict(groups)
+    for name in ("posterior", "sample_stats"):
+        groups[name].attrs = _sampling(posterior, modes)
+    for i, mode in enumerate(modes):
+        groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
+        groups[f"modes/{i}/sample_stats"] = _stats(mode).assign_attrs(_sampling(posterior, [mode]))
+    return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+
+
+def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:
+    """Coordinates of the chains of all solutions: to which each belongs, and its weight."""
+    each = [len(m.z) for m in modes]
+    weight = np.array([m.weight for m in modes]) / sum(m.weight for m in modes)
+    return {
+        "solution": ("chain", np.repeat(np.arange(len(modes)), each)),
+        "weight": ("chain", np.repeat(weight / each, each)),
+    }
+
+
+def _stacked(parts: Sequence[xr.Dataset], length: int) -> xr.Dataset:
+    """The first draws of the chains of each solution, one after the other along ``chain``."""
+    short = [part.isel(draw=slice(length)) for part in parts]
+    names = [k for k in short[0].data_vars if all(k in one for one in short)]
+    whole = xr.concat(
+        [one[names] for one in short],
+        "chain",
+        data_vars="all",
+        coords="minimal",
+        compat="override",
+        join="override",
+    )
+    return whole.assign_coords(chain=np.arange(whole.sizes["chain"]))
 
 
 def _stats(mode: Mode) -> xr.Dataset:
     stats = {STATS[k]: (("chain", "draw"), v) for k, v in mode.stats.items()}
     dims, energy = stats["lp"]
     stats["lp"] = (dims, -energy)
-    return xr.Dataset(stats)
+    if "step_size" in mode.tuning:
+        each = np.broadcast_to(mode.tuning["step_size"][:, None], mode.z.shape[:2])
+        stats["step_size"] = (dims, each)
+    shape = zip(dims, mode.z.shape, strict=False)
+    return xr.Dataset(stats, {k: np.arange(n) for k, n in shape})
+
+
+def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
+    """How chains were sampled, as attributes: numbers of each chain where they differ."""
+    asked, timing = posterior.settings, posterior.timing
+    found: dict[str, Any] = {
+        "inference_library": "lcbayes",
+        "inference_library_version": installed_version(),
+        "sampler": asked.sampler,
+        "metric": METRIC[asked.sampler],
+        "tuning_steps": asked.num_warmup or 0,
+        "sampling_time": timing.sampling_s,
+    }
+    tuned = [m for m in modes if m.tuning]
+    for name in tuned[0].tuning if tuned else ():
+        found[name] = np.concatenate([m.tuning[name] for m in tuned])
+    if "step_size" in found:
+        steps = np.concatenate([m.stats["num_steps"].mean(axis=1) for m in tuned])
+        found["trajectory_length"] = found["step_size"] * steps
+    return found
 
 
 def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
@@ -131,46 +235,64 @@ def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs)
     return jax.lax.map(one, (rows, keys))
 
 
-def _outliers(problem: Problem, z: Floats, data: Epochs) -> Floats | None:
-    """Probability that each point is an outlier, (T,), where the noise knows of any."""
+def _log_likelihood(
+    points: xr.Dataset, rows: NDArray[np.int64], data: Epochs
+) -> dict[str, xr.Dataset]:
+    """The groups `log_likelihood` and, where there are dark epochs, `log_likelihood_dark`."""
+    flat = points[OBSERVED].to_numpy().reshape(-1, points.sizes["time"])
+    power = float(data.information)
+    elpd, khat = loo(flat[rows], power)
+    dark = without_tail(flat) | without_tail(flat[rows])
+    attrs = {
+        "information_per_point": power,
+        "elpd_loo": float(elpd.sum()),
+        "elpd_loo_se": float(np.sqrt(elpd.size * elpd.var() / power)),
+        "elpd_loo_dark": float(elpd[dark].sum()),
+        "max_pareto_k": float(khat.max()),
+    }
+    groups = {LOG_LIKELIHOOD: points.isel(time=~dark).assign_attrs(attrs)}
+    if dark.any():
+        groups[DARK] = points.isel(time=dark).rename(time=DARK_TIME)
+    return groups
+
+
+def _log_prior(problem: Problem, z: Floats, data: Epochs) -> dict[str, Any]:
     rows = jnp.asarray(z.reshape(-1, z.shape[-1]))
+    each = _log_priors(problem, rows, data)
+    return {k: (("chain", "draw"), np.asarray(v).reshape(z.shape[:2])) for k, v in each.items()}
+
+
+@partial(jax.jit, static_argnums=0)
+def _log_priors(problem: Problem, rows: jax.Array, data: Epochs) -> Sites:
+    """ln of the prior density of each site and of the factors, (n,) each."""
+
+    def one(row: jax.Array) -> Sites:
+        return problem.log_prior(row, data) | {FACTORS: problem.log_factors(row, data)}
+
+    return jax.lax.map(one, rows)
+
+
+def _outliers(
+    problem: Problem, z: Floats, data: Epochs, chosen: NDArray[np.int64]
+) -> Floats | None:
+    """Probability that each point is an outlier, (T,), where the noise knows of any."""
+    rows = jnp.asarray(z.reshape(-1, z.shape[-1])[chosen])
     if OUTLIER not in jax.eval_shape(problem.constrain, rows[0], data):
         return None
     each = jax.jit(lambda a: jax.lax.map(lambda row: problem.constrain(row, data)[OUTLIER], a))
     return np.asarray(each(rows)).mean(axis=0)
 
 
-def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> dict[str, NDArray]:
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 2), n)
-    draws = _prior_draws(problem, keys, data)
-    return constrain_draws(problem, np.asarray(draws)[None], data)
-
-
-@partial(jax.jit, static_argnums=0)
-def _prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
-    return jax.lax.map(lambda key: problem.prior_draw(key, data), keys)
+def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> xr.Dataset:
+    drawn = prior_sample(problem, data, jax.random.fold_in(jax.random.key(seed), 2), n)
+    draws = dataset(constrain_draws(problem, drawn.z[None], data))
+    return draws.assign_attrs({FACTORS: drawn.note or "none", "with_factors": int(drawn.honoured)})
 
 
 def _constants(
     curve: LightCurve, data: Epochs, entry: Entry, options: Mapping[str, Any]
 ) -> xr.Dataset:
-    out = xr.Dataset(
-        {
-            "t": (("time",), np.asarray(data.t), {"units": "s"}),
-            "sun": (("time", "xyz"), curve.sun),
-            "obs": (("time", "xyz"), curve.obs),
-            "error": (("time",), np.asarray(data.error)),
-            "curve": (("time",), curve.curve),
-            "exposure_s": (("time",), curve.exposure_s),
-            "free_scale": (("curve_index",), curve.free_scale),
-            "curve_name": (("curve_index",), np.array(curve.curve_names, dtype=str)),
-        }
-    )
-    for name in ("site", "band"):
-        if np.any(getattr(curve, name) != ""):
-            out[name] = (("time",), getattr(curve, name).astype(str))
-    if curve.range_km is not None:
-        out["range_km"] = (("time",), curve.range_km)
+    out = light_curve_variables(curve)
     if (hook := entry.hook("constants")) is not None:
         for name, values in hook(data, **options).items():
             axes = ("facet", "xyz") if name == "grid_normals" else None
@@ -179,12 +301,13 @@ def _constants(
 
 
 def save_tree(found: xr.DataTree, path: Path) -> None:
-    """Write netCDF; large groups in single precision, compressed."""
+    """Write netCDF, large variables compressed; what has draws and epochs in single precision."""
     encoding: dict[str, dict[str, Any]] = {}
     for node in found.subtree:
         for name, variable in node.data_vars.items():
             if variable.dtype.kind == "f" and variable.size > 10_000:
-                kind = "f4" if "time" in variable.dims else "f8"
+                epochs = {"time", DARK_TIME} & set(variable.dims)
+                kind = "f4" if epochs and "draw" in variable.dims else "f8"
                 encoding.setdefault(node.path, {})[str(name)] = {
                     "zlib": True,
                     "complevel": 1,

@@ -2,48 +2,202 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from lcbayes.core.errors import InputError
+from lcbayes.core.files import printable, read_bytes
+from lcbayes.core.options import Options
+from lcbayes.core.toml import Table, read_toml
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.options import ReadOptions
+from lcbayes.results.store import SCHEMA
+
+CURVE = "curve"
 
 
-def record_of(task: str, options: Mapping[str, Any], curve: LightCurve | None) -> dict[str, Any]:
+def record_of(task: str, options: Options, source: str, value: Any) -> dict[str, Any]:
     """What ``run.toml`` holds of a run.
 
     Parameters
     ----------
     options : of the task; those that are None are left out
-    curve : the light curve, whose ``source`` says where it came from and how it was read
+    source : name of the task's first argument
+    value : the light curve, whose ``source`` says where it came from and how it was read; or a path
 
     Returns
     -------
     dict
-        ``task``, ``version``, ``curve`` (path) and the tables ``options``, ``reading``,
-        ``input.curve`` and ``input.tle`` (path and SHA-256).
+        ``task``, ``version``, the source's path and the tables ``options``, ``reading`` and, of
+        every file that was read, ``input.NAME`` (path and SHA-256).
     """
     record: dict[str, Any] = {"task": task, "version": installed_version()}
-    if curve is not None and curve.source.get("file"):
-        record["curve"] = os.path.abspath(curve.source["file"])
-    record["options"] = {
-        name: value if isinstance(value, bool | int | float) else _text(value)
-        for name, value in options.items()
-        if value is not None
-    }
-    if curve is None:
-        return record
-    reading = json.loads(curve.source.get("reading", "{}"))
-    record["reading"] = reading
-    source = {k: curve.source[k] for k in ("format", "sha256") if k in curve.source}
-    if "curve" in record:
-        record["input.curve"] = {"path": record["curve"], **source}
-    if "tle" in reading:
-        record["input.tle"] = {"path": reading["tle"], "sha256": curve.source["tle_sha256"]}
+    files = options.files()
+    curve = value if isinstance(value, LightCurve) else None
+    if curve is not None:
+        if curve.source.get("file"):
+            record[source] = os.path.abspath(curve.source["file"])
+    elif isinstance(value, str | Path):
+        record[source] = os.path.abspath(value)
+        files = {source: Path(value)} | files
+    given = {name: _plain(value) for name, value in options.as_dict().items()}
+    given |= {name: os.path.abspath(given[name]) for name in files if name in given}
+    record["options"] = given
+    if curve is not None:
+        record |= _of_curve(record.get(source), curve)
+    for name, path in files.items():
+        if path.is_file():
+            record[f"input.{name}"] = input_file(path)
     return record
 
 
-def _text(value: Any) -> str:
-    return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+def _of_curve(path: str | None, curve: LightCurve) -> dict[str, Any]:
+    reading = json.loads(curve.source.get("reading", "{}"))
+    found: dict[str, Any] = {"reading": reading}
+    known = {k: curve.source[k] for k in ("format", "sha256") if k in curve.source}
+    if path is not None:
+        found["input.curve"] = {"path": path, **known}
+    if "tle" in reading:
+        found["input.tle"] = {"path": reading["tle"], "sha256": curve.source["tle_sha256"]}
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value if isinstance(value, bool | int | float) else str(value)
+
+
+def input_file(path: str | Path) -> dict[str, str]:
+    """Path and SHA-256 of a file that a task has read, for a table ``input.NAME``."""
+    return {"path": os.path.abspath(path), "sha256": sha256(path)}
+
+
+def sha256(path: str | Path) -> str:
+    """Of a file, in hexadecimal digits.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+@dataclass(frozen=True)
+class Record:
+    """A ``run.toml`` that was read.
+
+    Attributes
+    ----------
+    path : of the file
+    task : name of the task
+    options : as given, to be checked by the task
+    reading : how the light curve was read; checked
+    inputs : name -> (path, SHA-256) of every file that the run read
+    content : the whole file
+    """
+
+    path: Path
+    task: str
+    options: dict[str, Any]
+    reading: dict[str, Any]
+    inputs: dict[str, tuple[str, str]]
+    content: dict[str, Any]
+
+    def source(self, name: str) -> str:
+        """The path of the task's first argument.
+
+        Raises
+        ------
+        InputError
+            The run took it from memory.
+        """
+        value = self.content.get(name)
+        if not isinstance(value, str) or not value or "\0" in value:
+            raise InputError(f"{self.path} names no {name}; give one")
+        return value
+
+    def check_inputs(self, *left_out: str) -> None:
+        """An InputError where a file that the run read is gone or has changed."""
+        for name, (path, digest) in self.inputs.items():
+            if name in left_out:
+                continue
+            if not Path(path).is_file():
+                raise InputError(
+                    f"{printable(path)}, an input of {self.path}, is not there; put it back, or "
+                    f"give the {name} on the command line"
+                )
+            if digest and sha256(path) != digest:
+                raise InputError(
+                    f"{printable(path)} has changed since {self.path} was written; to use it as "
+                    f"it is now, give the {name} on the command line"
+                )
+
+    def model(self, given: str | None) -> str:
+        """The model of the run: a name, or a file that the caller names and whose hash is right.
+
+        A results folder may come from someone else, so that the model file which it names is never
+        run on its own word.
+
+        Raises
+        ------
+        InputError
+            The model is a file and none is given, or the file given is another one.
+        """
+        from lcbayes.modelling.registry import BUILT_IN
+
+        known = str(self.options.get("model", ""))
+        if known in BUILT_IN:
+            if given not in (None, known):
+                raise InputError(f"--model is {given!r}, but {self.path} is of the model {known}")
+            return known
+        if not known:
+            raise InputError(f"{self.path} names no model; run `lcbayes fit` again")
+        if given is None:
+            raise InputError(
+                f"the model of {self.path} is the file {printable(known)}, which is run only where "
+                "you name it: give --model FILE"
+            )
+        digest = self.inputs.get("model", ("", ""))[1]
+        if not digest or sha256(given) != digest:
+            raise InputError(
+                f"{printable(given)} is not the model file of {self.path}: its SHA-256 differs; "
+                "give the file as it was, or run `lcbayes fit` again"
+            )
+        return given
+
+
+def read_record(path: Path) -> Record:
+    """A ``run.toml``.
+
+    Raises
+    ------
+    InputError
+        There is none, another version wrote it, or a part of it has another type.
+    """
+    root = read_toml(path)
+    if root.values.get("schema") != SCHEMA:
+        raise InputError(
+            f"{path} is of another version of lcbayes (schema {root.values.get('schema')!r}, "
+            f"expected {SCHEMA}); run the command again"
+        )
+    empty = root.blank()
+    options = root.table("options", empty).values
+    for name, value in options.items():
+        items = value if isinstance(value, list) else [value]
+        if not all(isinstance(item, str | int | float) for item in items):
+            raise root.table("options").fault(name, "is no text and no number")
+    reading = ReadOptions.of(root.table("reading", empty).values).as_dict()
+    inputs = root.table("input", empty)
+    found = {name: _input(inputs.table(name)) for name in inputs.keys()}  # noqa: SIM118
+    return Record(path, root.text("task"), options, reading, found, root.values)
+
+
+def _input(table: Table) -> tuple[str, str]:
+    return table.text("path"), table.text("sha256", "")

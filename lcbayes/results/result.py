@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
 from lcbayes.core.reasons import Reason
 from lcbayes.results import store
@@ -32,9 +33,11 @@ class Result(ABC):
     Attributes
     ----------
     task : name of the task on the command line
+    folder : where the result was written or loaded from; None before
     """
 
     task: ClassVar[str]
+    folder: Path | None = None
 
     def __init__(
         self, content: Mapping[str, Any], reasons: Sequence[Reason], record: Mapping[str, Any]
@@ -118,6 +121,18 @@ class Result(ABC):
             store.write_record(staging, {"task": self.task, **self.record})
             if report:
                 self.write_page(staging)
+        self.folder = folder.path
+
+    def write_report(self) -> Path:
+        """Write the report again into the folder of the result; the numbers stay as they are."""
+        if self.folder is None:
+            raise InputError("the result is in no folder yet; give one to its method report")
+        with (
+            store.results_folder(self.folder, self.task) as opened,
+            opened.staging(store.PAGE) as staging,
+        ):
+            self.write_page(staging)
+        return self.folder / "report.html"
 
     def __repr__(self) -> str:
         verdict = "trusted" if self.trusted else "NOT to be trusted"

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.toml import read_toml
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.load import read_json
+from lcbayes.results.record import read_record
+from lcbayes.results.store import task_of
 
 
 def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
@@ -22,13 +23,10 @@ def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
         The folder holds no scan, one of another light curve, or one without constant spins.
     """
     folder = Path(folder)
-    try:
-        summary = read_json(folder / "summary.json", {"solutions": list})
-    except InputError:
-        summary = {}
-    if summary.get("model") != "attitude-scan":
+    if task_of(folder) != "scan":
         raise InputError(f"{folder} holds no scan; give the folder that lcbayes scan -o wrote")
-    known = read_toml(folder / "run.toml").table("input").text("sha256", None)
+    summary = read_json(folder / "summary.json", {"solutions": list})
+    _, known = read_record(folder / "run.toml").inputs.get("curve", ("", None))
     if known != curve.source.get("sha256"):
         raise InputError(
             f"the scan in {folder} is of another light curve; scan this one, then start from that"

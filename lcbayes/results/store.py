@@ -28,16 +28,15 @@ SCHEMA = 2
 RECORD, SUMMARY, LOCK, CHECKPOINT = "run.toml", "summary.json", ".lock", "checkpoint"
 STAGING = ".new-"  # prefix of staging folders
 # What tasks write. Of an earlier result of the same task all of it is removed.
+PAGE = ("report.html", "figures", "shape.*", "shape-[0-9]*.*")
 WRITTEN = (
+    *PAGE,
     "posterior.nc",
+    "scan.nc",
     SUMMARY,
     RECORD,
-    "report.html",
-    "figures",
     "tables",
     "observability.json",
-    "shape.*",
-    "shape-[0-9]*.*",
 )
 
 
@@ -59,19 +58,20 @@ class ResultsFolder:
         return Checkpoint(self.path / CHECKPOINT, identity, say)
 
     @contextlib.contextmanager
-    def staging(self) -> Iterator[Path]:
-        """A folder to write a result into; it replaces the earlier result when the block ends."""
+    def staging(self, replaces: tuple[str, ...] = WRITTEN) -> Iterator[Path]:
+        """A folder to write a result into, which replaces those files of the earlier result when
+        the block ends."""
         scratch = Path(tempfile.mkdtemp(prefix=STAGING, dir=self.path))
         try:
             yield scratch
-            self._publish(scratch)
+            self._publish(scratch, replaces)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
 
-    def _publish(self, scratch: Path) -> None:
+    def _publish(self, scratch: Path, replaces: tuple[str, ...]) -> None:
         made = {path.name for path in scratch.iterdir()}
         if (self.path / RECORD).exists():  # otherwise files of these names are the user's own
-            for old in [path for pattern in WRITTEN for path in self.path.glob(pattern)]:
+            for old in [path for pattern in replaces for path in self.path.glob(pattern)]:
                 if old.name not in made or old.is_dir():
                     _remove(old)
         for name in sorted(made, key=lambda name: name == RECORD):  # the record last

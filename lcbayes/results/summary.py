@@ -10,16 +10,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes.core.reasons import Finding, Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.geometry.times import Times
 from lcbayes.inference import goodness_of_fit
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
-from lcbayes.inference.loo import loo
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.variables import SPIN, label, reported
+from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
+from lcbayes.results.reasons import reasons
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.settings import PUBLISHED
 
@@ -66,8 +68,8 @@ def summarise(
     curve: LightCurve,
     identity: Mapping[str, Any],
     seed: int,
-) -> dict[str, Any]:
-    """The content of ``summary.json``."""
+) -> tuple[dict[str, Any], list[Reason]]:
+    """What ``summary.json`` holds beside the verdict, and the reasons against the result."""
     modes = []
     for i, mode in enumerate(posterior.modes):
         draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
@@ -91,17 +93,15 @@ def summarise(
         )
     missed = _misfit(posterior)
     fit = _fit(posterior, found, curve, missed)
-    reasons = list(_reasons(posterior, modes, missed))
+    found_wrong = list(_findings(posterior, modes, missed))
     if identity["settings"]["sampler"] == PUBLISHED:
-        reasons.insert(0, "the published sampler is biased by an amount that no diagnostic shows")
+        found_wrong.insert(0, Finding("published-sampler"))
     timing = posterior.timing
-    return {
+    content = {
         "model": identity["model"],
         "n_facets": int(found["posterior"].sizes.get("facet", 0)),
         "n_obs": curve.n_obs,
         "seed": seed,
-        "converged": not reasons,
-        "reasons": reasons,
         "max_rhat": max(m["max_rhat"] for m in modes),
         "min_ess_bulk": min(m["min_ess_bulk"] for m in modes),
         "min_ess_tail": min(m["min_ess_tail"] for m in modes),
@@ -122,6 +122,7 @@ def summarise(
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
     }
+    return content, reasons(found_wrong)
 
 
 def _extreme(table, key: str, pick) -> float:
@@ -143,16 +144,16 @@ def _fit(
     posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
 ) -> dict[str, Any]:
     best = posterior.modes[0]
-    elpd, elpd_se, khat = _loo(found, float(posterior.data.information))
+    predicted = found["log_likelihood"].attrs
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
         "chi2": missed.chi2,
         "dof": missed.dof,
-        "elpd_loo": elpd,
-        "elpd_se": elpd_se,
-        "max_pareto_k": khat,
+        "elpd_loo": predicted["elpd_loo"],
+        "elpd_se": predicted["elpd_loo_se"],
+        "max_pareto_k": predicted["max_pareto_k"],
         "log_evidence": posterior.log_evidence.value,
         "log_evidence_se": posterior.log_evidence.se,
     }
@@ -164,7 +165,10 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
     if OUTLIER not in predicted:
         return {}
     probability = predicted[OUTLIER].to_numpy()
-    middle = predicted[OBSERVED].mean(("chain", "draw")).to_numpy()
+    drawn = predicted.to_dataset()
+    if "solution" in drawn.coords and np.ptp(drawn["solution"].to_numpy()):
+        drawn = weighted_draws(drawn)
+    middle = drawn[OBSERVED].mean(("chain", "draw")).to_numpy()
     rows = np.flatnonzero(probability > LIKELY)
     moments = None if curve.epoch_jd is None else Times.of(curve.epoch_jd, curve.t[rows])
     return {
@@ -183,55 +187,33 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
     }
 
 
-def _loo(found: xr.DataTree, information: float) -> tuple[float, float, float]:
-    """PSIS-LOO, its error with points that follow each other counted for what they are worth, and
-    the largest Pareto k."""
-    pointwise = found["log_likelihood"]["brightness"].to_numpy()
-    each, khat = loo(pointwise.reshape(-1, pointwise.shape[-1]), information)
-    return (
-        float(each.sum()),
-        float(np.sqrt(each.size * each.var() / information)),
-        float(khat.max()),
-    )
-
-
-def _reasons(posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit) -> Iterator[str]:
+def _findings(
+    posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit
+) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         # A solution without weight is shown, but the result does not stand or fall with it.
         if mode.weight < 1e-3 and i:
             continue
-        of = f"solution {i + 1}: " if len(modes) > 1 else ""
+        about = f"solution {i + 1}" if len(modes) > 1 else ""
         draws = mode.stats["diverging"].size
         alone = mode.run_weights is not None and len(mode.z) == 1  # `population` tells of it
         if not entry["max_rhat"] <= MAX_RHAT and not alone:
-            yield (
-                f"{of}the chains disagree (R-hat {entry['max_rhat']:.3f}, at most {MAX_RHAT} is "
-                "trusted): they have not found one common distribution"
-            )
+            values = {"rhat": entry["max_rhat"], "limit": MAX_RHAT}
+            yield Finding("chains-disagree", values, about)
         for kind in ("bulk", "tail"):
             size = entry[f"min_ess_{kind}"]
             if not size >= MIN_ESS:
-                yield (
-                    f"{of}the draws are worth only {size:.0f} independent ones ({kind}; at least "
-                    f"{MIN_ESS:.0f} are needed): take more with --num-samples"
-                )
+                values = {"ess": size, "kind": kind, "limit": MIN_ESS}
+                yield Finding("few-effective-draws", values, about)
         if mode.apart > MAX_APART:
-            yield (
-                f"{of}independent runs into it disagree (R-hat {mode.apart:.2f} between them): "
-                "each saw only a part of it"
-            )
+            yield Finding("runs-disagree", {"rhat": mode.apart}, about)
         if entry["divergences"] > MAX_DIVERGING * draws:
-            yield (
-                f"{of}{entry['divergences']} of {draws} trajectories diverged: parts of the "
-                "posterior were not reached"
-            )
+            values = {"diverging": entry["divergences"], "draws": draws}
+            yield Finding("divergences", values, about)
         if mode.log_evidence.se > 0.5 and len(modes) > 1:
-            yield f"{of}its weight is uncertain (evidence ± {mode.log_evidence.se:.1f} nats)"
+            yield Finding("weight-uncertain", {"se": mode.log_evidence.se}, about)
     if posterior.n_starts > 1 and posterior.modes[0].solution.hits < 2:
-        yield (
-            f"only one of {posterior.n_starts} starts of the search ended at the best solution: "
-            "there may be better ones; search longer with --num-starts"
-        )
+        yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not missed.explained:
-        yield f"the model does not explain the data: {missed.words}"
+        yield Finding("data-not-explained", {"why": missed.words})

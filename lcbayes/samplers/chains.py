@@ -80,6 +80,16 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
         return kinds[sampler](potential_fn=potential, fisher_fn=fisher)
 
 
+def tuning(kernel: MCMCKernel, state) -> dict[str, float]:
+    """What the warm-up of one chain settled on, from its last state; see `sampling.Chains`."""
+    if isinstance(kernel, NUTS):
+        return {"step_size": float(state.adapt_state.step_size)}
+    found = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
+    if isinstance(kernel, kernels.AHMC):
+        found["proposal_scale"] = kernel.proposal_scale(state)
+    return found
+
+
 @partial(jax.jit, static_argnums=(0, 2))
 def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: Epochs):
     """State of one chain, a little off the centre."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,26 @@ class Timing:
     gradients: int = 0
 
 
+class Chains(NamedTuple):
+    """Chains about one solution.
+
+    Attributes
+    ----------
+    z : (C, S, D)
+    stats : of each draw, (C, S) each
+    whitening : Whitening
+    tuning : of each chain, (C,) each
+        What the warm-up settled on: ``step_size``; of the kernels of this package also
+        ``num_fallback``, the draws at which the metric was singular and a constant one was taken;
+        of AHMC ``proposal_scale``, its δ.
+    """
+
+    z: Floats
+    stats: dict[str, NDArray]
+    whitening: chains.Whitening
+    tuning: dict[str, NDArray]
+
+
 class Sampler:
     """One compiled kernel for all solutions of a problem."""
 
@@ -58,8 +79,8 @@ class Sampler:
         checkpoint: Checkpoint,
         timing: Timing,
         track: Track,
-    ) -> tuple[Floats, dict[str, NDArray], chains.Whitening]:
-        """Draws z (C, S, D) about the solution z (D,), and the kernel's statistics (C, S).
+    ) -> Chains:
+        """Draws about the solution z (D,).
 
         More of them than `num_samples` where these are not enough and `most_samples` allows it.
         As soon as more trajectories of NUTS have diverged than may among all draws asked for, the
@@ -114,7 +135,10 @@ class Sampler:
                     end += more
         n = self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
-        return draws[:, :n], stats, whitening
+        kernel = chains.kernel(self.problem, self.settings.sampler)
+        each = [chains.tuning(kernel, state) for state in states]
+        tuning = {k: np.array([one[k] for one in each]) for k in each[0]}
+        return Chains(draws[:, :n], stats, whitening, tuning)
 
     def _compile(self, key, num_warmup, whitening, data, timing: Timing):
         begun = time.monotonic()

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent, Track
+from lcbayes.core.reasons import Finding
 from lcbayes.core.threads import threads
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -94,7 +95,7 @@ class Result:
         ln ∫ exp(−U) dz, with the U of the problem and the data as given.
     stages : list of Stage
         Their s rises to 1.
-    reasons : list of str
+    reasons : list of Finding
         Why not to trust it, in words; empty where nothing is wrong that the run itself can see.
     """
 
@@ -105,7 +106,7 @@ class Result:
     points: int  # on each chain
     gradients: int
     seconds: float
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[Finding] = field(default_factory=list)
 
     @property
     def acceptance(self) -> Floats:
@@ -174,7 +175,7 @@ class _Run:
         )
         self.step_size, self.gradients, self.told = 0.5, 0, 0
         self.stages: list[Stage] = []
-        self.reasons: list[str] = []
+        self.reasons: list[Finding] = []
 
     def go(self, key: jax.Array) -> Result:
         begun = time.monotonic()
@@ -303,10 +304,8 @@ class _Run:
                 "posterior is too rough to follow: check the errors of the data"
             )
         if moved < 0.5 * plan.moved:
-            self.reasons.append(
-                f"{s:.0%} of the way to the posterior the particles moved {moved:.0%} of what "
-                f"independent ones would in {len(passed)} moves"
-            )
+            little = {"progress": float(s), "moved": float(moved), "moves": len(passed)}
+            self.reasons.append(Finding("particles-moved-little", little))
         points, reached = (np.stack(x, axis=1) for x in zip(*passed, strict=True))
         return points.reshape(-1, points.shape[-1]), reached.reshape(-1, reached.shape[-1])
 

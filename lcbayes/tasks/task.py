@@ -13,10 +13,12 @@ from dataclasses import MISSING, dataclass, field
 from functools import wraps
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.options import Option, Options, declared_options
 from lcbayes.core.progress import Silent
+from lcbayes.modelling.options import ModelOptions
 
 if TYPE_CHECKING:
     from lcbayes.core.checkpoint import Checkpoint
@@ -24,7 +26,10 @@ if TYPE_CHECKING:
     from lcbayes.results.result import Result
     from lcbayes.results.store import ResultsFolder
 
+R = TypeVar("R")
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
+# what a task writes; text goes to standard output, and the results of SOURCE stay where they are
+FOLDER, REQUIRED_FOLDER, FILE, SOURCE, TEXT = "folder", "required", "file", "source", "text"
 
 
 @dataclass(frozen=True)
@@ -37,9 +42,12 @@ class Task:
     summary : one line, without a capital and a full stop
     details : what `--help` says below the options: examples, conditions, files written
     options : the dataclass of its options
-    source : name of its first argument: "curve", "scenario", "folder", "catalogue"
+    source : name of its first argument: "curve", "scenario", "folder", "catalogue", or none: ""
     source_help : one line about it
     fully_lit : whether points in the Earth's penumbra are left out before the task starts
+    out : what it writes: `FOLDER`, `REQUIRED_FOLDER` (in Python too), `FILE`, `SOURCE` or `TEXT`
+    out_help : one line about it
+    listing : what ``--list`` prints, where the task has that flag
     """
 
     name: str
@@ -49,6 +57,14 @@ class Task:
     source: str = CURVE
     source_help: str = "light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
     fully_lit: bool = False
+    out: str = FOLDER
+    out_help: str = "folder for the results; a run that was stopped goes on there"
+    listing: Callable[[], str] | None = None
+
+    @property
+    def has_model_options(self) -> bool:
+        """Whether it takes options of models, too."""
+        return issubclass(self.options, ModelOptions)
 
     @property
     def function(self) -> str:
@@ -85,7 +101,7 @@ class Context:
             self._checkpoint.finish()
 
 
-def task_function(task: Task) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def task_function(task: Task) -> Callable[[Callable[..., R]], Callable[..., R]]:
     """Make ``run(source, options, context)`` the public function of a task.
 
     The function takes the source, then the options of the task by keyword, then ``out`` (a results
@@ -94,28 +110,13 @@ def task_function(task: Task) -> Callable[[Callable[..., Any]], Callable[..., An
     declaration in place of a line ``{parameters}``.
     """
 
-    def decorate(run: Callable[..., Result]) -> Callable[..., Result]:
+    def decorate(run: Callable[..., R]) -> Callable[..., R]:
         @wraps(run)
-        def public(
-            source: Any,
-            *,
-            out: str | Path | None = None,
-            report: bool = True,
-            progress: Silent | None = None,
-            **given: Any,
-        ) -> Result:
+        def public(*args: Any, **given: Any) -> R:
+            source, given = _bound(task, args, given)
+            writing = {name: given.pop(name) for name in _writing(task) if name in given}
             options = task.options.of(given)
-            value = light_curve(source, task) if task.source == CURVE else source
-            context = Context(progress or Silent())
-            if out is None:
-                return recorded(task, run(value, options, context), options, value)
-            from lcbayes.results.store import results_folder
-
-            with results_folder(out, task.name) as context.folder:
-                result = recorded(task, run(value, options, context), options, value)
-                result.write(context.folder, report=report)
-                context.finish()
-            return result
+            return execute(task, run, source, options, **writing)
 
         public.__name__ = public.__qualname__ = task.function
         public.__signature__ = signature(task, run)  # pyright: ignore[reportAttributeAccessIssue]
@@ -126,24 +127,69 @@ def task_function(task: Task) -> Callable[[Callable[..., Any]], Callable[..., An
     return decorate
 
 
+def _bound(task: Task, args: tuple[Any, ...], given: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """The source, and everything else by its name."""
+    options = declared_options(task.options)
+    names = [task.source, *(n for n, o in options.items() if o.declared.positional)]
+    if len(args) > len(names):
+        raise TypeError(f"{task.function}() takes {', '.join(names)} by position, all else by name")
+    for name, value in zip(names, args, strict=False):
+        if name in given:
+            raise TypeError(f"{task.function}() got {name!r} twice")
+        given[name] = value
+    if task.source not in given:
+        raise TypeError(f"{task.function}() needs {task.source!r}")
+    return given.pop(task.source), given
+
+
+def execute(
+    task: Task,
+    run: Callable[..., Any],
+    source: Any,
+    options: Options,
+    out: str | Path | None = None,
+    report: bool = True,
+    progress: Silent | None = None,
+) -> Any:
+    """Run a task and write its result where ``out`` says; arguments as of its public function."""
+    value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
+    context = Context(progress or Silent())
+    if task.out == REQUIRED_FOLDER and out is None:
+        raise InputError(f"the results of {task.name} need a folder; give out=DIR")
+    if out is None or task.out in (FILE, SOURCE):
+        result = recorded(task, run(value, options, context), options, value)
+        if out is not None:
+            result.save(out)
+        return result
+    from lcbayes.results.store import results_folder
+
+    with results_folder(out, task.name) as context.folder:
+        result = recorded(task, run(value, options, context), options, value)
+        if report:
+            context.progress.say("drawing the report")
+        result.write(context.folder, report=report)
+        context.finish()
+    return result
+
+
 def recorded(task: Task, result: Result, options: Options, value: Any) -> Result:
     """The result with the record of its run; what the task itself records is kept."""
     from lcbayes.results.record import record_of
 
-    curve = value if task.source == CURVE else None
-    result.record = record_of(task.name, options.as_dict(), curve) | result.record
+    if task.out != SOURCE:
+        result.record = record_of(task.name, options, task.source, value) | result.record
     return result
 
 
 def light_curve(source: Any, task: Task) -> LightCurve:
-    """The light curve itself, or that of a path, without penumbral points where the task asks."""
-    from lcbayes.core.errors import InputError
+    """The light curve itself, that of a file or of a fit, without penumbral points where the task
+    asks."""
     from lcbayes.data.earth_shadow import fully_lit
     from lcbayes.data.lightcurve import LightCurve
     from lcbayes.data.read import read
 
     if isinstance(source, str | Path):
-        source = read(source)
+        source = fitted_curve(Path(source)) if Path(source).is_dir() else read(source)
     if not isinstance(source, LightCurve):
         raise InputError(
             f"the light curve is of type {type(source).__name__}; give the path of a file, or "
@@ -152,14 +198,42 @@ def light_curve(source: Any, task: Task) -> LightCurve:
     return fully_lit(source) if task.fully_lit else source
 
 
+def path_like(source: Any, task: Task) -> Any:
+    """The source of a task that takes no light curve: a path, a name, or an object of lcbayes."""
+    if isinstance(source, str | Path) or type(source).__module__.startswith("lcbayes."):
+        return source
+    raise InputError(f"the {task.source} is of type {type(source).__name__}; give a path or a name")
+
+
+def fitted_curve(folder: Path) -> LightCurve:
+    """The light curve of a fit, as its results folder holds it.
+
+    Raises
+    ------
+    InputError
+        The folder holds no fit, or one without its light curve.
+    """
+    from lcbayes.results.light_curve import load_light_curve
+    from lcbayes.results.load import open_posterior
+
+    with open_posterior(folder) as tree:
+        return load_light_curve(tree)
+
+
 def signature(task: Task, run: Callable[..., Any]) -> Signature:
     """The signature of the public function of a task."""
     parameters = [Parameter(task.source, Parameter.POSITIONAL_OR_KEYWORD)]
     for name, declared in declared_options(task.options).items():
         default = Parameter.empty if declared.default is MISSING else declared.default
+        kind = Parameter.KEYWORD_ONLY
+        if declared.declared.positional:
+            kind = Parameter.POSITIONAL_OR_KEYWORD
+        parameters.append(Parameter(name, kind, default=default))
+    parameters.sort(key=lambda p: p.kind)
+    for name, default in _writing(task).items():
         parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
-    for name, default in (("out", None), ("report", True), ("progress", None)):
-        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
+    if task.has_model_options:
+        parameters.append(Parameter("model_options", Parameter.VAR_KEYWORD))
     returned = inspect.signature(run).return_annotation
     return Signature(parameters, return_annotation=returned)
 
@@ -167,18 +241,39 @@ def signature(task: Task, run: Callable[..., Any]) -> Signature:
 def documented(task: Task, doc: str) -> str:
     """The docstring with its section on parameters, which the declaration makes."""
     lines = ["Parameters", "----------", f"{task.source} : {_source_type(task)}"]
-    lines.append(f"    {task.source_help[:1].upper()}{task.source_help[1:]}.")
+    lines.append(f"    {_capital(task.source_help)}.")
     for declared in declared_options(task.options).values():
         lines += [f"{declared.name} : {_type(declared)}", f"    {_sentence(declared)}"]
-    lines += [
-        "out : path, optional",
-        "    Folder for the results; a run that was stopped goes on there to the same numbers.",
+    for name in _writing(task):
+        lines += _DESCRIBED.get(
+            name, [f"{name} : path, optional", f"    {_capital(task.out_help)}."]
+        )
+    if task.has_model_options:
+        lines += ["**model_options", "    Other options of the model; see `lcbayes models NAME`."]
+    return inspect.cleandoc(doc).replace("{parameters}", "\n".join(lines))
+
+
+_DESCRIBED = {
+    "report": (
         "report : bool",
         "    Whether to write the figures and ``report.html`` there too. Default: True.",
+    ),
+    "progress": (
         "progress : lcbayes.core.progress.Console, optional",
         "    Shows how far the run is.",
-    ]
-    return inspect.cleandoc(doc).replace("{parameters}", "\n".join(lines))
+    ),
+}
+
+
+def _writing(task: Task) -> dict[str, Any]:
+    """The parameters that say where results are written, with their defaults."""
+    out = {} if task.out == SOURCE else {"out": None}
+    report = {} if task.out in (FILE, SOURCE) else {"report": True}
+    return {**out, **report, "progress": None}
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _source_type(task: Task) -> str:
@@ -200,4 +295,4 @@ def _sentence(declared: Option) -> str:
     default = ""
     if not declared.required and declared.default is not None:
         default = f" Default: {declared.default!r}."
-    return f"{d.help[:1].upper()}{d.help[1:]}{unit}.{default}"
+    return f"{_capital(d.help)}{unit}.{default}"

@@ -8,10 +8,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import false_alarms
 import numpy as np
 import pytest
 from scipy import stats
+
+from tests.helpers import false_alarms
 
 TESTS = Path(__file__).parents[1]
 # What tests with a threshold on random draws say, or call.
@@ -45,7 +46,7 @@ def test_all_tests_together_fail_by_chance_once_in_a_thousand_runs(request):
 
 def test_tests_that_speak_of_chance_declare_its_rate():
     silent, marked = [], 0
-    for path in sorted(TESTS.glob("*/test_*.py")):
+    for path in sorted(TESTS.rglob("test_*.py")):
         if path == Path(__file__):
             continue
         for function, source in functions_of(path):

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from runpy import run_path
 
@@ -62,7 +63,8 @@ def _room(module: str) -> str | None:
     return None if second == "__main__" else second
 
 
-def _imports(module: str) -> Iterator[tuple[str, int]]:
+@cache
+def _imports(module: str) -> tuple[tuple[str, int], ...]:
     """(dotted name, line) of everything a module imports, also inside functions.
 
     `from a import b` counts as `a.b` where that is a module of the project, else as `a`.
@@ -70,6 +72,7 @@ def _imports(module: str) -> Iterator[tuple[str, int]]:
     path = MODULES[module]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    found: list[tuple[str, int]] = []
     for node in _walk(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -84,8 +87,8 @@ def _imports(module: str) -> Iterator[tuple[str, int]]:
             ]
         else:
             continue
-        for name in names:
-            yield name, node.lineno
+        found += [(name, node.lineno) for name in names]
+    return tuple(found)
 
 
 def _walk(node: ast.AST) -> Iterator[ast.AST]:
@@ -116,17 +119,22 @@ def test_a_room_says_what_it_is_for(room):
     assert f"| `{room}` |" in (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_a_module_imports_only_from_rooms_below(module):
-    room = _room(module)
-    if room is None:
-        return
-    below = ROOMS[: ROOMS.index(room) + 1]
-    wrong = [
-        f"{MODULES[module].relative_to(ROOT)}:{line} ({room}) imports {name}"
-        for name, line in _imports(module)
-        if _ours(name) and _room(name) not in below
-    ]
+def _place(module: str, line: int) -> str:
+    return f"{MODULES[module].relative_to(ROOT)}:{line}"
+
+
+def test_a_module_imports_only_from_rooms_below():
+    wrong = []
+    for module in MODULES:
+        room = _room(module)
+        if room is None:
+            continue
+        below = ROOMS[: ROOMS.index(room) + 1]
+        wrong += [
+            f"{_place(module, line)} ({room}) imports {name}"
+            for name, line in _imports(module)
+            if _ours(name) and _room(name) not in below
+        ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -157,29 +165,34 @@ def test_no_circles():
         walk(module, ())
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if m != JAX])
-def test_jax_comes_through_the_ground_floor(module):
+def test_jax_comes_through_the_ground_floor():
     """An array made before double precision is set would stay in single precision."""
-    names = [name for name, _ in _imports(module)]
-    if any(name.split(".")[0] == "jax" for name in names):
-        assert JAX in names, f"{module} imports JAX without {JAX}"
-    assert "jax" not in names, f"{module}: take jax from {JAX}"
-    assert "jax.numpy" not in names, f"{module}: take jnp from {JAX}"
+    wrong = []
+    for module in MODULES:
+        if module == JAX:
+            continue
+        found = _imports(module)
+        wrong += [
+            f"{_place(module, line)} imports {name}: take jax and jnp from {JAX}"
+            for name, line in found
+            if name in ("jax", "jax.numpy")
+        ]
+        of_jax = [line for name, line in found if name.split(".")[0] == "jax"]
+        if of_jax and JAX not in (name for name, _ in found):
+            wrong.append(f"{_place(module, of_jax[0])} imports JAX without {JAX}")
+    assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        p
-        for t in ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs")
-        for p in sorted((ROOT / t).rglob("*.py"))
-        if not p.is_symlink()
-    ],
-    ids=lambda p: str(p.relative_to(ROOT)),
-)
-def test_files_stay_small(path):
-    lines = path.read_text(encoding="utf-8").count("\n")
-    assert lines <= MAX_LINES, f"{lines} lines: split it by job"
+def test_files_stay_small():
+    long = []
+    for top in ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs"):
+        for path in sorted((ROOT / top).rglob("*.py")):
+            if path.is_symlink():
+                continue
+            lines = path.read_text(encoding="utf-8").count("\n")
+            if lines > MAX_LINES:
+                long.append(f"{path.relative_to(ROOT)}: {lines} lines; split it by job")
+    assert not long, "\n".join(long)
 
 
 @pytest.mark.parametrize("module", ["lcbayes", "lcbayes.cli.main"])

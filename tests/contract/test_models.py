@@ -6,14 +6,14 @@ import inspect
 
 import numpy as np
 import pytest
-import small
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.problem import Problem, compiled, prior_draws
+from tests.helpers import small_curves
 
-LIGHT = small.curve(24, 2, error=None, free_scale=np.array([True]))
+LIGHT = small_curves.curve(24, 2, error=None, free_scale=np.array([True]))
 NEEDED = {
     "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
     "stabilised": {"law": "inertial"},  # the one that needs no orbit
@@ -21,8 +21,13 @@ NEEDED = {
 OPTIONS = [
     *[(name, NEEDED.get(name, {})) for name in registry.BUILT_IN],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
-    ("faceted-brdf", {"law": "cook-torrance", "spin": "none"}),
-    ("faceted", {"spin": "torque-free"}),
+    *(
+        pytest.param(dear, marks=pytest.mark.slow)
+        for dear in (
+            ("faceted-brdf", {"reflectance": "cook-torrance", "spin": "none"}),
+            ("faceted", {"spin": "torque-free"}),
+        )
+    ),
 ]
 
 
@@ -50,31 +55,34 @@ def test_signature(name):
     assert required == set(NEEDED.get(name, {})) & required
 
 
-def test_density_and_gradient_are_finite_at_prior_draws(posed):
+@pytest.fixture(scope="module")
+def draws(posed):
+    """A hundred of the prior of the model."""
+    *_, data, problem = posed
+    return prior_draws(problem, jax.random.split(jax.random.key(1), 100), data)
+
+
+def test_density_and_gradient_are_finite_at_prior_draws(posed, draws):
     *_, data, problem = posed
 
     @jax.jit
-    def density(keys, data):
-        def one(key):
-            return jax.value_and_grad(problem.potential)(problem.prior_draw(key, data), data)
+    def density(z, data):
+        return jax.lax.map(lambda row: jax.value_and_grad(problem.potential)(row, data), z)
 
-        return jax.lax.map(one, keys)
-
-    value, slope = density(jax.random.split(jax.random.key(1), 100), data)
+    value, slope = density(draws, data)
     assert np.all(np.isfinite(value))
     assert np.all(np.isfinite(slope))
 
 
-def test_records_what_the_report_knows(posed):
+def test_records_what_the_report_knows(posed, draws):
     entry, _, data, problem = posed
-    z = problem.prior_draw(jax.random.key(2), data)
-    sites = jax.eval_shape(problem.constrain, z, data)
+    sites = jax.eval_shape(problem.constrain, draws[2], data)
     assert {"flux", "expected", "albedo_area", "scale", "sigma"} <= sites.keys()
     assert sites["flux"].shape == sites["expected"].shape == data.t.shape
     assert set(entry.facet_sites) & set(problem.names) or not entry.facet_sites
 
 
-def test_facets_have_no_order(posed):
+def test_facets_have_no_order(posed, draws):
     """Permuting the sites that the model calls the facets' leaves the posterior unchanged."""
     from lcbayes.inference.label_switching import FacetOrder
 
@@ -82,7 +90,7 @@ def test_facets_have_no_order(posed):
     order = FacetOrder(problem, entry.facet_sites)
     if order.n_facets < 2:
         pytest.skip("its facets have places")
-    z = np.asarray(problem.prior_draw(jax.random.key(3), data))
+    z = np.asarray(draws[3])
     swapped = order.by_size(z, np.arange(float(order.n_facets)))
     assert not np.array_equal(z, swapped)
     potential = jax.jit(problem.potential)
@@ -98,15 +106,14 @@ def test_starts_are_points_of_the_model(posed):
     assert np.all(np.isfinite(jax.jit(jax.vmap(problem.potential, (0, None)))(rows, data)))
 
 
-def test_coordinates_lead_there_and_back(posed):
+def test_coordinates_lead_there_and_back(posed, draws):
     """The other coordinates reach the same sites, and differ in density by their Jacobian alone."""
     entry, options, data, problem = posed
     hook = entry.hook("coordinates")
     if hook is None:
         pytest.skip("samples in NumPyro's own coordinates")
     other = Problem(entry.bind(options), data, hook(data, **options))
-    z = problem.prior_draw(jax.random.key(5), data)
-    sites = problem.constrain(z, data)
-    back = other.constrain(other.ravel(sites), data)
+    sites = compiled(problem.constrain)(draws[5], data)
+    back = compiled(other.constrain)(other.ravel(sites), data)
     for name in problem.names:
         np.testing.assert_allclose(back[name], sites[name], rtol=1e-6, atol=1e-8)

@@ -7,11 +7,12 @@ import pkgutil
 import re
 from pathlib import Path
 
-import documented
 import pytest
 
-ROOT = documented.ROOT
-PAGES = [*documented.PAGES, ROOT / "CONTRIBUTING.md"]
+from tests.helpers import documentation_blocks
+
+ROOT = documentation_blocks.ROOT
+PAGES = [*documentation_blocks.PAGES, ROOT / "CONTRIBUTING.md"]
 ROOMS = sorted(p.parent.name for p in (ROOT / "lcbayes").glob("*/__init__.py"))
 FOLDERS = ("lcbayes", "models", "analysis", "tests", "benchmarks", "docs")
 
@@ -51,7 +52,7 @@ def test_dotted_names_resolve(page):
 def test_imports_of_code_blocks_resolve(page):
     names = [
         (f"{block.page}:{block.line}", f"{node.module}:{alias.name}")
-        for block in documented.blocks(page)
+        for block in documentation_blocks.blocks(page)
         if block.language == "python"
         for node in ast.walk(ast.parse(block.text))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lcbayes")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 
 import numpy as np
 import pytest
-from refusals import assert_refused
-from seen import curve_of
 
 import lcbayes
 from lcbayes.cli import main
-from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
+from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.physics.bodies import shapes
+from lcbayes.results.result import DO_NOT_TRUST
+from tests.helpers.known_bodies import curve_of
+from tests.helpers.refused_input import assert_refused
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 QUICK = ["--n-normals", "250", "--nulls", "19", "--bootstrap", "20"]
@@ -27,8 +29,6 @@ def brick(tmp_path):
 
 def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     out = tmp_path / "out"
-    (out / "figures").mkdir(parents=True)
-    (out / "figures" / "stale.svg").write_text("")
     argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), *QUICK]
     assert main.main(argv) == EXIT_DONE
     told = capsys.readouterr().out
@@ -36,8 +36,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert "of 3 angles between 3 axes of facets are 90 degrees" in told
     assert "shape: 6 faces" in told
     assert len(re.findall(r"[\d.]+ ± [\d.]+ m² towards longitude .* deg, ± [\d.]+ deg", told)) == 6
-    assert (out / "albedo_area.txt").read_text().splitlines() == told.splitlines()[:-2]
-    found = json.loads((out / "albedo_area.json").read_text())
+    found = json.loads((out / "summary.json").read_text())
     assert found["trusted"]
     assert found["n_obs"] == 300
     assert len(found["facets"]) == 6
@@ -60,11 +59,17 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert (out / "shape.ply").read_text().startswith("ply\n")
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {"albedo-area.svg", "fit.svg", "shape.svg"}
-    assert not list(out.glob(".*"))
-    look(out / "albedo_area.html")
+    with (out / "tables" / "facets.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["albedo_area_m2"]) for row in rows] == [
+        f["albedo_area"] for f in found["facets"]
+    ]
+    look(out / "report.html")
+    (out / "figures" / "stale.svg").write_text("")
     # the same command gives the same numbers
     assert main.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
     assert json.loads(capsys.readouterr().out) == found
+    assert not (out / "figures" / "stale.svg").exists()
 
 
 def test_relative_curves_have_proportions_alone(tmp_path, capsys):
@@ -77,7 +82,7 @@ def test_relative_curves_have_proportions_alone(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "(size unknown)" in told
     assert len(re.findall(r"[\d.]+ ± [\d.]+ % towards", told)) == 6
-    found = json.loads((out / "albedo_area.json").read_text())
+    found = json.loads((out / "summary.json").read_text())
     assert not found["calibrated"]
     assert found["shape"]["volume"] is None
     assert found["shape"]["dimensions"] == pytest.approx([2.5, 1.75, 1.0], rel=0.05)
@@ -92,7 +97,7 @@ def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
         EXIT_NOT_TRUSTED,
     )
     assert "grid normals with area" in capsys.readouterr().out
-    found = json.loads((out / "albedo_area.json").read_text())
+    found = json.loads((out / "summary.json").read_text())
     assert found["facets"] == []
     assert found["shape"]["n_faces"] > 20
 
@@ -100,8 +105,8 @@ def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
 def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):
     argv = ["albedo-area", str(brick), "--omega", "0.1,0.2,0.3", "-o", str(tmp_path / "out")]
     assert main.main([*argv, "--nulls", "0", "--bootstrap", "0"]) == EXIT_NOT_TRUSTED
-    assert capsys.readouterr().out.startswith("NOT to be trusted: chi2 is")
-    assert not json.loads((tmp_path / "out" / "albedo_area.json").read_text())["trusted"]
+    assert capsys.readouterr().out.startswith(f"{DO_NOT_TRUST}\n  - chi2 is")
+    assert not json.loads((tmp_path / "out" / "summary.json").read_text())["trusted"]
 
 
 @pytest.mark.parametrize(
@@ -110,23 +115,21 @@ def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):
         ([], "one attitude is needed, and none is given; give --pole LON,LAT with --period"),
         (["--attitude", "none", "--omega", "0,0,1"], "--attitude and --omega are given"),
         (["--pole", "3,4"], "both --pole LON,LAT and --period HOURS"),
-        (["--pole", "3", "--period", "4"], "--pole is '3'; expected 2 numbers in degrees"),
+        (["--pole", "3", "--period", "4"], "--pole is '3'; expected 2 numbers in deg"),
         (["--omega", "0,0,fast"], "--omega is '0,0,fast'; expected 3 numbers in rad/s"),
         (["--attitude", "none", "--material", "chalk"], "unknown law 'chalk'; available:"),
         (["--attitude", "none", "--nulls", "-1"], "--nulls is -1; expected a whole number >= 0"),
-        (["--attitude", "none", "--n-normals", "3"], "at least 50 normals"),
-        (["--attitude", "none", "--facet-cost", "nan"], "--facet-cost is nan"),
+        (
+            ["--attitude", "none", "--n-normals", "3"],
+            "--n-normals is 3; expected a whole number >= 50",
+        ),
+        (
+            ["--attitude", "none", "--facet-cost", "nan"],
+            "--facet-cost is nan; expected a number >= 0",
+        ),
     ],
 )
 def test_faults_are_one_line(brick, tmp_path, capsys, options, message):
     out = tmp_path / "out"
     argv = ["albedo-area", str(brick), "-o", str(out), *options]
     assert_refused(argv, out, message, capsys)
-
-
-def test_the_folder_of_a_fit_is_left_alone(brick, tmp_path, capsys):
-    (tmp_path / "fit").mkdir()
-    (tmp_path / "fit" / "posterior.nc").write_text("")
-    argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(tmp_path / "fit")]
-    assert main.main(argv) == EXIT_BAD_INPUT
-    assert "holds a fit; give another folder" in capsys.readouterr().err

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import random
-import sys
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, InputError
 from lcbayes.data.read import read
 
@@ -325,17 +322,7 @@ CASES = {
 
 def run_cli(argv: list[str]) -> int:
     """`lcbayes` in this process."""
-    if find_spec("lcbayes.cli.main") is not None:
-        return import_module("lcbayes.cli.main").main(argv)
-    from lcbayes.cli.commands import convert
-
-    parser = argparse.ArgumentParser()
-    convert.add_arguments(parser)
-    try:
-        return convert.run(parser.parse_args(argv[1:]))
-    except InputError as fault:
-        print(f"lcbayes: {fault}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+    return main(argv)
 
 
 def convert_fails(folder: Path, path: Path, options: tuple[str, ...], capsys) -> str:

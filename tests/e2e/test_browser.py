@@ -8,15 +8,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import browsing
 import pytest
-import results_folders
 
-from lcbayes.analysis import report
+import lcbayes
+from tests.helpers import browser_pages, results_folders
 
 KINDS = {
     "not trusted": lambda to: results_folders.faceted(
-        to, kind="mag", bad=True, title=browsing.EVIL_FILE
+        to, kind="mag", bad=True, title=browser_pages.EVIL_FILE
     ),
     "asteroid": lambda to: results_folders.asteroid(to, n_facets=60, n_curves=4),
 }
@@ -27,11 +26,13 @@ def test_the_report(kind, tmp_path, look):
     folder = KINDS[kind](tmp_path / "results")
     numbers = folder / "summary.json"
     told = json.loads(numbers.read_text())
-    told["reasons"] = [*told["reasons"], browsing.EVIL_TEXT] if told["reasons"] else []
+    evil = {"code": "x", "text": browser_pages.EVIL_TEXT}
+    told["reasons"] = [*told["reasons"], evil] if told["reasons"] else []
     numbers.write_text(json.dumps(told))
-    page = report.write(folder)
-    assert browsing.EVIL_FILE not in page.read_text()
-    assert browsing.EVIL_TEXT not in page.read_text()
+    lcbayes.report(folder)
+    page = folder / "report.html"
+    assert browser_pages.EVIL_FILE not in page.read_text()
+    assert browser_pages.EVIL_TEXT not in page.read_text()
     look(page, turning=2)
 
 
@@ -45,7 +46,9 @@ FAULTY = """<!doctype html><html><head><title>t</title></head><body><h1>one</h1>
 def test_the_tester_sees_what_is_wrong(tmp_path, browser):
     page = tmp_path / "faulty.html"
     page.write_text(FAULTY, encoding="utf-8")
-    told = "\n".join(browsing.look(browser, page, widths=(browsing.NARROW,), turn=False).faults)
+    told = "\n".join(
+        browser_pages.look(browser, page, widths=(browser_pages.NARROW,), turn=False).faults
+    )
     for fault in (
         "contrast 2.85",
         "px stick out at 390",
@@ -84,6 +87,6 @@ def test_the_site(browser):
     assert len(pages) > 40
     wrong = {}
     for page in pages:
-        if faults := browsing.look(browser, page, within=SITE).faults:
+        if faults := browser_pages.look(browser, page, within=SITE).faults:
             wrong[str(page.relative_to(SITE))] = faults
     assert not wrong

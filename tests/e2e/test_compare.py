@@ -8,11 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
-from refusals import assert_refused
 
 import lcbayes
-from lcbayes.cli.commands.compare import numbers
 from lcbayes.cli.main import main
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import (
@@ -24,9 +21,12 @@ from lcbayes.core.errors import (
 )
 from lcbayes.data.write import write
 from lcbayes.inference import facet_count, screening
+from lcbayes.tasks.compare.options import numbers
+from tests.helpers import small_curves
+from tests.helpers.refused_input import assert_refused
 
 FEW = (
-    "--facets",
+    "--n-facets",
     "1-2",
     "--spin",
     "none",
@@ -46,7 +46,7 @@ FEW = (
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(16), path)
+    write(small_curves.curve(16), path)
     return path
 
 
@@ -54,7 +54,7 @@ def curve(tmp_path_factory) -> Path:
 def result(curve) -> tuple[Path, int]:
     """Folder and exit status of a run that is stopped once and goes on.
 
-    That it comes to the numbers of one that is not stopped is held by test_independent.py.
+    That it comes to the numbers of one that is not stopped is held by test_replicates.py.
     """
     out, save, stored = curve.parent / "out", Checkpoint.save, []
     command = ["compare", str(curve), "-o", str(out), *FEW]
@@ -69,7 +69,7 @@ def result(curve) -> tuple[Path, int]:
         patch.setattr(Checkpoint, "save", save_or_stop)
         assert main(command) == EXIT_INTERRUPTED
     assert stored == ["search-1", "search-2", "sparse-0"]
-    assert not (out / "compare.json").exists()
+    assert not (out / "summary.json").exists()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoint, "save", lambda _self, name, _arrays: stored.append(name))
         status = main(command)
@@ -80,42 +80,41 @@ def result(curve) -> tuple[Path, int]:
 def test_what_is_written(result, curve):
     out, status = result
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
-        "compare.json",
-        "compare.csv",
-        "compare.html",
+        "summary.json",
+        "tables",
+        "report.html",
         "run.toml",
         "figures",
         "checkpoint",
     }
-    told = json.loads((out / "compare.json").read_text())
-    assert status == (EXIT_DONE if told["converged"] else EXIT_NOT_TRUSTED)
+    told = json.loads((out / "summary.json").read_text())
+    assert status == (EXIT_DONE if told["trusted"] else EXIT_NOT_TRUSTED)
     assert [row["n_facets"] for row in told["candidates"]] == [1, 2]
     assert sum(row["probability"] for row in told["candidates"]) == pytest.approx(1.0)
     for row in told["candidates"]:
         assert len(row["log_evidences"]) == 2
         assert np.isfinite([row["log_evidence"], row["elpd_loo"], row["log_prior_mass"]]).all()
         assert row["chi2"] < 80
-    table = [x for x in (out / "compare.csv").read_text().splitlines() if x[0] != "#"]
-    rows = list(csv.DictReader(table))
+    table = (out / "tables" / "candidates.csv").read_text()
+    rows = list(csv.DictReader(table.splitlines()))
     assert float(rows[1]["log_evidence"]) == told["candidates"][1]["log_evidence"]
     assert str(curve) in (out / "run.toml").read_text()
 
 
 def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30."""
-    import one_facet
-
     from lcbayes.modelling.epochs import Epochs
+    from tests.helpers import one_facet_posterior
 
-    row = json.loads((result[0] / "compare.json").read_text())["candidates"][0]
+    row = json.loads((result[0] / "summary.json").read_text())["candidates"][0]
     data = Epochs.of(lcbayes.read(curve))
-    exact = one_facet.Quadrature.of(data).log_evidence(data)
+    exact = one_facet_posterior.Quadrature.of(data).log_evidence(data)
     assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
 
 
 def test_the_sparse_path(result):
     """From two facets it ends at one or two, of which the table marks one."""
-    path = json.loads((result[0] / "compare.json").read_text())["sparse"]
+    path = json.loads((result[0] / "summary.json").read_text())["sparse"]
     assert path["upper_bound"] == 2
     assert sum(path["shares"].values()) == pytest.approx(1.0)
     assert path["n_facets"] in (1, 2)
@@ -128,20 +127,21 @@ def test_the_sparse_path(result):
         (("--facets", "4-2"), "'4-2' is no number or range; expected 1-8 or 1,2,4"),
         (("--facets", "1,x"), "'x' is no number or range"),
         (("--facets", "0-2"), "give numbers from 1 to 50"),
-        (("--num-runs", "1"), "--num-runs is 1; give a whole number >= 2"),
+        (("--num-runs", "1"), "--num-runs is 1; expected a whole number >= 2"),
         (("--num-particles", "3"), "--num-particles is 3"),
         (("--model", "convex-grid"), "--model convex-grid has no number of facets"),
         (("--model", "round"), "unknown model 'round'"),
-        (("--set", "n_facets=3"), "name the numbers with --facets"),
+        (("--set", "n_facets=3"), "give two numbers or more"),
         (("--set", "colour=3"), "no option 'colour'"),
         (("--set", "omega_sd"), "expected NAME=VALUE"),
-        (("--sparse", "1"), "--sparse is 1; give an upper bound of facets from 2 to 50"),
-        (("--law", "shiny"), "'shiny'"),
+        (("--sparse", "1"), "--sparse is 1; expected a whole number >= 2"),
+        (("--reflectance", "shiny"), "'shiny'"),
+        (("--law", "shiny"), "is chosen with --reflectance"),
     ],
 )
 def test_faults_are_told_in_a_line(curve, tmp_path, capsys, given, says):
     out = tmp_path / "out"
-    command = ["compare", str(curve), "-o", str(out), "--facets", "1-2", *given]
+    command = ["compare", str(curve), "-o", str(out), "--n-facets", "1-2", *given]
     assert_refused(command, out, says, capsys)
 
 
@@ -151,14 +151,15 @@ def test_a_folder_is_needed(curve, capsys):
 
 
 def test_numbers_of_facets():
-    assert numbers("1-4") == [1, 2, 3, 4]
-    assert numbers("1,2, 4") == [1, 2, 4]
-    assert numbers("1-3,6") == [1, 2, 3, 6]
+    assert numbers("1-4") == (1, 2, 3, 4)
+    assert numbers("1,2, 4") == (1, 2, 4)
+    assert numbers("1-3,6") == (1, 2, 3, 6)
     for text in ("", "1-", "-2", "1.5", "1 2", "1e9"):
         with pytest.raises(InputError, match="expected 1-8 or 1,2,4"):
             numbers(text)
 
 
+@pytest.mark.slow
 def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch):
     """Two facets include one: whatever the search found for two, it has a chance."""
     search = facet_count._best_fit
@@ -173,7 +174,12 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
     monkeypatch.setattr(facet_count, "_best_fit", poor_for_two)
     monkeypatch.setattr(screening, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
     found = lcbayes.compare(
-        small.curve(16), (1, 2), spin="none", num_particles=12, num_runs=2, num_starts=8
+        small_curves.curve(16),
+        n_facets=(1, 2),
+        spin="none",
+        num_particles=12,
+        num_runs=2,
+        num_starts=8,
     )
     assert sorted(found.probability) == [1, 2]
     assert found.probability[2] > 0.0

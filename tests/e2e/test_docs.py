@@ -6,14 +6,14 @@ import functools
 import re
 from pathlib import Path
 
-import documented
 import numpy as np
 import pytest
-from documented import PAGES, ROOT, Block
 
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.simulation.scenarios.scenario import load
+from tests.helpers import documentation_blocks
+from tests.helpers.documentation_blocks import PAGES, ROOT, Block
 
 # Added to the commands of the pages, so that they end soon; the pages say what a user would give.
 FEW = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
@@ -26,7 +26,7 @@ SOONER = {
     "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
     "attitude-test": ["--bodies=199"],
 }
-BLOCKS = [block for page in PAGES for block in documented.blocks(page)]
+BLOCKS = [block for page in PAGES for block in documentation_blocks.blocks(page)]
 SHELL = [block for block in BLOCKS if block.language == "sh"]
 _DATA = "needs the observations, which are not ours to carry"
 NOT_RUN = {
@@ -48,11 +48,13 @@ def commands(page: str) -> list[list[str]]:
 
 
 def test_every_block_says_what_it_is_in():
-    unknown = [label(b) for b in BLOCKS if b.language not in documented.LANGUAGES]
+    unknown = [label(b) for b in BLOCKS if b.language not in documentation_blocks.LANGUAGES]
     assert unknown == [label(b) for b in BLOCKS if b.language.startswith("{")]  # for Sphinx
     assert {b.page: b.why_not for b in BLOCKS if b.why_not} == NOT_RUN
     for page in PAGES:  # none is missed
-        assert page.read_text("utf-8").count("```") == 2 * len(documented.blocks(page)), page
+        assert page.read_text("utf-8").count("```") == 2 * len(documentation_blocks.blocks(page)), (
+            page
+        )
         assert not re.search(r"(?m)^ {4}lcbayes ", page.read_text("utf-8")), page
 
 
@@ -82,7 +84,7 @@ def test_every_command_of_the_pages_and_of_help_is_understood():
 
 def run_page(page: str, folder: Path, first: int | None = None) -> None:
     for words in commands(page)[:first]:
-        documented.provide(folder, words)
+        documentation_blocks.provide(folder, words)
         sooner = SOONER.get(words[0], []) if "--config" not in words else []
         status = main.main([*words, *sooner])
         assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
@@ -111,7 +113,7 @@ def few(monkeypatch):
 
 def run_python(page: str, folder: Path) -> dict:
     (block,) = [b for b in BLOCKS if b.page == page and b.language == "python"]
-    documented.provide(folder, re.findall(r'"([^"]+)"', block.text))
+    documentation_blocks.provide(folder, re.findall(r'"([^"]+)"', block.text))
     names: dict = {}
     exec(compile(block.text, page, "exec"), names)
     return names
@@ -123,8 +125,8 @@ def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, c
     names = run_python("README.md", tmp_path)
     assert "Fit(faceted, 155 points" in capsys.readouterr().out
     fit = names["fit"]
-    assert fit.converged, fit
-    omega = fit.posterior["omega"]
+    assert fit.trusted, fit
+    omega = lcbayes.weighted_draws(fit.posterior)["omega"]
     error = omega.mean(("chain", "draw")) - np.array([0.012, -0.020, 0.018])  # of its scenario
     assert np.all(np.abs(error) < 5.0 * omega.std(("chain", "draw")))
     assert (tmp_path / "out" / "report.html").is_file()
@@ -133,13 +135,13 @@ def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, c
 @pytest.mark.usefixtures("few")
 def test_the_model_file_of_the_docs_fits(tmp_path):
     file = tmp_path / "mine.py"
-    documented.own_model(file)
-    scenarios = documented.SCENARIOS
+    documentation_blocks.own_model(file)
+    scenarios = documentation_blocks.SCENARIOS
     curve = lcbayes.read(scenarios / "box-wing.csv", tle=scenarios / "box-wing.tle")
     fit = lcbayes.fit(curve, model=str(file), log_mean=0.5)
-    row = fit.summary()["parameters"]["size"]
+    row = fit.content["parameters"]["size"]
     assert 1.0 < row["mean"] < 20.0  # the truth has albedo-areas of 9.4 m² in all
-    assert not fit.converged  # a sphere cannot explain a tumbling satellite, and the fit says so
+    assert not fit.trusted  # a sphere cannot explain a tumbling satellite, and the fit says so
 
 
 TRIED_ABOVE = {"README.md", "docs/models.md"}
@@ -176,7 +178,7 @@ SCENARIO = {
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=label)
 def test_tables_of_the_pages_are_scenarios(block, tmp_path):
-    documented.copy("box-wing.tle", tmp_path / "satellite.tle")
+    documentation_blocks.copy("box-wing.tle", tmp_path / "satellite.tle")
     given = {re.split(r"[.\]]", head)[0] for head in re.findall(r"(?m)^\[+([^\]]+)\]", block.text)}
     text = "".join(part for name, part in SCENARIO.items() if name not in given) + block.text
     file = tmp_path / "scenario.toml"

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
-from refusals import assert_refused
 
-from lcbayes.cli.commands import fit as fit_command
+import lcbayes
 from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
+from tests.helpers import small_curves
+from tests.helpers.refused_input import assert_refused
 
 GOOD = (
     "--n-facets",
@@ -63,7 +63,9 @@ KEYS = {
         "n_facets",
         "n_obs",
         "seed",
-        "converged",
+        "schema",
+        "task",
+        "trusted",
         "reasons",
         "max_rhat",
         "min_ess_bulk",
@@ -96,7 +98,7 @@ def model(data, *, depth: float = 1.0, dimmer: bool = False):
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(40), path)
+    write(small_curves.curve(40), path)
     return path
 
 
@@ -140,7 +142,7 @@ def test_done_with_every_file(good):
 def test_finds_the_truth(good):
     found = posterior(good[0])
     area = found["albedo_area"]
-    assert abs(area.mean() - small.AREAS[0]) < 4 * area.std()
+    assert abs(area.mean() - small_curves.AREAS[0]) < 4 * area.std()
     np.testing.assert_allclose(np.linalg.norm(found["normals"], axis=-1), 1.0)
 
 
@@ -152,7 +154,7 @@ def test_summary_has_the_keys_of_the_design(good):
     for row in summary["parameters"].values():
         assert KEYS["parameters"] <= row.keys()
     assert summary["modes"][0]["weight"] == 1.0
-    assert summary["converged"] is True
+    assert summary["trusted"] is True
     assert summary["reasons"] == []
     assert summary["fit"]["dof"] == pytest.approx(40 - 3, abs=0.1)
 
@@ -162,11 +164,29 @@ def test_posterior_has_the_groups_of_the_design(good):
         assert {n.path.strip("/") for n in tree.subtree} >= GROUPS
         chains = {"chain": 4, "draw": 250}
         assert dict(tree["posterior"]["albedo_area"].sizes) == chains | {"facet": 1}
-        for group in ("log_likelihood", "posterior_predictive"):
-            assert dict(tree[group]["brightness"].sizes) == chains | {"time": 40}
-        assert np.all(tree["posterior"]["mode"] == 0)
-        stats = tree["modes/0/sample_stats"]
-        assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats.data_vars)
+        assert dict(tree["posterior_predictive"]["brightness"].sizes) == chains | {"time": 40}
+        dark = tree["log_likelihood_dark"].sizes["dark_time"]
+        assert dict(tree["log_likelihood"]["brightness"].sizes) == chains | {"time": 40 - dark}
+        assert np.all(tree["posterior"]["solution"] == 0)
+        for group in ("sample_stats", "modes/0/sample_stats"):
+            stats = tree[group].to_dataset()
+            assert {"diverging", "energy", "acceptance_rate", "n_steps", "lp"} <= set(stats)
+            assert dict(stats["lp"].sizes) == chains
+            assert {"chain", "draw"} <= set(stats.coords)
+
+
+def test_posterior_says_how_it_was_sampled_and_whether_to_trust_it(good):
+    with xr.open_datatree(good[0] / "posterior.nc", engine="h5netcdf") as tree:
+        assert tree.attrs["trusted"] == 1
+        assert json.loads(tree.attrs["reasons"]) == []
+        assert tree.attrs["version"]
+        stats = tree["sample_stats"]
+        assert stats.attrs["sampler"] == "nuts"
+        assert "Fisher information" in stats.attrs["metric"]
+        size, length = stats.attrs["step_size"], stats.attrs["trajectory_length"]
+        assert size.shape == length.shape == (4,)
+        np.testing.assert_array_equal(stats["step_size"].to_numpy()[:, 0], size)
+        np.testing.assert_allclose(length, size * stats["n_steps"].mean("draw").to_numpy())
 
 
 def test_arviz_reads_it(good):
@@ -202,11 +222,10 @@ def test_another_seed_gives_others(curve, good, tmp_path):
     assert not np.array_equal(posterior(tmp_path)["g"], posterior(good[0])["g"])
 
 
-def test_the_terminal_says_what_is_known(good, capsys):
+def test_the_terminal_says_what_is_known(good):
     """Verdict, digits that the uncertainty bears, units."""
     summary = json.loads((good[0] / "summary.json").read_text())
-    fit_command._tell(summary, relative=False)
-    first, _, second, *rows = capsys.readouterr().out.splitlines()
+    first, _, second, *rows = lcbayes.load(good[0]).text().splitlines()
     assert first == "One solution explains the data; the chains agree on it."
     assert re.fullmatch(r"solution 1: weight 1, rms 0\.\d+ relative to the curve's mean", second)
     (area,) = [row for row in rows if "albedo_area" in row]
@@ -223,10 +242,10 @@ def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):
     assert status == EXIT_NOT_TRUSTED
     assert capsys.readouterr().out.startswith("DO NOT TRUST THIS RESULT")
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["converged"] is False
-    assert any("--num-samples" in reason for reason in summary["reasons"])
+    assert summary["trusted"] is False
+    assert any("--num-samples" in reason["text"] for reason in summary["reasons"])
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert summary["reasons"][0].split(":")[0] in html
+    assert summary["reasons"][0]["text"].split(":")[0] in html
 
 
 def test_json_is_the_summary(curve, tmp_path, capsys):
@@ -246,12 +265,16 @@ def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     assert main(["models", "./mine.py"]) == EXIT_DONE
     assert "dimmer" in capsys.readouterr().out
     shutil.move("out/run.toml", "run.toml")
-    main(["fit", "--config", "run.toml", "-o", "again", "--no-report"])
+    again = ["fit", "--config", "run.toml", "-o", "again", "--no-report"]
+    assert main(again) == EXIT_BAD_INPUT  # no file that a folder names is run unasked
+    assert "give --model FILE" in capsys.readouterr().err
+    assert main([*again, "--model", "./mine.py"]) == EXIT_NOT_TRUSTED
     np.testing.assert_array_equal(posterior(Path("out"))["size"], posterior(Path("again"))["size"])
 
 
+@pytest.mark.slow
 def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
-    light = small.magnitudes(40)
+    light = small_curves.magnitudes(40)
     write(light, tmp_path / "mag.csv")
     out = tmp_path / "out"
     assert (
@@ -272,7 +295,7 @@ def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["fit"]["rms_unit"] == "mag"
     area = summary["parameters"]["albedo_area[0]"]
-    assert area["q05"] - 3 * area["sd"] < small.AREAS[0] < area["q95"] + 3 * area["sd"]
+    assert area["q05"] - 3 * area["sd"] < small_curves.AREAS[0] < area["q95"] + 3 * area["sd"]
 
 
 def test_predict_writes_a_csv(curve, good, tmp_path):
@@ -288,16 +311,15 @@ def test_predict_writes_a_csv(curve, good, tmp_path):
     assert again.read_bytes() == out.read_bytes()
 
 
-def test_predict_needs_the_fitted_curve_as_it_was(curve, good, tmp_path, capsys):
-    folder = tmp_path / "out"
-    shutil.copytree(good[0], folder)
-    moved = tmp_path / "curve.csv"
-    moved.write_text(curve.read_text().replace("0.0,", "0.001,", 1))
-    text = (folder / "run.toml").read_text().replace(str(curve), str(moved))
-    (folder / "run.toml").write_text(text)
-    assert main(["predict", str(folder), str(curve), "-o", str(tmp_path / "p.csv")]) == 2
-    assert "has changed since it was fitted" in capsys.readouterr().err
-    assert not (tmp_path / "p.csv").exists()
+def test_predict_needs_no_file_but_the_results(curve, good, tmp_path):
+    """Neither the light curve that was fitted nor the folder it was fitted in."""
+    moved, gone = tmp_path / "moved", tmp_path / "gone.csv"
+    shutil.copytree(good[0], moved)
+    text = (moved / "run.toml").read_text().replace(str(curve), str(gone))
+    (moved / "run.toml").write_text(text)
+    for folder, name in ((good[0], "a.csv"), (moved, "b.csv")):
+        assert main(["predict", str(folder), str(curve), "-o", str(tmp_path / name)]) == EXIT_DONE
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 def test_one_run_at_a_time_in_a_folder(curve, tmp_path, capsys):
@@ -328,16 +350,17 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--model", "convex"], "unknown model 'convex'; available: faceted"),
         (["--model", "./none.py"], "model file ./none.py does not exist"),
         (["--model", "convex-grid"], "needs 'period'; give it with --period"),
-        (["--law", "mirror"], "'law' of model 'faceted' is 'mirror'; available"),
+        (["--reflectance", "mirror"], "'reflectance' of model 'faceted' is 'mirror'; available"),
+        (["--law", "lambertian"], "its reflectance law is chosen with --reflectance"),
         (["--noise", "cauchy"], "'noise_law' of model 'faceted' is 'cauchy'; available"),
         (["--spin", "sideways"], "'spin' of model 'faceted' is 'sideways'; available"),
-        (["--n-facets", "0"], "n_facets is 0; give 1 or more"),
+        (["--n-facets", "0"], "--n-facets is 0; expected a whole number >= 1"),
         (["--set", "omega_sd"], "expected NAME=VALUE"),
         (["--set", "omega_sd=fast"], "'omega_sd' of model 'faceted' is 'fast'; expected float"),
         (["--set", "colour=red"], "no option 'colour'; available"),
-        (["--sampler", "gibbs"], "unknown sampler 'gibbs'; available"),
+        (["--sampler", "gibbs"], "--sampler is 'gibbs'; available: nuts, ahmc, smc"),
         (["--num-samples", "3"], "--num-samples is 3; give a whole number >= 10"),
-        (["--seed", "-1"], "--seed is -1"),
+        (["--seed", "-1"], "--seed is -1; expected a whole number >= 0"),
         (["--config", "none.toml"], "none.toml"),
     ],
 )

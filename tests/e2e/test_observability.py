@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import NARROW
 
 from lcbayes.analysis import style
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from tests.helpers.browser_pages import NARROW
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,9 @@ def planned(tmp_path_factory):
 def test_a_scenario_is_judged_and_planned(planned, look):
     out, told = planned
     found = json.loads((out / "observability.json").read_text())
-    assert told == found
+    assert told == {"schema": 2, "task": "observability", "trusted": True, "reasons": []} | {
+        name: value for name, value in found.items() if name != "measurements"
+    }
     assert len(found["measurements"]) == found["n_measurements"] == 122
     one = next(row for row in found["measurements"] if row["rank"] == 1)
     gradient, null = np.array(one["mag_gradient"]), np.array(one["nullspace"])
@@ -44,26 +46,28 @@ def test_a_scenario_is_judged_and_planned(planned, look):
     assert campaign["crlb_sd"] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(fisher))), rel=1e-6)
     assert campaign["unobservable"] == []
     assert 0.05 > max(campaign["nonlinearity"]) > min(campaign["nonlinearity"]) >= 0.0
-    rows = list(csv.DictReader((out / "schedule.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((out / "tables" / "schedule.csv").read_text().splitlines()))
     assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "5"]
     assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
-    text = (out / "observability.html").read_text()
+    text = (out / "report.html").read_text()
     assert "All of the 9 unknowns are seen." in text
-    look(out / "observability.html", turning=1)
+    look(out / "report.html", turning=1)
     assert not re.search(r"(?:src|href)=\"(?!data:)", text)
     names = {p.name for p in (out / "figures").iterdir()}
     assert names == {f"{n}.svg" for n in ("bounds", "hemisphere", "information", "plan", "seen")}
     assert {p.name for p in out.iterdir() if p.name != ".lock"} == {
         "observability.json",
-        "observability.html",
-        "schedule.csv",
+        "report.html",
+        "summary.json",
+        "run.toml",
+        "tables",
         "figures",
     }
 
 
 def test_a_telephone_shows_figures_at_a_size_that_can_be_read(planned, browser):
     tab = browser.new_page(viewport=NARROW)
-    tab.goto((planned[0] / "observability.html").as_uri())
+    tab.goto((planned[0] / "report.html").as_uri())
     shares = tab.evaluate(
         "[...document.querySelectorAll('figure img:not(.still)')]"
         ".map((i) => i.clientWidth / i.naturalWidth)"
@@ -103,8 +107,8 @@ def test_names_on_the_sphere_do_not_overprint_each_other(browser):
     ("options", "message"),
     [
         (["nowhere"], "no file and no scenario is called 'nowhere'"),
-        (["one-facet", "--plan", "0"], "--plan is 0; expected a number of visits >= 1"),
-        (["one-facet", "--visit", "-3"], "--visit is -3; expected seconds >= 0"),
+        (["one-facet", "--plan", "0"], "--plan is 0; expected a whole number >= 1"),
+        (["one-facet", "--visit", "-3"], "--visit is -3; expected a number >= 0 s"),
         (["one-facet", "--posterior", "fit"], "say how many visits with --plan N"),
         (["one-facet", "--unknown", "shape"], "unknown group of parameters 'shape'"),
     ],

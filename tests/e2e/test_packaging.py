@@ -124,7 +124,7 @@ def test_a_tiny_fit_from_another_folder(installed, tmp_path):
     lcbayes = installed / "lcbayes"
     _run([lcbayes, "simulate", "one-facet", "-o", "c.csv", "--seed", "1"], cwd=tmp_path)
     asked = ["--n-facets", "1", "--spin", "none", "--seed", "1"]
-    short = ["--num-warmup", "50", "--num-samples", "50"]
+    short = ["--num-warmup", "50", "--num-samples", "50", "--num-starts", "8", "--num-chains", "2"]
     _run([lcbayes, "fit", "c.csv", "-o", "out", *asked, *short], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
 
 from lcbayes.data.write import write
+from tests.helpers import small_curves
 
 # Many blocks of a little work each, so that kills fall between and within them.
 FIT = (
@@ -42,7 +42,7 @@ STORED = 1 + (300 + 900) // 50  # the search, then block by block
 def place(tmp_path_factory) -> Path:
     """A light curve, and in ``whole`` its fit by a run that nothing interrupted."""
     folder = tmp_path_factory.mktemp("resume")
-    write(small.curve(40), folder / "curve.csv")
+    write(small_curves.curve(40), folder / "curve.csv")
     end(begin(folder, "whole"))
     return folder
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import small
 import xarray as xr
 
 from lcbayes.cli.main import main
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_NOT_TRUSTED
+from lcbayes.core.errors import EXIT_BAD_INPUT
 from lcbayes.data.write import write
+from lcbayes.tasks.fit.run import fit_with_kernel
+from tests.helpers import small_curves
 
 PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-report")
 
@@ -21,7 +21,7 @@ PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-repo
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small.curve(40), path)
+    write(small_curves.curve(40), path)
     return path
 
 
@@ -29,21 +29,20 @@ def fit(curve: Path, out: Path, sampler: str, *more: str) -> list[str]:
     return ["fit", str(curve), "-o", str(out), "--sampler", sampler, "--seed", "2", *PROBLEM, *more]
 
 
-def summary(folder: Path) -> dict:
-    return json.loads((folder / "summary.json").read_text())
+@pytest.mark.slow
+def test_the_published_sampler_is_never_trusted():
+    few = {"num_warmup": 100, "num_samples": 100, "num_chains": 2, "num_starts": 16}
+    problem = {"n_facets": 1, "spin": "none", "seed": 2}
+    result = fit_with_kernel(small_curves.curve(40), "ahmc-paper", **problem, **few)
+    assert not result.trusted
+    assert result.reasons[0].code == "published-sampler"
+    assert result.text().startswith("DO NOT TRUST THIS RESULT")
+    assert "the published sampler is biased" in result.text()
 
 
-def test_the_published_sampler_is_never_trusted(curve, capsys):
-    out = curve.parent / "ahmc-paper"
-    few = ("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2")
-    status = main(fit(curve, out, "ahmc-paper", *few))
-    assert status == EXIT_NOT_TRUSTED
-    said = capsys.readouterr().out
-    assert said.startswith("DO NOT TRUST THIS RESULT")
-    assert "the published sampler is biased" in said
-    told = summary(out)
-    assert told["converged"] is False
-    assert "the published sampler is biased" in told["reasons"][0]
+def test_kernels_for_comparison_are_not_offered(curve, tmp_path, capsys):
+    assert main(fit(curve, tmp_path / "out", "mh")) == EXIT_BAD_INPUT
+    assert "--sampler is 'mh'; available: nuts, ahmc, smc" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------- stop and go on
@@ -76,7 +75,7 @@ def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
             main(command)
 
 
-@pytest.mark.parametrize("sampler", FEW)
+@pytest.mark.parametrize("sampler", [pytest.param("ahmc", marks=pytest.mark.slow), "smc"])
 def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, monkeypatch, capsys):
     """Stopped early and again late; the exact state is on disk."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
@@ -111,14 +110,15 @@ def test_particles_are_refused_where_the_prior_is_too_wide(curve, tmp_path, caps
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_config_keeps_the_sampler(curve, tmp_path):
     """A run.toml names its sampler and its warm-up, so `--config` gives the same draws."""
     first, again = tmp_path / "first", tmp_path / "again"
-    main(fit(curve, first, "mh", "--num-samples", "50", "--num-chains", "2"))
+    main(fit(curve, first, "ahmc", "--num-samples", "50", "--num-chains", "2"))
     main(["fit", "--config", str(first / "run.toml"), "-o", str(again), "--no-report"])
     draws = []
     for folder in (first, again):
         with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
             draws.append(tree["posterior"]["log_albedo_area"].values)
     np.testing.assert_array_equal(*draws)
-    assert "num_warmup = 2000" in (again / "run.toml").read_text()  # what serves a random walk
+    assert 'sampler = "ahmc"' in (again / "run.toml").read_text()

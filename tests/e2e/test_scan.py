@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 
 import numpy as np
 import pytest
-import spinning
-from refusals import assert_refused
 
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
 from lcbayes.core.files import write_json
 from lcbayes.physics.bodies import shapes
+from tests.helpers import spinning_bodies
+from tests.helpers.refused_input import assert_refused
 
 POLE, PERIOD, NOISE = np.array([0.48, -0.6, 0.64]), 5.0, 0.003
 QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4", "--n-sky", "30"]
@@ -24,7 +25,9 @@ QUICK = ["--n-poles", "10", "--keep", "3", "--n-facets", "300", "--degree", "4",
 def asteroid(tmp_path_factory):
     """A curve file and the results of a scan of it."""
     folder = tmp_path_factory.mktemp("scan")
-    curve = spinning.observed(spinning.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE)
+    curve = spinning_bodies.observed(
+        spinning_bodies.geometry(10, 12, days=60.0), POLE, PERIOD, NOISE
+    )
     lcbayes.write(curve, folder / "asteroid.csv")
     argv = ["scan", str(folder / "asteroid.csv"), "--period-range", "4.99,5.01", *QUICK]
     return folder, argv, main.main([*argv, "-o", str(folder / "out")])
@@ -35,7 +38,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     out = folder / "out"
     assert status == EXIT_DONE
     found = json.loads((out / "summary.json").read_text())
-    assert found["converged"]
+    assert found["trusted"]
     best = found["solutions"][0]
     assert best["period_h"] == pytest.approx(PERIOD, abs=2e-4)
     pole = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
@@ -55,7 +58,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert found["n_hypotheses"] == 10 * (3 + 2)  # and twice and half the best
     chi2 = [s["chi2"] for s in found["solutions"]]
     assert chi2 == sorted(chi2)
-    with (out / "hypotheses.csv").open() as file:
+    with (out / "tables" / "hypotheses.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == found["n_hypotheses"]
     assert min(float(r["chi2"]) for r in rows) > 0
@@ -113,15 +116,15 @@ def test_a_fit_starts_from_a_scan(asteroid):
     ("options", "message"),
     [
         ([], "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME"),
-        (["--period", "fast"], "--period has 'fast'; give hours, or a number with s, min, h or d"),
+        (["--period", "fast"], "'fast' is no period; give hours, or a number with s, min, h or d"),
         (["--period-range", "5"], "--period-range is '5'; give FROM,TO"),
         (["--period", "5", "--period-range", "4,6"], "give the sidereal period with --period"),
-        (["--period", "5", "--n-poles", "0"], "--n-poles is 0; give a whole number from 1"),
+        (["--period", "5", "--n-poles", "0"], "--n-poles is 0; expected a whole number from 1"),
         (["--period", "5", "--reflectance", "chalk"], "unknown law of reflection 'chalk'"),
         (["--law", "hovering"], "unknown attitude law 'hovering'; available: inertial"),
         (["--law", "lvlh"], "the law 'lvlh' needs the satellite's orbit"),
         (["--period", "5", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"], "both given"),
-        (["--period", "5", "--workers", "0"], "--workers is 0; give a whole number >= 1"),
+        (["--period", "5", "--workers", "0"], "--workers is 0; expected a whole number >= 1"),
     ],
 )
 def test_faults_are_one_line(asteroid, tmp_path, capsys, options, message):
@@ -135,16 +138,33 @@ def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
     fit = ["fit", str(folder / "asteroid.csv"), "--model", "convex-grid", "-o", str(tmp_path / "x")]
     assert main.main([*fit, "--start-from", str(tmp_path)]) == EXIT_BAD_INPUT
     assert "holds no scan" in capsys.readouterr().err
-    lcbayes.write(spinning.geometry(2, 5), tmp_path / "other.csv")
+    lcbayes.write(spinning_bodies.geometry(2, 5), tmp_path / "other.csv")
     fit[1] = str(tmp_path / "other.csv")
     assert main.main([*fit, "--start-from", str(folder / "out")]) == EXIT_BAD_INPUT
     assert "is of another light curve" in capsys.readouterr().err
 
 
 def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
-    (tmp_path / "posterior.nc").write_text("")
+    (tmp_path / "run.toml").write_text('schema = 2\ntask = "fit"\n')
     write_json({"model": "faceted"}, tmp_path / "summary.json")
     _, argv, _ = asteroid
     assert main.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT
-    assert "holds a fit; give another folder" in capsys.readouterr().err
+    assert "holds results of lcbayes fit; choose another" in capsys.readouterr().err
     assert json.loads((tmp_path / "summary.json").read_text()) == {"model": "faceted"}
+
+
+def test_a_scan_is_loaded_and_reported_again_from_its_folder_alone(asteroid, tmp_path):
+    """Every array that a page draws comes back, and so does the page."""
+    folder = shutil.copytree(asteroid[0] / "out", tmp_path / "elsewhere")
+    found = lcbayes.load(folder)
+    page = (folder / "report.html").read_text()
+    figures = {p.name: p.read_bytes() for p in (folder / "figures").iterdir()}
+    (folder / "report.html").unlink()
+    shutil.rmtree(folder / "figures")
+    assert main.main(["report", str(folder)]) == EXIT_DONE
+    assert (folder / "report.html").read_text() == page
+    assert {p.name: p.read_bytes() for p in (folder / "figures").iterdir()} == figures
+    table = found.summary()
+    assert table["sidereal_period_h"][0] == found.solutions[0]["period_h"]
+    for draw in (found.plot_sky, found.plot_periods, found.plot_light_curve, found.plot_body):
+        assert len(draw()) == 1

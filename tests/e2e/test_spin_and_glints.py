@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from flashes import no_flashes, wire_flashes
-from leo import spinner, steady
-from refusals import assert_refused
 
 import lcbayes
 from lcbayes.analysis import glints_report
@@ -18,6 +16,12 @@ from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.glints import analyse
 from lcbayes.physics.attitude.laws import ConstantRate
+from lcbayes.results.result import DO_NOT_TRUST
+from tests.helpers.low_earth_orbit import spinner, steady
+from tests.helpers.refused_input import assert_refused
+from tests.helpers.simulated_glints import no_flashes, wire_flashes
+
+RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
 
 
 def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
@@ -26,11 +30,9 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["spin", str(tmp_path / "passes.csv"), "-o", str(out)]
     assert main.main(argv) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "sidereal period" in told
-    assert (out / "spin.txt").read_text().splitlines() == told.splitlines()[:-2]
-    found = json.loads((out / "spin.json").read_text())
-    assert found["trusted"]
+    assert "sidereal period" in capsys.readouterr().out
+    found = json.loads((out / "summary.json").read_text())
+    assert (found["schema"], found["task"], found["trusted"]) == (2, "spin", True)
     best = found["solutions"][0]
     assert best["period_s"] == pytest.approx(truth["period"], rel=1e-3)
     assert best["period_h"] == pytest.approx(best["period_s"] / 3600)
@@ -42,8 +44,10 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
         "synodic.svg",
         "pole.svg",
     }
-    assert not list(out.glob(".*"))
-    look(out / "spin.html")
+    assert {p.name for p in out.iterdir()} == RESULTS
+    rows = list(csv.DictReader((out / "tables" / "solutions.csv").read_text().splitlines()))
+    assert float(rows[0]["sidereal_period_s"]) == best["period_s"]
+    look(out / "report.html")
 
 
 def test_no_pole_where_there_is_none(tmp_path, capsys):
@@ -54,8 +58,9 @@ def test_no_pole_where_there_is_none(tmp_path, capsys):
     assert not found["trusted"]
     assert found["solutions"] == []
     assert found["photometric_period_s"] is None
-    assert "no period is seen" in found["reasons"][0]
-    page = (tmp_path / "out" / "spin.html").read_text()
+    assert found["reasons"][0]["code"] == "no-period"
+    assert "no period is seen" in found["reasons"][0]["text"]
+    page = (tmp_path / "out" / "report.html").read_text()
     assert "No pole and no sidereal period.</h2>" in page
 
 
@@ -64,24 +69,26 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     lcbayes.write(curve, tmp_path / "wire.csv")
     out = tmp_path / "out"
     assert isinstance(attitude, ConstantRate)
-    omega = "--omega=" + ",".join(map(str, attitude.omega_rad_s))
-    assert main.main(["glints", str(tmp_path / "wire.csv"), omega, "-o", str(out)]) == EXIT_DONE
+    omega = ["--omega", ",".join(map(str, attitude.omega_rad_s))]
+    assert main.main(["glints", str(tmp_path / "wire.csv"), *omega, "-o", str(out)]) == EXIT_DONE
     told = capsys.readouterr().out
     assert "cylinder: axis" in told
     assert max(map(len, told.splitlines()[:-2])) <= 100
-    found = json.loads((out / "glints.json").read_text())
+    found = json.loads((out / "summary.json").read_text())
     assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert found["glints"][0]["sharp_and_small"] in (True, False)
     assert {p.name for p in (out / "figures").iterdir()} == {"glints.svg", "directions.svg"}
-    look(out / "glints.html")
+    look(out / "report.html")
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
     assert main.main(argv) == EXIT_NOT_TRUSTED
-    assert capsys.readouterr().out.startswith("no direction found: no glint stands out")
-    assert "No direction found.</h2>" in (tmp_path / "none" / "glints.html").read_text()
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == DO_NOT_TRUST
+    assert lines[1].startswith("  - no glint stands out")
+    assert "No direction found.</h2>" in (tmp_path / "none" / "report.html").read_text()
 
 
-def test_glints_are_told_by_utc_and_pass():
+def test_glints_are_listed_by_utc_and_pass():
     curve, attitude, _ = wire_flashes(3, 50.0)
     found = analyse(curve, attitude)
     dated = replace(curve, epoch_jd=2456658.5)  # 2014-01-01
@@ -100,8 +107,8 @@ def test_glints_are_told_by_utc_and_pass():
         (["spin", "--shuffles", "9"], "--shuffles is 9; expected a whole number >= 99"),
         (["glints", "--sun-tracking", "0,0"], "--sun-tracking is '0,0'; expected 3 numbers"),
         (["glints", "--sun-tracking", "0,0,0"], "expected an axis"),
-        (["glints", "--alarm", "2"], "--alarm is 2; expected a probability"),
-        (["glints", "--longest", "-1"], "--longest is -1; expected seconds > 0"),
+        (["glints", "--alarm", "2"], "--alarm is 2; expected a number between 0 and 1"),
+        (["glints", "--longest", "-1"], "--longest is -1; expected a number > 0 s"),
         (["glints", "--sun-tracking", "0,0,1", "--omega", "0,0,1"], "has no spin"),
     ],
 )

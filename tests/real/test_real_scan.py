@@ -19,7 +19,7 @@ def off(solution, lon, lat):
 def test_ariadne(data_dir):
     """Published (253.2, −17.2), 5.761980 h, Σ r² = 0.3533; mirror (70.3, −16.1)."""
     curve = read(data_dir / "damit" / "43_Ariadne_rel.lcs")
-    found = lcbayes.scan(curve, period_h=5.762, common_noise=True, n_sky=0)
+    found = lcbayes.scan(curve, period=5.762, common_noise=True, n_sky=0)
     best, mirror = found.solutions[:2]
     assert off(best, 253.2, -17.2) < 1.5
     assert best["period_h"] == pytest.approx(5.761980, abs=2e-6)
@@ -32,7 +32,7 @@ def test_ariadne(data_dir):
 def test_hertha(data_dir):
     """Published (272, +52.2), 8.400599 h, mirror near 88–96, +53–58; two curves are sparse."""
     curve = read(data_dir / "damit" / "135_Hertha.lcs")
-    found = lcbayes.scan(curve, period_h=8.4006, n_sky=0)
+    found = lcbayes.scan(curve, period=8.4006, n_sky=0)
     near = [s for s in found.solutions if s["near_equal"]]
     assert len(near) == 2
     one, other = sorted(near, key=lambda s: s["pole_lon_deg"])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from false_alarms import EACH, counts
 
 import lcbayes
 from lcbayes.core.jax_setup import jax, jnp
@@ -11,7 +10,8 @@ from lcbayes.data.read import read
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
-from lcbayes.tasks.predict.run import predict
+from lcbayes.tasks.predict.brightness import predicted
+from tests.helpers.false_alarms import EACH, counts
 
 pytestmark = pytest.mark.real
 FILE = "starlink-v1.5-pomenis/pomenis_observations.csv"
@@ -33,9 +33,9 @@ def test_one_half_of_pomenis_predicts_the_other(data_dir):
     are within 90 %."""
     curve = read(data_dir / FILE)
     first = np.random.default_rng(4).permutation(curve.n_obs) < curve.n_obs // 2
-    found = lcbayes.fit(curve.select(first), "stabilised", n_facets=2, seed=4)
+    found = lcbayes.fit(curve.select(first), model="stabilised", n_facets=2, seed=4)
     other = curve.select(~first)
-    columns, _ = predict(found.posterior, curve.select(first), other, "stabilised", {})
+    columns, _ = predicted(found.posterior, curve.select(first), other, "stabilised", {})
     assert np.std(other.brightness - columns["mag_mean"]) < 0.64
     inside = (other.brightness > columns["mag_q05"]) & (other.brightness < columns["mag_q95"])
     low, high = counts(inside.size, 0.9)

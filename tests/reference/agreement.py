@@ -12,8 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from false_alarms import EACH, limit
 from numpy.typing import NDArray
+
+from tests.helpers.false_alarms import EACH, limit
 
 Floats = NDArray[np.float64]
 

@@ -7,16 +7,16 @@ from itertools import batched, product
 from typing import Any
 
 import numpy as np
-import one_facet
 from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.infer.util import constrain_fn, potential_energy, unconstrain_fn
-from reference.agreement import Moments
-from reference.problems import Reference, Sites
 from scipy.special import logsumexp
 
 from lcbayes.core.jax_setup import jax, jnp
+from tests.helpers import one_facet_posterior
+from tests.reference.agreement import Moments
+from tests.reference.problems import Reference, Sites
 
 Floats = NDArray[np.float64]
 
@@ -92,10 +92,10 @@ def quadrature(density: Density, n: int) -> Moments:
 
 def one_facets(one: Reference, n: int) -> Moments:
     """Of the one facet: flux linear in α, two sums for each direction."""
-    grid = one_facet.Quadrature.of(one.data, (n, n, n))
+    grid = one_facet_posterior.Quadrature.of(one.data, (n, n, n))
     mean, sd = grid.moments()
     zero = np.zeros(len(mean))
-    return Moments(one_facet.NAMES, mean, sd, zero, zero)
+    return Moments(one_facet_posterior.NAMES, mean, sd, zero, zero)
 
 
 def importance(density: Density, n: int, seed: int) -> tuple[Moments, float]:

@@ -1,4 +1,4 @@
-"""Reference posteriors: python tests/reference/make.py writes posteriors.json anew, in minutes.
+"""Reference posteriors: python -m tests.reference.make writes posteriors.json anew, in minutes.
 
 Each posterior is computed twice. What the tests compare with uses no Markov chain: quadrature in
 two and three dimensions, importance sampling in more, on NumPyro's own density of the model. Beside
@@ -14,23 +14,18 @@ import sys
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "analysis" / "papers")]
+import lcbayes
+from lcbayes.core.checkpoint import write_atomic
+from tests.reference import agreement, independent
+from tests.reference.agreement import Moments
+from tests.reference.problems import ALL, Reference
+from tests.reference.stored import WRITTEN, identity
 
-from reference import agreement, independent  # noqa: E402
-from reference.agreement import Moments  # noqa: E402
-from reference.problems import ALL, Reference  # noqa: E402
-from reference.stored import WRITTEN, identity  # noqa: E402
-
-import lcbayes  # noqa: E402
-from lcbayes.core.checkpoint import write_atomic  # noqa: E402
-
-COMMAND = "python tests/reference/make.py"
+COMMAND = "python -m tests.reference.make"
 SEED = 20
 CHAINS, LENGTH, STRETCHES = 4, 25_000, 25
 LONGER = {"banana": 50_000}  # the arms of the ridge are visited seldom
@@ -56,7 +51,7 @@ def record(one: Reference) -> dict[str, Any]:
     """Both computations of one posterior, which must agree."""
     begun, length = time.process_time(), LONGER.get(one.name, LENGTH)
     found = lcbayes.fit(
-        one.curve, one.model, seed=SEED, num_samples=length, num_chains=CHAINS, **one.options
+        one.curve, model=one.model, seed=SEED, num_samples=length, num_chains=CHAINS, **one.options
     )
     names, draws, sites = one.draws(found)
     density = independent.Density(one, {k: v[:: len(v) // 4000] for k, v in sites.items()})

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import one_facet
-import small
 from numpy.typing import NDArray
 from numpyro import handlers
 
@@ -21,8 +19,10 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.registry import Entry
 from lcbayes.physics import brightness
+from lcbayes.results.draws import weighted_draws
 from lcbayes.simulation.simulate import simulate
 from lcbayes.tasks.fit.run import Fit
+from tests.helpers import one_facet_posterior, small_curves
 
 Floats = NDArray[np.float64]
 Sites = Mapping[str, Floats]
@@ -64,13 +64,11 @@ class Reference:
 
     def draws(self, found: Fit) -> tuple[tuple[str, ...], Floats, Sites]:
         """Names, the quantities (C, S, Q) of a fit's draws, and its sites (C S, …)."""
-        sites = {
-            str(k): np.asarray(v).reshape(-1, *v.shape[2:])
-            for k, v in found.posterior.data_vars.items()
-            if k != "mode"
-        }
+        drawn = weighted_draws(found.tree, seed=found.content["seed"])["posterior"]
+        sites = {str(k): np.asarray(v)[0] for k, v in drawn.data_vars.items()}
         values = self.quantities(sites)
-        shape = found.posterior["mode"].shape
+        chains = int(np.unique(found.posterior["solution"], return_counts=True)[1].max())
+        shape = (chains, drawn.sizes["draw"] // chains)
         return tuple(values), np.stack([v.reshape(shape) for v in values.values()], -1), sites
 
     def bound(self) -> Callable[[Epochs], Any]:
@@ -114,15 +112,15 @@ def _stabilised(sites: Sites) -> dict[str, Floats]:
 
 def _two_passes() -> LightCurve:
     """As in secs. VII.A and B of the paper, 11 points each, noise a quarter of the peak."""
-    truth = one_facet.Truth(g=0.15)
-    return simulate(one_facet.experiment(2, truth=truth, sigma=0.7, step=10.0), 1)[0]
+    truth = one_facet_posterior.Truth(g=0.15)
+    return simulate(one_facet_posterior.experiment(2, truth=truth, sigma=0.7, step=10.0), 1)[0]
 
 
 def _glossy() -> LightCurve:
     """One facet with a broad Blinn-Phong lobe, 60 points, errors of 5 % of the mean."""
-    sun, obs = small.directions(60, seed=4)
+    sun, obs = small_curves.directions(60, seed=4)
     surface = {"r_diff": 0.3, "r_spec": 0.4, "n": 12.0}
-    facet = jnp.asarray(small.NORMALS[:1]), jnp.asarray(small.AREAS[:1] / 0.7)
+    facet = jnp.asarray(small_curves.NORMALS[:1]), jnp.asarray(small_curves.AREAS[:1] / 0.7)
     flux = np.asarray(
         brightness.flux_brdf(
             jnp.asarray(sun),
@@ -134,7 +132,7 @@ def _glossy() -> LightCurve:
     )
     error = np.full(60, 0.05 * flux.mean())
     noisy = flux + error * np.random.default_rng(5).standard_normal(60)
-    return small.curve(60, sun=sun, obs=obs, brightness=noisy, error=error)
+    return small_curves.curve(60, sun=sun, obs=obs, brightness=noisy, error=error)
 
 
 def _dusk() -> LightCurve:
@@ -168,7 +166,7 @@ def _dusk() -> LightCurve:
 
 def _flat() -> LightCurve:
     """Flux 0.5 ± 1.4 in three points: of y + x²."""
-    return small.curve(3, brightness=np.array([0.9, -0.6, 1.2]), error=np.full(3, 2.5))
+    return small_curves.curve(3, brightness=np.array([0.9, -0.6, 1.2]), error=np.full(3, 2.5))
 
 
 ALL = (
@@ -182,14 +180,14 @@ ALL = (
     Reference(
         "turning-facet",
         "a facet and its spin, correlated",
-        lambda: small.curve(30, spinning=True, noise=0.15),
+        lambda: small_curves.curve(30, spinning=True, noise=0.15),
         _turning,
         options={"n_facets": 1, "omega_sd": 0.02},
     ),
     Reference(
         "two-turning-facets",
         "eleven dimensions, one solution, facets alike",
-        lambda: small.curve(80, 2, spinning=True, noise=0.05),
+        lambda: small_curves.curve(80, 2, spinning=True, noise=0.05),
         _two_turning,
         options={"n_facets": 2, "omega_sd": 0.02},
     ),

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from reference.agreement import Moments
-from reference.problems import Reference
+
+from tests.reference.agreement import Moments
+from tests.reference.problems import Reference
 
 WRITTEN = Path(__file__).with_name("posteriors.json")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from false_alarms import EACH, squares
-from seen import curve_of
 
 from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import grid, solve
@@ -14,12 +12,15 @@ from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import Fixed
 from lcbayes.physics.bodies import shapes
+from tests.helpers.false_alarms import EACH, squares
+from tests.helpers.known_bodies import curve_of
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 def test_areas_directions_and_volume_scatter_as_they_say():
     area, across, volume = [], [], []
     for seed in range(10):

@@ -7,7 +7,6 @@ import threading
 
 import numpy as np
 import pytest
-import spinning
 
 from lcbayes.core import cluster as workers
 from lcbayes.core.checkpoint import Checkpoint
@@ -16,6 +15,7 @@ from lcbayes.inversion.attitude_scan import search
 from lcbayes.inversion.attitude_scan.grid import grid
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
+from tests.helpers import spinning_bodies
 
 POLE = np.array([0.48, -0.6, 0.64])
 NOTHING = Checkpoint(None, {})
@@ -38,9 +38,9 @@ class Killer:
 @pytest.mark.filterwarnings("ignore")  # of a worker that dies
 def test_a_killed_worker_loses_no_hypothesis():
     distributed = pytest.importorskip("distributed")
-    curve = spinning.observed(spinning.geometry(days=60.0), POLE, 5.0, 0.01)
+    curve = spinning_bodies.observed(spinning_bodies.geometry(days=60.0), POLE, 5.0, 0.01)
     points = Points.of(curve, phase_law_known=False)
-    body = SmoothBody.of(100, 3, spinning.LAW)
+    body = SmoothBody.of(100, 3, spinning_bodies.LAW)
     tried = grid(6, float(points.span), None, (4.9, 5.1))
 
     def screened(run, track):

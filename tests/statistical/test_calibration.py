@@ -7,22 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-import small
-from false_alarms import EACH
 
 from lcbayes.core.errors import InputError
 from lcbayes.tasks.calibrate import run as calibration
 from lcbayes.tasks.calibrate.run import Calibration, calibrate
+from tests.helpers import small_curves
+from tests.helpers.false_alarms import EACH
 
 OPTIONS: dict[str, Any] = {"n_facets": 1, "spin": "none", "log_area_mean": 1.5, "log_area_sd": 0.5}
 SHORT: dict[str, Any] = {"num_warmup": 100, "num_samples": 250, "num_chains": 2, "num_starts": 24}
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_fits_hold_the_truth_as_often_as_they_say():
-    found = calibrate(small.curve(20, noise=0.1), "faceted", n=12, seed=2, **OPTIONS, **SHORT)
+@pytest.mark.parametrize("n", [3, pytest.param(12, marks=pytest.mark.slow)])
+def test_fits_hold_the_truth_as_often_as_they_say(n):
+    found = calibrate(small_curves.curve(20, noise=0.1), "faceted", n=n, seed=2, **OPTIONS, **SHORT)
     assert found.names == ("albedo_area[0]", "g[0]", "phi[0]", "log_likelihood")
-    assert found.places.shape == (12, 4)
+    assert found.places.shape == (n, 4)
     assert found.p_values().min() > EACH / 4
 
 
@@ -38,7 +39,7 @@ def test_narrow_draws_are_found_out():
         }
 
     found = calibrate(
-        small.curve(20, noise=0.1),
+        small_curves.curve(20, noise=0.1),
         "faceted",
         n=80,
         seed=2,
@@ -58,7 +59,7 @@ def test_coverage_counts_central_intervals():
 
 
 def test_scales_that_are_told_from_the_data_have_no_prior_to_draw_from():
-    curve = small.curve(20)
+    curve = small_curves.curve(20)
     with pytest.raises(InputError, match="known scale"):
         calibrate(replace(curve, free_scale=np.array([True])), "faceted", n=1, **OPTIONS)
 
@@ -80,4 +81,4 @@ def model(data):
 """
     )
     with pytest.raises(InputError, match="give a curve in magnitudes"):
-        calibrate(small.curve(20), str(tmp_path / "loose.py"), n=1)
+        calibrate(small_curves.curve(20), str(tmp_path / "loose.py"), n=1)

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import arviz as az
 import numpy as np
-import one_facet
 import pytest
-from false_alarms import EACH, counts, limit
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax
@@ -25,6 +23,8 @@ from lcbayes.samplers.sampling import Sampler, Timing
 from lcbayes.samplers.settings import Settings
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
+from tests.helpers import one_facet_posterior
+from tests.helpers.false_alarms import EACH, counts, limit
 
 TRUTH = {"log_albedo_area": np.log(10.0), "phi": 0.8, "g": 0.15}
 SAMPLED = range(20)
@@ -38,10 +38,10 @@ def observed(seed: int) -> Epochs:
 @pytest.fixture(scope="module")
 def exact() -> np.ndarray:
     """Probability that the posterior gives to less than the truth, by quadrature; (100, 3)."""
-    assert tuple(TRUTH) == one_facet.NAMES
+    assert tuple(TRUTH) == one_facet_posterior.NAMES
     below = []
     for seed in INTEGRATED:
-        grid = one_facet.Quadrature.of(observed(seed), (120, 100, 100))
+        grid = one_facet_posterior.Quadrature.of(observed(seed), (120, 100, 100))
         for name, axis in zip(TRUTH, grid.axes, strict=True):
             ends = axis + 0.5 * (axis[1] - axis[0])
             below.append(np.interp(TRUTH[name], ends, np.cumsum(grid.marginal(name))))
@@ -72,7 +72,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
             problem, data, solutions.distinct(problem, data, ends, order, 4)
         )
         with Silent().stage("sampling", 1, "draws") as track:
-            z, stats, _ = sampler.run(
+            z, stats, *_ = sampler.run(
                 "mode", best.z, data, key, Checkpoint(None, {}), Timing(), track
             )
         assert stats["diverging"].mean() < 0.005
@@ -94,6 +94,7 @@ def test_chains_place_the_truth_where_the_posterior_does(exact, sampled):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTH)
 def test_central_intervals_hold_the_truth(exact, name):
     """Binomial, 100 seeds. Intervals of 90 % would hold 59 truths if they were half as long as they

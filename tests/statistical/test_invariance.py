@@ -1,22 +1,20 @@
 """Does a kernel leave its target invariant? Moments against quadrature at 10⁵ effective draws.
 
-Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that `targets`
-computes on grids, means and variances both (`far`); the published rule, under the same test, must
-not.
+Every exact kernel must agree within its Monte-Carlo standard errors with the numbers that
+`target_densities` computes on grids, means and variances both (`far`); the published rule, under
+the same test, must not.
 """
 
 from __future__ import annotations
 
-import many_chains
 import numpy as np
-import one_facet
 import pytest
-import targets
-from false_alarms import EACH, limit
 from numpyro.infer import MCMC
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.samplers.kernels import AHMC, HMC, RMHMC, MetropolisHastings
+from tests.helpers import many_chains, one_facet_posterior, target_densities
+from tests.helpers.false_alarms import EACH, limit
 
 CHAINS = 500
 
@@ -38,12 +36,14 @@ EXACT = {
 PUBLISHED = ({"step_size": 0.4, "num_steps": 5}, 400)
 
 
-@pytest.fixture(scope="module", params=["gaussian", "banana", "facet"])
-def target(request) -> targets.Target:
-    return getattr(targets, request.param)()
+@pytest.fixture(
+    scope="module", params=["gaussian", "banana", pytest.param("facet", marks=pytest.mark.slow)]
+)
+def target(request) -> target_densities.Target:
+    return getattr(target_densities, request.param)()
 
 
-def moments_of(target: targets.Target, cls, settings, draws: int, burn: int = 0):
+def moments_of(target: target_densities.Target, cls, settings, draws: int, burn: int = 0):
     """Chains that start from the target itself: an exact kernel needs no burn-in."""
     if cls in (AHMC, RMHMC):
         settings = {**settings, "fisher_fn": target.fisher_fn}
@@ -71,7 +71,9 @@ def test_exact_kernels_agree_with_quadrature(target, cls):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-@pytest.mark.parametrize("target", ["gaussian", "banana"], indirect=True)
+@pytest.mark.parametrize(
+    "target", ["gaussian", pytest.param("banana", marks=pytest.mark.slow)], indirect=True
+)
 def test_rmhmc_in_brief(target):
     """Its implicit steps cost a hundred Fisher matrices each: 10⁴ draws in the quick suite."""
     settings, draws = EXACT[target.name, RMHMC]
@@ -96,6 +98,7 @@ def test_published_rule_does_not(target):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
+@pytest.mark.slow
 def test_small_steps_of_the_published_rule_sample_another_density():
     """In one dimension: F π instead of π, whatever the acceptance (docs/sampler.md).
 
@@ -124,10 +127,10 @@ def test_small_steps_of_the_published_rule_sample_another_density():
 @pytest.mark.parametrize("cls", [MetropolisHastings, HMC, AHMC, RMHMC])
 def test_exact_kernels_with_their_own_warmup(cls):
     """As users run them: the model itself, warm-up on, each chain with what it found."""
-    data = targets.facet_data()
+    data = target_densities.facet_data()
     draws, thinning = (16_000, 8) if cls is MetropolisHastings else (1500, 1)
     mcmc = MCMC(
-        cls(one_facet.MODEL),
+        cls(one_facet_posterior.MODEL),
         num_warmup=600,
         num_samples=draws,
         thinning=thinning,
@@ -137,20 +140,22 @@ def test_exact_kernels_with_their_own_warmup(cls):
     )
     mcmc.run(jax.random.key(3), data)
     sites = mcmc.get_samples(group_by_chain=True)
-    mean, sd = one_facet.Quadrature.of(data).moments()
-    away = np.stack([np.asarray(sites[k])[..., 0] for k in one_facet.NAMES], axis=-1) - mean
+    mean, sd = one_facet_posterior.Quadrature.of(data).moments()
+    away = (
+        np.stack([np.asarray(sites[k])[..., 0] for k in one_facet_posterior.NAMES], axis=-1) - mean
+    )
     found = many_chains.Moments(mean, sd, away.mean(axis=1), (away**2).mean(axis=1), np.nan)
     assert found.effective_draws >= 5e4
     assert not far(found)
 
 
-@pytest.mark.parametrize("make", [targets.gaussian, targets.banana])
+@pytest.mark.parametrize("make", [target_densities.gaussian, target_densities.banana])
 def test_grids_agree_with_closed_forms(make):
     target = make()
-    mean = {"gaussian": targets.GAUSSIAN_MEAN, "banana": [0.0, 0.0]}[target.name]
+    mean = {"gaussian": target_densities.GAUSSIAN_MEAN, "banana": [0.0, 0.0]}[target.name]
     sd = {
-        "gaussian": targets.GAUSSIAN_SD,
-        "banana": [1.0, np.sqrt(2 * targets.BEND**2 + targets.WIDTH**2)],
+        "gaussian": target_densities.GAUSSIAN_SD,
+        "banana": [1.0, np.sqrt(2 * target_densities.BEND**2 + target_densities.WIDTH**2)],
     }[target.name]
     np.testing.assert_allclose(target.mean, mean, atol=1e-9)
     np.testing.assert_allclose(target.sd, sd, rtol=1e-9)
@@ -158,16 +163,16 @@ def test_grids_agree_with_closed_forms(make):
 
 def test_the_facet_grid_is_the_models_posterior():
     """The two sums over the epochs give the model's own density, and the grid is fine enough."""
-    data = targets.facet_data()
-    problem = one_facet.posed(data)
-    grid = one_facet.Quadrature.of(data)
+    data = target_densities.facet_data()
+    problem = one_facet_posterior.posed(data)
+    grid = one_facet_posterior.Quadrature.of(data)
     rng = np.random.default_rng(4)
     cells = rng.choice(grid.log_density.size, 40, p=grid.weights.ravel())
     index = np.unravel_index(cells, grid.log_density.shape)
     theta = np.stack([axis[i] for axis, i in zip(grid.axes, index, strict=True)], axis=1)
-    run = jax.jit(jax.vmap(lambda x: one_facet.potential(problem, x, data)))
+    run = jax.jit(jax.vmap(lambda x: one_facet_posterior.potential(problem, x, data)))
     total = np.asarray(run(jnp.asarray(theta))) + grid.log_density[index]
     np.testing.assert_allclose(total, total[0], atol=1e-9)
-    coarse = one_facet.Quadrature.of(data, (120, 110, 110))
+    coarse = one_facet_posterior.Quadrature.of(data, (120, 110, 110))
     for fine, other in zip(grid.moments(), coarse.moments(), strict=True):
         np.testing.assert_allclose(fine, other, atol=1e-6 * grid.moments()[1].min())

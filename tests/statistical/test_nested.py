@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-import small
-from false_alarms import EACH, limit
 
 from lcbayes.core.jax_setup import jax
 from lcbayes.samplers import smc
+from tests.helpers import small_curves
+from tests.helpers.false_alarms import EACH, limit
 
 RUNS = 16
 
@@ -22,15 +22,17 @@ def test_evidence_agrees_with_nested_sampling(n_facets):
     that of nested sampling is at least what its shrinking volumes leave (normal). A difference of
     1.2 nats or more is found out.
     """
-    import nested
+    from tests.helpers import nested_sampling
 
-    problem, data = small.posed(small.curve(30, n_facets), n_facets=n_facets, spin="none")
+    problem, data = small_curves.posed(
+        small_curves.curve(30, n_facets), n_facets=n_facets, spin="none"
+    )
     found = smc.replicate(problem, data, jax.random.key(0), 500, RUNS)
     runs = [
-        nested.log_evidence(problem, data, key, n_facets, False, 500)[0]
+        nested_sampling.log_evidence(problem, data, key, n_facets, False, 500)[0]
         for key in jax.random.split(jax.random.key(1), 4)
     ]
-    value, error = nested.pooled(runs)
+    value, error = nested_sampling.pooled(runs)
     most = limit(2, RUNS - 1) * found.se + limit(2) * error
     assert most < 1.2
     assert abs(found.log_evidence - value) < most

@@ -23,9 +23,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import one_facet
 import pytest
-from false_alarms import EACH, limit
 from scipy import stats
 
 from lcbayes.core.jax_setup import jax, jnp
@@ -35,6 +33,8 @@ from lcbayes.physics.bodies import facets
 from lcbayes.samplers.kernels import ahmc, hmc, metric, mh, rmhmc
 from lcbayes.samplers.kernels.adaptation import Params
 from lcbayes.simulation.simulate import simulate
+from tests.helpers import one_facet_posterior
+from tests.helpers.false_alarms import EACH, limit
 
 STATES = 8
 REPEATS = 16_000
@@ -59,9 +59,9 @@ KERNELS = {
 @pytest.fixture(scope="module")
 def posed() -> tuple[Problem, Epochs]:
     """One facet in two passes of 11 points, noise as large as the peak of a square metre."""
-    what = one_facet.experiment(2, sigma=0.3, step=10.0)
+    what = one_facet_posterior.experiment(2, sigma=0.3, step=10.0)
     data = Epochs.of(simulate(what, 0)[0])
-    return one_facet.posed(data), data
+    return one_facet_posterior.posed(data), data
 
 
 def prior_draw(problem: Problem, data: Epochs, key: jax.Array) -> jax.Array:
@@ -74,7 +74,7 @@ def prior_draw(problem: Problem, data: Epochs, key: jax.Array) -> jax.Array:
         sites = problem.constrain(z, data)
         u = sites["normals"][0]
         seen = jnp.max(jnp.minimum(data.sun @ u, data.obs @ u))
-        return -((jnp.minimum(seen, 0.0) / one_facet.SOFTNESS) ** 2)
+        return -((jnp.minimum(seen, 0.0) / one_facet_posterior.SOFTNESS) ** 2)
 
     def again(carry):
         _, _, kept = carry
@@ -99,7 +99,9 @@ def ranks(problem: Problem, data: Epochs, name: str, repeats: int, key: jax.Arra
 
     def statistics(state, data):
         radius = jnp.linalg.norm(problem.unravel(state.z)["normals_base"])
-        return jnp.stack([*one_facet.from_model(problem, state.z, data), radius, state.potential])
+        return jnp.stack(
+            [*one_facet_posterior.from_model(problem, state.z, data), radius, state.potential]
+        )
 
     def one(key):
         key_theta, key_data, key_place, key_chain, key_ties = jax.random.split(key, 5)
@@ -144,8 +146,8 @@ def p_values(posed: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -
 @pytest.mark.parametrize(
     ("name", "repeats"),
     [
-        ("mh", REPEATS),
-        ("hmc", REPEATS),
+        pytest.param("mh", REPEATS, marks=pytest.mark.slow),
+        pytest.param("hmc", REPEATS, marks=pytest.mark.slow),
         ("ahmc", REPEATS),
         pytest.param("rmhmc", FEW, marks=pytest.mark.slow),
         pytest.param("rmhmc", REPEATS, marks=pytest.mark.slow),
@@ -182,7 +184,7 @@ def test_prior_draws_are_of_the_models_prior(posed):
         return np.max(np.minimum(sun @ u.T, obs @ u.T), axis=0)
 
     drawn, sphere = np.asarray(sites["normals"])[:, 0], facets.grid(200_000)
-    weight = np.exp(-((np.minimum(seen(sphere), 0.0) / one_facet.SOFTNESS) ** 2))
+    weight = np.exp(-((np.minimum(seen(sphere), 0.0) / one_facet_posterior.SOFTNESS) ** 2))
     weight /= weight.sum()
     n = len(drawn)
     error = drawn.std(axis=0) / np.sqrt(n)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import one_facet
 import pytest
-import small
-from false_alarms import EACH, limit
 
 import lcbayes
 from lcbayes.core.jax_setup import jax, jnp
@@ -17,6 +14,8 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers import smc
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
+from tests.helpers import one_facet_posterior, small_curves
+from tests.helpers.false_alarms import EACH, limit
 
 N_MIRRORED = 8
 N_RUNS = 24  # degrees of freedom of an error that is told by their scatter: 23
@@ -26,7 +25,7 @@ PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
 @pytest.fixture(scope="module")
 def one():
     data = Epochs.of(simulate(scenario.load("one-facet"), 0)[0])
-    return one_facet.posed(data), data, one_facet.Quadrature.of(data)
+    return one_facet_posterior.posed(data), data, one_facet_posterior.Quadrature.of(data)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def test_evidence_of_one_facet(one, found):
 
 def test_the_grid_itself_is_good_to_a_hundredth(one):
     _, data, grid = one
-    coarse = one_facet.Quadrature.of(data, (100, 80, 80))
+    coarse = one_facet_posterior.Quadrature.of(data, (100, 80, 80))
     assert abs(coarse.log_evidence(data) - grid.log_evidence(data)) < 0.01
 
 
@@ -57,7 +56,7 @@ def test_the_grid_itself_is_good_to_a_hundredth(one):
 def test_mean_and_width_of_one_facet(one, found):
     """Means and widths of three quantities in their standard errors over runs."""
     problem, data, grid = one
-    theta = jax.jit(jax.vmap(lambda z: one_facet.from_model(problem, z, data)))
+    theta = jax.jit(jax.vmap(lambda z: one_facet_posterior.from_model(problem, z, data)))
     draws = [np.asarray(theta(r.z)) for r in found.runs]
     mean, sd = grid.moments()
     first = np.array([(d - mean).mean(axis=0) / sd for d in draws])
@@ -86,8 +85,8 @@ def test_mirror_images_weigh_the_same():
     run's particles end on whichever side chance has it.
     """
     sun, obs = in_plane(40)
-    light = small.curve(40, 2, spinning=True, sun=sun, obs=obs)
-    problem, data = small.posed(light, n_facets=2)
+    light = small_curves.curve(40, 2, spinning=True, sun=sun, obs=obs)
+    problem, data = small_curves.posed(light, n_facets=2)
     mirror = symmetry.plane_mirror(problem, data)
     found = smc.replicate(problem, data, jax.random.key(0), 300, N_MIRRORED, mirror=mirror)
 
@@ -107,8 +106,8 @@ def test_mirror_images_weigh_the_same():
 def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     """Two facets, whose posterior holds every body twice, once in each order: the way from the
     prior counts both, chains see one. The limit, 0.6 nat at most, is below the ln 2 between."""
-    light = small.curve(30, 2)
-    problem, data = small.posed(light, n_facets=2, spin="none")
+    light = small_curves.curve(30, 2)
+    problem, data = small_curves.posed(light, n_facets=2, spin="none")
     runs = smc.replicate(problem, data, jax.random.key(0), 250, N_RUNS, plan=PLAN)
     fitted = lcbayes.fit(
         light,
@@ -121,7 +120,7 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
         num_warmup=200,
         num_starts=48,
     )
-    (mode,) = fitted.summary()["modes"]
+    (mode,) = fitted.content["modes"]
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
     bridged = basins.measure(problem, data, runs.runs, order).weighed.log_evidence
     for value, se in ((mode["log_evidence"], mode["log_evidence_se"]), bridged):

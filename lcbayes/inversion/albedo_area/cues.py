@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lcbayes.core.progress import Silent, Track
 from lcbayes.inversion.albedo_area import nulls
 from lcbayes.inversion.albedo_area.distribution import Distribution
+from lcbayes.inversion.albedo_area.facets import Facets
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.maps import BAND, CAP, HEAVY, Maps
 from lcbayes.inversion.albedo_area.observed import Observed
@@ -25,6 +26,8 @@ ANGLE_SD = 3.0  # degrees, in which an angle counts as met
 ALONG = 5.0  # degrees within which facets are taken to lie opposite each other
 SMALL = 0.03  # share of the area from which a facet counts for angles
 ANGLE_DRAWS = 1999
+DISTINCT = 12  # facets at most, of a body whose angles are tested though no direction stands out
+WELL_MEASURED = 5.0  # area over its standard deviation, of a facet that counts among them
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def find(
     seen: Observed,
     found: Distribution,
     matrix: Floats,
-    few: Distribution,
+    few: Facets,
     materials: Sequence[Material],
     n_null: int = 199,
     seed: int = 0,
@@ -74,7 +77,7 @@ def find(
         On an equal-area grid, once per material, without penalties; materials are added up.
     matrix : (T, N)
         Its columns.
-    few : Distribution
+    few : Facets
         The few facets of the same light curve.
     n_null : int
         Simulated bodies for each of the two nulls; 2 n_null solutions in all.
@@ -101,12 +104,30 @@ def find(
     clusters = _clusters(maps, areas, smooth, arc)
     stand_out = np.array([c["direction"] for c in clusters.details["clusters"]]).reshape(-1, 3)
     near = np.any(few.normals @ stand_out.T > np.cos(np.radians(CAP)), axis=1)
+    if faceted(seen, found, matrix, few):
+        near |= few.areas > WELL_MEASURED * few.area_sd
     return [
         clusters,
         *angles(few.normals[near], few.areas[near] / few.areas.sum(), seed + 2),
         arc,
         _uniform(maps, areas, scattered),
     ]
+
+
+def faceted(seen: Observed, found: Distribution, matrix: Floats, few: Facets) -> bool:
+    """Whether few flat facets explain the light curve better than a smooth body.
+
+    They are `DISTINCT` at most, and their χ² + 3 n ln T lies below χ² + 6 ln T of the ellipsoid
+    that fits best (Bayesian information criterion). Two dozen facets stand in for a smooth
+    surface, and the angles between them are those of an even covering of the sphere.
+    """
+    count = len(few.areas)
+    if count > DISTINCT:
+        return False
+    model = found.scale[seen.curve] * (matrix @ nulls.ellipsoid(seen, found, matrix))
+    smooth = float(np.sum(((seen.flux - model) / seen.error) ** 2))
+    penalty = float(np.log(len(seen.flux)))
+    return few.chi2 + 3 * count * penalty < smooth + 6 * penalty
 
 
 def _p(statistic: float, null: Sequence[float] | Floats) -> float:
@@ -133,7 +154,7 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
         c["flat"] = any(c is f for f in flat)
     largest = float(np.max(excess))
     if not found:
-        words = "no direction stands out from what a smooth body gives"
+        words = "no direction stands out on the grid from what a smooth body gives"
     elif len(flat) < len(found):
         words = f"{len(flat)} flat facets at least, besides {len(found) - len(flat)} along the arc"
     else:
@@ -192,7 +213,7 @@ def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
     Parameters
     ----------
     normals : (n, 3)
-        Of facets that stand out; without any nothing is tested.
+        Of facets that stand out or are measured well; without any nothing is tested.
     share : (n,)
         Of the body's whole area.
     """
@@ -212,7 +233,7 @@ def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
     n = len(vectors)
     null = "as many axes that point at random"
     if n < 2:
-        words = "fewer than two axes of facets that stand out"
+        words = "fewer than two axes of distinct facets"
         return [Cue(f"angle-{a:.0f}", 0.0, 1.0, null, words) for a in ANGLES]
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     random = np.random.default_rng(seed).normal(size=(ANGLE_DRAWS, n, 3))

@@ -189,7 +189,7 @@ def _without_one(
     """A facet fewer at a lower cost in all, if one of the weakest can be spared."""
     value = best.chi2 + cost * len(best.areas)
     vectors = best.areas[:, None] * best.normals
-    for weakest in np.argsort(_loss(best))[:TRIED]:
+    for weakest in np.argsort(worth(best))[:TRIED]:
         kept = np.arange(len(vectors)) != weakest
         if not np.any(kept):
             break
@@ -218,7 +218,7 @@ def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.inte
     return np.array(vectors), np.array(which)
 
 
-def _loss(found: Facets) -> Floats:
+def worth(found: Facets) -> Floats:
     """What χ² would rise by without each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
     vectors = found.areas[:, None] * found.normals
     own = np.einsum("iaib->iab", found.covariance)

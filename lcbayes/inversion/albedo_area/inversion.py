@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area import bootstrap, cues
+from lcbayes.inversion import reasons
+from lcbayes.inversion.albedo_area import bootstrap, cues, misfit
 from lcbayes.inversion.albedo_area.distribution import (
     Distribution,
     Rows,
@@ -31,7 +33,6 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 Floats = NDArray[np.float64]
 
 OPEN = 0.1  # gap |Σ α n|/Σα up to which facets are taken for those of a closed body
-POOR = 2.0  # χ² per degree of freedom, with errors known, from which the attitude is in doubt
 LOOSE = 0.2  # rms residual over mean flux from which it is, with errors unknown
 CHANGED = 0.1  # part of all area that was changed to close it from which the shape is in doubt
 FEWEST = 10  # points
@@ -72,7 +73,7 @@ class Inversion:
         Part of all directions that were never lit and seen at once.
     dof : int
         Points less what was fitted.
-    reasons : list of str
+    reasons : list of Reason
         Why the result must not be trusted; empty where it may be.
     """
 
@@ -90,7 +91,7 @@ class Inversion:
     no_shape: str
     unseen: float
     dof: int
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[Reason] = field(default_factory=list)
 
     @property
     def best(self) -> Distribution:
@@ -221,7 +222,7 @@ def invert(
         unseen,
         max(int(len(seen.flux) - parameters), 1),
     )
-    result.reasons.extend(_doubts(result))
+    result.reasons.extend(_doubts(result, cost, seed))
     return result
 
 
@@ -240,7 +241,7 @@ def _shape(
     if gap > OPEN:
         why = "so no convex body of one albedo has them"
         if unseen > 0:
-            why = f"so albedos differ, or facets are missing: {_dark(unseen)}"
+            why = f"so albedos differ, or facets are missing: {reasons.unseen_part(unseen)}"
         return (
             None,
             0.0,
@@ -254,48 +255,41 @@ def _shape(
     return body, float(np.sum(np.abs(closed - best.areas)) / best.areas.sum()), ""
 
 
-def _dark(unseen: float) -> str:
-    return f"{100 * unseen:.0f} % of all directions were never lit and seen at once"
-
-
-def _doubts(result: Inversion) -> list[str]:
-    reasons = []
-    reduced = result.best.chi2 / result.dof
-    names = " and ".join(map(str, result.materials))
-    body = f"no convex body of material {names} with this attitude"
-    other = ""
-    if tuple(result.materials) == (LAMBERTIAN,):
-        other = "; another law may (--material non-lambertian, the one that fit takes by default)"
-    if result.seen.error_known and reduced > POOR:
-        reasons.append(
-            f"chi2 is {reduced:.1f} per degree of freedom: {body} gives this light curve to its "
-            f"errors{other}"
-        )
-    if not result.seen.error_known and result.rms > LOOSE:
-        reasons.append(
-            f"residuals are {100 * result.rms:.0f} % of the mean flux: {body} gives this light "
-            f"curve{other}"
-        )
+def _doubts(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
+    """Why the result must not be trusted."""
+    out = _misfits(result, cost, seed)
     used = len(result.seen.flux) - result.dof
-    if result.facets is not None and used > result.dof:
-        reasons.append(
-            f"{used} numbers were fitted to {len(result.seen.flux)} points: other facets would do "
-            "as well"
-        )
     if result.facets is not None:
+        if used > result.dof:
+            out.append(reasons.too_many_parameters(used, len(result.seen.flux)))
         vague = int(np.sum(result.facets.area_sd > VAGUE * result.facets.areas))
         if vague:
-            reasons.append(
-                f"the flux does not constrain the areas of {vague} of {len(result.facets.areas)} "
-                f"facets: their standard deviations exceed {100 * VAGUE:.0f} %"
-            )
+            out.append(reasons.areas_undetermined(vague, len(result.facets.areas), VAGUE))
     if result.changed > CHANGED:
-        reasons.append(
-            f"areas had to be changed by {100 * result.changed:.0f} % of their sum to close: "
-            "albedos differ, or facets are missing, and the shape is not the body's"
-        )
+        out.append(reasons.not_closed(result.changed))
     if result.unseen > UNSEEN:
-        reasons.append(
-            f"{_dark(result.unseen)}: what faces there is unknown, and the shape with it"
-        )
-    return reasons
+        out.append(reasons.directions_unseen(result.unseen))
+    return out
+
+
+def _misfits(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
+    """What the residuals say against the body."""
+    out = []
+    lambertian = tuple(result.materials) == (LAMBERTIAN,)
+    body = reasons.convex_body(" and ".join(map(str, result.materials)), lambertian)
+    chi2 = result.best.chi2
+    p_value = misfit.chi2_p_value(chi2, result.dof)
+    misfits = result.seen.error_known and p_value < misfit.LEVEL
+    if misfits:
+        out.append(reasons.misfit(chi2 / result.dof, p_value, body))
+    if not result.seen.error_known and result.rms > LOOSE:
+        out.append(reasons.large_residuals(result.rms, body))
+    by_geometry = misfit.geometry_p_value(result.seen, result.best.flux, seed)
+    if by_geometry < misfit.GEOMETRY_LEVEL:
+        out.append(reasons.residuals_follow_geometry(by_geometry))
+    if result.facets is not None and (misfits or by_geometry < misfit.GEOMETRY_LEVEL):
+        cost = 3.0 * float(np.log(len(result.seen.flux))) if cost is None else cost
+        ghosts = misfit.doubtful(result.facets, result.dof, cost)
+        if len(ghosts):
+            out.append(reasons.insignificant_facets(result.facets.areas[ghosts]))
+    return out

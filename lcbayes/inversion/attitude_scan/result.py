@@ -144,7 +144,7 @@ class Found:
         return self.n_laws + (0 if self.screened is None else len(self.screened.chi2))
 
     def table(self) -> tuple[list[str], Iterable[list[str]]]:
-        """Heads and rows of `hypotheses.csv`."""
+        """Heads and rows of ``tables/hypotheses.csv``."""
         heads = [
             "law",
             "start_lon_deg",

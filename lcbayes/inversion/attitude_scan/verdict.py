@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from lcbayes.core.constants import HOUR_S
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import equivalence
 from lcbayes.inversion.attitude_scan.result import Found, Solution, written_period
@@ -20,20 +21,17 @@ LOOSE = 0.2  # rms residual, errors unknown, from which none does
 NAMED = 5  # of what fits as well, before the rest are counted
 
 
-def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
-    """The content of ``summary.json``."""
+def summarise(found: Found, curve: LightCurve) -> tuple[dict[str, Any], list[Finding]]:
+    """What ``summary.json`` holds beside the verdict, and what speaks against the result."""
     best = found.solutions[0]
     limit = equivalence.limit(found)
     solutions = [_row(s, found, limit) for s in found.solutions]
-    reasons = list(_doubts(found, solutions))
     smooth = best.coefficients is not None
-    return {
+    content = {
         "model": "attitude-scan",
         "n_facets": len(best.areas),
         "n_obs": curve.n_obs,
         "seed": 0,
-        "converged": not reasons,
-        "reasons": reasons,
         "frame": curve.frame,
         "n_hypotheses": found.n_hypotheses,
         "n_periods": found.n_periods,
@@ -56,6 +54,7 @@ def summarise(found: Found, curve: LightCurve) -> dict[str, Any]:
         },
         "timing": found.timing,
     }
+    return content, list(_findings(found, solutions))
 
 
 def _row(s: Solution, found: Found, limit: float) -> dict[str, Any]:
@@ -75,48 +74,37 @@ def _row(s: Solution, found: Found, limit: float) -> dict[str, Any]:
     }
 
 
-def _doubts(found: Found, solutions: list[dict[str, Any]]) -> Iterator[str]:
+def _findings(found: Found, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
     best = found.solutions[0]
     if found.error_known and best.chi2 > POOR * found.dof:
-        yield (
-            f"chi2 is {best.chi2 / found.dof:.1f} per degree of freedom: none of the hypotheses "
-            "explains the light curve to its errors"
-        )
+        misfit = f"chi2 is {best.chi2 / found.dof:.1f} per degree of freedom"
+        values = {"misfit": misfit, "to": " to its errors"}
+        yield Finding("no-hypothesis-explains-data", values)
     if not found.error_known and best.rms > LOOSE:
-        yield (
-            f"residuals are {100 * best.rms:.0f} % of the mean flux: none of the hypotheses "
-            "explains the light curve"
-        )
+        misfit = f"residuals are {100 * best.rms:.0f} % of the mean flux"
+        yield Finding("no-hypothesis-explains-data", {"misfit": misfit, "to": ""})
     used = found.n_obs - found.dof
     if used > found.dof:
-        yield (
-            f"{used} numbers were fitted to {found.n_obs} points: other attitudes would do as well"
-        )
+        yield Finding("too-many-parameters", {"fitted": used, "points": found.n_obs})
     elif found.error_known and _too_close(best.chi2, found):
-        yield (
-            f"chi2 is {best.chi2 / found.dof:.2f} per degree of freedom: the errors are too large, "
-            "or the body follows the noise"
-        )
+        yield Finding("fit-too-close", {"ratio": best.chi2 / found.dof})
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
         words = (written_period(s["period_h"], s["period_resolution_h"]) for s in other)
-        yield f"the period is not unique: {_fit_as_well(words)}"
+        yield Finding("period-not-unique", {"others": _fit_as_well(words)})
     poles = [s for s in near if s["relation"] not in (ALIAS, HALF, TWICE, PERIOD, MIRROR, "law")]
     if poles:
         where = (f"({s['pole_lon_deg']:.0f}, {s['pole_lat_deg']:+.0f}) degrees" for s in poles)
-        yield f"the pole is not unique beyond its mirror: {_fit_as_well(where)}"
+        yield Finding("pole-not-unique", {"others": _fit_as_well(where)})
     laws = [s["law"] for s in near if s["relation"] == "law"]
     if laws:
-        yield f"the attitude is not unique: {_fit_as_well(laws)}"
+        yield Finding("attitude-not-unique", {"others": _fit_as_well(laws)})
     settings = found.settings
     if best.frequency is not None and (end := _end_of_range(best.frequency, found)):
-        yield f"the best period lies {end}: widen it"
+        yield Finding("period-at-end-of-range", {"where": end})
     if best.frequency is not None and best.hits < 2 and settings.n_poles > 1:
-        yield (
-            "fewer than two starts came to the best solution: there may be a better one; "
-            "raise --n-poles"
-        )
+        yield Finding("best-hypothesis-once")
 
 
 def _too_close(chi2: float, found: Found) -> bool:

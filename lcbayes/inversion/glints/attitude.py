@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.segments import labels, nights
+from lcbayes.inversion import reasons as why
 from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Observed
 from lcbayes.inversion.glints.detect import Baseline, Glint, detect
 from lcbayes.inversion.glints.directions import (
@@ -59,7 +61,7 @@ class Glints:
     single: list[Direction]
     cylinder: Direction | None
     panel: Tracking | None
-    reasons: list[str]
+    reasons: list[Reason]
     notes: list[str]
 
 
@@ -123,7 +125,7 @@ def analyse(
     single: list[Direction] = []
     axle = panel = None
     if not glints:
-        reasons.append(f"no glint stands out: none has a false-alarm probability below {alarm:g}")
+        reasons.append(why.no_glint(alarm))
     elif axis is not None:
         panel = _panel(t, sun, parts, glints, seen, np.asarray(axis, float), reasons)
     else:
@@ -132,12 +134,7 @@ def analyse(
         single = [g for g in groups if len(g.members) == 1]
         axle = _cylinder(seen, notes)
         if not shared and axle is None:
-            reasons.append(
-                f"{len(glints)} glint(s) fix no direction: no two share a facet's normal and no "
-                "axis is perpendicular to all bisectors; the attitude may be another one"
-                if len(glints) > 1
-                else "one glint alone fixes no direction: nothing tests that it is a facet's"
-            )
+            reasons.append(why.no_direction(len(glints)))
     glints = [replace(one, row=int(rows[one.row])) for one in glints]
     return Glints(t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes)
 
@@ -220,7 +217,7 @@ def _panel(
     glints: list[Glint],
     seen: list[Sighting],
     axis: Floats,
-    reasons: list[str],
+    reasons: list[Reason],
 ) -> Tracking | None:
     at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
     found = tracking(
@@ -230,12 +227,9 @@ def _panel(
         axis / np.linalg.norm(axis),
     )
     if len(glints) < 2:
-        reasons.append("one glint alone fixes no offset: nothing tests that a panel makes it")
+        reasons.append(why.one_glint_no_offset())
         return None
     if found.p_value < MIN_FIT:
-        reasons.append(
-            f"the glints share no offset from the Sun: chi2 is {found.chi2:.1f} for "
-            f"{found.freedom} degrees of freedom"
-        )
+        reasons.append(why.no_common_offset(found.chi2, found.freedom))
         return None
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,7 +177,8 @@ def detect(
             if taken[max(0, start - size) : start + 2 * size].any():
                 continue
             taken[start : start + size] = True
-            one = _measure(t, flux, level, rows, start, size, i, float(score), float(p))
+            peak = _Peak(rows, start, size, i, float(score), float(p))
+            one = _measure(t, flux, level, peak)
             taken |= np.abs(t[rows] - one.t) < 2.0 * one.fwhm  # and its flanks
             if one.fwhm <= limits[i]:
                 found.append(one)
@@ -197,18 +199,20 @@ def _calm(total: Floats) -> Floats:
     return total / max(1.0, float(scale))
 
 
-def _measure(
-    t: Floats,
-    flux: Floats,
-    level: Baseline,
-    rows: Ints,
-    start: int,
-    size: int,
-    stretch: int,
-    score: float,
-    p: float,
-) -> Glint:
+class _Peak(NamedTuple):
+    """Points that stand out: of the rows of a stretch those from ``start``, ``size`` of them."""
+
+    rows: Ints
+    start: int
+    size: int
+    stretch: int
+    score: float
+    p: float
+
+
+def _measure(t: Floats, flux: Floats, level: Baseline, of: _Peak) -> Glint:
     """Time, width and height of a Gaussian profile over the baseline."""
+    rows, start, size = of.rows, of.start, of.size
     step = float(np.median(np.diff(t[rows])))
     excess = flux[rows] - level.flux[rows]
     peak = start + int(np.argmax(excess[start : start + size]))
@@ -240,13 +244,13 @@ def _measure(
     nearest = rows[int(np.argmin(np.abs(t[rows] - at)))]
     return Glint(
         int(nearest),
-        stretch,
+        of.stretch,
         float(at),
         max(error, 0.3 * step if fwhm <= 2 * step else 0.0),
         fwhm,
         height,
         float(level.flux[nearest]),
-        score,
-        p,
+        of.score,
+        of.p,
         bool(fwhm > 2 * step),
     )

@@ -14,6 +14,10 @@ other in a pass without leaving each other's neighbourhood are alike under any l
 they set κ. The p-value is the rank of the statistic among those of bodies drawn at random, turned
 by the law, seen at the same times with the same relative noise.
 
+A body that spins changes along a pass faster than any law allows for, so that κ is large and hides
+every difference. A law is said to hold only where the test could have rejected it: where
+brightness exchanged at random between points of like phase angle would be rejected.
+
 References
 ----------
 Hall et al. 2007, sec. 4.4.
@@ -31,7 +35,9 @@ from scipy.spatial import KDTree
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
@@ -43,6 +49,9 @@ PARTNERS = 6  # nearest ones of a point that are used
 MIN_PAIRS, MIN_POINTS = 60, 30
 SAME_DEG = 0.5  # laws whose axes keep this near to a constant turn are one law
 ROUGHEST, SMOOTHEST = 30.0, 0.5  # 1/rad, limits of κ
+EXCHANGES = 99  # of brightness between points, which the power is measured with
+MAX_ALLOWANCE = 0.3  # κ d of the median pair
+ALIKE_PHASE = 20  # points among which it is exchanged
 WINDOW, GLINT_SD, GLINT_RISE = 9, 6.0, 0.4  # points; what rises above the median of a window
 
 
@@ -86,6 +95,8 @@ class Verdict:
     statistic, expected : float
         Of the data, and the median over the bodies drawn.
     n_pairs, n_points : int
+    powerless : bool
+        Whether unrelated brightness would pass as well; then the law was not tested.
     same_as : names of laws that these data cannot tell from this one
     """
 
@@ -98,6 +109,7 @@ class Verdict:
     expected: float = np.nan
     n_pairs: int = 0
     n_points: int = 0
+    powerless: bool = False
     same_as: tuple[str, ...] = ()
     pairs: Pairs | None = field(default=None, repr=False)
 
@@ -127,7 +139,7 @@ class AttitudeTest:
     n_glints: int
     n_obs: int
     seen: Reduced
-    reasons: list[str]
+    reasons: list[Reason]
 
     def rejected(self, verdict: Verdict) -> bool:
         return verdict.tested and verdict.p_value < self.level
@@ -197,20 +209,17 @@ def attitude_test(
     return AttitudeTest(tuple(found), level, int(glint.sum()), len(seen.t), seen, reasons)
 
 
-def _untested(found: Sequence[Verdict], separation_deg: float) -> list[str]:
+def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Reason]:
     """Why no law could be tested, what stopped most of them first."""
-    why = Counter(
-        f"has not {MIN_PAIRS} pairs among {MIN_POINTS} measurements within {separation_deg:g} deg "
-        "of each other that were not taken one after the other; observe more passes under like "
-        "geometry"
+    each = Counter(
+        why.too_few_pairs(MIN_PAIRS, MIN_POINTS, separation_deg)
         if v.sparse
-        else v.reason
+        else why.no_power()
+        if v.powerless
+        else Reason("law-not-applicable", v.reason)
         for v in found
     )
-    return [
-        f"no law could be tested; {n} of {len(found)}: each {reason}"
-        for reason, n in why.most_common()
-    ]
+    return [why.no_law_tested(n, len(found), one) for one, n in each.most_common()]
 
 
 def _smallest(n_null: int) -> float:
@@ -298,17 +307,61 @@ def _test(
     null = statistic(flux, seen.error, found)
     mine = float(statistic(seen.flux[None], seen.error, found)[0])
     p = (1 + np.sum(null >= mine)) / (1 + len(null))
+    powerless = bool(p >= level) and not _has_power(seen, found, null, level, rng)
     return Verdict(
         law.name,
         law.settings(),
-        True,
-        "",
-        float(p),
+        not powerless,
+        _without_power(seen, found) if powerless else "",
+        np.nan if powerless else float(p),
         mine,
         float(np.median(null)),
         len(found.i),
         found.n_points,
+        powerless,
         pairs=found,
+    )
+
+
+def _has_power(
+    seen: Reduced, pairs: Pairs, null: Floats, level: float, rng: np.random.Generator
+) -> bool:
+    """Whether brightness that depends on the phase angle alone would be rejected at the level.
+
+    Flux and error of the points that take part are exchanged at random among `ALIKE_PHASE` points
+    of the same group that follow each other in phase angle, which is the same under every law;
+    roughness stays as observed. More than half of the exchanges must be rejected. Where roughness
+    allows pairs to differ by more than `MAX_ALLOWANCE` of their flux nothing is tested.
+    """
+    phase = np.einsum("ti,ti->t", seen.sun, seen.obs)
+    kappa = roughness(seen.flux[None], seen.error, pairs)
+    if kappa[0] * np.median(pairs.d) > MAX_ALLOWANCE:
+        return False
+    critical = np.quantile(null, 1.0 - level)
+    points = np.unique([pairs.i, pairs.j])
+    above = 0
+    for _ in range(EXCHANGES):
+        order = np.arange(len(seen.t))
+        for g in np.unique(seen.group[points]):
+            here = points[seen.group[points] == g]
+            here = here[np.argsort(phase[here])]
+            for part in np.array_split(here, max(1, len(here) // ALIKE_PHASE)):
+                order[part] = rng.permutation(part)
+        other = seen.at(order)
+        above += float(distance(other.flux[None], other.error, pairs, kappa)[0]) > critical
+    return above > EXCHANGES / 2
+
+
+def _without_power(seen: Reduced, pairs: Pairs) -> str:
+    """Why the pairs cannot reject a law."""
+    i, j = pairs.i, pairs.j
+    mean = 0.5 * (seen.flux[i] + seen.flux[j])
+    differ = float(np.median(np.abs(seen.flux[i] - seen.flux[j]) / np.abs(mean)))
+    noise = float(np.median(np.hypot(seen.error[i], seen.error[j]) / np.abs(mean)))
+    return (
+        f"no power: pairs differ by {100 * differ:.0f} % (median; noise {100 * noise:.0f} %), but "
+        "brightness changes so fast along passes that unrelated brightness would pass as well: the "
+        "body may spin"
     )
 
 
@@ -360,7 +413,11 @@ def _nearest(i: Ints, j: Ints, d: Floats) -> tuple[Ints, Ints, Floats]:
 
 def statistic(flux: Floats, error: Floats, pairs: Pairs) -> Floats:
     """The statistic of the module's head for several light curves at once, (B, T) → (B,)."""
-    kappa = roughness(flux, error, pairs)
+    return distance(flux, error, pairs, roughness(flux, error, pairs))
+
+
+def distance(flux: Floats, error: Floats, pairs: Pairs, kappa: Floats) -> Floats:
+    """The same with the roughness given, κ (B,)."""
     i, j = pairs.i, pairs.j
     mean = 0.5 * (flux[:, i] + flux[:, j])
     own = error[i] ** 2 + error[j] ** 2 + (kappa[:, None] * mean * pairs.d) ** 2

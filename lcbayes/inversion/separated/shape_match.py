@@ -3,8 +3,12 @@
 A body seen in many unrelated orientations has a brightness that is random, distributed as its
 shape and the phase angle say. Candidates are turned at random, lit at the phase angles of the
 observations, and made as noisy; the distribution of the observations in the plane of phase angle
-and magnitude is held against theirs. Size and albedo are unknown: magnitudes are taken against
-their median. p-values are ranks among samples of the candidate itself.
+and magnitude is compared with theirs. Size and albedo are unknown: magnitudes are taken against
+their median. p-values are ranks among samples of the candidate itself, in two states of motion:
+every point in an orientation of its own, as of a tumbling body seen over a long time; and a spin
+about one fixed axis, drawn anew for each sample with the body's orientation on it, at the
+directions of the observations and with unrelated rotational phases. A candidate is rejected where
+both reject it, and always together with the surface that was assumed.
 
 References
 ----------
@@ -19,29 +23,34 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.separated.attitude_test import alike
-from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
+from lcbayes.inversion import reasons as why
+from lcbayes.inversion.separated.conditions import (
+    REACH_MAG,
+    STABLE_P,
+    STABLE_RATIO,
+    correlated,
+    phase_angles,
+    stabilised,
+)
+from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, reduce
 from lcbayes.inversion.separated.two_samples import Reference
-from lcbayes.modelling.ephemeris import ephemeris
-from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
 from lcbayes.physics.brightness import flux_brdf
 
 R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
 LEAST_SNR = 3.0
 LEAST_LEVEL = 0.001  # for which 2000 nulls are drawn
-REACH_MAG = 4.0  # from the median; what is fainter or brighter counts as there
 MIN_INDEPENDENT, MOST_POINTS, LEAST_SPAN_DEG = 100, 500, 30.0
 MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
 BLOCK = 500_000  # facets times samples at once
 STEP_DEG, TURNS = 1.0, 240  # phase angles that a shape is sampled at, orientations at each
-STABLE_P, STABLE_PAIRS, STABLE_REACH_DEG = 0.01, 30, 8.0
-STABLE_LAWS = ("inertial", "lvlh", "yaw-steering", "sun-north", "sun-pointing", "earth-north")
 
 
 @cache
@@ -83,7 +92,9 @@ class Match:
     Attributes
     ----------
     name : of the candidate
-    p_kolmogorov, p_energy : probability of so large a distance if this is the shape
+    p_kolmogorov, p_energy : probability of so large a distance if this is the shape and its
+        orientation is random at every point
+    p_fixed_axis : the same if it spins about a fixed axis, of both distances together
     kolmogorov, energy : distances
     excess : energy distance above its mean under the candidate, in standard deviations
     phase, magnitude : (M,) rad, mag
@@ -93,6 +104,7 @@ class Match:
     name: str
     p_kolmogorov: float
     p_energy: float
+    p_fixed_axis: float
     kolmogorov: float
     energy: float
     excess: float
@@ -100,9 +112,14 @@ class Match:
     magnitude: Floats
 
     @property
-    def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
+    def p_random(self) -> float:
+        """Of both tests together (Bonferroni) if orientations are random."""
         return min(1.0, 2.0 * min(self.p_kolmogorov, self.p_energy))
+
+    @property
+    def p_value(self) -> float:
+        """The larger of both motions: that of the shape, however it turns."""
+        return max(self.p_random, self.p_fixed_axis)
 
 
 @dataclass(frozen=True)
@@ -113,6 +130,7 @@ class ShapeMatch:
     ----------
     matches : by p-value, then by ``excess``
     level : probability below which a candidate is rejected
+    surface : of all candidates
     phase, magnitude : (n,) rad, mag
         Of the observations that were used, magnitudes against their median.
     n_obs, n_faint, stride : points given; left out below a signal of 3σ; one in how many is taken
@@ -122,13 +140,14 @@ class ShapeMatch:
 
     matches: tuple[Match, ...]
     level: float
+    surface: Surface
     phase: Floats
     magnitude: Floats
     n_obs: int
     n_faint: int
     stride: int
     correlation: float
-    reasons: list[str]
+    reasons: list[Reason]
 
     @property
     def consistent(self) -> list[Match]:
@@ -191,118 +210,36 @@ def shape_match(
     stride = max(int(np.ceil(correlation)), int(np.ceil(len(seen.t) / MOST_POINTS)))
     seen = seen.at(np.arange(0, len(seen.t), stride))
     rng = np.random.default_rng(seed)
-    phase, magnitude = _phase(seen), -2.5 * np.log10(seen.flux)
+    phase, magnitude = phase_angles(seen), -2.5 * np.log10(seen.flux)
     magnitude = magnitude - np.median(magnitude)
     reasons = _reasons(curve, seen, phase, magnitude, rng)
+    observations = Observations(seen, phase, magnitude, curve.kind, n_nulls, n_draws)
     bodies = candidates() if bodies is None else bodies
     found = []
     with progress.stage("matching shapes", len(bodies), "shapes") as track:
         for name, body in bodies.items():
-            found.append(
-                _match(
-                    name,
-                    body,
-                    surface,
-                    curve.kind,
-                    seen,
-                    phase,
-                    magnitude,
-                    n_nulls,
-                    n_draws,
-                    np.random.default_rng(seed),
-                )
-            )
+            rng = np.random.default_rng(seed)
+            found.append(_match(name, body, surface, observations, rng))
             track.advance(1, name)
     found.sort(key=lambda m: (-min(m.p_value, level), m.excess))
     return ShapeMatch(
-        tuple(found), level, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
+        tuple(found), level, surface, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
     )
-
-
-def _phase(seen: Reduced) -> Floats:
-    cross = np.linalg.norm(np.cross(seen.sun, seen.obs), axis=1)
-    return np.arctan2(cross, np.sum(seen.sun * seen.obs, axis=1))
-
-
-def correlated(seen: Reduced) -> float:
-    """How many successive points one independent point is worth, 1 + 2 Σ ρ_k.
-
-    ρ is the correlation of magnitudes, their trend with phase angle taken out, within passes; the
-    sum ends where ρ falls below its noise (Sokal's window of positive terms).
-    """
-    left = _without_trend(_phase(seen), -2.5 * np.log10(np.maximum(seen.flux, 1e-300)))
-    left = np.clip(left, -REACH_MAG, REACH_MAG)
-    total = 1.0
-    for k in range(1, len(left) // 4):
-        same = seen.one_pass[k:] == seen.one_pass[:-k]
-        if np.sum(same) < 20:
-            break
-        rho = np.mean((left[k:] * left[:-k])[same]) / np.mean(left**2)
-        if rho < 2.0 / np.sqrt(np.sum(same)):
-            break
-        total += 2.0 * rho
-    return float(total)
-
-
-def _without_trend(phase: Floats, magnitude: Floats) -> Floats:
-    base = np.polynomial.legendre.legvander(2.0 * phase / np.pi - 1.0, 2)
-    fitted, *_ = np.linalg.lstsq(base, magnitude, rcond=None)
-    return magnitude - base @ fitted
 
 
 def _reasons(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> list[str]:
+) -> list[Reason]:
     out = []
     if len(phase) < MIN_INDEPENDENT:
-        out.append(
-            f"{len(phase)} observations are independent of each other, and {MIN_INDEPENDENT} are "
-            "needed: brightness follows itself from point to point; observe more passes"
-        )
+        out.append(why.too_few_independent(len(phase), MIN_INDEPENDENT))
     span = float(np.degrees(np.subtract(*np.quantile(phase, [0.95, 0.05]))))
     if span < LEAST_SPAN_DEG:
-        out.append(
-            f"phase angles span {span:.0f} deg (5 to 95 %), and {LEAST_SPAN_DEG:g} deg are needed"
-        )
-    stable, law = stabilised(curve, seen, phase, magnitude, rng)
-    if stable < STABLE_P:
-        out.append(
-            f"the object looks stabilised: where the law {law!r} repeats the directions, "
-            f"brightness repeats itself (p = {stable:.3f}), so that orientations are not random"
-        )
+        out.append(why.narrow_phase_angles(span, LEAST_SPAN_DEG))
+    stable, law, ratio = stabilised(curve, seen, phase, magnitude, rng)
+    if stable < STABLE_P and ratio < STABLE_RATIO:
+        out.append(why.stabilised(law, stable, ratio))
     return out
-
-
-def stabilised(
-    curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> tuple[float, str]:
-    """p-value that brightness does not repeat itself under any common law, and the nearest law.
-
-    Of pairs that a law makes alike the mean absolute difference of magnitude, trend with phase
-    taken out, ranked among permutations of the points; the smallest over laws against the smallest
-    of the permutations. 1 where no law has pairs enough.
-    """
-    left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
-    eph = ephemeris(curve)
-    tried = np.array([left, *(rng.permutation(left) for _ in range(199))])
-    scores, names = [], []
-    for name in STABLE_LAWS:
-        law = catalogue.find(name)
-        try:
-            parts = in_body(turns(law, eph, seen)[:1], seen)
-        except InputError:
-            continue
-        pairs = alike(parts, seen, np.radians(STABLE_REACH_DEG))
-        if len(pairs.i) < STABLE_PAIRS:
-            continue
-        mean = np.mean(np.abs(tried[:, pairs.i] - tried[:, pairs.j]), axis=1)
-        scores.append((mean - mean[1:].mean()) / mean[1:].std())
-        names.append(name)
-    if not names:
-        return 1.0, ""
-    least = np.min(scores, axis=0)
-    p = (1 + np.sum(least[1:] <= least[0])) / len(least)
-    return float(p), names[int(np.argmin([s[0] for s in scores]))]
 
 
 def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -376,53 +313,111 @@ def _block(sun, obs, normals, areas, r_diff, r_spec, exponent):
     return flux_brdf(sun, obs, normals, areas, "blinn-phong", params)
 
 
+@dataclass(frozen=True)
+class Observations:
+    """What every candidate is compared with, and how often.
+
+    Attributes
+    ----------
+    seen : Reduced
+    phase, magnitude : (n,) rad, mag
+        Magnitudes against their median.
+    kind : of the light curve's brightness
+    n_nulls, n_draws : samples that p-values rank among, draws that a distribution is known by
+    """
+
+    seen: Reduced
+    phase: Floats
+    magnitude: Floats
+    kind: str
+    n_nulls: int
+    n_draws: int
+
+
 def _match(
-    name: str,
-    body: shapes.Body,
-    surface: Surface,
-    kind: str,
-    seen: Reduced,
-    phase: Floats,
-    magnitude: Floats,
-    n_nulls: int,
-    n_draws: int,
-    rng: np.random.Generator,
+    name: str, body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
 ) -> Match:
     """One candidate."""
-    n = len(phase)
+    n, phase = len(of.phase), of.phase
     # a point of the observations for every draw, each equally often: the same phase frequencies
-    which = np.arange(3 * n_draws) % n
+    which = np.arange(3 * of.n_draws) % n
     flux = cast(body, surface).draw(phase[which], rng)
-    level = _level(flux, seen)
-    values, kept = _noisy(flux * level, which, kind, seen, rng)
+    values, kept = _noisy(flux * _level(flux, of.seen), which, of.kind, of.seen, rng)
     which, values = which[kept], values[kept]
     if len(values) < 2 * n:
-        return Match(name, 0.0, 0.0, 1.0, np.inf, np.inf, phase[which], values)
-    draws = rng.permutation(len(values))[:n_draws]
+        return Match(name, 0.0, 0.0, 0.0, 1.0, np.inf, np.inf, phase[which], values)
+    draws = rng.permutation(len(values))[: of.n_draws]
     middle = float(np.median(values[draws]))
     where, y = phase[which[draws]], values[draws] - middle
     unit = np.array([np.std(phase), np.std(np.clip(y, -REACH_MAG, REACH_MAG))])
     low = np.array([phase.min() - 1e-9, -REACH_MAG]) / unit
     high = np.array([phase.max() + 1e-9, REACH_MAG]) / unit
     reference = Reference(np.stack([where, y], axis=1) / unit, low, high)
-    mine = np.stack([phase, magnitude], axis=1) / unit
-    samples = [mine]
+    at_random = _random_samples(which, values, of, rng)
+    spinning = _spinning_samples(body, surface, of, rng)
+    samples = [(phase, of.magnitude), *at_random, *spinning]
+    distances = np.stack(
+        reference.distances([np.stack(sample, axis=1) / unit for sample in samples]), axis=1
+    )
+    own, null = distances[0], distances[1 : 1 + of.n_nulls]
+    p = (1 + np.sum(null >= own, axis=0)) / (1 + of.n_nulls)
+    fixed = distances[1 + of.n_nulls :]
+    p_fixed = (1 + np.sum(fixed >= own, axis=0)) / (1 + len(fixed))
+    excess = (own[1] - null[:, 1].mean()) / null[:, 1].std()
+    return Match(
+        name,
+        float(p[0]),
+        float(p[1]),
+        min(1.0, 2.0 * float(p_fixed.min())),
+        float(own[0]),
+        float(own[1]),
+        float(excess),
+        where,
+        y,
+    )
+
+
+def _random_samples(
+    which: Ints, values: Floats, of: Observations, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """Phase angles and magnitudes of samples of a candidate whose orientation is random."""
+    n = len(of.phase)
     by_point = np.argsort(which, kind="stable")
     # each point of the observations once, where it is bright enough in some draw
     count = np.bincount(which, minlength=n)
     bright = np.flatnonzero(count)
     begin = np.searchsorted(which[by_point], bright)
-    for _ in range(n_nulls):
+    samples = []
+    for _ in range(of.n_nulls):
         chosen = by_point[begin + (rng.random(n)[bright] * count[bright]).astype(int)]
         again = values[chosen]
-        samples.append(np.stack([phase[bright], again - np.median(again)], axis=1) / unit)
-    found = np.stack(reference.distances(samples), axis=1)
-    own, null = found[0], found[1:]
-    p = (1 + np.sum(null >= own, axis=0)) / (1 + n_nulls)
-    excess = (own[1] - null[:, 1].mean()) / null[:, 1].std()
-    return Match(
-        name, float(p[0]), float(p[1]), float(own[0]), float(own[1]), float(excess), where, y
-    )
+        samples.append((of.phase[bright], again - np.median(again)))
+    return samples
+
+
+def _spinning_samples(
+    body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """The same of a candidate that spins about an axis fixed in space and in the body."""
+    n = len(of.phase)
+    sun, obs = np.empty((of.n_nulls, n, 3)), np.empty((of.n_nulls, n, 3))
+    for k in range(of.n_nulls):
+        axis, second = Rotation.random(2, rng)
+        spin = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi, (n, 1)) * [[0.0, 0.0, 1.0]])
+        turn = axis * spin * second  # body to inertial
+        sun[k], obs[k] = (
+            turn.apply(of.seen.sun, inverse=True),
+            turn.apply(of.seen.obs, inverse=True),
+        )
+    flux = sent(body, surface, sun.reshape(-1, 3), obs.reshape(-1, 3)).reshape(of.n_nulls, n)
+    samples = []
+    for one in flux:
+        magnitude, kept = _noisy(one * _level(one, of.seen), np.arange(n), of.kind, of.seen, rng)
+        if np.sum(kept) < 2:
+            continue
+        magnitude = magnitude[kept]
+        samples.append((of.phase[kept], magnitude - np.median(magnitude)))
+    return samples
 
 
 def _level(flux: Floats, seen: Reduced) -> float:

@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude.laws import Attitude
@@ -105,7 +107,7 @@ class SingleFacet:
     model: Floats
     smooth: Floats
     seen: Reduced
-    reasons: list[str]
+    reasons: list[Reason]
 
     @property
     def area_sr(self) -> float:
@@ -228,44 +230,26 @@ def single_facet(
     return found
 
 
-def _reasons(found: SingleFacet, obs: Floats) -> list[str]:
+def _reasons(found: SingleFacet, obs: Floats) -> list[Reason]:
     """Conditions that are not met, in words."""
     out = []
     if found.p_value > NO_EDGE:
-        out.append(
-            f"no edge of a facet is seen: noise on a smooth curve does as well with p = "
-            f"{found.p_value:.3f}"
-        )
+        out.append(why.no_edge(found.p_value))
     sweep = max(
         np.degrees(np.arccos(np.clip((obs[rows] @ obs[rows].T).min(), -1.0, 1.0)))
         for i in np.unique(found.seen.one_pass)
         for rows in [np.flatnonzero(found.seen.one_pass == i)]
     )
     if sweep < LEAST_SWEEP_DEG:
-        out.append(
-            f"the direction to the observer turns by {sweep:.1f} deg in the body's axes, and "
-            f"{LEAST_SWEEP_DEG:g} deg are needed: the method is for passes of low orbits"
-        )
+        out.append(why.narrow_sweep(float(sweep), LEAST_SWEEP_DEG))
     if stats.chi2.sf(found.chi2, found.dof) < MISFIT:
-        out.append(
-            f"one facet over a smooth rest does not explain the curve (chi2 {found.chi2:.0f} for "
-            f"{found.dof} degrees of freedom): more than one facet changes, or the law is wrong"
-        )
+        out.append(why.one_facet_misfit(found.chi2, found.dof))
     if found.share < LEAST_SHARE:
-        out.append(
-            f"the facet sends {found.share:.1%} of the light at most, and the rest of the body "
-            "need not be as smooth as that"
-        )
+        out.append(why.small_share(found.share))
     if found.area_sr > KNOWN * 4.0 * np.pi:
-        out.append(
-            f"the normal is not constrained: the region is {found.area_sr / (4 * np.pi):.0%} of "
-            "the sphere"
-        )
+        out.append(why.normal_unconstrained(found.area_sr / (4 * np.pi)))
     if found.kind["none"] > 1.0 - TOLD:
-        out.append(
-            f"with {found.kind['none']:.0%} probability the facet is lit and seen throughout, and "
-            "what it looks like is the smooth rest's to decide"
-        )
+        out.append(why.always_seen(found.kind["none"]))
     return out
 
 

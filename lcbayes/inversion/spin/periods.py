@@ -16,7 +16,7 @@ Rows = NDArray[np.integer]
 CYCLES = 3.0  # the slowest frequency looked for makes this many cycles in the longest pass
 OVERSAMPLING = 3.0
 HIGHEST = 3  # harmonics of the strongest line that a base period is judged with
-DIVISORS = (1, 2, 3, 4, 6)  # base frequencies that are tried: the strongest line over these
+DIVISORS = (1, 2, 3, 4, 5, 6, 7, 8)  # base frequencies tried: the strongest line over these
 EXPLAINED = 0.02  # of the variance, which a longer base period must explain more
 MAX_FREQUENCIES = 20_000
 CHUNK = 256  # frequencies at a time
@@ -155,7 +155,7 @@ def misfit(one: Pass, rows: Rows, frequency: float, harmonics: Sequence[int]) ->
 def base(passes: Sequence[Pass], line: float) -> tuple[float, list[int]]:
     """Base frequency of the modulation and its harmonics, from the strongest line.
 
-    The line may be any harmonic of the base: the line over 1, 2, 3, 4 and 6 are tried with all
+    The line may be any harmonic of the base: the line over 1 to 8 is tried with all
     harmonics up to three times the line (and half the sampling rate), each half of a pass with
     coefficients of its own. The Bayesian information criterion decides; a longer base must besides
     explain 2 % more of the variance, and be seen for six cycles in the longest pass.
@@ -232,42 +232,21 @@ def skill(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
     return 1.0 - wrong / whole if whole > 0 else -np.inf
 
 
-def fold(one: Pass, f: float, bins: int = 16) -> tuple[float, float]:
-    """Frequency by epoch folding near f and its standard error, Hz.
+def subharmonic(f: float, line: float, resolution: float) -> int:
+    """The k for which a line cannot be told from one of f/k, or 0.
 
-    χ²(f) = Σ_bins (mean − level)²/σ²_mean of the folded curve is largest at the frequency; its
-    error is that of least squares with the harmonics of the folded curve,
-    σ_f² = 6σ²/(π² N T² Σ k² A_k²).
-
-    References
-    ----------
-    Larsson 1996, A&AS 117, 197, which Hall et al. 2007 cite for sec. 4.1.
+    Lines nearer to each other than the resolution, 1/T, are one line. So a line within it of an
+    odd multiple of f/2 shows that brightness repeats with 2/f, and one of f/3 or f/4 that it
+    repeats with 3/f or 4/f.
     """
-    x = one.t - one.t[0]
-    weight = one.error**-2
-    trial = f + np.linspace(-1.0, 1.0, 81) / one.length
-    score = np.empty(len(trial))
-    for i, g in enumerate(trial):
-        where = np.floor(bins * np.mod(g * x, 1.0)).astype(int) % bins
-        w = np.bincount(where, weight, bins)
-        mean = np.bincount(where, weight * one.y, bins) / np.maximum(w, 1e-300)
-        score[i] = np.sum(w * (mean - np.average(one.y, weights=weight)) ** 2)
-    # a step function of the trial frequency: its centre of gravity near the top is smoother
-    near = score > 0.5 * (score.max() + np.median(score))
-    top = int(np.argmax(score))
-    low, high = top, top
-    while low > 0 and near[low - 1]:
-        low -= 1
-    while high < len(trial) - 1 and near[high + 1]:
-        high += 1
-    local = slice(low, high + 1)
-    found = float(np.average(trial[local], weights=score[local] - np.median(score) + 1e-300))
-    harmonics = list(range(1, bins // 2))
-    columns = design(2 * np.pi * found * x, harmonics)
-    amplitudes = 2.0 * np.average(one.y[:, None] * columns, axis=0, weights=weight)
-    strength = np.sum(np.repeat(np.square(harmonics), 2) * amplitudes**2)
-    sigma2 = 1.0 / np.mean(weight)
-    return found, float(np.sqrt(6.0 * sigma2 / (np.pi**2 * x.size * one.length**2 * strength)))
+    half = 2.0 * line / f
+    odd = 2.0 * np.floor(0.5 * half) + 1.0
+    if abs(half - odd) * 0.5 * f < resolution:
+        return 2
+    for k in (3, 4):
+        if abs(line - f / k) < resolution:
+            return k
+    return 0
 
 
 def other_line(

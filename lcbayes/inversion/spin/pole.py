@@ -31,6 +31,7 @@ REACH = 1.5  # rad of the bisector over which that shift stays much the same
 LARGEST = 6.0  # of the growth with phase angle
 SHARED = 0.8  # part of its variance that all harmonics have in common
 COARSE, FINE = 3000, 48000
+POWER = 1.0  # of the likelihood, times the number of passes
 DEEP = 40.0  # nats below the best that are looked at more closely
 
 
@@ -206,7 +207,7 @@ def posterior(seen: Phases) -> Sky:
     else:
         poles, cell = coarse, 4 * np.pi / COARSE
     log_w, slope, variance, chi2 = found
-    worth = 1.0 / len(np.unique(seen.which))
+    worth = POWER / len(np.unique(seen.which))
     w = np.exp(worth * (log_w - log_w.max()))
     w /= w.sum()
     weight = w.sum(axis=(2, 3))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from lcbayes.core.progress import Silent
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion import reasons
 from lcbayes.inversion.spin import periods
 from lcbayes.inversion.spin.detrended import Pass, split
+from lcbayes.inversion.spin.mean_frequency import MeanFrequency, mean_frequency
 from lcbayes.inversion.spin.pole import MULTIPLES, Sky, posterior
 from lcbayes.inversion.spin.windows import MIN_CYCLES, Phases, Synodic, phases, synodic
 
@@ -26,7 +28,11 @@ MIN_SKILL = 0.2  # of a stretch foretold by its neighbours
 MAX_OTHER = 0.1  # of the variance in a line that is no harmonic
 MIN_FIT = 1e-3  # probability of chi2 below which no pole explains the phases
 MAX_AREA = 0.15  # of the sky in the 90 % region
+MIN_PASSES = 3  # with steady harmonics; with fewer the shape is taken for the pole
+MIN_MULTIPLE = 0.75  # probability of the likeliest number of cycles per turn
+MAX_POLES = 4  # separate solutions: a mirror pole for each of two senses of rotation
 REPEATS, STABLE, RAPID, MEASURABLE = "periodic", "stable", "rapid", "measurable"
+UNIQUE = "unique"
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Condition:
     name: str
     met: bool
     words: str
+    code: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ class Solution:
     weight: float
 
 
-@dataclass(frozen=True)
+@dataclass
 class Spin:
     """What `estimate` finds.
 
@@ -76,12 +83,12 @@ class Spin:
     base : Hz or None
         Mean frequency of the modulation; None where a pass shows none that is stable.
     harmonics : of the base, as fitted
-    skill : part of the variance that neighbouring stretches foretell
-    folded : (frequency, error) Hz of the longest pass by epoch folding, or None
+    skill : part of the variance that neighbouring stretches predict
+    mean : frequency of the longest pass, its error and drift, or None
     windows : synodic frequencies in sliding windows, or None
     phases, sky : or None
     conditions : in the order in which they are asked
-    solutions : heaviest first; empty where a condition fails
+    solutions : heaviest first; empty where a condition other than "unique" fails
     notes : what else a reader should know
     """
 
@@ -92,7 +99,7 @@ class Spin:
     base: float | None = None
     harmonics: list[int] = field(default_factory=list)
     skill: float | None = None
-    folded: tuple[float, float] | None = None
+    mean: MeanFrequency | None = None
     windows: Synodic | None = None
     phases: Phases | None = None
     sky: Sky | None = None
@@ -101,9 +108,17 @@ class Spin:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def reasons(self) -> list[str]:
-        """Why there is no pole, in words; empty where there is one."""
-        return [c.words for c in self.conditions if not c.met]
+    def reasons(self) -> list[Reason]:
+        """Why pole and period must not be trusted; empty where they may be."""
+        return [Reason(c.code, c.words) for c in self.conditions if not c.met]
+
+    def ask(self, name: str, met: bool, yes: str, no: Reason) -> bool:
+        """Note a condition and whether it is met."""
+        met = bool(met)
+        self.conditions.append(
+            Condition(name, met, yes if met else no.text, "" if met else no.code)
+        )
+        return met
 
 
 def estimate(
@@ -117,7 +132,9 @@ def estimate(
 
     The method holds under three conditions (Hall et al. 2007, sec. 4.1): the spin is stable, it is
     rapid enough to be measured in single passes, and the synodic period differs measurably from
-    the sidereal one. Where one fails, `reasons` says so and there are no solutions.
+    the sidereal one. Where one fails, `reasons` says so and there are no solutions. Where the
+    number of cycles per turn remains open, or more than four poles do, solutions are listed as
+    candidates, and `reasons` says that they are no answer.
 
     Parameters
     ----------
@@ -147,119 +164,134 @@ def estimate(
     alarm = (1 + int(np.sum(noise >= power.max()))) / (1 + n_shuffles)
     if curve.error is not None:
         alarm = max(alarm, periods.chance(passes, grid, power))
-    found: dict[str, Any] = {
-        "passes": passes,
-        "grid": grid,
-        "power": power,
-        "false_alarm": alarm,
-    }
-    conditions: list[Condition] = []
-    found["conditions"] = conditions
+    result = Spin(passes, grid, power, alarm)
     highest = max(one.nyquist for one in passes)
     if grid[-1] < 0.999 * highest:
-        found["notes"] = [
+        result.notes.append(
             f"periods below {1.0 / grid[-1]:.3g} s (sampled to {1.0 / highest:.3g} s) were not "
             "looked for; for those give a part of the longest pass"
-        ]
+        )
     with progress.stage("pole", 1, "fit") as track:
-        _explain(found, conditions)
+        if _periodic(result) and _followed(result):
+            _solve_pole(result)
         track.advance(1)
-    result = Spin(**found)
-    return replace(result, solutions=[]) if result.reasons else result
+    return result
 
 
-def _explain(found: dict[str, Any], conditions: list[Condition]) -> None:
-    """Fill in what can be said, and stop at the first condition without which nothing can."""
-
-    def ask(name: str, met: bool, yes: str, no: str) -> bool:
-        conditions.append(Condition(name, bool(met), yes if met else no))
-        return bool(met)
-
-    passes, grid = found["passes"], found["grid"]
-    line = float(grid[np.argmax(found["power"])])
-    if not ask(
+def _periodic(result: Spin) -> bool:
+    """Whether the brightness repeats with one period that is short enough; base and harmonics."""
+    passes, grid = result.passes, result.grid
+    if not result.ask(
         REPEATS,
-        found["false_alarm"] <= ALARM,
-        f"a period is seen (false-alarm probability {found['false_alarm']:.2g})",
-        f"no period is seen: noise has a peak as high with probability "
-        f"{found['false_alarm']:.2g}, and {ALARM:g} is asked for",
+        result.false_alarm <= ALARM,
+        f"a period is seen (false-alarm probability {result.false_alarm:.2g})",
+        reasons.no_period(result.false_alarm, ALARM),
     ):
-        return
+        return False
+    line = float(grid[np.argmax(result.power)])
     base, harmonics = periods.base(passes, periods.refine(passes, line, [1]))
     base = periods.refine(passes, base, harmonics)
-    found["skill"] = periods.skill(passes, base, harmonics)
-    longest = max(passes, key=lambda p: p.length)
-    cycles = longest.length * base
-    if not ask(
+    longest = max(one.length for one in passes)
+    while longest * base >= MIN_CYCLES:
+        other, part = periods.other_line(passes, grid, base, harmonics)
+        multiple = periods.subharmonic(base, other, 1.0 / longest) if part > MAX_OTHER else 0
+        if not multiple:
+            break
+        base, harmonics = base / multiple, list(range(1, multiple * max(harmonics) + 1))
+        base = periods.refine(passes, base, harmonics)
+    cycles = longest * base
+    if not result.ask(
         RAPID,
         cycles >= MIN_CYCLES,
         f"the longest pass has {cycles:.1f} cycles",
-        f"the spin is not rapid enough: the longest pass holds {cycles:.1f} cycles of the "
-        f"strongest period, {1 / base:.4g} s, and {MIN_CYCLES:g} are needed to measure it within a "
-        "pass",
+        reasons.too_few_cycles(cycles, 1.0 / base, MIN_CYCLES),
     ):
-        return
-    if not ask(
+        return False
+    result.skill = periods.skill(passes, base, harmonics)
+    if not result.ask(
         STABLE,
-        found["skill"] >= MIN_SKILL,
-        f"a stretch foretells {100 * found['skill']:.0f} % of the variance of the next",
-        f"the brightness does not repeat steadily: with {1 / base:.4g} s a stretch foretells "
-        f"{100 * max(found['skill'], 0.0):.0f} % of the variance of the next, and "
-        f"{100 * MIN_SKILL:.0f} % are asked for",
+        result.skill >= MIN_SKILL,
+        f"a stretch predicts {100 * result.skill:.0f} % of the variance of the next",
+        reasons.not_repeating(1.0 / base, result.skill, MIN_SKILL),
     ):
-        return
-    other, part = periods.other_line(passes, grid, base, harmonics)
-    if not ask(
+        return False
+    if not result.ask(
         STABLE,
         part <= MAX_OTHER,
         "no second period",
-        f"the spin is not stable: a line at {1 / other:.4g} s, no harmonic of {1 / base:.4g} s, "
-        f"has {100 * part:.0f} % of the variance, as when a body tumbles",
+        reasons.second_period(1.0 / other, 1.0 / base, part),
     ):
-        return
-    seen = phases(passes, base, harmonics)
-    found["phases"] = seen
-    if not ask(
+        return False
+    result.base, result.harmonics = base, harmonics
+    return True
+
+
+def _followed(result: Spin) -> bool:
+    """Whether the period can be followed along passes, and changes with the geometry."""
+    base, passes = result.base, result.passes
+    assert base is not None
+    result.mean = mean_frequency(max(passes, key=lambda p: p.length), base, result.harmonics)
+    seen = phases(passes, base, result.harmonics)
+    result.phases = seen
+    if not result.ask(
         RAPID,
         seen is not None,
         "harmonics are steady and strong enough",
-        "no harmonic keeps an amplitude of five times its error all along a pass, so the period "
-        "cannot be followed within one",
+        reasons.unsteady_harmonics(),
     ):
-        return
+        return False
     assert seen is not None
-    found["base"], found["harmonics"] = base, harmonics
-    found["folded"] = periods.fold(longest, base)
-    found["windows"] = synodic(passes, base, harmonics)
+    result.windows = synodic(passes, base, result.harmonics)
     same = periods.constant(seen.phase, seen.error, np.column_stack([seen.t, seen.constants]))
-    measured = ask(
+    return result.ask(
         MEASURABLE,
         same <= ALARM,
         f"the synodic period varies (p = {same:.1g} for a constant one)",
-        f"the synodic period does not measurably differ from the sidereal one: one constant "
-        f"period explains all passes (p = {same:.2g})",
+        reasons.constant_synodic_period(same),
     )
-    if not measured:
-        return
-    sky = posterior(seen)
-    found["sky"] = sky
+
+
+def _solve_pole(result: Spin) -> None:
+    """Pole and sidereal period, and whether they are determined."""
+    assert result.phases is not None
+    result.sky = sky = posterior(result.phases)
     fit = float(stats.chi2.sf(sky.chi2, max(sky.freedom, 1)))
-    ask(
+    stable = result.ask(
         STABLE,
         fit >= MIN_FIT,
         f"a pole explains the phases (chi2 {sky.chi2:.1f} for {sky.freedom} degrees of freedom)",
-        f"no constant spin explains the phases: chi2 is {sky.chi2:.0f} for {sky.freedom} degrees "
-        "of freedom; the spin changes, or the axis moves",
+        reasons.no_constant_spin(sky.chi2, sky.freedom),
     )
-    ask(
+    count = len(np.unique(result.phases.which))
+    several = result.ask(
+        MEASURABLE,
+        count >= MIN_PASSES,
+        f"{count} passes show steady harmonics",
+        reasons.too_few_passes(count, MIN_PASSES),
+    )
+    measured = result.ask(
         MEASURABLE,
         sky.area <= MAX_AREA,
         f"the pole lies within {100 * sky.area:.2g} % of the sky",
-        f"the difference between synodic and sidereal period leaves the pole open: its 90 % region "
-        f"is {100 * sky.area:.0f} % of the sky, and {100 * MAX_AREA:.0f} % are the most that is "
-        "given; add passes of other geometry",
+        reasons.pole_undetermined(sky.area, MAX_AREA),
     )
-    found["solutions"] = solutions(sky)
+    if not (stable and several and measured):
+        return
+    result.solutions = found = solutions(sky)
+    likeliest = float(sky.weight.sum(axis=0).max())
+    turn = [1.0 / s.frequency for s in found]
+    result.ask(
+        UNIQUE,
+        likeliest >= MIN_MULTIPLE,
+        f"the number of cycles per turn has probability {likeliest:.2f}",
+        reasons.ambiguous_period(min(turn), max(turn), likeliest, MIN_MULTIPLE),
+    )
+    result.ask(
+        UNIQUE,
+        len(found) <= MAX_POLES,
+        f"{len(found)} pole(s)",
+        reasons.many_poles(len(found), MAX_POLES),
+    )
 
 
 def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:

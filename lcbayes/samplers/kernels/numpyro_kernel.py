@@ -432,6 +432,10 @@ class AHMC(Kernel):
     def _build(self, target, record_steps):
         return ahmc.build_kernel(target.potential, target.metric, self._exact, record_steps)
 
+    def proposal_scale(self, state: KernelState) -> float:
+        """δ that the warm-up of a chain settled on; inf for a constant metric."""
+        return float(self._tuner.params(state.adapt_state).delta)
+
     def _words(self, params):
         text = super()._words(params)
         if not self._exact:

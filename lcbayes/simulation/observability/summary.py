@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -153,7 +152,7 @@ def _plan(plan: Plan, measured: Measurements) -> dict[str, Any]:
 
 
 def schedule(plan: Plan, measured: Measurements) -> list[dict[str, Any]]:
-    """The visits in order of worth, with the columns of `schedule.csv`."""
+    """The visits in order of worth, with the columns of ``tables/schedule.csv``."""
     curve, out = measured.curve, []
     for rank, (visit, gain, sd) in enumerate(
         zip(plan.schedule.visits, plan.schedule.gain, plan.schedule.sd[1:], strict=True), 1
@@ -320,17 +319,3 @@ def plan_words(plan: Plan) -> list[str]:
             f"({alone.sd[-1] / after:.2f} times the error of all sites)"
         )
     return lines
-
-
-def table(rows: list[Mapping[str, Any]], unit: str) -> str:
-    """`schedule.csv`: a header with the units, a line for each visit."""
-    last = "sd_after" if unit == "1" else f"sd_after_{unit.replace('/', '_per_')}"
-    head = ",".join([*COLUMNS[:-1], last])
-    lines = [
-        ",".join(
-            "" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v)
-            for v in row.values()
-        )
-        for row in rows
-    ]
-    return "\n".join([head, *lines, ""])

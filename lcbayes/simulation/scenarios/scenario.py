@@ -74,13 +74,13 @@ class Scenario:
     parts: Assembly | None = None
 
 
-def load(scenario: str | Path) -> Scenario:
-    """Read a scenario from a TOML file, or a bundled one by its name.
+def scenario_path(scenario: str | Path) -> Path:
+    """The file of a scenario that is given by its path or, if bundled, by its name.
 
     Raises
     ------
     InputError
-        One line that names file, line, table and key, and what is expected.
+        There is none.
     """
     path = Path(scenario)
     if not path.exists() and path.suffix != ".toml":
@@ -91,6 +91,35 @@ def load(scenario: str | Path) -> Scenario:
                 f"{', '.join(named)}; or give a TOML file"
             )
         path = named[str(scenario)]
+    return path
+
+
+def input_files(scenario: str | Path) -> dict[str, Path]:
+    """The file of a scenario and those that it names: "scenario", "body", "geometry", "tle"."""
+    path = scenario_path(scenario)
+    root = read_toml(path)
+    files = {"scenario": path}
+    for table, key, name in (
+        ("body", "file", "body"),
+        ("geometry", "file", "geometry"),
+        ("geometry", "tle", "tle"),
+    ):
+        found = root.table(table, None)
+        text = found.text(key, "") if found is not None and key in found else ""
+        if text and "\n" not in text.strip():
+            files[name] = path.parent / text
+    return files
+
+
+def load(scenario: str | Path) -> Scenario:
+    """Read a scenario from a TOML file, or a bundled one by its name.
+
+    Raises
+    ------
+    InputError
+        One line that names file, line, table and key, and what is expected.
+    """
+    path = scenario_path(scenario)
     root = read_toml(path)
     materials = read_materials(root)
     table, parts = root.table("body"), None

@@ -13,21 +13,11 @@ from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_text
+from lcbayes.core.options import declared_options
 from lcbayes.core.toml import read_toml
+from lcbayes.data.options import ReadOptions
+from lcbayes.tasks.fit.options import FitOptions
 
-READING = {"format": str, "tle": str, "site": str, "error": float, "error_floor": float}
-KEYWORDS = {
-    "model": str,
-    "sampler": str,
-    "seed": int,
-    "num_warmup": int,
-    "num_samples": int,
-    "num_chains": int,
-    "num_starts": int,
-    "max_modes": int,
-    "start_from": str,
-}
-KINDS = {str: "a text", int: "a whole number", float: "a number"}
 PATHS = ("tle", "start_from")  # from the folder of the catalogue, as the light curves
 CURVES = {".csv", ".ecsv", ".lcs", ".txt", ".dat"}
 
@@ -38,9 +28,8 @@ class Object:
 
     name: str
     curve: str
-    reading: Mapping[str, Any] = field(default_factory=dict)
-    keywords: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
+    reading: ReadOptions = field(default_factory=ReadOptions)
+    options: FitOptions = field(default_factory=FitOptions)
 
 
 def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> list[Object]:
@@ -48,8 +37,8 @@ def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> l
 
     A catalogue is a CSV file with a column ``curve``, or a TOML file with tables ``[[objects]]``
     that have a key ``curve`` and a table ``[defaults]`` for all of them. Further columns or keys:
-    ``name``; how the curve is read (`READING`); how it is fitted (`KEYWORDS`); every other is an
-    option of the model. Paths are taken from the catalogue's folder. What an object does not say
+    ``name``; the options of `lcbayes.read` and of `lcbayes.fit`; every other is an option of the
+    model. Paths are taken from the catalogue's folder. What an object does not say
     is taken from ``common``.
 
     Raises
@@ -141,18 +130,12 @@ def _object(where: str, row: dict[str, Any]) -> Object:
     if not name:
         raise InputError(f"{where}: the object's name has no letter or digit; give another")
     row |= {k: os.path.abspath(row[k]) for k in PATHS if k in row}  # who does it may be elsewhere
-    curve = os.path.abspath(curve)
-    return Object(name, curve, _taken(where, row, READING), _taken(where, row, KEYWORDS), row)
-
-
-def _taken(where: str, row: dict[str, Any], kinds: Mapping[str, type]) -> dict[str, Any]:
-    """Those keys of the row, which are taken out of it, as values of their kind."""
-    found = {}
-    for key in kinds.keys() & row.keys():
-        try:
-            found[key] = kinds[key](value := row.pop(key))
-            if kinds[key] is int and isinstance(value, float) and value != found[key]:
-                raise ValueError
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(f"{where}: {key} is not {KINDS[kinds[key]]}: {value!r}") from None
-    return found
+    if str(row.get("model", "")).endswith(".py"):
+        row["model"] = os.path.abspath(row["model"])
+    names = declared_options(ReadOptions)
+    try:
+        reading = ReadOptions.of({k: v for k, v in row.items() if k in names})
+        options = FitOptions.of({k: v for k, v in row.items() if k not in names})
+    except InputError as fault:
+        raise InputError(f"{where}: {fault}") from None
+    return Object(name, os.path.abspath(curve), reading, options)

@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import write_atomic
+from lcbayes.core.files import write_json
 from lcbayes.core.version import installed_version
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
-from lcbayes.tasks.batch.objects import PATHS, Object
+from lcbayes.results.draws import weighted_draws
+from lcbayes.tasks.batch.objects import Object
+from lcbayes.tasks.fit.options import TASK
+from lcbayes.tasks.task import execute
 
 if TYPE_CHECKING:
-    from lcbayes.tasks.fit.run import Fit
+    from lcbayes.tasks.fit.result import Fit
 
 MARK = "object.json"  # in an object's folder: its row, and what made it
 
@@ -34,15 +37,11 @@ def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
 
 def identity(one: Object) -> str:
     """What decides an object's numbers."""
-    files = [one.curve, *(one.reading[k] for k in PATHS if k in one.reading)]
-    if str(one.keywords.get("model", "")).endswith(".py"):
-        files.append(one.keywords["model"])
-    said = [one.reading, one.keywords, {k: str(v) for k, v in one.options.items()}]
-    found = hashlib.sha256(json.dumps([*said, installed_version()], sort_keys=True).encode())
-    if "start_from" in one.keywords:
-        files.append(str(Path(one.keywords["start_from"]) / "summary.json"))
-    for name in files:
-        found.update(Path(name).read_bytes())
+    named = {**one.reading.files(), **one.options.files()}
+    given = [{k: str(v) for k, v in o.as_dict().items()} for o in (one.reading, one.options)]
+    found = hashlib.sha256(json.dumps([*given, installed_version()], sort_keys=True).encode())
+    for path in (Path(one.curve), *named.values()):
+        found.update(path.read_bytes())
     return found.hexdigest()
 
 
@@ -55,15 +54,8 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     folder = Path(where) / one.name
     begun = time.monotonic()
     try:
-        curve = read(one.curve, **one.reading)
-        found = fit(
-            curve,
-            out=folder,
-            report=with_report,
-            reading=one.reading,
-            **one.keywords,
-            **one.options,
-        )
+        curve = read(one.curve, **one.reading.as_dict())
+        found = execute(TASK, fit.__wrapped__, curve, one.options, folder, with_report)
     except InputError as fault:
         return failed(one, str(fault), time.monotonic() - begun)
     except Exception as fault:  # whatever ails one object, the others are to be done
@@ -72,10 +64,8 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
     row = _row(one, found, time.monotonic() - begun)
-    mark = {"identity": identity(one), "row": row}
-    write_atomic(
-        folder / MARK, lambda p: p.write_text(json.dumps(mark, indent=1), encoding="utf-8")
-    )
+    row["page"] = f"objects/{one.name}/report.html" if with_report else None
+    write_json({"identity": identity(one), "row": row}, folder / MARK)
     return row
 
 
@@ -85,19 +75,19 @@ def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, 
         "name": one.name,
         "curve": one.curve,
         "status": FAILED,
-        "reasons": [reason],
+        "reasons": [{"code": "object-failed", "text": reason}],
         "seconds": seconds,
     }
 
 
 def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
     """What the table says of a fit: numbers of its heaviest solution."""
-    summary = found.summary()
+    summary = found.content
     parameters = summary["parameters"]
     row = {
         "name": one.name,
         "curve": one.curve,
-        "status": TRUSTED if summary["converged"] else DOUBTED,
+        "status": TRUSTED if found.trusted else DOUBTED,
         "reasons": summary["reasons"],
         "seconds": seconds,
         "model": summary["model"],
@@ -116,7 +106,7 @@ def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
     if "albedo_area" in found.posterior:
-        area = found.posterior["albedo_area"]
+        area = weighted_draws(found.posterior, seed=summary["seed"])["albedo_area"]
         total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
         row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row

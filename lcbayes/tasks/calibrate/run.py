@@ -13,8 +13,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import variables as names
-from lcbayes.modelling.likelihood import OBSERVED
-from lcbayes.tasks.fit.run import fit
+from lcbayes.tasks.fit.run import fit_with_kernel
 
 if TYPE_CHECKING:
     from lcbayes.core.jax_setup import jax
@@ -112,6 +111,7 @@ def calibrate(
     from lcbayes.modelling import registry
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import compiled
+    from lcbayes.results.draws import pointwise, weighted_draws
 
     entry = registry.find(model)
     options = {k: v for k, v in asked.items() if k not in SETTINGS}
@@ -123,6 +123,8 @@ def calibrate(
             "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
     plain, _ = build_problem(entry, entry.check(options), data)
+    rest = dict(asked)
+    kernel = rest.pop("sampler", "nuts")
     told = quantities or scalars
     places, trusted, kept = [], [], ()
     with (progress or Silent()).stage("calibrating", n, "fits") as track:
@@ -132,22 +134,18 @@ def calibrate(
             drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
             seen = replace(curve, brightness=drawn)
             _check_noise(plain, truth, data, Epochs.of(seen))
-            found = fit(seen, model, seed=seed + i, **asked)
-            sites = {
-                str(k): np.asarray(v).reshape(-1, *v.shape[2:])
-                for k, v in found.posterior.data_vars.items()
-            }
+            found = fit_with_kernel(seen, kernel, model=model, seed=seed + i, **rest)
+            draws = weighted_draws(found.tree, seed=seed + i)
+            sites = {str(k): np.asarray(v)[0] for k, v in draws["posterior"].data_vars.items()}
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)
             true = {k: np.asarray(v)[0] for k, v in true.items()}
             likelihood = compiled(plain.log_likelihood)(truth, Epochs.of(seen))
-            among = (
-                found.tree["log_likelihood"].to_dataset()[OBSERVED].to_numpy().sum(axis=-1).ravel()
-            )
+            among = np.asarray(pointwise(draws)).sum(axis=-1).ravel()
             of_draws = told(sites) | {LIKELIHOOD: among}
             of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)
             places.append([_place(of_truth[k][0], of_draws[k]) for k in kept])
-            trusted.append(found.converged)
+            trusted.append(found.trusted)
             track.advance(1)
     return Calibration(kept, np.array(places), np.array(trusted))
 

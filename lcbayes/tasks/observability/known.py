@@ -27,15 +27,20 @@ from lcbayes.inference.correlation import tempered
 from lcbayes.physics.sensitivity import MAGNITUDE_PER_NEPER
 from lcbayes.simulation.observability.measurements import Measurements
 from lcbayes.simulation.observability.targets import Target, of_sites
-from lcbayes.tasks.predict import run as predict
+from lcbayes.tasks.predict import brightness as predict
+from lcbayes.tasks.predict.run import load_fit
 
 Floats = NDArray[np.float64]
 DRAWS = 24
 _FLAT = 1e-10  # of the scaled information's largest eigenvalue: less than that is nothing known
 
 
-def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats, Target, list[str]]:
+def from_fit(
+    folder: Path, measured: Measurements, target: str, model: str | None = None
+) -> tuple[Floats, Target, list[str]]:
     """Factors of measurements and target by the draws of a fit; the noise is the scenario's.
+
+    ``model`` is the model file, where the model of the fit is a file.
 
     Returns
     -------
@@ -48,11 +53,10 @@ def from_fit(folder: Path, measured: Measurements, target: str) -> tuple[Floats,
     InputError
         The folder holds no fit, or one that does not say how bright the epochs to come are.
     """
-    posterior, config = predict.load(folder)
-    fitted = predict.fitted_curve(folder, config)
+    fit = load_fit(folder, model)
+    fitted = fit.curve
     wanted = replace(measured.curve, kind=fitted.kind)
-    model = config.keywords["model"]
-    ready = predict.Foretold.of(posterior, fitted, wanted, model, config.options, DRAWS)
+    ready = predict.Foretold.of(fit.posterior, fitted, wanted, fit.model, fit.options, DRAWS)
     if ready.own_level.any():
         raise InputError(
             f"the fit in {folder} has curves of unknown scale only, so the brightness to come is "

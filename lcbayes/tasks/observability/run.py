@@ -1,75 +1,106 @@
-"""A scenario judged: its measurements, their information, what stays open, what to take next."""
+"""`lcbayes.observability`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lcbayes.core.progress import Silent
+from lcbayes.results.record import input_file
 from lcbayes.simulation.observability import campaign_plan
 from lcbayes.simulation.observability.campaign import campaign
 from lcbayes.simulation.observability.linearity import MAX_NONLINEARITY, nonlinearity
 from lcbayes.simulation.observability.measurements import measure
-from lcbayes.simulation.observability.parameters import USUAL, Unknowns
+from lcbayes.simulation.observability.parameters import Unknowns
 from lcbayes.simulation.observability.summary import Findings
 from lcbayes.simulation.observability.trades import trades
-from lcbayes.simulation.scenarios.scenario import Scenario
+from lcbayes.simulation.scenarios.scenario import Scenario, input_files, load
 from lcbayes.tasks.observability import known
+from lcbayes.tasks.observability.options import TASK, ObservabilityOptions
+from lcbayes.tasks.observability.result import Observability
+from lcbayes.tasks.task import Context, task_function
 
 
-def judge(
-    scenario: Scenario,
-    unknown: Sequence[str] = USUAL,
-    *,
-    n_visits: int | None = None,
-    target: str = "pole",
-    criterion: str = "A",
-    visit_s: float = 0.0,
-    posterior: Path | None = None,
-    progress: Silent | None = None,
-) -> Findings:
-    """All of `lcbayes observability`, for Python.
+@task_function(TASK)
+def observability(
+    scenario: str | Path | Scenario, options: ObservabilityOptions, context: Context
+) -> Observability:
+    """What the measurements of a scenario determine before they are taken, and which to take.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        From `scenario.load`.
-    unknown : groups of `parameters.GROUPS`
-    n_visits : int, optional
-        Plan that many.
-    target, criterion, visit_s
-        Of the plan: see `targets.of_unknowns` and `campaign_plan.plan`.
-    posterior : path, optional
-        Folder of a fit, whose draws say what is known so far; else the priors do.
+    The Fisher information F = Σ ∇f ∇fᵀ/σ² of all measurements gives the Cramér-Rao bounds
+    √(F⁻¹)ᵢᵢ of the unknowns, and the combinations that stay undetermined. Exact where the
+    brightness is linear in the unknowns; ``nonlinearity`` says by how much it is not.
+
+    {parameters}
+
+    Returns
+    -------
+    Observability
+        ``data`` is a `lcbayes.simulation.observability.summary.Findings`: gradients (T, 3) per rad
+        in the body frame, Fisher information (P, P), bounds (P,). ``summary()`` has one row an
+        unknown, with its unit.
 
     Raises
     ------
     InputError
-        Something asked for is not there, or nothing can be observed.
+        The scenario or an option is at fault, or nothing can be observed.
+
+    References
+    ----------
+    Hinks, Linares & Crassidis 2013, AIAA GNC 2013-5005 (information of a measurement); Van Trees
+    1968, Detection, Estimation and Modulation Theory I, sec. 2.4.3 (bounds with a prior).
+
+    Examples
+    --------
+    >>> import lcbayes
+    >>> result = lcbayes.observability("two-facet-spin", plan=3)
+    >>> result.summary()["parameter"].tolist()[:3]
+    ['omega_x', 'omega_y', 'omega_z']
+    >>> len(result.tables()["schedule"])
+    3
     """
-    progress = progress or Silent()
+    named = not isinstance(scenario, Scenario)
+    result = Observability(_findings(load(scenario) if named else scenario, options, context))
+    if named:
+        files = input_files(scenario)
+        result.record = {"scenario": str(scenario)} | {
+            f"input.{name}": input_file(path) for name, path in files.items()
+        }
+    if options.posterior is not None:
+        result.record["input.posterior"] = input_file(options.posterior / "posterior.nc")
+    return result
+
+
+def _findings(scenario: Scenario, options: ObservabilityOptions, context: Context) -> Findings:
+    """The information of the measurements, what they leave open, and the plan."""
     scenario, skipped = campaign_plan.usable(scenario)
     notes = list(skipped)
-    with progress.stage("observability", 5 if n_visits else 4, "steps") as track:
+    steps = 4 if options.plan is None else 5
+    with context.progress.stage("observability", steps, "steps") as track:
         measured = measure(scenario)
         track.advance(1, f"{measured.curve.n_obs} measurements")
-        found = campaign(Unknowns.of(scenario, unknown), measured)
+        found = campaign(Unknowns.of(scenario, options.unknown), measured)
         track.advance(1, f"{len(found.unknowns.parameters)} unknowns")
         left = trades(found, measured)
-        track.advance(1, f"{len(left)} combinations open")
+        track.advance(1, f"{len(left)} undetermined combinations")
         bent = nonlinearity(found, measured)
-        track.advance(1, f"{int(np.sum(bent > MAX_NONLINEARITY))} beyond the linear")
+        track.advance(1, f"{int(np.sum(bent > MAX_NONLINEARITY))} nonlinear unknowns")
         plan = None
-        if n_visits:
-            if posterior is None:
-                factor, wanted = campaign_plan.from_prior(found, target)
+        if options.plan is not None:
+            if options.posterior is None:
+                factor, wanted = campaign_plan.from_prior(found, options.target)
             else:
-                factor, wanted, told = known.from_fit(posterior, measured, target)
-                notes += told
+                factor, wanted, more = known.from_fit(
+                    options.posterior, measured, options.target, options.model
+                )
+                notes += more
             plan = campaign_plan.plan(
-                factor, wanted, measured.curve, n_visits, criterion=criterion, visit_s=visit_s
+                factor,
+                wanted,
+                measured.curve,
+                options.plan,
+                criterion=options.criterion,
+                visit_s=options.visit,
             )
-            track.advance(1, f"{n_visits} visits of {len(plan.visits)}")
+            track.advance(1, f"{options.plan} visits of {len(plan.visits)}")
     return Findings(scenario, measured, found, left, bent, plan, tuple(notes))

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lcbayes.analysis import small_report, spin_report
+from lcbayes.analysis import spin_report
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.constants import HOUR_S
-from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.sidereal import Solution, Spin
-from lcbayes.results.result import Result
+from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 COLUMNS = {
     "weight": "weight",
@@ -30,7 +29,7 @@ COLUMNS = {
 }
 
 
-class SpinResult(Result):
+class SpinResult(DeterministicResult):
     """Sidereal periods and poles, with the conditions under which they hold.
 
     Attributes
@@ -39,16 +38,11 @@ class SpinResult(Result):
     """
 
     task = "spin"
+    refused = spin_report.REFUSED
 
     def __init__(self, found: Spin, curve: LightCurve) -> None:
-        reasons = [Reason("spin-not-determined", str(reason)) for reason in found.reasons]
-        super().__init__(_content(found, curve), reasons, {})
-        self._found, self._curve = found, curve
-
-    @property
-    def data(self) -> Spin:
-        """Periodogram, synodic periods, map of the pole and solutions, as arrays."""
-        return self._found
+        super().__init__(found, about(curve) | _content(found, curve), found.reasons)
+        self._curve = curve
 
     def summary(self) -> pd.DataFrame:
         """One row a solution: weight, pole and its radius (deg), sidereal period (s)."""
@@ -58,7 +52,7 @@ class SpinResult(Result):
         return rows.rename(columns=COLUMNS)
 
     def lines(self) -> list[str]:
-        return spin_report.words(self._found, self._curve)
+        return spin_report.words(self.data, self._curve)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Solutions, and the synodic period along the passes."""
@@ -69,21 +63,27 @@ class SpinResult(Result):
         along = pd.DataFrame({name: synodic.get(key, ()) for key, name in columns.items()})
         return {"solutions": self.summary(), "synodic_periods": along}
 
-    def write_page(self, folder: Path) -> None:
-        def draw(gallery: Gallery) -> None:
-            spin_report.draw(self._found, self._curve, gallery)
+    def draw(self, gallery: Gallery) -> None:
+        spin_report.draw(self.data, self._curve, gallery)
 
-        small_report.write_page(folder, self, draw, spin_report.REFUSED)
+    def plot_periodogram(self) -> Figure:
+        """Power against frequency, with the base frequency and its harmonics."""
+        return figure_of(spin_report.draw_periodogram, self.data)
+
+    def plot_synodic_periods(self) -> Figure:
+        """Synodic period along each pass, and that of the best solution."""
+        return figure_of(spin_report.draw_synodic, self.data)
+
+    def plot_pole(self) -> Figure:
+        """The 90 % region of the pole on the sky, and the solutions."""
+        return figure_of(spin_report.draw_sky, self.data, self._curve)
 
 
 def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
     """What `summary.json` holds beside the verdict."""
     base, sky, windows = result.base, result.sky, result.windows
     return {
-        "curve": curve.source.get("file", ""),
-        "frame": curve.frame,
         "n_obs": curve.n_obs,
-        "points_in_penumbra_left_out": int(curve.source.get("in_penumbra", 0)),
         "passes": [
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],
@@ -93,11 +93,13 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
         "repeatability": result.skill,
-        "epoch_folding": None
-        if result.folded is None
+        "longest_pass": None
+        if result.mean is None
         else {
-            "period_s": 1.0 / result.folded[0],
-            "period_sd_s": result.folded[1] / result.folded[0] ** 2,
+            "period_s": result.mean.period,
+            "period_sd_s": result.mean.period_error,
+            "drift": result.mean.drift,
+            "drift_sd": result.mean.drift_error,
         },
         "synodic": None
         if windows is None

@@ -30,12 +30,15 @@ def spin(curve: LightCurve, options: SpinOptions, context: Context) -> SpinResul
 
     References
     ----------
-    Hall et al. 2007, AMOS Conference, sec. 3.2.
+    Hall et al. 2007, AMOS Conference, sec. 4.1.
 
     Examples
     --------
-    >>> result = lcbayes.spin("passes.csv", shuffles=199, out="spin")   # doctest: +SKIP
-    >>> result.summary()["sidereal_period_s"]                           # doctest: +SKIP
+    >>> import lcbayes
+    >>> curve = lcbayes.simulate("box-wing", seed=1).data
+    >>> result = lcbayes.spin(curve, shuffles=99)
+    >>> result.trusted
+    False
     """
     found = estimate(
         curve, n_shuffles=options.shuffles, seed=options.seed, progress=context.progress

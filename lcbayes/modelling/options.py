@@ -1,0 +1,62 @@
+"""Options of models as tasks pass them on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from lcbayes.core.options import Options, declared_options, option
+
+
+@dataclass(frozen=True)
+class ModelOptions(Options):
+    """Options that most models have, and those that a single model adds.
+
+    A task takes them together with its own. None leaves the default to the model; an option that a
+    model does not have is refused by `lcbayes.modelling.registry.Entry.check`.
+
+    Attributes
+    ----------
+    others : mapping
+        Options of the model that are not declared here.
+    """
+
+    n_facets: int | None = option(
+        None, low=1, help="number of facets, or of grid normals for convex-grid"
+    )
+    period: float | None = option(
+        None, unit="hours", above=0.0, metavar="HOURS", help="approximate sidereal period"
+    )
+    law: str | None = option(None, metavar="NAME", help="attitude law, for stabilised")
+    reflectance: str | None = option(None, metavar="NAME", help="reflectance law")
+    facets: str | None = option(
+        None, metavar="LIST", help="facets of known normals, for stabilised: +z,array:+x~5"
+    )
+    noise_law: str | None = option(
+        None, metavar="NAME", aliases=("--noise",), help="gaussian, student-t or mixture"
+    )
+    spin: str | None = option(
+        None, metavar="KIND", help="free, none for a body that does not turn, torque-free"
+    )
+    others: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """Options from a mapping; names that the task does not know are the model's."""
+        known = declared_options(cls)
+        own = {name: value for name, value in given.items() if name in known}
+        others = {name: value for name, value in given.items() if name not in known}
+        return dataclasses.replace(super().of(own), others=others)
+
+    @property
+    def for_model(self) -> dict[str, Any]:
+        """What the model is given."""
+        shared = {name: getattr(self, name) for name in declared_options(ModelOptions)}
+        return {name: value for name, value in shared.items() if value is not None} | dict(
+            self.others
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        return super().as_dict() | dict(self.others)

@@ -1,0 +1,1 @@
+"""`lcbayes albedo-area`: albedo-area distribution, shape cues and convex shape."""

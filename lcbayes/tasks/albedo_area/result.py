@@ -1,0 +1,199 @@
+"""What `lcbayes.albedo_area` returns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lcbayes.analysis import albedo_area_plots, albedo_area_report
+from lcbayes.analysis.style import Gallery
+from lcbayes.core.files import write_text
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.inversion.albedo_area.inversion import Inversion
+from lcbayes.tasks.albedo_area.options import AlbedoAreaOptions
+from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+OPTIONS = ("n_normals", "smoothness", "facet_cost", "albedo", "bootstrap", "nulls", "seed")
+FACETS = {
+    "lon_deg": "normal_lon_deg",
+    "lat_deg": "normal_lat_deg",
+    "direction_sd_deg": "normal_sd_deg",
+    "material": "material",
+    "albedo_area": "albedo_area",
+    "sd": "albedo_area_sd",
+    "sd_bootstrap": "albedo_area_sd_bootstrap",
+    "share": "share",
+}
+
+
+class AlbedoAreaResult(DeterministicResult):
+    """Facets of known attitude, shape cues, and the convex body where the facets close.
+
+    Attributes
+    ----------
+    data : lcbayes.inversion.albedo_area.inversion.Inversion
+    """
+
+    task = "albedo-area"
+
+    def __init__(self, found: Inversion, curve: LightCurve, options: AlbedoAreaOptions) -> None:
+        asked = {
+            "attitude": options.attitude_settings(),
+            "options": {name: getattr(options, name) for name in OPTIONS},
+        }
+        content = about(curve) | asked | _numbers(found, curve)
+        super().__init__(found, content, found.reasons)
+        self._curve = curve
+
+    @property
+    def _unit(self) -> str:
+        """End of the name of a column of areas."""
+        return "_m2" if self.content["calibrated"] else "_relative"
+
+    def summary(self) -> pd.DataFrame:
+        """One row a facet, largest first: normal (deg, body frame) and albedo-area (m²)."""
+        import pandas as pd
+
+        names = {
+            old: new + self._unit * new.startswith("albedo_area") for old, new in FACETS.items()
+        }
+        return pd.DataFrame(self.content["facets"], columns=list(FACETS)).rename(columns=names)
+
+    def lines(self) -> list[str]:
+        return albedo_area_report.words(self.data, self._curve, self.content["facets"])
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Facets, the distribution on the grid, and the shape cues."""
+        import pandas as pd
+
+        grid = self.content["distribution"]
+        lon, lat = lon_lat_deg(np.asarray(grid["normals"]))
+        columns = {"normal_lon_deg": lon, "normal_lat_deg": lat, "material": grid["material"]}
+        columns["albedo_area" + self._unit] = grid["albedo_area"]
+        if grid["albedo_area_sd"] is not None:
+            columns[f"albedo_area_sd{self._unit}"] = grid["albedo_area_sd"]
+        cues = [[c.name, c.statistic, c.p_value, c.words] for c in self.data.cues]
+        return {
+            "facets": self.summary(),
+            "distribution": pd.DataFrame(columns),
+            "cues": pd.DataFrame(cues, columns=["cue", "statistic", "p_value", "description"]),
+        }
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``shape.obj`` and ``shape.ply``, vertices in m, where there is a shape."""
+        if self.data.shape is not None:
+            comment = "convex body of one albedo, lcbayes albedo-area"
+            write_text(self.data.shape.obj(comment), folder / "shape.obj")
+            write_text(self.data.shape.ply(comment), folder / "shape.ply")
+
+    def draw(self, gallery: Gallery) -> None:
+        albedo_area_plots.draw(self.data, gallery)
+
+    def plot_distribution(self) -> Figure:
+        """Map of the body frame: the albedo-area that faces each direction, and the facets."""
+        return figure_of(albedo_area_plots.draw_map, self.data)
+
+    def plot_fit(self) -> Figure:
+        """Observed against fitted flux, and residuals in units of the error."""
+        return figure_of(albedo_area_plots.draw_fit, self.data)
+
+    def plot_shape(self) -> Figure:
+        """The convex body from three sides, where there is one."""
+        return figure_of(albedo_area_plots.draw_shape, self.data)
+
+
+def _numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
+    """What ``summary.json`` holds: m², m³, m and degrees, body frame."""
+    seen, best, found = result.seen, result.best, result.on_grid
+    calibrated = not np.all(seen.free)
+    return {
+        "n_obs": len(seen.flux),
+        "n_curves": len(seen.free),
+        "calibrated": bool(calibrated),
+        "fit": {
+            "chi2": best.chi2,
+            "dof": result.dof,
+            "rms_relative": result.rms,
+            "errors": "given" if seen.error_known else "estimated from the residuals",
+        },
+        "unseen": result.unseen,
+        "scales": {
+            name: float(s)
+            for name, s, free in zip(curve.curve_names, best.scale, seen.free, strict=True)
+            if free
+        },
+        "materials": [str(m) for m in result.materials],
+        "cues": [
+            {
+                "name": c.name,
+                "statistic": c.statistic,
+                "p_value": c.p_value,
+                "null": c.null,
+                "words": c.words,
+                "details": c.details,
+            }
+            for c in result.cues
+        ],
+        "facets": _facets(result),
+        "gap": result.gap,
+        "changed_to_close": result.changed,
+        "shape": _body(result, bool(calibrated)),
+        "no_shape": result.no_shape or None,
+        "distribution": {
+            "normals": found.normals,
+            "material": found.which,
+            "albedo_area": found.areas,
+            "albedo_area_sd": result.grid_sd,
+        },
+    }
+
+
+def _facets(result: Inversion) -> list[dict[str, Any]]:
+    few = result.facets
+    if few is None:
+        return []
+    spread = [None] * len(few.areas)
+    if result.draws is not None:
+        spread = list(np.linalg.norm(result.draws.vectors, axis=2).std(axis=0))
+    lon, lat = lon_lat_deg(few.normals)
+    return [
+        {
+            "normal": few.normals[i],
+            "lon_deg": lon[i],
+            "lat_deg": lat[i],
+            "direction_sd_deg": float(np.degrees(few.direction_sd[i])),
+            "material": int(few.which[i]),
+            "albedo_area": few.areas[i],
+            "share": few.areas[i] / few.areas.sum(),
+            "sd": few.area_sd[i],
+            "sd_bootstrap": spread[i],
+        }
+        for i in np.argsort(-few.areas)
+    ]
+
+
+def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
+    body = result.shape
+    if body is None:
+        return None
+    moments, axes = body.principal
+    size = body.dimensions
+    draws = result.draws
+    known = draws is not None and len(draws.volumes) > 1
+    return {
+        "n_faces": len(body.faces),
+        "dimensions": size if calibrated else size / size.min(),
+        "dimensions_sd": draws.dimensions.std(axis=0) if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
+        "volume": body.volume if calibrated else None,
+        "volume_sd": draws.volumes.std() if known and calibrated else None,  # pyright: ignore[reportOptionalMemberAccess]
+        "volume_finer_facets": result.finer_volume if calibrated else None,
+        "moments_of_inertia": moments if calibrated else moments / moments.min(),
+        "principal_axes": axes,
+    }

@@ -1,0 +1,1 @@
+"""`lcbayes attitude-test`: which attitude laws the measurements allow, without a shape."""

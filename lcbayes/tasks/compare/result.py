@@ -1,0 +1,71 @@
+"""What `lcbayes.compare` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lcbayes.analysis import comparison_page, style
+from lcbayes.core.reasons import Reason
+from lcbayes.results.comparison import COLUMNS, table
+from lcbayes.results.record import Record
+from lcbayes.results.result import Result
+from lcbayes.tasks.compare.options import CompareOptions
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+class Comparison(Result):
+    """Numbers of facets with their evidence, and the conclusion."""
+
+    task = "compare"
+
+    @classmethod
+    def from_folder(
+        cls, _: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+    ) -> Comparison:
+        """The comparison of a results folder."""
+        return cls(content, reasons, record.content)
+
+    @property
+    def conclusion(self) -> str:
+        """One sentence."""
+        return self.content["conclusion"]
+
+    @property
+    def probability(self) -> dict[int, float]:
+        """Of each number of facets."""
+        return {row["n_facets"]: float(row["probability"]) for row in self._rows()}
+
+    def summary(self) -> pd.DataFrame:
+        """One row a number of facets; what the columns are, `results.comparison.COLUMNS` says."""
+        import pandas as pd
+
+        return pd.DataFrame(self._rows(), columns=list(COLUMNS))
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        return {"candidates": self.summary()}
+
+    def lines(self) -> list[str]:
+        """The numbers, the notes they need and the conclusion."""
+        return table(self.content)
+
+    def write_page(self, folder: Path) -> None:
+        comparison_page.write_page(folder, self.content, self.record, CompareOptions)
+
+    def plot_evidence(self) -> list[Figure]:
+        """Posterior probability, evidence and predictive density of each number."""
+        content = self.content
+
+        def draw(gallery: style.Gallery) -> None:
+            figure = comparison_page.draw(content["candidates"], gallery, content["ruled_out"])
+            gallery.add(figure, "compare", comparison_page.ALT)
+
+        return style.figures(draw)
+
+    def _rows(self) -> list[dict[str, Any]]:
+        every = [*self.content["candidates"], *self.content["ruled_out"]]
+        return sorted(every, key=lambda row: row["n_facets"])

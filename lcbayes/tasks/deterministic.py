@@ -1,0 +1,65 @@
+"""Results of deterministic methods: data, a verdict and figures, without a posterior."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lcbayes.analysis import small_report
+from lcbayes.analysis.style import Gallery, figures
+from lcbayes.core.reasons import Reason
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class DeterministicResult(Result):
+    """Result of a method that draws no posterior.
+
+    Parameters
+    ----------
+    data : what the method returns
+    content : of ``summary.json``, beside the verdict
+
+    Attributes
+    ----------
+    refused : heading of the reasons on the page
+    """
+
+    refused: ClassVar[str] = small_report.UNTRUSTED
+
+    def __init__(
+        self, data: Any, content: Mapping[str, Any], reasons: Sequence[Reason] = ()
+    ) -> None:
+        super().__init__(content, reasons, {})
+        self._data = data
+
+    @property
+    def data(self) -> Any:
+        """What the method returns, as arrays."""
+        return self._data
+
+    @abstractmethod
+    def draw(self, gallery: Gallery) -> None:
+        """Draw the figures of the report."""
+
+    def write_page(self, folder: Path) -> None:
+        small_report.write_page(folder, self, self.draw, self.refused)
+
+
+def about(curve: LightCurve) -> dict[str, Any]:
+    """What ``summary.json`` says of the light curve."""
+    return {
+        "curve": curve.source.get("file", ""),
+        "frame": curve.frame,
+        "points_in_penumbra_left_out": int(curve.source.get("in_penumbra", 0)),
+    }
+
+
+def figure_of(draw: Callable[..., object], *what: Any) -> Figure:
+    """The figure that ``draw(*what, gallery)`` adds to a gallery."""
+    return figures(lambda gallery: draw(*what, gallery))[-1]

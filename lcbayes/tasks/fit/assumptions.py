@@ -1,0 +1,82 @@
+"""What the numbers of a fit rest on, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.ephemeris import velocity_direction_sd_deg
+from lcbayes.modelling.registry import Entry
+from lcbayes.physics.photometry import SUN_MAGNITUDE
+
+FRAMES = {
+    "icrs": "the axes of ICRS",
+    "ecliptic-j2000": "the axes of the ecliptic of J2000",
+    "inertial": "the inertial axes of the file",
+}
+NOISE = {
+    "student-t": "Noise follows Student's t of 4 degrees of freedom: outliers weigh less.",
+    "mixture": "Some points are outliers, which scatter more widely; how many is inferred.",
+}
+UNSURE_DEG = 1.0  # of the direction of flight, 1 sd, from which on it is said
+
+
+def assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> list[str]:
+    """Of the body, the spin and the noise of a fit."""
+    return [*_of_body(curve, entry, options), *_of_data(curve, entry, options)]
+
+
+def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
+    model = entry.name
+    frame = FRAMES.get(curve.frame, curve.frame)
+    if model in ("faceted", "faceted-brdf"):
+        how = "that reflect diffusely and do" if model == "faceted" else "that do"
+        yield f"The body is flat facets {how} not shade one another."
+        yield {
+            "free": f"It turns at a constant angular velocity; its axes are {frame} at the start.",
+            "none": f"It does not turn in {frame}.",
+            "torque-free": "It is rigid and no torque acts on it; angular velocity and inertia "
+            f"are those at the start, where its axes are {frame}.",
+        }[str(options.get("spin", "free"))]
+    elif model == "convex-grid":
+        yield "The body is convex, and spins about a fixed axis of its own."
+        yield f"Its sidereal period is near {options['period']} h; other periods were not searched."
+    elif model == "stabilised":
+        yield "The body is flat facets that do not shade one another."
+        law = options.get("law", "yaw-steering")
+        yield f"Its attitude follows the law {law}; normals are in the axes of that law."
+        if (unsure := velocity_direction_sd_deg(curve) or 0.0) > UNSURE_DEG:
+            yield (
+                "Directions of flight, where a law asks for them, come from the places of the file "
+                f"and are unsure by up to {unsure:.0f} deg; elements (--tle) give better ones."
+            )
+
+
+def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
+    if options:
+        yield "Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + "."
+    if np.any(curve.free_scale):
+        n = int(np.sum(curve.free_scale))
+        yield f"The scale of {n} of {curve.n_curves} curves is unknown and inferred."
+    added = entry.name == "stabilised" and options.get("scatter", 1.0)
+    law = {o.name: o.default for o in entry.options.values()} | dict(options)
+    law = str(law.get("noise_law", ""))
+    yield (
+        "A scatter beyond the errors of the file is inferred."
+        if curve.error is not None and added
+        else "The errors of the file are taken as they are, independent"
+        + (" and Gaussian." if law == "gaussian" else ".")
+        if curve.error is not None
+        else "The file has no errors; a noise level is inferred"
+        + (" for each curve." if curve.n_curves > 1 and not added else ".")
+    )
+    if law in NOISE:
+        yield NOISE[law]
+    unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
+    if curve.kind == "mag" and unknown:
+        yield f"The Sun's V magnitude was used for the band {', '.join(unknown)}."
+    if notes := curve.source.get("notes"):
+        yield str(notes)

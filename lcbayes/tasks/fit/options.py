@@ -1,0 +1,73 @@
+"""Options of `lcbayes fit`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lcbayes.core.options import option
+from lcbayes.modelling.options import ModelOptions
+from lcbayes.tasks.task import Task
+
+SAMPLERS = ("nuts", "ahmc", "smc")
+MODEL = option("faceted", help="faceted, faceted-brdf, convex-grid, stabilised, or a Python file")
+
+
+@dataclass(frozen=True)
+class FitOptions(ModelOptions):
+    """Options of `lcbayes.fit`, with those of the model."""
+
+    model: str = MODEL
+    sampler: str = option(
+        "nuts",
+        choices=SAMPLERS,
+        help="NUTS, Fisher-adaptive HMC, or particles from the prior for posteriors with many "
+        "solutions",
+    )
+    seed: int = option(0, low=0, help="seed of all random numbers")
+    num_warmup: int | None = option(
+        None, low=0, help="warm-up draws per chain; by default 200 for nuts, 600 for ahmc"
+    )
+    num_samples: int = option(
+        0,
+        low=0,
+        help="draws per chain, or particles that move for smc; 0: 750, up to 3000 where these "
+        "are too few, or 250 particles",
+    )
+    num_chains: int = option(4, low=1, help="chains per solution, or independent runs for smc")
+    num_starts: int = option(
+        0, low=0, help="starts of the search; 0: chosen by the number of parameters"
+    )
+    max_modes: int = option(4, low=1, help="largest number of solutions to sample")
+    start_from: Path | None = option(
+        None, metavar="DIR", help="results of lcbayes scan, whose spins the search starts from"
+    )
+
+    def files(self) -> dict[str, Path]:
+        return super().files() | model_file(self.model)
+
+
+def model_file(model: str) -> dict[str, Path]:
+    """The file of a model that is not built in, as `Options.files` has it."""
+    path = Path(model)
+    return {"model": path} if path.suffix == ".py" or path.is_file() else {}
+
+
+TASK = Task(
+    name="fit",
+    summary="posterior over shape, spin and surface of one object, with a report",
+    details="""\
+examples:
+  lcbayes fit pass.csv -o out --n-facets 3 --seed 1
+  lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
+  lcbayes fit pass.csv -o out --n-facets 4 --sampler smc
+  lcbayes fit starlink.csv -o out --model stabilised
+  lcbayes fit pass.csv --tle object.tle -o out --model stabilised --law lvlh --facets +z,-x~5
+  lcbayes fit pass.csv -o out --model ./mine.py --set depth=0.3
+  lcbayes fit --config out/run.toml -o again        # the same numbers
+
+A run that was stopped goes on when the same command is given again.
+`lcbayes models NAME` lists the options of a model.
+""",
+    options=FitOptions,
+)

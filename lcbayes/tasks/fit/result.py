@@ -1,0 +1,198 @@
+"""What `lcbayes.fit` returns."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lcbayes.analysis import (
+    contents,
+    diagnostics_plots,
+    light_curve_plots,
+    quantities,
+    shape_plots,
+    sky_plots,
+    style,
+)
+from lcbayes.analysis import report as page
+from lcbayes.analysis.numerals import show
+from lcbayes.core.reasons import Reason
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.results.light_curve import load_light_curve
+from lcbayes.results.load import open_posterior
+from lcbayes.results.posterior import save_tree
+from lcbayes.results.reasons import agreement
+from lcbayes.results.record import Record
+from lcbayes.results.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+LISTED = 24  # quantities of a solution in the text, and values of one quantity
+COLUMNS = ("mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk", "ess_tail")
+
+
+class Fit(Result):
+    """A posterior with its summary.
+
+    Attributes
+    ----------
+    tree : xarray.DataTree
+        Groups as ArviZ names them, and ``modes/0``, ``modes/1``, … with each solution's chains.
+    """
+
+    task = "fit"
+
+    def __init__(
+        self,
+        tree: xr.DataTree,
+        content: Mapping[str, Any],
+        reasons: Sequence[Reason],
+        record: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(content, reasons, record or {})
+        self.tree = tree
+
+    @classmethod
+    def from_folder(
+        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+    ) -> Fit:
+        """The fit of a results folder."""
+        with open_posterior(folder) as tree:
+            return cls(tree.load(), content, reasons, record.content)
+
+    @property
+    def data(self) -> xr.DataTree:
+        """The DataTree of ``posterior.nc``."""
+        return self.tree
+
+    @property
+    def posterior(self) -> xr.Dataset:
+        """The chains of all solutions as sampled; where there are several,
+        `lcbayes.weighted_draws` weighs them."""
+        return self.tree["posterior"].to_dataset()
+
+    @property
+    def light_curve(self) -> LightCurve:
+        """The light curve that was fitted."""
+        return load_light_curve(self.tree)
+
+    def summary(self) -> pd.DataFrame:
+        """One row a parameter of each solution: weight, unit, mean, sd, quantiles, diagnostics."""
+        import pandas as pd
+
+        rows = [
+            {
+                "solution": i,
+                "weight": mode["weight"],
+                "parameter": name,
+                "unit": self._unit(name),
+                **{key: row[key] for key in COLUMNS},
+            }
+            for i, mode in enumerate(self.content["modes"], 1)
+            for name, row in mode["parameters"].items()
+        ]
+        return pd.DataFrame(rows, columns=["solution", "weight", "parameter", "unit", *COLUMNS])
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        return {"parameters": self.summary()}
+
+    def lines(self) -> list[str]:
+        """Each solution: weight, residuals, mean, standard deviation and 90 % intervals."""
+        content = self.content
+        first = [agreement([m["weight"] for m in content["modes"]])] if self.trusted else []
+        unit = content["fit"]["rms_unit"]
+        lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
+        for i, mode in enumerate(content["modes"], 1):
+            lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
+            lines += self._parameters(mode["parameters"])
+        return lines
+
+    def _parameters(self, parameters: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+        rows = {
+            name: row
+            for name, row in parameters.items()
+            if not name.startswith(("coefficients", "scale", "log_"))
+        }
+        entries = Counter(name.partition("[")[0] for name in rows)
+        # areas on a grid and offsets of many satellites are too many to read
+        short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]
+        for name in short:
+            row = rows[name]
+            mean, sd, low, high = (show(row[k], row["sd"]) for k in ("mean", "sd", "q05", "q95"))
+            yield f"  {name:22s} {f'{mean:>10s} ± {sd} {self._unit(name)}':32s} {low} to {high}"
+        if len(rows) > len(short):
+            yield f"  … and {len(rows) - len(short)} more in summary.json"
+
+    def _unit(self, name: str) -> str:
+        base = name.partition("[")[0]
+        free = self.tree["constant_data"].to_dataset().get("free_scale")
+        if base == "albedo_area" and free is not None and bool(free.all()):
+            return ""
+        return quantities.KNOWN.get(base, ("", "", 0.0))[1]
+
+    def write_files(self, folder: Path) -> None:
+        save_tree(self.tree, folder / "posterior.nc")
+
+    def write_page(self, folder: Path) -> None:
+        saved = (folder / "posterior.nc").is_file()
+        page.write_page(folder, contents.read(folder if saved else self.folder or folder))
+
+    def plot_light_curve(self) -> list[Figure]:
+        """Brightness with its posterior prediction, one figure a solution or pass."""
+        return style.figures(lambda g: light_curve_plots.draw_panels(self._contents(), g))
+
+    def plot_residuals(self) -> list[Figure]:
+        """Residuals against time."""
+        return style.figures(lambda g: light_curve_plots.draw_residuals(self._contents(), g))
+
+    def plot_parameters(self) -> list[Figure]:
+        """Pairs of the most important quantities, one figure a solution."""
+
+        def draw(gallery: style.Gallery) -> None:
+            for mode, few in self._important():
+                diagnostics_plots.draw_pairs(mode, few, gallery)
+
+        return style.figures(draw)
+
+    def plot_trace(self) -> list[Figure]:
+        """Chains of the most important quantities, one figure a solution."""
+
+        def draw(gallery: style.Gallery) -> None:
+            for mode, few in self._important():
+                diagnostics_plots.draw_traces(mode, few, gallery)
+
+        return style.figures(draw)
+
+    def plot_sky(self) -> list[Figure]:
+        """Directions of the spin axis and of the facets' normals."""
+        results = self._contents()
+
+        def draw(gallery: style.Gallery) -> None:
+            sky_plots.draw_sky(results, gallery)
+            for mode in results.modes:
+                sky_plots.draw_facets(results, mode, gallery)
+
+        return style.figures(draw)
+
+    def plot_body(self) -> list[Figure]:
+        """The body of each solution, where its facets close."""
+        results = self._contents()
+
+        def draw(gallery: style.Gallery) -> None:
+            for mode in results.modes:
+                shape_plots.build(results, mode, gallery)
+
+        return style.figures(draw)
+
+    def _important(self) -> Iterator[tuple[contents.Mode, Any]]:
+        results = self._contents()
+        for mode in results.modes:
+            yield mode, quantities.important(list(quantities.quantities(results, mode)))
+
+    def _contents(self) -> contents.Results:
+        return contents.assemble(self.folder or Path(), self.tree, self.content, "")

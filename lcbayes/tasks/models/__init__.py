@@ -1,0 +1,1 @@
+"""`lcbayes models`: the models that can be fitted, and their options."""

@@ -1,0 +1,1 @@
+"""`lcbayes report`: the report of a results folder again."""

@@ -1,0 +1,109 @@
+"""Options of `lcbayes scan`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.options import Options, option
+from lcbayes.tasks.task import Task
+
+UNITS = {"s": 1.0 / 3600.0, "min": 1.0 / 60.0, "h": 1.0, "d": 24.0}
+
+
+def hours(text: str) -> float:
+    """A length of time in hours, from a number of hours or one with a unit.
+
+    Raises
+    ------
+    InputError
+    """
+    text = text.strip()
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz") if text[-1:].isalpha() else text
+    unit = text[len(number) :].strip() or "h"
+    try:
+        return float(number) * UNITS[unit]
+    except (KeyError, ValueError):
+        raise InputError(
+            f"{text!r} is no period; give hours, or a number with s, min, h or d, such as 30s"
+        ) from None
+
+
+def between(text: str) -> tuple[float, ...]:
+    """Two lengths of time in hours, from "FROM,TO".
+
+    Raises
+    ------
+    InputError
+    """
+    ends = text.split(",")
+    if len(ends) != 2:
+        raise InputError(f"--period-range is {text!r}; give FROM,TO, such as 5.7,5.8")
+    return hours(ends[0]), hours(ends[1])
+
+
+@dataclass(frozen=True)
+class ScanOptions(Options):
+    """Options of `lcbayes.scan`."""
+
+    period: float | None = option(
+        None,
+        unit="hours",
+        parse=hours,
+        metavar="P",
+        help="sidereal period of a spin, or such as 30s",
+    )
+    period_range: tuple[float, ...] | None = option(
+        None,
+        unit="hours",
+        parse=between,
+        metavar="FROM,TO",
+        help="periods to try, or such as 20s,90s",
+    )
+    law: tuple[str, ...] = option(
+        (), metavar="NAME", help="a stabilised attitude, or all; may be given several times"
+    )
+    reflectance: str | None = option(
+        None,
+        metavar="NAME",
+        help="lambertian, non-lambertian, or lommel-seeliger-lambert, the default for asteroids",
+    )
+    n_poles: int = option(12, low=1, high=10_000, help="poles to start from")
+    period_step: float = option(
+        0.8, above=0.0, help="step between trial periods, in half turns over the data"
+    )
+    n_facets: int = option(500, low=50, high=5000, help="facets of the body of refined solutions")
+    degree: int = option(6, low=1, high=12, help="degree of the harmonics of that body")
+    keep: int = option(12, low=1, high=100, help="number of solutions to refine")
+    n_sky: int = option(200, low=0, high=100_000, help="poles of the map of the sky; 0: no map")
+    common_noise: bool = option(
+        False, help="where errors are unknown: one relative noise level for all curves"
+    )
+    scheduler: str | None = option(None, metavar="ADDRESS", help="a Dask cluster: tcp://…")
+    workers: int | None = option(None, low=1, help="processes of a local Dask cluster")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.period_range is not None and len(self.period_range) != 2:
+            raise InputError("--period-range needs two periods: FROM,TO")
+
+
+TASK = Task(
+    name="scan",
+    summary="hypotheses of attitude (pole, period, stabilised laws), each with its best body, "
+    "ranked",
+    details="""\
+examples:
+  lcbayes scan 43_Ariadne.lcs --period-range 5.75,5.775 -o out
+  lcbayes scan 43_Ariadne.lcs --period 5.762 -o out
+  lcbayes scan tumbler.csv --tle object.tle --period-range 20s,300s --n-poles 24 -o out
+  lcbayes scan passes.csv --tle object.tle --law all -o out
+  lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out
+
+Periods are sidereal, in hours, or with a unit: 30s, 12min, 5.76h, 2d. A scan ranks;
+how well a spin is known, `lcbayes fit --start-from DIR` says. A run that was stopped
+goes on when the same command is given again.
+""",
+    options=ScanOptions,
+    fully_lit=True,
+)

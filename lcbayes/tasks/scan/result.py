@@ -1,0 +1,124 @@
+"""What `lcbayes.scan` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lcbayes.analysis import scan_page, scan_plots, style
+from lcbayes.core.reasons import Reason
+from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.results.record import Record
+from lcbayes.results.result import Result
+from lcbayes.results.scan_file import load_scan, save_scan
+from lcbayes.tasks.scan.options import ScanOptions
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+FILE = "scan.nc"
+COLUMNS = {
+    "law": "law",
+    "pole_lon_deg": "pole_lon_deg",
+    "pole_lat_deg": "pole_lat_deg",
+    "period_h": "sidereal_period_h",
+    "chi2": "chi2",
+    "rms": "rms",
+    "near_equal": "near_equal",
+    "words": "relation",
+}
+
+
+class Scan(Result):
+    """Solutions of an attitude scan, the best first."""
+
+    task = "scan"
+
+    def __init__(
+        self,
+        found: Found,
+        content: Mapping[str, Any],
+        reasons: Sequence[Reason],
+        record: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(content, reasons, record or {})
+        self._found = found
+
+    @classmethod
+    def from_folder(
+        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+    ) -> Scan:
+        """The scan of a results folder."""
+        return cls(load_scan(folder / FILE), content, reasons, record.content)
+
+    @property
+    def data(self) -> Found:
+        """Every hypothesis and every solution, as arrays."""
+        return self._found
+
+    @property
+    def solutions(self) -> list[dict[str, Any]]:
+        """The best first: pole and period or law, chi2, rms, and how it is related to the best."""
+        return self.content["solutions"]
+
+    def summary(self) -> pd.DataFrame:
+        """One row a solution: law, pole (deg), sidereal period (h), chi2, rms, relation."""
+        import pandas as pd
+
+        return pd.DataFrame(self.solutions).reindex(columns=list(COLUMNS)).rename(columns=COLUMNS)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Solutions, and every hypothesis with its chi2."""
+        import pandas as pd
+
+        heads, rows = self._found.table()
+        return {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
+
+    def lines(self) -> list[str]:
+        content = self.content
+        lines = [
+            f"{content['n_hypotheses']} hypotheses: {content['n_periods']} periods, "
+            f"{content['n_laws']} laws; the best of them:",
+            "     lon      lat         period        chi2     rms",
+        ]
+        for i, s in enumerate(self.solutions, start=1):
+            what = f"{s['law']:29s}"
+            if "period_h" in s:
+                period = written_period(s["period_h"], s["period_resolution_h"])
+                what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
+            mark = "=" if s["near_equal"] else " "
+            lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
+        limit = content["fit"]["chi2_near_equal"]
+        lines.append(
+            f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
+        )
+        return lines
+
+    def write_files(self, folder: Path) -> None:
+        save_scan(self._found, folder / FILE)
+
+    def write_page(self, folder: Path) -> None:
+        scan_page.write_page(folder, self._found, self.content, self.record, ScanOptions)
+
+    def plot_light_curve(self) -> list[Figure]:
+        """Brightness with that of the best solution."""
+        return style.figures(lambda g: scan_plots.draw_fit(self._found, g))
+
+    def plot_sky(self) -> list[Figure]:
+        """How well poles all over the sky fit at the best period."""
+        return style.figures(lambda g: scan_plots.draw_sky(self._found, g))
+
+    def plot_periods(self) -> list[Figure]:
+        """How well the periods tried fit."""
+        return style.figures(lambda g: scan_plots.draw_periods(self._found, g))
+
+    def plot_laws(self) -> list[Figure]:
+        """How well the stabilised attitudes fit."""
+        return style.figures(lambda g: scan_plots.draw_laws(self._found, g))
+
+    def plot_body(self) -> list[Figure]:
+        """The body of the best solution, where its facets close."""
+        body = scan_page.body_of(self._found)
+        return [] if body is None else style.figures(lambda g: scan_plots.draw_shape(body, g))

@@ -1,0 +1,1 @@
+"""`lcbayes shape-match`: candidate shapes by phase angle and brightness, without an attitude."""

@@ -1,0 +1,1 @@
+"""`lcbayes single-facet`: orientation of one large facet from the crossing of its edge."""

@@ -1,0 +1,1 @@
+"""The tests of lcbayes; `docs/architecture.md` says which are where."""

@@ -1,0 +1,1 @@
+"""What several tests share: simulated light curves, known densities, limits of chance."""

@@ -1,0 +1,1 @@
+"""Posteriors whose moments are known without a Markov chain; `make.py` writes them."""

@@ -1,0 +1,219 @@
+"""The asteroid model: symmetries it must have, and a known ellipsoid found again."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import fit, search
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.solutions import Solution
+from lcbayes.inversion.attitude_scan.spin import in_convention
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.models import convex_grid
+from lcbayes.physics import brightness
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
+
+PERIOD_H, POLE_DEG, AXES = 6.0003, (60.0, 40.0), (1.6, 1.15, 1.0)
+SMALL = {"period": 6.0, "n_facets": 100, "degree": 3}
+
+
+def unit(lon_deg, lat_deg) -> np.ndarray:
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    return np.stack(
+        np.broadcast_arrays(np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)),
+        axis=-1,
+    )
+
+
+def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:
+    """An ellipsoid that turns about its shortest axis, eight nights in half a year, noise 0.5 %."""
+    rng = np.random.default_rng(5)
+    night = np.repeat(np.arange(8), n_points)
+    within = np.sort(rng.uniform(0, 0.8 * PERIOD_H * 3600, (8, n_points)), axis=1).ravel()
+    t = 25 * 86400.0 * night + within
+    sun = unit(45.0 * night, np.where(night % 2, 20.0, -12.0))
+    obs = unit(45.0 * night + np.array([8, -20, 15, 3, -12, 22, -5, 18])[night], 5.0)
+    normals = facets.grid(2000)
+    density = 1.0 / (normals**2 @ np.square(AXES)) ** 2  # of the area by solid angle
+    lon, lat = np.radians(POLE_DEG)
+    turn = rotations.principal_axis(jnp.asarray(t), lon, lat, PERIOD_H * 3600, 0.3)
+    sun_body, obs_body = (rotations.to_body(turn, jnp.asarray(v)) for v in (sun, obs))
+    area = jnp.asarray(density / density.sum())
+    law = "lommel-seeliger-lambert"
+    flux = np.asarray(brightness.flux(sun_body, obs_body, jnp.asarray(normals), area, law))
+    flux = flux * (1 + 0.005 * rng.normal(size=len(t)))
+    return LightCurve(
+        t=t,
+        brightness=flux,
+        error=None,
+        sun=sun,
+        obs=obs,
+        curve=night,
+        free_scale=np.full(8, free_scale),
+        epoch_jd=2450000.0,
+        frame="ecliptic-j2000",
+    )
+
+
+def problem(curve: LightCurve, **options) -> tuple[Problem, Epochs]:
+    data = Epochs.of(curve)
+    return Problem(partial(convex_grid.model, **(SMALL | options)), data), data
+
+
+def start(data: Epochs, **changes):
+    return convex_grid.starts(data, jax.random.key(0), **SMALL)[7] | changes
+
+
+def test_a_sphere_is_constant_at_constant_phase_angle():
+    curve = observed()
+    axis = unit(*POLE_DEG)
+    side = np.cross(axis, curve.sun)
+    obs = curve.sun * np.cos(0.4) + np.sin(0.4) * side / np.linalg.norm(side, axis=1)[:, None]
+    same = LightCurve(
+        t=curve.t,
+        brightness=curve.brightness,
+        error=None,
+        sun=curve.sun,
+        obs=obs,
+        curve=curve.curve,
+        free_scale=curve.free_scale,
+        epoch_jd=curve.epoch_jd,
+        frame=curve.frame,
+    )
+    built, data = problem(same, n_facets=1000)
+    flux = np.asarray(built.flux(start(data), data))
+    assert np.std(flux) / np.mean(flux) < 2e-3
+    bent = start(data, coefficients=jnp.zeros(15).at[4].set(1.0))
+    assert np.std(built.flux(bent, data)) / np.mean(flux) > 2e-2
+
+
+def test_a_sphere_in_full_light_has_unit_flux():
+    curve = observed()
+    full = LightCurve(
+        t=curve.t,
+        brightness=curve.brightness,
+        error=None,
+        sun=curve.sun,
+        obs=curve.sun,
+        curve=curve.curve,
+        free_scale=curve.free_scale,
+        epoch_jd=curve.epoch_jd,
+        frame=curve.frame,
+    )
+    built, data = problem(full, n_facets=1000)
+    flux = built.flux(start(data, log_lambert_c=jnp.array(-50.0)), data)
+    np.testing.assert_allclose(flux, 1.0, rtol=5e-3)
+
+
+def test_turning_the_frame_changes_nothing():
+    """But the axes in which the body's areas are told, about its pole."""
+    curve = observed()
+    turn = Rotation.from_rotvec([0.4, -0.9, 0.7]).as_matrix()
+    turned = replace(curve, sun=curve.sun @ turn.T, obs=curve.obs @ turn.T)
+    shape = 0.3 * np.asarray(jax.random.normal(jax.random.key(1), (15,)))
+    pole = unit(40.0, 55.0)
+    tilt = np.asarray(rotations.brought_to(jnp.asarray(pole)))
+    built, data = problem(curve, n_facets=3000)
+    other, turned_data = problem(turned, n_facets=3000)
+    sites = {"coefficients": jnp.asarray(shape), "pole_base": jnp.asarray(pole)[None]}
+    here = built.flux(start(data, **sites), data)
+    same = in_convention(turn @ tilt, shape)[2]
+    sites = {"coefficients": jnp.asarray(same), "pole_base": jnp.asarray(turn @ pole)[None]}
+    there = other.flux(start(turned_data, **sites), turned_data)
+    np.testing.assert_allclose(there, here, rtol=2e-3)  # the grid is not turned
+    assert np.std(here) / np.mean(here) > 0.05
+
+
+@pytest.mark.parametrize("lat", [90.0, -90.0])
+def test_nothing_happens_as_the_pole_passes_90_degrees(lat):
+    """Poles 0.02 degrees apart had light curves that differed by all of their amplitude."""
+    built, data = problem(observed())
+    shape = 0.3 * jax.random.normal(jax.random.key(1), (15,))
+
+    @jax.jit
+    def values(sites):
+        return built.flux(sites, data), jax.grad(built.potential)(built.ravel(sites), data)
+
+    def at(lon: float, lat: float):
+        pole = jnp.asarray(unit(lon, lat))[None]
+        flux, slope = values(start(data, coefficients=shape, pole_base=pole))
+        return np.asarray(flux), slope
+
+    (one, slope), (two, across) = at(0.0, 0.9999 * lat), at(180.0, 0.9999 * lat)
+    assert np.sqrt(np.mean((one - two) ** 2)) < 2e-3 * np.mean(one)
+    assert np.max(np.abs(slope - across)) < 0.05 * np.max(np.abs(slope))
+    assert np.all(np.isfinite(at(0.0, lat)[1]))
+
+
+def test_coordinates_leave_the_model_as_it_is():
+    curve = observed()
+    plain, data = problem(curve)
+    model = partial(convex_grid.model, **SMALL)
+    mixed = Problem(model, data, convex_grid.coordinates(data, **SMALL))
+    sites = start(data, coefficients=0.5 * jax.random.normal(jax.random.key(1), (15,)))
+    z = mixed.ravel(sites)
+    np.testing.assert_allclose(
+        mixed.constrain(z, data)["coefficients"], sites["coefficients"], rtol=1e-8
+    )
+    jacobian = jax.jit(jax.jacfwd(lambda z: plain.ravel(mixed.constrain(z, data))))(z)
+    potential = compiled(plain.potential)(plain.ravel(sites), data)
+    expected = potential - np.linalg.slogdet(jacobian)[1]
+    assert compiled(mixed.potential)(z, data) == pytest.approx(float(expected), rel=1e-9)
+
+
+def test_calibrated_curves_bring_size_and_phase_law():
+    relative = set(problem(observed())[0].names)
+    built, data = problem(observed(free_scale=False))
+    calibrated = {"log_sphere_flux", "log_phase_a", "log_phase_d", "phase_k"}
+    assert set(built.names) - relative == calibrated
+    sites = start(data)
+    assert calibrated <= sites.keys()
+    s = 0.5 * np.exp(-data.phase_angle / 0.1) - 0.5 * data.phase_angle + 1
+    dark = sites | {"log_phase_a": jnp.array(-60.0), "phase_k": jnp.array(0.0)}
+    ratio = built.flux(sites, data) / built.flux(dark, data)
+    np.testing.assert_allclose(ratio, s, rtol=1e-12)
+
+
+@pytest.mark.parametrize("c", [1e-6, 0.1, 0.8])
+def test_flux_of_a_sphere_at_zero_phase_is_its_parameter(c):
+    built, data = problem(observed(free_scale=False))
+    sites = start(data, log_lambert_c=jnp.log(c))
+    area = jnp.asarray(built.constrain(built.ravel(sites), data)["albedo_area"])
+    normals = jnp.asarray(convex_grid.grid(len(area), 1)[0])
+    towards = jnp.array([[0.6, 0.0, 0.8]])
+    flux = brightness.flux(towards, towards, normals, area, convex_grid.LAW, c)
+    assert flux[0] == pytest.approx(float(np.mean(data.brightness)), rel=2e-3)
+
+
+def test_search_finds_a_known_ellipsoid():
+    built, data = problem(observed())
+    rows = convex_grid.starts(data, jax.random.key(0), **SMALL)
+    z = jnp.stack([built.ravel(row) for row in rows])
+    best = search.successive_halving(built, data, z, 2, Silent()).z[0]
+    found = built.constrain(jnp.asarray(best), data)
+    pole = unit(float(found["pole_lon_deg"]), float(found["pole_lat_deg"]))
+    assert np.degrees(np.arccos(pole @ unit(*POLE_DEG))) < 4.0
+    assert found["period_h"] == pytest.approx(PERIOD_H, abs=3e-4)
+    assert found["sigma"] == pytest.approx(0.005, rel=0.5)
+
+
+@pytest.mark.parametrize(("size", "holds"), [(0.1, True), (60.0, False)])
+def test_moments_are_left_where_they_do_not_give_a_body_back(size, holds):
+    """Nearly all area in a few places, as of a brick: the plain coordinates are sampled there."""
+    data = Epochs.of(observed())
+    plain, own = build_problem(registry.find("convex-grid"), SMALL, data)
+    drawn = plain.constrain(plain.prior_draw(jax.random.key(0), data), data)
+    sites = {name: drawn[name] for name in plain.names}
+    rng = np.random.default_rng(0)
+    sites["coefficients"] = jnp.asarray(size * rng.standard_normal(drawn["coefficients"].shape))
+    solution = Solution(np.asarray(plain.ravel(sites)), 0.0, 0.0, 0.0, 1)
+    assert fit._hold(plain, own, [solution], data) is holds

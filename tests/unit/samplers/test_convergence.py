@@ -1,0 +1,102 @@
+"""When chains are long enough, and when to give up hope."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import lcbayes
+from lcbayes.core.progress import Silent
+from lcbayes.samplers.convergence import MIN_ESS, required_length, rhat_and_ess
+from lcbayes.samplers.settings import MAX_DRAWS, Settings
+from tests.helpers import small_curves
+
+
+def autoregressive(memory: float, n: int = 750, chains: int = 4) -> np.ndarray:
+    """Unit Gaussians of which n are worth n (1 − memory)/(1 + memory), (C, n, 2)."""
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal((chains, n, 2))
+    for i in range(1, n):
+        z[:, i] = memory * z[:, i - 1] + np.sqrt(1 - memory**2) * z[:, i]
+    return z
+
+
+def test_worth_of_draws_of_known_memory():
+    rhat, size = rhat_and_ess(autoregressive(0.9, 20_000))
+    assert size == pytest.approx(80_000 * 0.1 / 1.9, rel=0.15)
+    assert 1.0 <= rhat < 1.01
+
+
+def test_enough_draws_are_left_alone():
+    z = autoregressive(0.0)
+    assert required_length(z, 3000) == 750
+    assert required_length(autoregressive(0.9), 750) == 750  # as many as were asked for
+
+
+@pytest.mark.parametrize("memory", [0.85, 0.9])
+def test_too_few_draws_ask_for_what_is_missing(memory):
+    z = autoregressive(memory)
+    _, size = rhat_and_ess(z)
+    assert size < MIN_ESS
+    n = required_length(z, 3000)
+    assert 4 / 3 * 750 <= n <= 1500
+    assert n * size / 750 > MIN_ESS or n == 1500
+    longer = required_length(autoregressive(memory, n), 3000)
+    assert rhat_and_ess(autoregressive(memory, longer))[1] > MIN_ESS
+
+
+def test_hopeless_chains_cost_no_more():
+    assert required_length(autoregressive(0.99), 3000) == 750  # worth 15
+    z = autoregressive(0.9)
+    separate = z + np.arange(4.0)[:, None, None]
+    assert required_length(separate, 3000) == 750
+    assert required_length(np.zeros((4, 750, 2)), 3000) == 750  # stuck
+    assert required_length(z[:1], 3000) == 750  # one chain, which nothing can be compared with
+
+
+def test_who_asks_for_a_number_gets_it():
+    assert Settings().most_samples == MAX_DRAWS
+    assert Settings(num_samples=500).most_samples == 500
+    assert Settings(sampler="smc").most_samples == Settings(sampler="smc").num_samples
+
+
+@pytest.mark.parametrize("asked", [{}, {"num_samples": 750}, {"sampler": "smc"}, {"sampler": "mh"}])
+def test_settings_are_recorded_as_they_were_asked_for(asked):
+    """So that a run from its run.toml goes on as the first one did."""
+    settings = Settings(**asked)
+    assert Settings(**settings.as_dict()) == settings
+    assert settings.as_dict() != Settings(num_samples=1000).as_dict()
+
+
+class Cut(Silent):
+    """Stops a run that goes on, at its first block beyond what was foretold."""
+
+    @contextmanager
+    def stage(self, title, total, unit):  # noqa: ARG002
+        yield self
+
+    def __init__(self) -> None:
+        self.longer = False
+
+    def more(self, n: int) -> None:
+        self.longer |= n > 0
+
+    def advance(self, n: int, note: str = "") -> None:  # noqa: ARG002
+        if self.longer:
+            raise KeyboardInterrupt
+
+
+def test_a_fit_goes_on_until_it_has_enough_and_so_it_does_when_resumed(tmp_path, monkeypatch):
+    """Begun with 100 draws a chain, which no posterior has 400 independent ones of."""
+    monkeypatch.setattr("lcbayes.samplers.settings.DRAWS", 100)
+    curve = small_curves.curve(20, noise=0.1)
+    asked = {"n_facets": 1, "spin": "none", "num_warmup": 100, "num_starts": 24, "seed": 3}
+    whole = lcbayes.fit(curve, **asked)
+    assert 100 < whole.posterior.sizes["draw"] <= MAX_DRAWS
+    assert whole.content["min_ess_bulk"] >= MIN_ESS
+    with pytest.raises(KeyboardInterrupt):
+        lcbayes.fit(curve, out=tmp_path, progress=Cut(), **asked)
+    resumed = lcbayes.fit(curve, out=tmp_path, **asked)
+    np.testing.assert_array_equal(resumed.posterior["g"], whole.posterior["g"])
