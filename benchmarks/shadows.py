@@ -22,8 +22,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.simulation.scenarios.scenario import Scenario, load
 from lcbayes.simulation.simulate import body_flux
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-import shaded_bodies as shaded
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.helpers import shaded_bodies as shaded
 
 EPOCHS = 300
 TOLERANCE = 1e-3

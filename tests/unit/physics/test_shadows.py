@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shaded_bodies as shaded
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
@@ -16,6 +15,7 @@ from lcbayes.physics.bodies.primitives import box
 from lcbayes.physics.bodies.shadow_points import points_on
 from lcbayes.physics.bodies.solids import Solid, above, edges, flat_solid, normals
 from lcbayes.simulation.simulate import body_flux
+from tests.helpers import shaded_bodies as shaded
 
 WITHIN = 1e-3  # of the largest flux
 POINTS = {"wings": 10_000, "l-shape": 10_000, "stage": 10_000, "dish": 10_000, "mesh": 2_500}
