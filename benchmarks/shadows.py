@@ -70,7 +70,8 @@ def error(name: str, scenario: Scenario, count: int) -> tuple[float, float]:
     rays = shaded.cast_flux(name, sun, obs, RAYS.get(name, 10_000))
     ours = shaded.flux(scenario, sun, obs)
     whole = shaded.flux(scenario, sun, obs, shaded=False)
-    return tuple(float(np.max(np.abs(x - ours)) / rays.max()) for x in (rays, whole))
+    off, shadow = (float(np.max(np.abs(x - ours)) / rays.max()) for x in (rays, whole))
+    return off, shadow
 
 
 def main() -> None:
