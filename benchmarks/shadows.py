@@ -3,7 +3,7 @@
     python benchmarks/shadows.py [--attitudes N]      into RESULTS.md
 
 Time: the flux of a body at 300 epochs, and its gradient by the directions, with shadows and
-without, each compiled beforehand. Errors: against rays cast at the analytic surfaces, at N attitudes.
+without, each compiled beforehand. Errors: against rays cast at analytic surfaces, at N attitudes.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.simulation.scenarios.scenario import Scenario, load
 from lcbayes.simulation.simulate import body_flux
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-import shaded_bodies as shaded
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.helpers import shaded_bodies as shaded
 
 EPOCHS = 300
 TOLERANCE = 1e-3
@@ -70,7 +70,8 @@ def error(name: str, scenario: Scenario, count: int) -> tuple[float, float]:
     rays = shaded.cast_flux(name, sun, obs, RAYS.get(name, 10_000))
     ours = shaded.flux(scenario, sun, obs)
     whole = shaded.flux(scenario, sun, obs, shaded=False)
-    return tuple(float(np.max(np.abs(x - ours)) / rays.max()) for x in (rays, whole))
+    off, shadow = (float(np.max(np.abs(x - ours)) / rays.max()) for x in (rays, whole))
+    return off, shadow
 
 
 def main() -> None:

@@ -143,12 +143,14 @@ def predicted_flux(
         for rotation, which in ((made.body, ~moving), (made.array, moving)):
             if rotation is None or not which.any():
                 continue
-            directions = tuple(rotations.to_body(rotation, v) for v in (along.sun, obs))
+            to_sun, to_obs = (rotations.to_body(rotation, v) for v in (along.sun, obs))
             if attitude_error is not None and rotation is made.body:
                 turn = rotations.constant_rate(jnp.ones(1), attitude_error)[0]
-                directions = tuple(x @ turn.T for x in directions)
-            visible = None if scenario.parts is None else scenario.parts.lit_and_seen(*directions)
-            total += body_flux(scenario.body, scenario.materials, *directions, which, visible)
+                to_sun, to_obs = to_sun @ turn.T, to_obs @ turn.T
+            visible = (
+                None if scenario.parts is None else scenario.parts.lit_and_seen(to_sun, to_obs)
+            )
+            total += body_flux(scenario.body, scenario.materials, to_sun, to_obs, which, visible)
         return total
 
     t, exposure = along.t, scenario.exposure_s

@@ -117,4 +117,5 @@ def _probes(normals: Floats) -> tuple[Floats, Floats]:
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     angle = np.deg2rad(rng.uniform(0.0, 0.5 * PHASE_DEG, (2 * half, 1)))
     sun, obs = bisector + np.tan(angle) * across, bisector - np.tan(angle) * across
-    return tuple(v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sun, obs))
+    sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+    return sun, obs / np.linalg.norm(obs, axis=1, keepdims=True)

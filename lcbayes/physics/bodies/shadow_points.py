@@ -98,11 +98,12 @@ class Points:
 
     def _blocked(self, mine: NDArray[np.integer], direction: Floats) -> NDArray[np.bool_]:
         """Which of the points have a triangle between them and what lies along a direction."""
-        helper = np.eye(3)[np.argmin(np.abs(direction))]
-        u = np.cross(direction, helper)
+        helper: Floats = np.eye(3)[int(np.argmin(np.abs(direction)))]
+        u: Floats = np.cross(direction, helper)
         u /= np.linalg.norm(u)
-        axes = np.stack([u, np.cross(direction, u), direction])
-        points, corners = self.at[mine] @ axes.T, self.triangles @ axes.T
+        axes: Floats = np.stack([u, np.cross(direction, u), direction])
+        points: Floats = self.at[mine] @ axes.T
+        corners: Floats = self.triangles @ axes.T
         low = corners[:, :, :2].min(axis=(0, 1))
         cells = max(1, int(np.sqrt(len(corners))))
         size = np.maximum((corners[:, :, :2].max(axis=(0, 1)) - low) / cells, 1e-12 * self.extent)

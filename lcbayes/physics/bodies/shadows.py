@@ -180,8 +180,8 @@ def _paired(receivers: list[_Receiver]) -> list[list[_Receiver]]:
 def _group(size: tuple[int, int, int, bool], members: list[list[_Receiver]]) -> Group:
     corners, _, slots, rectangles = size
     rows = [[_placed(one, corners, slots) for one in sides] for sides in members]
-    arrays = (np.array([[side[k] for side in sides] for sides in rows]) for k in range(8))
-    return Group(*arrays, rectangles)
+    arrays = [np.array([[side[k] for side in sides] for sides in rows]) for k in range(8)]
+    return Group._make([*arrays, rectangles])
 
 
 def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
@@ -211,9 +211,11 @@ def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:
     """Edges tested against edges at one epoch: what `lit_and_seen` costs."""
-    return sum(
-        len(g.index) * _tests(g.corners.shape[2], *g.first.shape[2:4], g.rectangles) for g in groups
-    )
+    total = 0
+    for g in groups:
+        corners, (solids, slots) = g.corners.shape[2], g.first.shape[2:4]
+        total += len(g.index) * _tests(corners, solids, slots, g.rectangles)
+    return total
 
 
 def _tests(corners: int, solids: int, slots: int, rectangle: bool) -> int:
@@ -297,8 +299,8 @@ def _fraction(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     both = [jnp.sum(frame * d.T[None, None], axis=2) for d in (sun, obs)]  # (R, 3, T)
     facing = (both[0][:, 2] > GRAZING) & (both[1][:, 2] > GRAZING)
     both = [jnp.where(facing[:, None], d, np.array([0.0, 0.0, 1.0])[:, None]) for d in both]
-    solids = tuple(side(x) for x in group[4:8])
-    outlines = _nudged(*_outlines(*solids, both))
+    ends, normals = ([side(x) for x in two] for two in (group[4:6], group[6:8]))
+    outlines = _nudged(*_outlines(*ends, *normals, directions=both))
     corners = side(group.corners)
     area = _area(group.rectangles, (corners[:, :, 0], corners[:, :, 1]), outlines)
     fraction = jnp.clip(area / side(group.area), 0.0, 1.0)
@@ -381,15 +383,18 @@ def _area_and_parts(
     other = np.array([[k for k in range(count) if k != j] for j in range(count)])
     whole = slice(None)
     sides = (x[:, 1:-1], y[:, 1:-1]), (x[:, 2:], y[:, 2:])
-    of_sides, _ = _parts(*_intervals(_at(sides, (whole, None)), _at(outlines, (whole, None))))
+    # an outline without edges is that of a panel seen edge-on, which hides nothing
+    there = jnp.any((start[0] != end[0]) | (start[1] != end[1]), axis=2)
+    into, out = _intervals(_at(sides, (whole, None)), _at(outlines, (whole, None)))
+    of_sides, _ = _parts(into, jnp.where(there[:, None, None], out, -1.0))
     if rectangles:
         low, high = _within(outlines, (x[:, None, None, 2], y[:, None, None, 2]))
     else:
         around = corners, (jnp.roll(x, -1, axis=1), jnp.roll(y, -1, axis=1))
         low, high = _intervals(outlines, _at(around, (whole, None, None)))
         low, high = low[:, :, :, 0], high[:, :, :, 0]
-    hidden = _intervals(outlines, _at(outlines, (whole, other)))
-    parts = _parts(*hidden, low, high)
+    into, out = _intervals(outlines, _at(outlines, (whole, other)))
+    parts = _parts(into, jnp.where(there[:, other][:, :, None], out, -1.0), low, high)
     area = jnp.sum(_cross(*sides) * of_sides[:, 0], axis=1)
     area = 0.5 * (area - jnp.sum(_cross(start, end) * parts[0], axis=(1, 2)))
     return area, parts

@@ -88,7 +88,8 @@ def above(solid: Solid, point: ArrayLike, normal: ArrayLike) -> Solid | None:
     if flat:
         return flat_solid(corners[0])
     kept = [face for face in corners if len(face) >= 3]
-    on_plane = np.concatenate([face[np.abs((face - point) @ n) <= tolerance] for face in kept])
+    origin = np.asarray(point, float)
+    on_plane = np.concatenate([face[np.abs((face - origin) @ n) <= tolerance] for face in kept])
     lid = _hull_in_plane(on_plane, -n, tolerance)
     return _joined([*kept, *([lid] if len(lid) >= 3 else [])], tolerance)
 
@@ -172,7 +173,7 @@ def edges(solid: Solid) -> Edges:
         for a, b in ((f, g), (g, f)):
             mate = (a, opposite[b])
             if mate in between and mate not in done:
-                done |= {mate, mate[::-1]}
+                done |= {mate, (mate[1], mate[0])}
                 second = vertices[list(between[mate])]
                 break
         else:

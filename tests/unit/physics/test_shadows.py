@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shaded_bodies as shaded
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
@@ -16,6 +15,7 @@ from lcbayes.physics.bodies.primitives import box
 from lcbayes.physics.bodies.shadow_points import points_on
 from lcbayes.physics.bodies.solids import Solid, above, edges, flat_solid, normals
 from lcbayes.simulation.simulate import body_flux
+from tests.helpers import shaded_bodies as shaded
 
 WITHIN = 1e-3  # of the largest flux
 POINTS = {"wings": 10_000, "l-shape": 10_000, "stage": 10_000, "dish": 10_000, "mesh": 2_500}
@@ -158,6 +158,28 @@ def test_shadows_of_several_solids_are_not_counted_twice():
     covered = 0.3 + 0.5 * 0.4 - 0.5 * 0.1 + 0.05
     found = float(shadows.lit_and_seen(groups, 1, up, up)[0, 0])
     assert found == pytest.approx(1.0 - covered, abs=1e-8)
+
+
+def test_a_panel_seen_edge_on_hides_nothing():
+    """A wall on the edge of a square, Sun and observer in its plane, one of them, or neither."""
+    wall = np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]], float)
+    groups = shadows.shadows([SQUARE], [0], [flat_solid(wall)], [1])
+    assert groups
+    up, low, steep, away = [0, 0, 1.0], [-1, 0, 1.0], [-1, 0, 2.0], [1, 0, 1.0]
+    pairs = {
+        (0, 0): 1.0,
+        (1, 0): 0.0,
+        (0, 1): 0.0,
+        (2, 0): 0.5,
+        (2, 2): 0.5,
+        (3, 0): 1.0,
+        (3, 2): 0.5,
+    }
+    for (i, j), right in pairs.items():
+        sun, obs = (np.array([[up, low, steep, away][k]]) for k in (i, j))
+        sun, obs = (jnp.asarray(v / np.linalg.norm(v)) for v in (sun, obs))
+        found = float(shadows.lit_and_seen(groups, 1, sun, obs)[0, 0])
+        assert found == pytest.approx(right, abs=1e-8)
 
 
 def test_a_solid_above_a_plane():

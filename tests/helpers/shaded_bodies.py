@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import ray_casting as cast
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.simulation.scenarios.scenario import Scenario, load
 from lcbayes.simulation.simulate import body_flux
+from tests.helpers import ray_casting as cast
 
 Floats = NDArray[np.float64]
 

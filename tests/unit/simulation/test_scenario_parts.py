@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shaded_bodies as shaded
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
@@ -15,6 +14,7 @@ from lcbayes.physics.attitude.laws import Ephemeris
 from lcbayes.simulation.observability.measurements import measure
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import predicted_flux, simulate
+from tests.helpers import shaded_bodies as shaded
 
 CUBE = '[[body.parts]]\nkind = "box"\nx = 1\ny = 1\nz = 1\nmaterial = "white"\n'
 LAW = 'law = "fixed"'

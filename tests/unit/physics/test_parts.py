@@ -119,7 +119,7 @@ def test_a_lambert_cylinder_in_closed_form(tolerance):
 @pytest.mark.parametrize("law", [WHITE, GLOSSY], ids=["diffuse", "glossy"])
 @pytest.mark.parametrize("kind", [k for k in primitives.KINDS if primitives.KINDS[k].curved])
 def test_the_error_holds_against_ten_times_finer_panels(kind, law):
-    surfaces = dict.fromkeys(primitives.KINDS[kind].sides, law)
+    surfaces = {str(side): (law[0], law[1]) for side in primitives.KINDS[kind].sides}
     shape = partial(primitives.KINDS[kind].make, *SIZES[kind])
     panels, error = division.divide(shape, surfaces, 5e-3)
     used = next(
