@@ -19,7 +19,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area import nnls
 from lcbayes.inversion.albedo_area.distribution import grid, solve
-from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.inversion import InversionSettings, invert
 from lcbayes.inversion.albedo_area.kernel import columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import Fixed
@@ -80,7 +80,11 @@ def bodies(
     for seed in range(seeds):
         normals, areas, truth = make(seed)
         begun = time.perf_counter()
-        found = invert(curve(normals, areas, epochs, seed), Fixed(), n_bootstrap=0, n_null=0)
+        found = invert(
+            curve(normals, areas, epochs, seed),
+            Fixed(),
+            settings=InversionSettings(n_bootstrap=0, n_null=0),
+        )
         took.append(time.perf_counter() - begun)
         assert found.shape is not None
         assert found.facets is not None

@@ -84,6 +84,9 @@ def run(args: Namespace, task: Task) -> int:
     result = getattr(module, task.function)(
         source, **writing, progress=Silent() if quiet else Console(), **options
     )
+    if task.source == CURVE and not quiet:  # a refusal is one line, so they come last
+        for note in filter(None, source.source.get("notes", "").split("; ")):
+            print(f"note: {note}", file=sys.stderr)
     _print(args, task, result)
     return EXIT_DONE if result.trusted else EXIT_NOT_TRUSTED
 
@@ -164,8 +167,6 @@ def source_from(args: Namespace, task: Task, record: Record | None = None) -> An
     if Path(path).is_dir():
         return fitted_curve(Path(path))
     curve = read(path, **ReadOptions.of(reading).as_dict())
-    for note in filter(None, curve.source.get("notes", "").split("; ")):
-        print(f"note: {note}", file=sys.stderr)
     if task.fully_lit:
         from lcbayes.data.earth_shadow import FULL, fully_lit
 

@@ -107,114 +107,112 @@ class Inversion:
         return float(np.sqrt(np.mean(residual**2)))
 
 
+@dataclass(frozen=True)
+class InversionSettings:
+    """Settings of `invert`.
+
+    Parameters
+    ----------
+    n_normals : normals of the grid, at least 50
+    smoothness : λ of `distribution.smooth`; 0 for bodies with edges, about 1 for asteroids
+    cost : reduction of χ² that a facet must bring, see `facets.explain`; 0 keeps every facet,
+        None takes 3 ln N of the points
+    albedo : of all facets; areas of the shape are albedo-areas divided by it
+    n_bootstrap : resampled data sets; 0 omits the resampling
+    n_null : simulated bodies for each null distribution of the cues; 0 omits the cues
+    seed : of the resampling and of the simulated bodies
+
+    Raises
+    ------
+    InputError
+        A value lies outside its range.
+    """
+
+    n_normals: int = 400
+    smoothness: float = 0.0
+    cost: float | None = None
+    albedo: float = 1.0
+    n_bootstrap: int = 100
+    n_null: int = 199
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (self.n_normals >= 50 and self.smoothness >= 0.0 and self.albedo > 0.0):
+            raise InputError(
+                "give at least 50 normals, a smoothness that is not negative and a positive albedo"
+            )
+        if self.cost is not None and not self.cost >= 0.0:
+            raise InputError(f"--facet-cost is {self.cost:g}; give a chi2 of 0 or more")
+
+
 def invert(
     curve: LightCurve,
     attitude: Attitude,
     materials: Sequence[Material] = (LAMBERTIAN,),
-    *,
-    n_normals: int = 400,
-    smoothness: float = 0.0,
-    cost: float | None = None,
-    albedo: float = 1.0,
-    n_bootstrap: int = 100,
-    n_null: int = 199,
-    seed: int = 0,
+    settings: InversionSettings = InversionSettings(),
     progress: Silent | None = None,
 ) -> Inversion:
     """Albedo-area distribution, shape cues and convex shape of a light curve.
 
-    Without smoothing, the distribution on the grid is refined to the few facets that explain the
-    data, and the shape is the convex body of these. With it, the shape is that of the smooth
+    Without smoothing, the distribution on the grid is refined to the facets that explain the data,
+    and the shape is the convex body of these. With smoothing, the shape is that of the smooth
     distribution on the grid.
 
     Parameters
     ----------
     curve : LightCurve
     attitude : Attitude
-        Taken as known: a wrong one gives a wrong body, which a poor fit betrays only mostly.
+        Assumed to be exact: a wrong attitude gives a wrong body, and usually a poor fit.
     materials : sequence of Material
         Columns of Hall's eq. (11), for instance one diffuse and one specular.
-    n_normals : int
-        Of the grid.
-    smoothness : float
-        λ of `distribution.smooth`; 0 for bodies with edges, about 1 for asteroids.
-    cost : float, optional
-        What a facet must lower χ² by; see `facets.few`. 0 keeps every one.
-    albedo : float
-        Common to all facets: areas of the shape are albedo-areas over it.
-    n_bootstrap, n_null : int
-        Resampled data sets, and simulated bodies for each null of the cues; 0 leaves them out.
-    seed : int
+    settings : InversionSettings
     progress : Silent or Console
 
     Raises
     ------
     InputError
+        The light curve has too few points, or shows no light.
 
     References
     ----------
     Hall et al. 2007, sec. 3.
     """
-    if not (n_normals >= 50 and smoothness >= 0.0 and albedo > 0.0):
-        raise InputError(
-            "give at least 50 normals, a smoothness that is not negative and a positive albedo"
-        )
-    if cost is not None and not cost >= 0.0:
-        raise InputError(f"--facet-cost is {cost:g}; give a chi2 of 0 or more")
     if curve.n_obs < FEWEST:
         raise InputError(
             f"the light curve has {curve.n_obs} point(s); an albedo-area distribution needs at "
             f"least {FEWEST}, and a shape many more"
         )
     progress = progress or Silent()
-    seen = Observed.of(curve, attitude)
-    normals, which = grid(n_normals, materials)
-    matrix = columns(seen, normals, which, materials)
-    plain = solve(seen, normals, which, matrix)
-    _check_lit(plain)
-    if not seen.error_known:  # the fit tells what the errors are
-        used = np.sum(plain.areas > 0) + np.sum(seen.free)
-        dof = max(len(seen.flux) - used, len(seen.flux) // 2)
-        seen = seen.with_error(seen.error * np.sqrt(max(plain.chi2, 1e-20) / dof))
-        plain = solve(seen, normals, which, matrix, start=plain)
+    normals, which = grid(settings.n_normals, materials)
+    seen, matrix, plain = _solved(Observed.of(curve, attitude), normals, which, materials)
     penalties: list[Rows] = []
     on_grid = plain
-    if smoothness > 0:
-        penalties = [smooth(normals, which, smoothness, typical(seen, matrix))]
+    if settings.smoothness > 0:
+        penalties = [smooth(normals, which, settings.smoothness, typical(seen, matrix))]
         on_grid = solve(seen, normals, which, matrix, penalties, start=plain)
-    found = fine = None
-    if smoothness == 0 or n_null > 0:
-        progress.say("refining the grid to few facets")
-        fine, found = explain(seen, plain, matrix, materials, cost)
-    found_cues = []
-    if found is not None and n_null > 0:
-        with progress.stage("shape cues", 2 * n_null, "bodies") as track:
-            found_cues = cues.find(seen, plain, matrix, found, materials, n_null, seed, track)
-    if smoothness > 0:
-        found = fine = None
+    fine, facets, found_cues = _facets(seen, plain, matrix, materials, settings, progress)
     grid_sd = draws = None
-    if n_bootstrap > 0:
-        progress.say(f"resampling the data {n_bootstrap} times")
-        weight = bootstrap.weights(seen, n_bootstrap, seed + 3)
+    if settings.n_bootstrap > 0:
+        progress.say(f"resampling the data {settings.n_bootstrap} times")
+        weight = bootstrap.weights(seen, settings.n_bootstrap, settings.seed + 3)
         grid_sd = bootstrap.distributions(seen, on_grid, matrix, weight, penalties).std(axis=0)
-        if found is not None:
-            draws = bootstrap.facets(seen, found, materials, weight, albedo)
-    best = on_grid if found is None else found
-    gap = closure(best.normals, best.areas)
-    lit = matrix.reshape(len(matrix), -1, n_normals).sum(axis=(0, 1)) > 0
+        if facets is not None:
+            draws = bootstrap.facets(seen, facets, materials, weight, settings.albedo)
+    best = on_grid if facets is None else facets
+    lit = matrix.reshape(len(matrix), -1, settings.n_normals).sum(axis=(0, 1)) > 0
     unseen = float(1.0 - lit.mean())
-    shape, changed, no_shape = _shape(best, albedo, unseen)
-    finer = None if fine is None else _shape(fine, albedo, unseen)[0]
-    parameters = np.sum(best.areas > 0) * (1 if found is None else 3) + np.sum(seen.free)
+    shape, changed, no_shape = _shape(best, settings.albedo, unseen)
+    finer = None if fine is None else _shape(fine, settings.albedo, unseen)[0]
+    parameters = np.sum(best.areas > 0) * (1 if facets is None else 3) + np.sum(seen.free)
     result = Inversion(
         seen,
         materials,
         on_grid,
         grid_sd,
-        found,
+        facets,
         draws,
         found_cues,
-        gap,
+        closure(best.normals, best.areas),
         changed,
         shape,
         None if finer is None else finer.volume,
@@ -222,8 +220,46 @@ def invert(
         unseen,
         max(int(len(seen.flux) - parameters), 1),
     )
-    result.reasons.extend(_doubts(result, cost, seed))
+    result.reasons.extend(_doubts(result, settings.cost, settings.seed))
     return result
+
+
+def _solved(
+    seen: Observed, normals: Floats, which: NDArray[np.integer], materials: Sequence[Material]
+) -> tuple[Observed, Floats, Distribution]:
+    """The distribution on the grid; errors that are not given are estimated from its residuals."""
+    matrix = columns(seen, normals, which, materials)
+    plain = solve(seen, normals, which, matrix)
+    _check_lit(plain)
+    if not seen.error_known:
+        used = np.sum(plain.areas > 0) + np.sum(seen.free)
+        dof = max(len(seen.flux) - used, len(seen.flux) // 2)
+        seen = seen.with_error(seen.error * np.sqrt(max(plain.chi2, 1e-20) / dof))
+        plain = solve(seen, normals, which, matrix, start=plain)
+    return seen, matrix, plain
+
+
+def _facets(
+    seen: Observed,
+    plain: Distribution,
+    matrix: Floats,
+    materials: Sequence[Material],
+    settings: InversionSettings,
+    progress: Silent,
+) -> tuple[Distribution | None, Facets | None, list[cues.Cue]]:
+    """The refined distribution and its facets, where not smoothed; the cues, where asked for."""
+    if settings.smoothness > 0 and settings.n_null == 0:
+        return None, None, []
+    progress.say("refining the grid to few facets")
+    fine, facets = explain(seen, plain, matrix, materials, settings.cost)
+    found_cues: list[cues.Cue] = []
+    if settings.n_null > 0:
+        n_null, seed = settings.n_null, settings.seed
+        with progress.stage("shape cues", 2 * n_null, "bodies") as track:
+            found_cues = cues.find(seen, plain, matrix, facets, materials, n_null, seed, track)
+    if settings.smoothness > 0:
+        return None, None, found_cues
+    return fine, facets, found_cues
 
 
 def _check_lit(plain: Distribution) -> None:

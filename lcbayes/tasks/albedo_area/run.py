@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.inversion import InversionSettings, invert
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.tasks.albedo_area.options import TASK, AlbedoAreaOptions
 from lcbayes.tasks.albedo_area.result import AlbedoAreaResult
@@ -51,13 +51,15 @@ def albedo_area(
         curve,
         options.known_attitude(curve),
         [Material.parse(text) for text in options.material],
-        n_normals=options.n_normals,
-        smoothness=options.smoothness,
-        cost=options.facet_cost,
-        albedo=options.albedo,
-        n_bootstrap=options.bootstrap,
-        n_null=options.nulls,
-        seed=options.seed,
+        settings=InversionSettings(
+            n_normals=options.n_normals,
+            smoothness=options.smoothness,
+            cost=options.facet_cost,
+            albedo=options.albedo,
+            n_bootstrap=options.bootstrap,
+            n_null=options.nulls,
+            seed=options.seed,
+        ),
         progress=context.progress,
     )
     return AlbedoAreaResult(found, curve, options)

@@ -13,7 +13,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import Distribution, grid, smooth, solve, typical
 from lcbayes.inversion.albedo_area.facets import Facets, explain, few, linear, refine
-from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.inversion import InversionSettings, invert
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import ConstantRate, Fixed
@@ -114,7 +114,9 @@ def test_no_facet_is_found_that_no_epoch_shows(seed):
     curve = fully_lit(simulate(load("box-wing"), seed)[0])
     material = Material.parse("non-lambertian")
     attitude = ConstantRate((0.012, -0.020, 0.018))
-    result = invert(curve, attitude, [material], n_bootstrap=0, n_null=0)
+    result = invert(
+        curve, attitude, [material], settings=InversionSettings(n_bootstrap=0, n_null=0)
+    )
     assert result.reasons == []
     assert result.facets is not None
     assert len(result.facets.areas) == 6
@@ -154,7 +156,7 @@ def test_a_dark_facet_takes_no_other_with_it():
 
 def test_an_area_that_one_point_tells_is_in_doubt():
     """One number has no say in two of the three of an area vector: large variances, not none."""
-    result = invert(from_above(1), Fixed(), n_bootstrap=0, n_null=0)
+    result = invert(from_above(1), Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0))
     assert result.facets is not None
     below = result.facets.normals[:, 2] < -0.3
     assert below.any()
@@ -267,7 +269,11 @@ def test_resampled_distributions_are_those_of_the_resampled_data(brick):
 
 
 def test_the_whole_way_from_a_curve_to_a_brick():
-    result = invert(curve_of(BRICK, seed=3), Fixed(), n_normals=200, n_bootstrap=20, n_null=0)
+    result = invert(
+        curve_of(BRICK, seed=3),
+        Fixed(),
+        settings=InversionSettings(n_normals=200, n_bootstrap=20, n_null=0),
+    )
     assert result.reasons == []
     assert result.cues == []
     assert result.shape is not None
@@ -283,7 +289,11 @@ def test_the_whole_way_from_a_curve_to_a_brick():
 def test_a_common_albedo_sets_the_size():
     curve = curve_of(BRICK, seed=3)
     bright, dark = (
-        invert(curve, Fixed(), n_normals=150, n_bootstrap=0, n_null=0, albedo=a).shape
+        invert(
+            curve,
+            Fixed(),
+            settings=InversionSettings(n_normals=150, n_bootstrap=0, n_null=0, albedo=a),
+        ).shape
         for a in (1.0, 0.25)
     )
     assert bright is not None
@@ -292,7 +302,9 @@ def test_a_common_albedo_sets_the_size():
 
 
 def test_errors_that_are_not_given_are_estimated():
-    result = invert(curve_of(BRICK, error=None), Fixed(), n_bootstrap=0, n_null=0)
+    result = invert(
+        curve_of(BRICK, error=None), Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0)
+    )
     assert not result.seen.error_known
     truth = 0.01 * result.seen.flux.mean()
     assert result.rms == pytest.approx(0.01, rel=0.2)
@@ -302,14 +314,20 @@ def test_errors_that_are_not_given_are_estimated():
 
 
 def test_a_wrong_attitude_is_not_trusted():
-    result = invert(curve_of(BRICK), ConstantRate((0.1, 0.2, 0.3)), n_bootstrap=0, n_null=0)
+    result = invert(
+        curve_of(BRICK),
+        ConstantRate((0.1, 0.2, 0.3)),
+        settings=InversionSettings(n_bootstrap=0, n_null=0),
+    )
     assert "no convex body of material lambertian with this attitude" in str(result.reasons[0])
     assert "--material non-lambertian" in str(result.reasons[0])
 
 
 def test_an_open_surface_has_no_shape():
     plate = shapes.body([[0, 0, 1.0], [0.6, 0, 0.8]], [2.0, 1.0])
-    result = invert(curve_of(plate, 400), Fixed(), n_bootstrap=0, n_null=0)
+    result = invert(
+        curve_of(plate, 400), Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0)
+    )
     assert result.shape is None
     assert "facets do not close: |sum(A n)| / sum(A) = 0.9" in result.no_shape
     assert "so no convex body of one albedo has them" in result.no_shape
@@ -323,11 +341,11 @@ def test_directions_never_lit_are_told():
     lit = curve_of(BRICK, 300)
     object.__setattr__(lit, "obs", near)
     object.__setattr__(lit, "sun", near)
-    result = invert(lit, Fixed(), n_bootstrap=0, n_null=0)
+    result = invert(lit, Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0))
     assert any("never lit and seen at once" in reason for reason in result.reasons)
     assert "or facets are missing" in result.no_shape
 
 
 def test_options_that_make_no_sense():
     with pytest.raises(InputError, match="at least 50 normals"):
-        invert(curve_of(BRICK), Fixed(), n_normals=10)
+        invert(curve_of(BRICK), Fixed(), settings=InversionSettings(n_normals=10))

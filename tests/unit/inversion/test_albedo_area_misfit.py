@@ -9,7 +9,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area import cues, misfit
 from lcbayes.inversion.albedo_area.distribution import grid, solve
 from lcbayes.inversion.albedo_area.facets import Facets, explain
-from lcbayes.inversion.albedo_area.inversion import invert
+from lcbayes.inversion.albedo_area.inversion import InversionSettings, invert
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import Fixed
@@ -37,7 +37,10 @@ def l_shaped(arm: float, snr: float, with_errors: bool = True, n: int = 300) -> 
 
 
 def codes(curve: LightCurve) -> set[str]:
-    return {r.code for r in invert(curve, Fixed(), n_bootstrap=0, n_null=0).reasons}
+    return {
+        r.code
+        for r in invert(curve, Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0)).reasons
+    }
 
 
 @pytest.mark.parametrize(("arm", "with_errors"), [(0.15, True), (0.6, False)])
@@ -49,7 +52,9 @@ def test_a_body_that_shades_itself_is_not_trusted(arm, with_errors):
 
 
 def test_facets_that_stand_for_shading_are_named():
-    result = invert(l_shaped(0.3, 50.0), Fixed(), n_bootstrap=0, n_null=0)
+    result = invert(
+        l_shaped(0.3, 50.0), Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0)
+    )
     (text,) = [str(r) for r in result.reasons if r.code == "insignificant-facets"]
     assert result.facets is not None
     smallest = f"{result.facets.areas.min():.3g}"
