@@ -99,7 +99,8 @@ def test_an_array_tells_laws_apart_and_a_dark_one_does_not():
     assert found[0].areas[-1] == 0.0
     assert found[1].chi2 > 5.0 * found[0].chi2
     bare, left_out = judged(seen(curve, flown.body))
-    assert bare[0].law == "lvlh"
+    # on this orbit, which is nearly circular, other laws are lvlh with another constant rotation
+    assert "lvlh" in {s.law for s in bare if s.chi2 < bare[0].chi2 + 1.0}
     assert left_out["nadir-sun-array"] == "its array sends no light, and without it is lvlh"
     # nothing without an array is yawed like this: it is judged whatever its array sends
     assert "yaw-steering" in {s.law for s in bare}
