@@ -43,11 +43,11 @@ class Epochs:
     phase_angle : (T,) rad
     brightness, error : (T,)
         Observed flux or magnitude and its standard deviation (NaN where unknown). Only
-        `noise.observe` reads them.
+        `likelihood.observe` reads them.
     dilution : (T,)
         Factor on the flux at unit distance under unit irradiance: e/r² in m⁻² for magnitudes,
         Φ_sun e/r² in W/m² per m² for fluxes with a range, otherwise 1; e is
-        `penumbra.irradiance`.
+        `earth_shadow.irradiance`.
     zero_point : (T,) mag
         Magnitude at dilution · flux = 1: that of the Sun in the band of the point.
     level : (C,)
@@ -61,7 +61,7 @@ class Epochs:
     orbit : Ephemeris
         Input of attitude laws at the same times; its t is ``t``.
     sunlight : (T,)
-        Fraction of sunlight that the Earth does not block, `penumbra.share`.
+        Fraction of sunlight that the Earth does not block, `earth_shadow.share`.
     airmass : (T,)
         1 if positions or ranges are not known.
     site : (T,) int
@@ -70,7 +70,7 @@ class Epochs:
         Index of the point's group among those of the fitted curve; ``n_members`` for any other.
         Unlike ``curve``, it denotes the same object at predicted epochs.
     passes : Passes
-        Points grouped by pass; ``has_passes`` is False if each point stands alone.
+        Points grouped by pass; ``has_passes`` is False if each point is a separate pass.
     information : scalar or (T,)
         Power to which the likelihood of a point is raised; 1 for independent errors.
     kind : "flux" or "mag"

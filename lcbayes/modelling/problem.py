@@ -90,7 +90,7 @@ class Problem:
         self.dim = int(flat.size)
         self.law: Law = _law(_base(observed["fn"]))
         lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
-        # Lengths of direction vectors are no parameters of the model.
+        # The lengths of direction vectors do not count as parameters.
         self.n_parameters = self.dim - int(sum(lengths))
         self.names = tuple(sorted(latent))
         # NumPy only, because JAX may be tracing.
@@ -196,9 +196,9 @@ class Problem:
         )
 
     def log_tail(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """One-sided tail probability of the recorded brightness y, (T,).
+        """ln of the one-sided tail probability of the recorded brightness y, (T,).
 
-        ln F(m − |y − m|) with the noise distribution F of centre m; at most ln ½.
+        It is ln F(m − |y − m|) with the noise distribution F of centre m; at most ln ½.
         """
         site = self._trace(z, data)[0][OBSERVED]
         fn = _base(site["fn"])
