@@ -1,2 +1,1 @@
-"""What a NumPyro model is made of: epochs, priors, likelihood, pass effects,
-registry, log density."""
+"""Components of NumPyro models: epochs, priors, likelihood, pass effects, registry, log density."""

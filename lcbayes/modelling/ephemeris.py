@@ -1,4 +1,4 @@
-"""What attitude laws read, from a light curve: time, Sun, orbit and the poles of its axes."""
+"""Input of attitude laws from a light curve: time, Sun, orbit and the poles of its axes."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from lcbayes.physics.attitude.laws import Attitude, Ephemeris, Frames
 
 Floats = NDArray[np.float64]
 
-MAX_STEP_S = 60.0  # between a point and those of which its velocity is taken
-SERIES_S = 0.1  # of the radian of orbit that a step may be, for the f and g series
-SLACK_S = 1e-3  # of those bounds, for times that were rounded
-MAX_NEIGHBOURS = 25  # places at most, evenly out of those within the bounds
-MAX_RESIDUAL = 1e-3  # of the radius that an orbit may leave of its places, rms of a component
-MAX_DIRECTION_SD = 0.1  # rad of the direction of flight, beyond which it is none
+MAX_STEP_S = 60.0  # between a point and the positions from which its velocity is estimated
+SERIES_S = 0.1  # largest step in radians of orbit, for the f and g series
+SLACK_S = 1e-3  # tolerance of those bounds, for rounded times
+MAX_NEIGHBOURS = 25  # positions at most, spread evenly over those within the bounds
+MAX_RESIDUAL = 1e-3  # of the radius: largest rms residual of a component about the orbit
+MAX_DIRECTION_SD = 0.1  # rad: a direction of flight more uncertain than this is discarded
 TILT = {
     "icrs": (0.0, OBLIQUITY),
     "ecliptic-j2000": (-OBLIQUITY, 0.0),
-}  # angle about x from the axes' z to celestial and to ecliptic north, towards −y
+}  # angle about x from the z axis to celestial and to ecliptic north, towards −y
 
 
 def ephemeris(curve: LightCurve) -> Ephemeris:
     """Time, Sun and, where the curve has them, orbit and poles.
 
-    Where a curve has places of the satellite without velocities, these are those of the orbit that
-    fits best, by least squares, the places within a minute of each point (`velocity_from_places`).
-    They are None unless every point has others within a minute on one bound orbit, as points of one
-    pass do and the places of many satellites in one catalogue do not.
+    If a curve has positions of the satellite but no velocities, the velocity at each point is that
+    of the orbit fitted by least squares to the positions within a minute of it
+    (`velocity_from_places`). Velocities are None unless every point has neighbours within a minute
+    on one bound orbit. The points of one pass have such neighbours; the positions of many
+    satellites in one catalogue do not.
     """
     north = [None, None]
     if curve.frame in TILT:
@@ -44,7 +45,7 @@ def ephemeris(curve: LightCurve) -> Ephemeris:
 
 
 def with_velocity(curve: LightCurve) -> LightCurve:
-    """The curve with velocities from neighbouring places, where it has none and they can be had."""
+    """The curve with velocities estimated from neighbouring positions if it has none."""
     if curve.velocity_km_s is not None or curve.position_km is None:
         return curve
     velocity = velocity_from_places(curve.t, curve.position_km, curve.curve)
@@ -57,19 +58,19 @@ def frames(law: Attitude, curve: LightCurve) -> Frames:
     Raises
     ------
     InputError
-        The law needs an orbit, or to know north, and the curve does not have it.
+        The law needs an orbit or the direction of north, and the curve does not provide it.
     """
     return law.frames(ephemeris(curve))
 
 
 def velocity_from_places(t: Floats, places: Floats, curve: NDArray[np.integer]) -> Floats | None:
-    """Velocities (T, 3) km/s from geocentric places (T, 3) km of one object per curve, or None.
+    """Velocities (T, 3) km/s from geocentric positions (T, 3) km of one object per curve, or None.
 
-    About each point rⱼ = f(tⱼ) r + g(tⱼ) v + ½ a t² is fitted to the places of the same curve that
-    are near enough in time, for r and v: f and g are the series of two-body motion, whose terms the
-    last turn gives, and a is the acceleration by the Earth's J2. All places have one weight, so
-    that the rounding of single ones, which a difference of two divides by a short time, averages
-    out. ``t`` (T,) s never decreases within a curve.
+    At each point, r and v are fitted in rⱼ = f(tⱼ) r + g(tⱼ) v + ½ a t² to the positions of the
+    same curve that are close enough in time. Here f and g are the series of two-body motion, with
+    coefficients from the previous iteration, and a is the acceleration due to the Earth's J2. All
+    positions have equal weight, so that the rounding of individual positions averages out; the
+    difference of two positions would amplify it. ``t`` (T,) s never decreases within a curve.
 
     References
     ----------
@@ -80,20 +81,23 @@ def velocity_from_places(t: Floats, places: Floats, curve: NDArray[np.integer]) 
 
 
 def velocity_direction_sd_deg(curve: LightCurve) -> float | None:
-    """How far the directions of flight are unsure where they come from places: 1 sd, deg, the worst
-    of all points; None where velocities are given or there are none."""
+    """Standard deviation of directions of flight estimated from positions, deg.
+
+    The largest value of all points is returned. It is None if velocities are given or cannot be
+    estimated.
+    """
     if curve.velocity_km_s is not None or curve.position_km is None:
         return None
     velocity, unsure = _fitted(curve.t, curve.position_km, curve.curve)
     return None if np.isnan(velocity).any() else float(np.degrees(unsure.max()))
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # where a time or a place is none
+@np.errstate(divide="ignore", invalid="ignore")  # for undefined times or positions
 def _fitted(t: Floats, places: Floats, curve: NDArray[np.integer]) -> tuple[Floats, Floats]:
-    """Velocities (T, 3), NaN where there is none, and 1 sd of their direction (T,) rad.
+    """Velocities (T, 3), NaN where undetermined, and the sd of their direction (T,) rad.
 
-    The sd is that of one component across, from what the fit leaves of the places; where it leaves
-    nothing, of two places alone, from what it leaves in the rest of the curve.
+    The sd is that of one transverse component and follows from the residuals of the fit. Two
+    positions alone leave no residuals; their sd follows from those of the rest of the curve.
     """
     order = np.argsort(curve, kind="stable")
     t, places, curve = t[order], places[order], curve[order]
@@ -102,19 +106,19 @@ def _fitted(t: Floats, places: Floats, curve: NDArray[np.integer]) -> tuple[Floa
     bent = 0.5 * _oblate(places, radius)
     near = list(_neighbours(t, curve, np.minimum(MAX_STEP_S, SERIES_S / np.sqrt(rate2)) + SLACK_S))
     count = np.sum([new for _, new in near], axis=0)
-    p, q, speed2, rr, ff, free = np.zeros((6, t.size))  # p and q of `_series`: those of a circle
+    p, q, speed2, rr, ff, free = np.zeros((6, t.size))  # p and q of `_series`, here of a circle
     offset, velocity, fr, gr = np.zeros((4, *places.shape))
-    for _ in range(3):  # turns
+    for _ in range(3):  # iterations
         ff, fg, gg, rr = np.zeros((4, t.size))
         fr, gr = np.zeros((2, *places.shape))
         for j, new in near:
             dt = t[j] - t
             f, g = (new * x for x in _series(dt, rate2, p, q))
-            # against r itself, lest sums of squares of thousands of km cancel
+            # relative to r, to avoid cancellation in sums of squares of thousands of km
             left = new[:, None] * (places[j] - bent * (dt**2)[:, None]) - f[:, None] * places
             ff, fg, gg, rr = ff + f * f, fg + f * g, gg + g * g, rr + np.sum(left**2, axis=1)
             fr, gr = fr + f[:, None] * left, gr + g[:, None] * left
-        free = np.where(gg > 0, ff * gg - fg**2, np.nan)  # NaN: all are of one time
+        free = np.where(gg > 0, ff * gg - fg**2, np.nan)  # NaN: all at the same time
         offset = (gg[:, None] * fr - fg[:, None] * gr) / free[:, None]
         velocity = (ff[:, None] * gr - fg[:, None] * fr) / free[:, None]
         speed2 = np.sum(velocity**2, axis=1)
@@ -138,9 +142,10 @@ def _fitted(t: Floats, places: Floats, curve: NDArray[np.integer]) -> tuple[Floa
 def _neighbours(
     t: Floats, curve: NDArray[np.integer], reach: Floats
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.bool_]]]:
-    """Rows within `reach` (T,) s of each row and in its curve, and whether they are new; sorted."""
+    """Rows of the same curve within `reach` (T,) s of each row, sorted, and whether each is new."""
     gap = np.where(np.diff(curve) == 0, np.minimum(np.diff(t), 2 * MAX_STEP_S), 2 * MAX_STEP_S)
-    clock = np.concatenate([[0.0], np.cumsum(gap)])  # of all curves in one, none near another
+    # One time axis for all curves, with wide gaps between them.
+    clock = np.concatenate([[0.0], np.cumsum(gap)])
     first = np.searchsorted(clock, clock - reach, "left")
     more = np.searchsorted(clock, clock + reach, "right") - 1 - first
     last = np.full(t.size, -1)
@@ -160,7 +165,7 @@ def _series(dt: Floats, rate2: Floats, p: Floats, q: Floats) -> tuple[Floats, Fl
 
 
 def _oblate(places: Floats, radius: Floats) -> Floats:
-    """Acceleration by the Earth's J2, km/s², (T, 3); the axes' z is taken for the Earth's pole."""
+    """Acceleration due to the Earth's J2, km/s², (T, 3), with the z axis as the Earth's pole."""
     sine2 = (places[:, 2:] / radius[:, None]) ** 2
     size = 1.5 * EARTH_J2 * EARTH_GM * EARTH_RADIUS_KM**2 / radius[:, None] ** 5
     return -size * places * (np.array([1.0, 1.0, 3.0]) - 5 * sine2)

@@ -1,4 +1,4 @@
-"""What a model sees of a light curve: arrays on the device, in the units the physics uses."""
+"""Light curves as models read them: arrays on the device, in the units of the physics."""
 
 from __future__ import annotations
 
@@ -34,55 +34,57 @@ class Epochs:
     Attributes
     ----------
     t : (T,) s
-        Time since the first measurement of the curve that is fitted.
+        Time since the first measurement of the fitted curve.
     t_middle, t_span : s
-        Middle and length of the fitted curve. They are carried over to other epochs that are
-        predicted, as ``t`` is, so that a model means the same thing there.
+        Middle and length of the fitted curve. Like the origin of ``t``, they are kept for
+        predictions at other epochs, so that the parameters keep their meaning.
     sun, obs : (T, 3)
         Unit vectors body→Sun and body→observer, inertial.
     phase_angle : (T,) rad
     brightness, error : (T,)
         Observed flux or magnitude and its standard deviation (NaN where unknown). Only
-        `noise.observe` reads them.
+        `likelihood.observe` reads them.
     dilution : (T,)
-        What unit-distance, unit-irradiance flux is multiplied by: e/r² in m⁻² for magnitudes,
-        Φ_sun e/r² in W/m² per m² for fluxes with a range, e `penumbra.irradiance`, else 1.
+        Factor on the flux at unit distance under unit irradiance: e/r² in m⁻² for magnitudes,
+        Φ_sun e/r² in W/m² per m² for fluxes with a range, otherwise 1; e is
+        `earth_shadow.irradiance`.
     zero_point : (T,) mag
-        Magnitude of dilution · flux = 1: the Sun's in the point's band.
+        Magnitude at dilution · flux = 1: that of the Sun in the band of the point.
     level : (C,)
         Typical brightness of a curve of unknown scale, as a factor on the diluted flux; 1 for the
-        others. A unit scale then means an ordinary body whatever units the file is in.
+        other curves. A unit scale then corresponds to a typical body in any units of the file.
     noise_unit : (C,)
         Unit of an unknown noise level: the curve's mean brightness for fluxes, 1 mag.
     curve : (T,) int
         Group of the point.
     exposure_s : (T,) s
     orbit : Ephemeris
-        What attitude laws read, at the same times; its own t is ``t``.
+        Input of attitude laws at the same times; its t is ``t``.
     sunlight : (T,)
-        Share of sunlight that reaches the body past the Earth, `penumbra.share`.
+        Fraction of sunlight that the Earth does not block, `earth_shadow.share`.
     airmass : (T,)
-        1 where places or ranges are not known.
+        1 if positions or ranges are not known.
     site : (T,) int
-        Which of the fitted curve's sites the point was seen from; ``n_sites`` for any other.
+        Index of the point's site among those of the fitted curve; ``n_sites`` for any other.
     member : (T,) int
-        Which of the fitted curve's groups the point belongs to; ``n_members`` for any other. Unlike
-        ``curve`` it means the same object at epochs that are predicted.
+        Index of the point's group among those of the fitted curve; ``n_members`` for any other.
+        Unlike ``curve``, it denotes the same object at predicted epochs.
     passes : Passes
-        Which points share a pass; ``has_passes`` says whether any do.
+        Points grouped by pass; ``has_passes`` is False if each point is a separate pass.
     information : scalar or (T,)
-        What a point is worth, 1 where errors are independent: the power of its likelihood.
+        Power to which the likelihood of a point is raised; 1 for independent errors.
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
         Whether the group's brightness carries an unknown factor.
     n_sites, n_members : int
-        Of the fitted curve.
+        Numbers of sites and groups of the fitted curve.
     calibrated : bool
-        Whether any group of the fitted curve carries none; carried over like ``t_middle``.
+        Whether any group of the fitted curve has a known scale; kept for predictions like
+        ``t_middle``.
     has_passes : bool
         Whether the fitted curve has several groups, more passes than groups, and more points than
-        passes, so that what is common to a pass can be told from the noise and from its group.
+        passes. Pass effects can then be distinguished from the noise and from group effects.
     """
 
     t: jax.Array
@@ -123,9 +125,8 @@ class Epochs:
         ----------
         curve : LightCurve
         fitted : LightCurve, optional
-            The curve whose posterior is to be evaluated at the epochs of ``curve``: it sets the
-            origin of time, the kind of brightness, and what its sites, members and passes are.
-            Default: ``curve`` itself.
+            The curve whose posterior is evaluated at the epochs of ``curve``. It sets the origin
+            of time, the kind of brightness, and the sites, members and passes. Default: ``curve``.
         """
         fitted = curve if fitted is None else fitted
         t, span, n = _since_first(curve, fitted), np.ptp(fitted.t), curve.n_obs
@@ -171,7 +172,7 @@ class Epochs:
         )
 
     def without_passes(self) -> Epochs:
-        """Each point a pass of its own: what is said of it then rests on no other point."""
+        """The same epochs with each point in a separate pass, independent of the other points."""
         return replace(self, passes=self.passes.without_passes())
 
 
@@ -180,7 +181,7 @@ def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:
     t = curve.t - fitted.t.min()
     if curve.epoch_jd is None or fitted.epoch_jd is None:
         return t
-    if curve.frame == "ecliptic-j2000":  # dates of asteroids are counted evenly
+    if curve.frame == "ecliptic-j2000":  # asteroid dates are on a uniform time scale
         return t + (curve.epoch_jd - fitted.epoch_jd) * DAY_S
     return t + seconds_between(fitted.epoch_jd, curve.epoch_jd)
 
@@ -193,7 +194,7 @@ def _dilution(curve: LightCurve, kind: str) -> Floats:
 
 
 def _zero_point(curve: LightCurve) -> Floats:
-    """Of each point; a band without a tabulated Sun (an unfiltered camera) counts as V."""
+    """Zero point of each point; bands without a tabulated Sun (unfiltered cameras) count as V."""
     sun_v = photometry.sun_magnitude("V")
     bands, inverse = np.unique(curve.band, return_inverse=True)
     return np.array([photometry.SUN_MAGNITUDE.get(str(b), sun_v) for b in bands])[inverse]
@@ -221,7 +222,7 @@ def _has_passes(curve: LightCurve) -> bool:
 
 
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Where each name stands among those known, else their number."""
+    """Index of each name among the known ones, or their number for an unknown name."""
     order = {str(name): i for i, name in enumerate(known)}
     found, inverse = np.unique(names, return_inverse=True)
     return np.array([order.get(str(name), len(order)) for name in found])[inverse]

@@ -1,4 +1,4 @@
-"""Facets of a satellite of known attitude, as a user writes them down."""
+"""Facets of a satellite of known attitude, parsed from user input."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ EXPECTED = "+z, array:+x~5, 0 0.6 0.8@3.6 (law: direction ~ degrees @ m²)"
 
 
 class Facet(NamedTuple):
-    """What is known of a facet.
+    """Prior information on a facet.
 
     Attributes
     ----------
     where : str
-        Whose axes the normal is in: "" the body's, "array" those of its solar array, else those of
-        the law of that name.
+        Axes of the normal: "" for the body, "array" for its solar array, otherwise the name of an
+        attitude law.
     normal : 3 floats
-        Unit vector; of a partly known one the middle of where it may point.
+        Unit vector; for an uncertain normal, its mean direction.
     sd_deg : float
-        Standard deviation of its tilt about each of two axes; 0 where the normal is known.
+        Standard deviation of its tilt about each of two axes; 0 for a known normal.
     area_m2 : float or None
     """
 
@@ -41,14 +41,16 @@ class Facet(NamedTuple):
 
 
 def facet_list(text: str) -> list[Facet]:
-    """The facets of "+z, array:+x~5, 0 0.6 0.8@3.6": separated by commas, each a direction in the
-    body's axes, or in those of its array or of another law that is named before a colon, then,
-    where they are to be said, its uncertainty in degrees after ~ and its area in m² after @.
+    """The facets of a list such as "+z, array:+x~5, 0 0.6 0.8@3.6".
+
+    Entries are separated by commas. Each is a direction in the axes of the body, or in those of its
+    array or of another law, whose name and a colon then precede the direction. The uncertainty in
+    degrees (after ~) and the area in m² (after @) are optional.
 
     Raises
     ------
     InputError
-        One line that says which entry is at fault.
+        If an entry is invalid; the message names it.
     """
     found = []
     for entry in filter(None, (part.strip() for part in text.split(","))):

@@ -1,4 +1,4 @@
-"""From the flux a model predicts to the brightness that was recorded: scale, units, noise."""
+"""From the predicted flux to the recorded brightness: scale, units and noise."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Law = Literal["gaussian", "student-t", "mixture"]
 STUDENT_T_DF = 4.0
 OUTLIER_SHARE, OUTLIER_WIDTH = (0.03, 1.0), (4.0, 0.5)  # median, sd of the logarithm
 PASS_SPREADS = ("pass_sd", "pass_drift_sd")
-PASS_SD = 0.2  # mag, median of the prior of what the points of a pass share
-NOISE_SPREAD = 0.25  # sd of the logarithm of a curve's noise about the typical one
+PASS_SD = 0.2  # mag, prior median of the sd of the effects that the points of a pass share
+NOISE_SPREAD = 0.25  # sd of ln(noise of a curve / typical noise)
 
 
 class Contaminated(dist.Normal):
-    """Normal, but for a share ε of outliers that scatter κ times as wide about the same mean.
+    """Normal with a fraction ε of outliers, whose scatter about the same mean is κ times as wide.
 
-    p(y) = (1 − ε) N(y; m, σ) + ε N(y; m, κσ). It stands in for a `Normal` of the same ``loc`` and
-    ``scale`` wherever only the width of the bulk is asked for. With ``passes`` whole passes are
-    outliers, or none of their points is: p(y₁ … yₙ) = (1 − ε) Π N(yₖ; mₖ, σₖ) + ε Π N(yₖ; mₖ, κσₖ),
-    and `log_prob` gives its factors p(yₖ | y₁ … yₖ₋₁).
+    p(y) = (1 − ε) N(y; m, σ) + ε N(y; m, κσ). It replaces a `Normal` of the same ``loc`` and
+    ``scale`` wherever only the width of the bulk matters. With ``passes``, either all points of a
+    pass are outliers or none are: p(y₁ … yₙ) = (1 − ε) Π N(yₖ; mₖ, σₖ) + ε Π N(yₖ; mₖ, κσₖ).
+    `log_prob` then gives the logarithms of its factors p(yₖ | y₁ … yₖ₋₁).
     """
 
     arg_constraints = {  # noqa: RUF012
@@ -76,7 +76,7 @@ class Contaminated(dist.Normal):
         return self._mixed(value, near, far)
 
     def log_cdf(self, value: Any) -> jax.Array:
-        """Of each value given the earlier ones of its pass, as `log_prob`."""
+        """ln of the cdf of each value given the earlier ones of its pass, as in `log_prob`."""
         r = (value - jnp.asarray(self.loc)) / jnp.asarray(self.scale)
         return self._mixed(value, norm.logcdf(r), norm.logcdf(r / self.width))
 
@@ -84,13 +84,13 @@ class Contaminated(dist.Normal):
         return jnp.exp(self.log_cdf(value))
 
     def outlier(self, value: Any) -> jax.Array:
-        """Probability that each value is one of the outliers."""
+        """Probability that each value is an outlier."""
         near, far = self._parts(value)
         odds = far - near if self.passes is None else self.passes.total(far - near)
         return jax.nn.sigmoid(odds + jnp.log(self.share) - jnp.log1p(-self.share))
 
     def _mixed(self, value: Any, near: jax.Array, far: jax.Array) -> jax.Array:
-        """ln of (1 − ε) eⁿᵉᵃʳ + ε eᶠᵃʳ, with ε of each pass as its points before the value tell."""
+        """ln of (1 − ε) eⁿᵉᵃʳ + ε eᶠᵃʳ, with ε given the earlier points of the pass."""
         apart = jnp.log(self.share) - jnp.log1p(-self.share)
         if self.passes is not None:
             before, there = self._parts(value)
@@ -98,7 +98,7 @@ class Contaminated(dist.Normal):
         return jnp.logaddexp(near + jax.nn.log_sigmoid(-apart), far + jax.nn.log_sigmoid(apart))
 
     def _parts(self, value: Any) -> tuple[jax.Array, jax.Array]:
-        """Log density of each value as none of the outliers, and as one of them."""
+        """Log density of each value as a regular point and as an outlier."""
         loc, scale = jnp.asarray(self.loc), jnp.asarray(self.scale)
         r2 = ((value - loc) / scale) ** 2
         norm = -jnp.log(scale) - 0.5 * jnp.log(2.0 * jnp.pi)
@@ -106,12 +106,13 @@ class Contaminated(dist.Normal):
 
 
 def curve_scales(data: Epochs, flux: jax.Array, log_sd: float = 1.0) -> jax.Array:
-    """The factor of each curve, (C,): log-normal where it is unknown, 1 where it is known.
+    """The scale factor of each curve, (C,): log-normal if unknown, 1 if known.
 
-    What is sampled is the curve's mean brightness over its observed mean, ``log_level``, and the
-    scale follows from the predicted ``flux``. The two differ by a shift, so the posterior is that
-    of a wide log-normal scale; but the level is held by the data to σ/√n whatever the shape does,
-    while the scale alone would have to follow every change of the body's size along a curve.
+    The sampled parameter, ``log_level``, is the logarithm of the curve's mean brightness over its
+    observed mean. The scale follows from it and the predicted ``flux``. The logarithms of the two
+    differ by a shift, so the posterior is that of a wide log-normal scale. The data constrain the
+    level to σ/√n for any shape of the body, whereas a sampled scale would be strongly correlated
+    with the body's size.
     """
     free = np.flatnonzero(data.free_scale)
     n_curves = len(data.free_scale)
@@ -137,18 +138,18 @@ def expected(data: Epochs, flux: jax.Array, scale: jax.Array) -> jax.Array:
     linear = flux * data.dilution * (scale * data.level)[data.curve]
     if data.kind == "flux":
         return linear
-    # 10⁻¹² of the curve's level is 30 mag down: dark, but with a finite magnitude and gradient.
+    # A floor 30 mag below the level of the curve keeps magnitude and gradient finite.
     floor = 1e-12 * (data.dilution * data.level[data.curve])
     return data.zero_point - 2.5 * jnp.log10(jnp.maximum(linear, 0.0) + floor)
 
 
 def noise_levels(data: Epochs) -> jax.Array:
-    """Noise of each curve, (C,), where the file gives no errors.
+    """Noise of each curve, (C,), if the file gives no errors.
 
     ``sigma`` ~ LogNormal(ln 0.03, 1) is the typical level: relative to a curve's mean for fluxes,
-    in magnitudes for magnitudes. Curves come from different nights and telescopes, so with more
-    than one each has its own, ``noise`` = sigma · LogNormal(0, 0.25): otherwise the noisiest of
-    them would set the weight of all.
+    in magnitudes for magnitudes. Curves come from different nights and telescopes, so each of
+    several curves has a separate level ``noise`` = sigma · LogNormal(0, 0.25). With a common level,
+    the noisiest curve would set the weight of all.
     """
     n_curves = len(data.free_scale)
     sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(0.03), 1.0)))
@@ -162,10 +163,10 @@ def noise_levels(data: Epochs) -> jax.Array:
 
 
 def scatter(data: Epochs, median: float, log_sd: float = 1.0) -> jax.Array:
-    """Standard deviation (T,) where what the model leaves out scatters beyond the file's errors.
+    """Standard deviation (T,) with model errors added to those of the file.
 
-    √(error² + sigma²), ``sigma`` ~ LogNormal(ln median, log_sd), in magnitudes for magnitudes and
-    relative to a curve's mean for fluxes; sigma alone where the file gives no errors.
+    It is √(error² + sigma²) with ``sigma`` ~ LogNormal(ln median, log_sd), in magnitudes for
+    magnitudes and relative to a curve's mean for fluxes. It is sigma if the file gives no errors.
     """
     sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(median), log_sd)))
     numpyro.deterministic("sigma", sigma)
@@ -182,33 +183,33 @@ def observe(
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
-    Errors that the file gives are taken as they are; where it gives none they are inferred, see
-    `noise_levels`. The likelihood is raised to the power ``data.information``. The flux is that in
-    full sunlight; in penumbra the body has ``data.sunlight`` of it.
+    Errors given in the file are used unchanged; if it gives no errors, they are inferred (see
+    `noise_levels`). The likelihood is raised to the power ``data.information``. ``flux`` is that in
+    full sunlight and is multiplied by ``data.sunlight``, which is below 1 in penumbra.
 
     Parameters
     ----------
     data : Epochs
     flux : (T,)
-        Predicted, unit distance and irradiance.
+        Predicted flux at unit distance under unit irradiance.
     noise : "gaussian", "student-t" or "mixture"
-        Student-t has 4 degrees of freedom: one point in fifty may lie beyond 3.7 scales. In a
-        mixture, `Contaminated`, the outliers' share and width are inferred, about 3 % and 5 scales
-        (1 + LogNormal(ln 4, 0.5)) before the data.
+        Student-t has 4 degrees of freedom: one point in fifty lies beyond 3.7 scales. In a mixture,
+        `Contaminated`, the share and the width of the outliers are inferred; a priori they are
+        about 3 % and 5 scales (1 + LogNormal(ln 4, 0.5)).
     scatter_median : float
-        If not zero the scatter beyond the errors is inferred, see `scatter`.
+        If not zero, the scatter beyond the errors is inferred, see `scatter`.
     passes : bool
         Whether the points of a pass share an offset and a drift, of standard deviations
         ``pass_sd`` and ``pass_drift_sd`` (to the end of the longest pass), each
         ~ LogNormal(ln `PASS_SD`, 1), in magnitudes for magnitudes and relative to a curve's mean
-        for fluxes. They are integrated out: the law of noise is that of each
-        point given the earlier ones of its pass, see `pass_effects.innovations`; ``expected`` is
-        without them. In a mixture whole passes are outliers.
+        for fluxes. Offset and drift are integrated out: the likelihood of each point is conditional
+        on the earlier points of its pass, see `pass_effects.innovations`. ``expected`` excludes
+        them. In a mixture, whole passes are outliers.
 
     References
     ----------
-    Linares & Crassidis, eqs. (1), (10), the normalisation to the power m; Hogg, Bovy & Lang 2010,
-    arXiv:1008.4686, sec. 3 (mixture).
+    Linares & Crassidis, eqs. (1), (10), with the normalisation to the power m; Hogg, Bovy & Lang
+    2010, arXiv:1008.4686, sec. 3 (mixture).
     """
     flux = jnp.asarray(numpyro.deterministic(FLUX, flux * data.sunlight))
     scale = curve_scales(data, flux)
@@ -224,7 +225,7 @@ def observe(
         for name in PASS_SPREADS:
             log_sd = numpyro.sample(f"log_{name}", dist.Normal(np.log(PASS_SD), 1.0))
             spreads.append(jnp.asarray(numpyro.deterministic(name, jnp.exp(log_sd))))
-        unit = data.noise_unit[data.curve]  # one for the points of a pass
+        unit = data.noise_unit[data.curve]  # the same for all points of a pass
         inner = (x / unit for x in (data.brightness, mean, sd))
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
     if noise == "gaussian":

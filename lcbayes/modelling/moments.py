@@ -1,4 +1,4 @@
-"""Coordinates in which a log-linear body is nearly linear to the data: some of its moments."""
+"""Moments as coordinates of a log-linear body, in which the data are nearly linear."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ MAX_NEWTON_STEPS = 40
 class MomentCoordinates(Transform):
     """(m, c″) ↔ (c′, c″) with p ∝ exp(Y′c′ + Y″c″) over the grid and m = Y′ᵀ p.
 
-    Brightness is linear in the facets' areas, and light curves fix some sums of areas to a part in
-    a thousand while others stay almost free. In c, which is log-linear, every change along a free
-    direction turns the fixed ones (to second order, exp(Yc) is not linear), so that a sampler's
-    step must be a hundredth of the posterior's length. In m the fixed sums stay where they are. The
-    functions that the data hardly see keep c″, in which their prior is Gaussian; as moments they
-    would meet the edge of what positive areas allow.
+    Brightness is linear in the facet areas. Light curves determine some sums of areas to a part in
+    a thousand and leave others almost free. Because exp(Yc) is not linear, a change of c along a
+    free direction also changes, to second order, the well-determined sums. The step size of a
+    sampler in c must therefore be a hundredth of the posterior's length. In m, these sums are
+    coordinates and remain fixed. Functions that the data hardly constrain keep the coordinates c″,
+    in which their prior is Gaussian; their moments would be bounded, because areas are positive.
 
-    The map is one to one: at given c″, m is the gradient by c′ of the convex function
+    The map is one-to-one: at given c″, m is the gradient by c′ of the convex function
     log Σ exp(Yc), and ∂m/∂c′ = A′′, ∂m/∂c″ = A′″, blocks of A = Yᵀ diag(p) Y − (Yᵀp)(Yᵀp)ᵀ.
 
     Parameters
@@ -29,7 +29,7 @@ class MomentCoordinates(Transform):
     basis : (N, K)
         Y: functions on the grid, without the constant.
     n_moments : int
-        How many of its columns, from the first, are described by their moments.
+        Number of leading columns that are described by their moments.
 
     References
     ----------
@@ -44,7 +44,7 @@ class MomentCoordinates(Transform):
         self.n_moments = n_moments
 
     def __call__(self, x: jax.Array) -> jax.Array:
-        """c of x = (m, c″), (K,), by Newton's method; NaN where no positive areas have m."""
+        """c of x = (m, c″), (K,), by Newton's method; NaN if no positive areas have moments m."""
         n = self.n_moments
         basis, high = jnp.asarray(self.basis[:, :n]), jnp.asarray(self.basis[:, n:])
         return jnp.concatenate([_natural(basis, x[:n], high @ x[n:]), x[n:]])
@@ -84,19 +84,19 @@ def _solve(covariance: jax.Array, right: jax.Array) -> jax.Array:
 
 @jax.custom_jvp
 def _natural(basis: jax.Array, m: jax.Array, offset: jax.Array) -> jax.Array:
-    """Damped Newton on the convex log Σ exp(Y c + offset) − m·c, whose minimum is c."""
+    """Minimum c of the convex log Σ exp(Y c + offset) − m·c, by damped Newton steps."""
 
     def cond(state):
         i, _, decrement = state
-        return (i < MAX_NEWTON_STEPS) & (decrement > 1e-14)  # the last step squares it
+        return (i < MAX_NEWTON_STEPS) & (decrement > 1e-14)  # the next step would square it
 
     def body(state):
         i, c, _ = state
         mean, covariance, _ = _moments(basis, basis @ c + offset)
         step = _solve(covariance, m - mean)
         decrement = step @ (m - mean)
-        # Full steps within the region of quadratic convergence, damped ones outside it
-        # (Nesterov & Nemirovskii's self-concordant rule).
+        # Full steps within the region of quadratic convergence, damped steps outside it
+        # (rule of Nesterov & Nemirovskii for self-concordant functions).
         length = jnp.where(decrement < 0.25, 1.0, 1.0 / (1.0 + jnp.sqrt(decrement)))
         return i + 1, c + length * step, decrement
 

@@ -1,4 +1,4 @@
-"""Options of models as tasks pass them on."""
+"""Options that tasks pass on to models."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from lcbayes.core.options import Options, declared_options, option
 
 @dataclass(frozen=True)
 class ModelOptions(Options):
-    """Options that most models have, and those that a single model adds.
+    """Options that most models share, and the additional options of a single model.
 
-    A task takes them together with its own. None leaves the default to the model; an option that a
-    model does not have is refused by `lcbayes.modelling.registry.Entry.check`.
+    A task accepts them together with its task options. None selects the default of the model.
+    `lcbayes.modelling.registry.Entry.check` rejects options that the model does not have.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class ModelOptions(Options):
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:
-        """Options from a mapping; names that the task does not know are the model's."""
+        """Options from a mapping; names that the task does not declare belong to the model."""
         known = declared_options(cls)
         own = {name: value for name, value in given.items() if name in known}
         others = {name: value for name, value in given.items() if name not in known}
@@ -52,7 +52,7 @@ class ModelOptions(Options):
 
     @property
     def for_model(self) -> dict[str, Any]:
-        """What the model is given."""
+        """Options passed to the model."""
         shared = {name: getattr(self, name) for name in declared_options(ModelOptions)}
         return {name: value for name, value in shared.items() if value is not None} | dict(
             self.others

@@ -1,4 +1,4 @@
-"""What the points of one pass share beyond the body."""
+"""Offsets and drifts that the points of one pass share."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Passes(NamedTuple):
     order : (T,) int
         Points, pass after pass, each in order of time.
     first, last : (T,) int
-        Where in ``order`` the pass of each of these begins and ends.
+        Indices into ``order`` at which the pass of each point in it begins and ends.
     elapsed : (T,)
-        Time of each point since the middle of its pass, over half of the longest pass.
+        Time of each point since the middle of its pass, in units of half the longest pass.
     """
 
     order: jax.Array
@@ -31,7 +31,7 @@ class Passes(NamedTuple):
 
     @classmethod
     def of(cls, curve: LightCurve, fitted: LightCurve) -> Passes:
-        """Of the points of a curve; the longest pass is that of the curve that is fitted."""
+        """Passes of a curve; times are in units of half the longest pass of the fitted curve."""
         number = pass_numbers(curve)
         order = np.lexsort((curve.t, number))
         mine = number[order]
@@ -40,17 +40,17 @@ class Passes(NamedTuple):
         elapsed = np.empty(curve.n_obs)
         t = curve.t[order]
         elapsed[order] = (t - 0.5 * (t[first] + t[last])) / _longest(fitted)
-        elapsed = np.clip(elapsed, -1.0, 1.0)  # a pass that is predicted may be longer
+        elapsed = np.clip(elapsed, -1.0, 1.0)  # a predicted pass may be longer
         return cls(*map(jnp.asarray, (order, first, last, elapsed)))
 
     @classmethod
     def single(cls, n: int) -> Passes:
-        """Every point a pass of its own."""
+        """Passes of one point each."""
         each = jnp.arange(n)
         return cls(each, each, each, jnp.zeros(n))
 
     def without_passes(self) -> Passes:
-        """Every point a pass of its own, at the same time since the middle of it."""
+        """Passes of one point each, with the same ``elapsed``."""
         return self.single(len(self.order))._replace(elapsed=self.elapsed)
 
     def before(self, values: jax.Array) -> jax.Array:
@@ -89,23 +89,23 @@ def innovations(
     spread: jax.Array,
     drift: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Centre and width (T,) of each point given the earlier ones of its pass.
+    """Mean and standard deviation (T,) of each point given the earlier points of its pass.
 
-    The points of a pass share an offset and a drift, yₖ ~ N(mₖ + hₖᵀ b, σₖ²), hₖ = (1, xₖ),
-    b ~ N(0, diag(τ², υ²)), x the time since the middle of the pass. With b integrated out their
-    joint density is that of N(m, diag σ² + τ² 1 1ᵀ + υ² x xᵀ), and it is the product of
+    The points of a pass share an offset and a drift: yₖ ~ N(mₖ + hₖᵀ b, σₖ²) with hₖ = (1, xₖ),
+    b ~ N(0, diag(τ², υ²)) and x the time since the middle of the pass. With b integrated out, the
+    joint density of the points is N(m, diag σ² + τ² 1 1ᵀ + υ² x xᵀ). It is the product of
 
         yₖ | y₁ … yₖ₋₁ ~ N(mₖ + hₖᵀ Pₖ⁻¹ Σ_{j<k} hⱼ (yⱼ − mⱼ)/σⱼ², σₖ² + hₖᵀ Pₖ⁻¹ hₖ),
         Pₖ = diag(τ⁻², υ⁻²) + Σ_{j<k} hⱼ hⱼᵀ/σⱼ²,
 
-    so that hundreds of passes cost neither a dimension nor a matrix.
+    so that hundreds of passes add no dimensions and need no large matrices.
 
     Parameters
     ----------
     value, mean, sd : (T,)
-        Recorded, predicted, and the standard deviation of what is independent from point to point.
+        Recorded and predicted brightness, and the standard deviation of the independent errors.
     spread, drift : scalar
-        τ, and υ: from the middle to the end of the longest pass.
+        τ of the offset and υ of the drift from the middle to the end of the longest pass.
 
     References
     ----------

@@ -1,7 +1,7 @@
-"""The priors that models compose: directions, albedo-areas, angular velocity, visibility.
+"""Priors shared by models: directions, albedo-areas, angular velocity, visibility.
 
 Each function draws NumPyro sites under the names of the results (``normals``, ``albedo_area``,
-``omega`` …), so that every model speaks the same language to the report.
+``omega`` …), so that the report can treat all models alike.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ type Rotation = Callable[..., tuple[jax.Array, ...]]
 
 
 class UniformDirection(dist.Distribution):
-    """Directions uniform on the sphere, carried by a vector of length near one.
+    """Directions uniform on the sphere, represented by a vector of length near one.
 
-    log p(b) = −(|b| − 1)²/(2ρ²) − 2 log|b| + const, ρ = 0.1: b/|b| is exactly uniform, whatever
-    ρ. Angles would be the obvious coordinates, but φ wraps at 2π and g ends at ±1, and a sampler
-    that meets either end stops there; b has no edge anywhere. A free radius (a Gaussian b) would
-    let the tangential scale vary by a factor of ten between draws; ρ = 0.1 keeps it within 10 %.
+    log p(b) = −(|b| − 1)²/(2ρ²) − 2 log|b| + const with ρ = 0.1. The direction b/|b| is exactly
+    uniform for any ρ. Angles have boundaries (φ wraps at 2π and g ends at ±1), at which a sampler
+    gets stuck; b has no boundary. With a free radius (a Gaussian b), the tangential scale would
+    vary by a factor of ten between draws; ρ = 0.1 keeps it within 10 %.
     """
 
     support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
@@ -62,9 +62,9 @@ class UniformDirection(dist.Distribution):
         return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 2.0 * jnp.log(radius) - log_norm
 
     def precision(self, value: jax.Array) -> jax.Array:
-        """1/ρ² along the radius; across it 3/r², the inverse variance of a uniform direction.
+        """Precision (3n, 3n): 1/ρ² radially, 3/r² (inverse variance of a uniform direction) across.
 
-        Not the curvature of −log p, which is no measure of width across the radius. (3n, 3n).
+        The curvature of −log p is not used, because it does not measure the tangential width.
         """
         square = jnp.sum(value**2, axis=-1)[:, None, None] + 1e-30
         along = value[:, :, None] * value[:, None, :] / square
@@ -75,7 +75,7 @@ class UniformDirection(dist.Distribution):
 def directions(name: str, n: int) -> jax.Array:
     """``n`` unit vectors uniform on the sphere, (n, 3); the sampled site is ``name_base``.
 
-    Uniform φ in [0, 2π) and g in [−1, 1] (Linares & Crassidis, sec. II) are this same prior.
+    Uniform φ in [0, 2π) and g in [−1, 1] (Linares & Crassidis, sec. II) are the same prior.
     """
     base = jnp.asarray(numpyro.sample(f"{name}_base", UniformDirection(n)))
     return base / jnp.linalg.norm(base, axis=-1, keepdims=True)
@@ -102,7 +102,7 @@ def albedo_area(n_facets: int, log_mean: float = 0.0, log_sd: float = 1.0) -> ja
 
 
 def log_normal(name: str, n: int, log_mean: float | jax.Array, log_sd: float) -> jax.Array:
-    """n positive values, carried by the site ``log_name``."""
+    """n log-normal values; the sampled site is ``log_name``."""
     prior = dist.Normal(log_mean, log_sd).expand([n]).to_event(1)
     return jnp.exp(jnp.asarray(numpyro.sample(f"log_{name}", prior)))
 
@@ -123,12 +123,12 @@ def surface(
 ) -> dict[str, jax.Array]:
     """The parameters of a reflectance law for n facets, (n,) each; the caller records them.
 
-    Shares are uniform: r_diff and r_spec, where a law has both, over the triangle r_diff + r_spec
-    ≤ 1, in which no law gives back more light than it receives. Their coordinates are the sum
-    R ~ Beta(2, 1) and the specular share r_spec/R ~ U(0, 1): of a facet of unknown area the
-    light curve fixes the albedo-area and the share, and R is left to the prior. With r_diff and
-    r_spec for coordinates there is a curved ridge along which area grows as both shrink, which
-    chains explored five times as slowly. Parameters in ``scales`` are log-normal.
+    Reflectances are uniform. If a law has both r_diff and r_spec, their prior is uniform over the
+    triangle r_diff + r_spec ≤ 1, in which no law reflects more light than it receives. The
+    coordinates are the sum R ~ Beta(2, 1) and the specular share r_spec/R ~ U(0, 1). The light
+    curve determines the albedo-area and the share of a facet of unknown area, but not R. In the
+    coordinates r_diff and r_spec, the posterior has a curved ridge along which the area grows as
+    both shrink, and chains mixed five times as slowly. Parameters in ``scales`` are log-normal.
     """
     parameters = reflectance.get_law(law).parameters
     parts = [name for name in ("r_diff", "r_spec", "w") if name in parameters]
@@ -146,11 +146,11 @@ def surface(
 
 
 def deviations(name: str, n: int, median: float, log_sd: float = 1.0) -> jax.Array:
-    """Deviations (n + 1,) of the members of a group from what they have in common.
+    """Deviations (n + 1,) of the members of a group from their common value.
 
-    τ uᵢ, uᵢ ~ N(0, 1), τ ~ LogNormal(ln median, log_sd): non-centred, so that a small τ makes no
-    funnel. The last is that of a member not seen yet: its u is drawn from the prior alone, so that
-    what is predicted for a new member is as uncertain as the members differ.
+    They are τ uᵢ with uᵢ ~ N(0, 1) and τ ~ LogNormal(ln median, log_sd). This non-centred form
+    avoids a funnel at small τ. The last deviation is that of a member without data: its u follows
+    the prior, so that predictions for a new member include the scatter between members.
 
     References
     ----------
@@ -176,11 +176,11 @@ def angular_velocity(sd: float) -> jax.Array:
 def inertia(sd: float) -> jax.Array:
     """Inertia tensor at t = 0, up to its scale, inertial axes, (3, 3).
 
-    J = tr(M) I − M with M = exp S, the body's second moments of mass, and S symmetric without
-    trace, of components N(0, sd²) in an orthonormal basis: a prior that no rotation of the axes
-    changes, in which every J is that of a body (each principal moment less than the sum of the
-    other two) and every body has one S. With sd = 1 half
-    of all boxes are over 4.2 times as long as they are thin, and 90 % from 2.1 to 9.9 times.
+    J = tr(M) I − M, where M = exp S contains the second moments of the mass distribution and S is
+    symmetric and traceless, with components N(0, sd²) in an orthonormal basis. This prior is
+    invariant under rotations. Every J is physical (each principal moment is less than the sum of
+    the other two), and each J corresponds to one S. With sd = 1, half of all boxes have a ratio of
+    longest to shortest side above 4.2; for 90 % it is between 2.1 and 9.9.
     """
     _positive("inertia_sd", sd)
     free = numpyro.sample("inertia_base", dist.Normal(0.0, 1.0).expand([5]).to_event(1))
@@ -192,7 +192,7 @@ def inertia(sd: float) -> jax.Array:
     return tensor
 
 
-# An orthonormal basis of symmetric matrices (3, 3) without trace.
+# An orthonormal basis of traceless symmetric matrices (3, 3).
 TRACELESS = np.zeros((5, 3, 3))
 for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 2))):
     TRACELESS[_k, _i, _j] = TRACELESS[_k, _j, _i] = 0.5**0.5
@@ -201,10 +201,11 @@ TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
 
 
 def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
-    """How the body turns, by a model's option ``spin``.
+    """Rotation of the body for a model's option ``spin``.
 
-    "free": at a constant ω; "none": not at all; "torque-free": as a rigid body left to itself, from
-    ω at t = 0, with its inertia. The body's axes are the inertial axes at t = 0.
+    "free" is rotation at a constant ω, "none" is no rotation, and "torque-free" is the motion of a
+    rigid body with a sampled inertia tensor from ω at t = 0. The body axes are the inertial axes at
+    t = 0.
 
     Returns
     -------
@@ -237,14 +238,13 @@ def visibility_prior(
 ) -> None:
     """Each facet is lit and seen at least once: directions (T, 3) and normals (N, 3), body frame.
 
-    The prior of eq. (8) with each factor clipped is one where m = maxₜ min(μ₀, μ) > 0, of the
-    unclipped cosines, and zero elsewhere. Zero has no gradient: a sampler that proposes it learns
-    nothing, and a start beyond it never comes back. So the step is a slope outside,
-    log p = −(m/softness)² for m < 0 and 0 otherwise: exact where a facet is seen, and 37 % of the
-    mass at 1.1° beyond the edge.
+    The prior of eq. (8) with each factor clipped is one if m = maxₜ min(μ₀, μ) > 0, with the
+    unclipped cosines, and zero otherwise. A zero density has no gradient, so a sampler that starts
+    there cannot return. The edge is therefore softened: log p = −(m/softness)² for m < 0 and 0
+    otherwise. The prior is exact where a facet is seen, and falls to 37 % at 1.1° beyond the edge.
     """
     both = jnp.minimum(normals @ sun_body.T, normals @ obs_body.T)
-    # The slope of a maximum is that of the epoch where it is.
+    # The gradient of a maximum is that at the epoch of the maximum.
     best = jax.lax.stop_gradient(jnp.argmax(both, axis=1))
     mu0, mu = (jnp.sum(normals * v[best], axis=1) for v in (sun_body, obs_body))
     m = jnp.minimum(mu0, mu)

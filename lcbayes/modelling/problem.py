@@ -1,4 +1,4 @@
-"""A NumPyro model and a light curve as functions of one flat, unconstrained vector."""
+"""The posterior of a NumPyro model and a light curve as a function of an unconstrained vector."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ only while they are traced, so compiled programs do not wait for each other."""
 
 
 class Moments(NamedTuple):
-    """What the model says of the data at one point: the likelihood's centre and width, (T,)."""
+    """Centre and width (T,) of the likelihood at one point of parameter space."""
 
     mean: jax.Array
     sd: jax.Array
@@ -39,25 +39,25 @@ class Moments(NamedTuple):
 class Problem:
     """The posterior of ``model`` given ``data``, over unconstrained vectors z of size ``dim``.
 
-    Every method takes z and the data as arguments and closes over nothing traced, so that one
-    compilation serves every light curve of the same size. A program is kept for each problem, so
-    light curves share theirs where they share the problem: see `lcbayes.inference.problem_cache`.
+    Every method takes z and the data as arguments and closes over no traced values, so that one
+    compiled program serves all light curves of the same size. Programs are cached for each problem
+    and are reused for light curves that share it, see `lcbayes.inference.problem_cache`.
 
     Parameters
     ----------
     model : callable
         NumPyro model ``model(data)``; options already bound.
     data : Epochs
-        Used for its shapes and to draw a first trace.
+        Provides the shapes and the data of the first trace.
     coordinates : mapping, optional
-        Transform from unconstrained to constrained values for the sites named, in place of
-        NumPyro's own: coordinates in which the posterior is easier to sample.
+        Transforms from unconstrained to constrained values of the named sites, in place of those
+        of NumPyro, such that the posterior is easier to sample.
 
     Raises
     ------
     InputError
-        When the model does not condition on ``brightness`` with a Normal or Student-t, or has
-        discrete or data-dependent sites.
+        If the model does not condition on ``brightness`` with a Normal or Student-t distribution,
+        or has discrete or data-dependent sites.
     """
 
     def __init__(
@@ -90,9 +90,11 @@ class Problem:
         self.dim = int(flat.size)
         self.law: Law = _law(_base(observed["fn"]))
         lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
-        self.n_parameters = self.dim - int(sum(lengths))  # those of directions tell nothing
+        # The lengths of direction vectors do not count as parameters.
+        self.n_parameters = self.dim - int(sum(lengths))
         self.names = tuple(sorted(latent))
-        ends = np.cumsum([template[k].size for k in self.names])  # no array op: may be traced
+        # NumPy only, because JAX may be tracing.
+        ends = np.cumsum([template[k].size for k in self.names])
         self._rows = {
             k: np.arange(end - template[k].size, end)
             for k, end in zip(self.names, ends, strict=True)
@@ -112,7 +114,7 @@ class Problem:
         return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
 
     def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
-        """Coordinates of some sites in the flat vector."""
+        """Indices of some sites in the flat vector."""
         return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])
 
     def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
@@ -127,8 +129,10 @@ class Problem:
         return self.trace(sites, data), log_det
 
     def trace(self, sites: Sites, data: Epochs, key: jax.Array | None = None) -> dict[str, Any]:
-        """Every site of the model as NumPyro records it, at constrained values of some sites and a
-        draw of the others, the same one without a ``key``."""
+        """All sites of the model as NumPyro records them, at given constrained values.
+
+        Sites without a given value are drawn with ``key``, by default a fixed one.
+        """
         with TRACING:
             seeded = handlers.seed(self.model, jax.random.key(0) if key is None else key)
             return handlers.trace(handlers.substitute(seeded, sites)).get_trace(data)
@@ -147,9 +151,9 @@ class Problem:
         return jax.grad(self.potential)(z, data)
 
     def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """ln of all that multiplies the prior of `prior_draw`, the brightness aside.
+        """ln of the model's further factors on the prior of `prior_draw`, without the brightness.
 
-        Factors, such as that of facets being seen, and further conditions.
+        They include the visibility of facets and additional conditions.
         """
         trace, _ = self._trace(z, data)
         return sum(
@@ -162,8 +166,10 @@ class Problem:
         )
 
     def log_prior(self, z: jax.Array, data: Epochs) -> Sites:
-        """ln of the prior density of each latent site, in the model's own units; with
-        `log_factors` the whole prior."""
+        """ln of the prior density of each latent site, in the units of the model.
+
+        The complete prior also includes `log_factors`.
+        """
         trace, _ = self._trace(z, data)
         return {
             k: jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"]) * _power(trace[k]))
@@ -171,16 +177,16 @@ class Problem:
         }
 
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
-        """Centre and width of the likelihood; z flat, or a dict of unconstrained sites."""
+        """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])
 
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 
     def _conditions(self, data: Epochs, free: Sites, flux: jax.Array) -> Moments:
-        """Centres and widths of every observed site, end to end, for a given flux.
+        """Centres and widths of all observed sites, concatenated, for a given flux.
 
-        A model may condition on more than the brightness, such as areas that close.
+        A model may also condition on other quantities, such as the closure of facet areas.
         """
         with TRACING, handlers.substitute(data={FLUX: flux}):
             trace, _ = self._trace(free, data)
@@ -190,20 +196,22 @@ class Problem:
         )
 
     def log_tail(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """ln of the probability of a brightness as far below its centre as the recorded one is from
-        it, or farther: ln F(m − |y − m|) by the law of noise, at most ln ½, (T,)."""
+        """ln of the one-sided tail probability of the recorded brightness y, (T,).
+
+        It is ln F(m − |y − m|) with the noise distribution F of centre m; at most ln ½.
+        """
         site = self._trace(z, data)[0][OBSERVED]
         fn = _base(site["fn"])
         mirrored = fn.loc - jnp.abs(site["value"] - fn.loc)
         return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
 
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Pointwise, each point taken whole, (T,)."""
+        """Log-likelihood of each point at full weight, (T,)."""
         site = self._trace(z, data)[0][OBSERVED]
         return site["fn"].log_prob(site["value"])
 
     def constrain(self, z: jax.Array, data: Epochs) -> Sites:
-        """Every latent and deterministic site at z, in the model's own units."""
+        """All latent and deterministic sites at z, in the units of the model."""
         trace, _ = self._trace(z, data)
         return {
             k: v["value"]
@@ -212,22 +220,22 @@ class Problem:
         }
 
     def flux(self, sites: Sites, data: Epochs) -> jax.Array:
-        """The flux a model hands to `noise.observe` for constrained values of its sites, (T,)."""
+        """The flux that the model passes to `likelihood.observe`, at constrained values, (T,)."""
         return self.trace(sites, data)[FLUX]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
-        """One draw of the data given z: posterior predictive, each point for itself, (T,)."""
+        """A posterior predictive draw of the data given z, independent between points, (T,)."""
         return self._trace(z, data.without_passes())[0][OBSERVED]["fn"].sample(key)
 
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Expected information of all that is conditioned on, plus the prior's, (D, D).
+        """Expected information of all observed sites plus the prior precision, (D, D).
 
         F = Jᵀ diag(w/σ²) J + 2 Kᵀ diag(v) K + P with J = ∂mean/∂z, K = ∂ln sd/∂z and P the
         positive part of the Hessian of −ln prior; w = (ν+1)/(ν+3), v = ν/(ν+3) for Student-t and 1
-        for Normal. Factors of the model that are no distributions do not enter.
+        for Normal. Factors of the model other than distributions are not included.
 
-        The flux is nearly all of the cost. So it is linearised once and pushed forward only along
-        the sites that it depends on; what follows, scale and noise of each curve, costs little.
+        The flux dominates the cost. It is therefore differentiated only along the sites on which it
+        depends. The derivatives of the scale and noise of each curve cost little.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -250,12 +258,12 @@ class Problem:
         return information + sd @ sd.T
 
     def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """What the prior alone holds of z, (D, D), positive semi-definite by construction.
+        """Precision of the prior of z, (D, D), positive semi-definite by construction.
 
-        Of sites that are Normal the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K with J of the
-        value minus its mean and K of ln σ, so that a prior whose width is itself inferred counts
-        rightly; of a distribution that has a method ``precision`` what that says; of every other
-        site the Hessian of −ln prior along the site itself, its negative directions dropped.
+        For Normal sites it is the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K, with the
+        Jacobians J of the value minus its mean and K of ln σ; it is thus correct for a prior whose
+        width is inferred. A distribution may provide it as a method ``precision``. For any other
+        site it is the positive part of the Hessian of −ln prior with respect to that site.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -280,7 +288,7 @@ class Problem:
         return precision
 
     def _curvature(self, name: str, fn: Any, value: jax.Array) -> jax.Array:
-        """Positive part of the Hessian of −ln prior of one site along itself."""
+        """Positive part of the Hessian of −ln prior of one site."""
         transform = self._transforms[name]
         if hasattr(fn, "precision"):
             return fn.precision(value)
@@ -301,8 +309,10 @@ class Problem:
 
 
 def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method of a problem as a program: one for all light curves of a structure, where
-    `jax.jit(problem.method)` would be a new one at each call."""
+    """A compiled method of a problem, shared by all light curves of the same structure.
+
+    In contrast, `jax.jit(problem.method)` would compile a new program at each call.
+    """
     owner: Any = method
     return partial(_call, owner.__func__, owner.__self__)
 
@@ -352,7 +362,7 @@ def _moments(site: dict[str, Any]) -> Moments:
 
 
 def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
-    """Information on location and on log scale, per 1/σ², of one observed site, flat."""
+    """Weights w and v in `Problem.fisher` of one observed site, flattened."""
     fn, shape, power = _base(site["fn"]), (jnp.asarray(site["value"]).size,), _power(site)
     if isinstance(fn, dist.StudentT):
         df = jnp.ravel(jnp.asarray(fn.df))[0]

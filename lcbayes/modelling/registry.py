@@ -1,6 +1,6 @@
-"""Models by name or from a user's file, and the contract that both keep.
+"""Built-in models and models from user files, which follow the same contract.
 
-A model file is Python. It defines::
+A model file is a Python file that defines::
 
     SUMMARY = "one line for `lcbayes models`"
 
@@ -10,25 +10,25 @@ A model file is Python. It defines::
 
 ``data`` is a `lcbayes.modelling.epochs.Epochs`; ``likelihood`` is `lcbayes.modelling.likelihood`;
 ``flux`` (T,) is the flux at unit distance under unit irradiance.
-Options are keyword-only, with a type and a default; one without a default must be given; a
-``Literal`` type lists what may be chosen. The message of an `InputError` that the model raises is
-shown to the user. Sites whose names the report knows (``albedo_area``, ``normals``, ``omega``,
-``pole_lon_deg`` …) are shown as what they are. A file may also define:
+Options are keyword-only arguments with a type and a default; an option without a default is
+required. A ``Literal`` type lists the allowed values. The message of an `InputError` raised by the
+model is shown to the user. The report recognises standard site names (``albedo_area``,
+``normals``, ``omega``, ``pole_lon_deg`` …). A file may also define:
 
 ``FACET_SITES``
-    Names of the sampled sites whose first axis is the facet, so that facets can be put in order.
+    Names of the sampled sites whose first axis is the facet, so that facets can be sorted.
 ``starts(data, key, **options)``
-    Constrained values of the sampled sites from which to search, a list of dicts; otherwise the
-    search starts from the prior.
+    Starting points of the search: a list of dicts of constrained values of the sampled sites. By
+    default, the search starts from the prior.
 ``NUM_STARTS``
-    How many starts from the prior suffice, where the model has no ``starts``; otherwise it is
-    chosen by the number of parameters.
+    Number of starts from the prior for a model without ``starts``. By default, it depends on the
+    number of parameters.
 ``POOLED``
-    Values of options with which solutions are sought, such as {"individuals": False}: a simpler
-    model, whose sampled sites are some of this one's. What it finds is where the search for the
-    solutions of this one starts, the other sites at their prior means.
+    Values of options that define a simpler model, such as {"individuals": False}, whose sampled
+    sites are a subset of those of the full model. Its solutions are the starting points of the
+    search with the full model; the other sites start at their prior means.
 ``coordinates(data, **options)``
-    Transforms for sampled sites in which the posterior is easier to sample, {site: Transform}.
+    Transforms {site: Transform} to coordinates in which the posterior is easier to sample.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
 """
@@ -59,7 +59,7 @@ class Option:
 
     name: str
     type: type
-    default: Any  # inspect.Parameter.empty where it must be given
+    default: Any  # inspect.Parameter.empty if required
     choices: tuple[str, ...] = ()
 
     @property
@@ -104,12 +104,12 @@ class Entry:
         return found
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """The options given, converted to their types.
+        """The given options, converted to their types.
 
         Raises
         ------
         InputError
-            If one is unknown, has the wrong type, or is missing.
+            If an option is unknown, has the wrong type, or is missing.
         """
         known, checked = self.options, {}
         for name, value in given.items():
@@ -133,10 +133,10 @@ class Entry:
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
-        """Faults of the model while it runs, told in one line.
+        """Context that converts errors of the running model to an `InputError` of one line.
 
-        A user's file may fail in any way; a built-in model says with ValueError that an option
-        is wrong, and any other fault of it is ours.
+        All exceptions of a user's file are converted. A built-in model raises ValueError for an
+        invalid option; its other exceptions are bugs and propagate unchanged.
         """
         try:
             yield
@@ -180,12 +180,12 @@ def _convert(model: str, option: Option, value: Any) -> Any:
 
 
 def find(name: str) -> Entry:
-    """A built-in model by its name, or the model in the file at that path.
+    """The built-in model of a name, or the model in the file at a path.
 
     Raises
     ------
     InputError
-        If there is none, or the file breaks the contract.
+        If the model does not exist or the file violates the contract.
     """
     if name in BUILT_IN:
         return Entry(name, importlib.import_module(f"lcbayes.models.{name.replace('-', '_')}"))
@@ -204,7 +204,7 @@ def find(name: str) -> Entry:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as fault:  # a user's file may fail in any way
+    except (Exception, SystemExit) as fault:  # a user's file may raise any exception
         line = getattr(fault, "lineno", None) or _last_line(fault, path)
         raise InputError(
             f"{name}, line {line}: {_said(fault)}; the file must run as it is"
@@ -216,7 +216,7 @@ def find(name: str) -> Entry:
         )
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError) as fault:  # some of Python's own have none
+    except (TypeError, ValueError) as fault:  # some of Python's built-ins have no signature
         raise InputError(f"{name}: model has no signature ({_said(fault)}); use def") from fault
     kinds = [p.kind for p in signature.parameters.values()]
     if kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) != 1:
@@ -227,7 +227,7 @@ def find(name: str) -> Entry:
     entry = Entry(name, module)
     try:
         options = entry.options.values()
-    except Exception as fault:  # an annotation that names nothing
+    except Exception as fault:  # an annotation with an undefined name
         raise InputError(
             f"{name}: the types of model's options cannot be read: {_said(fault)}"
         ) from fault
@@ -241,7 +241,7 @@ def find(name: str) -> Entry:
 
 
 def _said(fault: BaseException) -> str:
-    """A fault's kind and message in one line."""
+    """Type and message of an exception in one line."""
     return " ".join(f"{type(fault).__name__}: {fault}".split())
 
 

@@ -1,4 +1,4 @@
-"""Which variables of a fit a reader is shown, and what each scalar of them is called."""
+"""Reported variables of a fit and the names of their elements."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SPIN = (
 
 
 def reported(names: Collection[str]) -> list[str]:
-    """The variables a reader is shown: not those that only carry others."""
+    """The variables to report, without auxiliary ones from which others are computed."""
     return [
         n
         for n in names

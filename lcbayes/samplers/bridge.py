@@ -1,4 +1,4 @@
-"""How much posterior a solution holds: its share of the evidence, by bridge sampling."""
+"""Evidence of a single solution by bridge sampling."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
-BRIDGED = 5  # independent points of the Gaussian that must lie where the draws are
+BRIDGED = 5  # effective number of Gaussian proposals that must overlap with the draws
 
 
 class LogEvidence(NamedTuple):
@@ -26,20 +26,20 @@ def bridge(
     ess: float,
     rng: np.random.Generator,
 ) -> LogEvidence:
-    """Evidence of the solution that ``draws`` explore.
+    """Evidence of the solution sampled by ``draws``.
 
-    A Gaussian is fitted to one half of the draws and bridged to the other half,
-    Z = E_q[p̃ h] / E_p[q h] with the optimal h ∝ 1/(s₁ p̃ + s₂ Z q), iterated to its fixed point.
+    A Gaussian q is fitted to one half of the draws. The bridge between q and the other half gives
+    Z = E_q[p̃ h] / E_p[q h], with the optimal h ∝ 1/(s₁ p̃ + s₂ Z q) iterated to its fixed point.
 
     Parameters
     ----------
     draws : (C, S, D)
-        Chains, in coordinates in which the solution is about a Gaussian.
+        Chains, in coordinates in which the solution is approximately Gaussian.
     potential : callable
         (n, D) -> (n,) unnormalised −ln p in those coordinates.
     ess : float
-        Independent draws that all of them together count as; enters the weights of the two halves
-        of the optimal h, and the error.
+        Effective sample size of all draws. It enters the weights s₁ and s₂ of the optimal h and
+        the error.
     rng : numpy Generator
 
     References
@@ -63,8 +63,8 @@ def bridge(
     n_use, n_new = min(len(use), ess * len(use) / draws[..., 0].size), len(proposal)
     s1, s2 = np.log(n_use / (n_use + n_new)), np.log(n_new / (n_use + n_new))
     z = np.median(ratio_use)
-    # Where the halves do not overlap a bridge would end anywhere, also at no weight at all. What
-    # is left then is Z = p̃/q at the draws, with the scatter of that.
+    # Without overlap of the Gaussian and the draws, the bridge estimate is arbitrary. The fallback
+    # is the median of p̃/q at the draws, with the scatter of its logarithm as the error.
     apart = LogEvidence(float(z), max(1.0, float(np.std(ratio_use))))
     if not np.any(np.isfinite(ratio_new)):
         return apart
@@ -82,6 +82,6 @@ def bridge(
 
 
 def _relative_variance(log_f: Floats) -> float:
-    """Variance over squared mean."""
+    """Variance over squared mean of exp(log_f)."""
     once, twice = (np.logaddexp.reduce(k * log_f) for k in (1, 2))
     return len(log_f) * float(np.exp(twice - 2 * once)) - 1.0

@@ -1,4 +1,4 @@
-"""Chains of any NumPyro kernel, vectorised, run in blocks that can be stored and gone on from."""
+"""Chains of NumPyro kernels, run in blocks that can be stored and continued."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from lcbayes.modelling.problem import TRACING, Problem, Sites
 from lcbayes.samplers import kernels
 
 SPREAD = 0.3
-DEPTH = 8  # of the tree of NUTS: 2⁸ steps at most
+DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
 
 
 class Whitening(NamedTuple):
-    """z = centre + factor · y: coordinates in which the solution is about a unit Gaussian."""
+    """z = centre + factor · y, with y such that the solution is about a unit Gaussian."""
 
     centre: jax.Array  # (D,)
-    factor: jax.Array  # (D, D), the eigenvectors of F over the roots of its eigenvalues
+    factor: jax.Array  # (D, D), eigenvectors of F over the square roots of its eigenvalues
 
     @classmethod
     def at(cls, problem: Problem, z: jax.Array, data: Epochs) -> Whitening:
         """From the Fisher information at z: factor factorᵀ = F⁻¹."""
         fisher = problem.fisher(z, data)
         values, vectors = jnp.linalg.eigh(0.5 * (fisher + fisher.T))
-        # A direction that neither data nor prior hold would be infinitely long: a hundred
-        # prior widths are far enough.
+        # Directions that neither the data nor the prior constrain are limited to a hundred prior
+        # widths.
         return cls(z, vectors / jnp.sqrt(jnp.maximum(values, 1e-4)))
 
     def __call__(self, y: jax.Array) -> jax.Array:
@@ -44,12 +44,12 @@ class Whitening(NamedTuple):
 
 
 def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
-    """The posterior as a NumPyro model of y, for kernels that want a model."""
+    """The posterior as a NumPyro model of y, for kernels that require a model."""
 
     def model(whitening: Whitening, data: Epochs) -> None:
         flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
         y = jnp.asarray(numpyro.sample("y", flat))
-        with handlers.block():  # the sites within are not this model's
+        with handlers.block():  # hides the sites of the inner model
             density = -problem.potential(whitening(y), data)
         numpyro.factor("posterior", density)
 
@@ -57,7 +57,7 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 
 
 def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
-    """The kernel of that name (`settings.WARMUP`), over {"y": (D,)} given (whitening, data)."""
+    """The kernel of a name in `settings.WARMUP`, over {"y": (D,)} given (whitening, data)."""
     if sampler == "nuts":
         return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
 
@@ -76,12 +76,12 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
         "mh": kernels.MetropolisHastings,
     }
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the verdict says it of the published rule
+        warnings.simplefilter("ignore", UserWarning)  # the final report warns of the published rule
         return kinds[sampler](potential_fn=potential, fisher_fn=fisher)
 
 
 def tuning(kernel: MCMCKernel, state) -> dict[str, float]:
-    """What the warm-up of one chain settled on, from its last state; see `sampling.Chains`."""
+    """Parameters adapted in the warm-up of one chain, given its last state (`sampling.Chains`)."""
     if isinstance(kernel, NUTS):
         return {"step_size": float(state.adapt_state.step_size)}
     found = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
@@ -92,7 +92,7 @@ def tuning(kernel: MCMCKernel, state) -> dict[str, float]:
 
 @partial(jax.jit, static_argnums=(0, 2))
 def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: Epochs):
-    """State of one chain, a little off the centre."""
+    """Initial state of one chain, drawn near the centre."""
     key_y, key = jax.random.split(key)
     y = SPREAD * jax.random.normal(key_y, whitening.centre.shape)
     with TRACING:
@@ -101,7 +101,7 @@ def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: E
 
 @partial(jax.jit, static_argnums=(0, 1))
 def advance(kernel, n_draws: int, state, whitening: Whitening, data: Epochs):
-    """``n_draws`` transitions of one chain: its new state, draws z (n, D), and FIELDS (n,)."""
+    """The new state, draws z (n, D) and FIELDS (n,) after ``n_draws`` transitions of one chain."""
 
     def body(state, _):
         with TRACING:

@@ -1,4 +1,4 @@
-"""Convergence checks of chains, and the length at which they would pass."""
+"""Convergence checks of chains, and the chain length required to pass them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
 MAX_DIVERGING = 0.005  # share of divergent transitions
-MAX_RHAT_TO_CONTINUE = 1.1  # above, longer chains are not expected to mix
-# The check is of unconstrained coordinates; reported quantities may have fewer effective draws.
+MAX_RHAT_TO_CONTINUE = 1.1  # above this, longer chains are not expected to mix
+# The check uses unconstrained coordinates; reported quantities may have a smaller ESS.
 LENGTH_MARGIN = 1.2
 
 
@@ -48,16 +48,14 @@ def required_length(z: NDArray[np.float64], max_length: int) -> int:
     Returns
     -------
     int
-        S where the chains have converged, where ``max_length`` would not suffice, and where R-hat
-        exceeds `MAX_RHAT_TO_CONTINUE`.
+        S if the chains have converged, if ``max_length`` would not suffice, or if R-hat exceeds
+        `MAX_RHAT_TO_CONTINUE`.
     """
     n = z.shape[1]
     if n >= max_length or len(z) < 2:
         return n
     rhat, size = rhat_and_ess(z)
-    if not (
-        rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length
-    ):  # nor where they are NaN
+    if not (rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length):  # true also for NaN
         return n
     short = LENGTH_MARGIN * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
     if short <= 1.0:

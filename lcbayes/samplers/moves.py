@@ -1,4 +1,4 @@
-"""Particles at one step of the path: their densities, their widths, one move of each."""
+"""Densities, widths and MCMC moves of particles at one step of the tempering schedule."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Drawn(NamedTuple):
     """Draws from the prior."""
 
     z: Any  # (N, D)
-    log_factors: Any  # (N,) ln of what the model multiplies the prior with
+    log_factors: Any  # (N,) ln of the model's further factors on the prior
     log_likelihood: Any  # (N, BINS)
 
 
@@ -33,23 +33,23 @@ class Moved(NamedTuple):
 
 
 class Tuning(NamedTuple):
-    """What the moves of all particles share."""
+    """Parameters shared by the moves of all particles."""
 
     step_size: Any  # median of the step sizes, log-normal with sd `spread`
     spread: Any
-    length: Any  # of a trajectory, in steps times their size
+    length: Any  # of a trajectory: number of steps times step size
     max_steps: Any
     delta: Any
-    width: Any  # (D,) of the solutions, not of the particles
+    width: Any  # (D,) of a single solution, not of all particles
 
 
 def log_likelihood(problem: Problem, z: jax.Array, data: Epochs, bins: jax.Array) -> jax.Array:
-    """ln p(y | z) to the power of the data's information, the sum over each bin, (BINS,)."""
+    """ln p(y | z) times the data's information, summed over each bin, (BINS,)."""
     return tempering_path.binned(data.information * problem.log_likelihood(z, data), bins)
 
 
 def each(f: Callable, rows: Any) -> Any:
-    """f of every row: one after the other on a processor, all at once on an accelerator."""
+    """f of every row: sequentially on a CPU, in parallel on an accelerator."""
     return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
@@ -73,11 +73,11 @@ def start(problem: Problem, at: Epochs, z: jax.Array) -> State:
 def reflect(
     potential: Callable[[jax.Array], jax.Array], mirror: jax.Array, key: jax.Array, state: State
 ) -> State:
-    """A particle to its mirror image, z → Q z, if a coin says so, with probability
-    min{1, exp(U − U′)}.
+    """Move of a particle to its mirror image, z → Q z.
 
-    Exact where Q (D, D) is its own inverse and |det Q| = 1, whether or not U is symmetric. Without
-    the coin the sides would only swap their weights.
+    The move is proposed with probability ½ and accepted with probability min{1, exp(U − U′)}. It is
+    exact if Q (D, D) is its own inverse and |det Q| = 1, even if U is not symmetric. If it were
+    always proposed, the two sides would merely exchange their weights.
     """
     image = trajectory.init(mirror @ state.z, potential)
     key_coin, key_accept = jax.random.split(key)
@@ -109,12 +109,15 @@ def move(
     keys: jax.Array,
     state: State,
 ) -> Moved:
-    """One transition of each particle by the exact kernel, and to its image by ``mirror`` (D, D),
-    which leave exp(−U) of the data as they count ``at`` a step of the path invariant; the
-    likelihood is that of ``data`` at their full weight. Keys and states (n,).
+    """One transition of each particle by the exact kernel, and to its image by ``mirror`` (D, D).
 
-    Step sizes are drawn apart from the states, over a wide range: where a facet turns away the
-    posterior has an edge that only small steps pass, and elsewhere large ones go far.
+    The transitions leave exp(−U) invariant for ``at``, the data weighted for a step of the
+    tempering schedule. The returned likelihood is that of ``data`` at full weight. Keys and states
+    are (n,).
+
+    Step sizes are drawn over a wide range, independently of the states. The posterior has sharp
+    edges where a facet turns away; only small steps cross them, and large steps are efficient
+    elsewhere.
     """
     kernel = ahmc.build_kernel(lambda z: problem.potential(z, at), lambda z: problem.fisher(z, at))
     scale = metric.Scale(

@@ -1,4 +1,4 @@
-"""Chains of one solution, in blocks, on the local cores, each block stored."""
+"""Parallel chains of one solution, run in blocks that are stored as checkpoints."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from lcbayes.samplers.settings import Settings
 
 Floats = NDArray[np.float64]
 BLOCK = 50
-HALVINGS = 2  # of NUTS' step, at most
+HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
 
 
 @dataclass
 class Timing:
-    """Where the seconds of a run went, and its count of gradients."""
+    """Run times of the phases of a run, and its number of gradients."""
 
     search_s: float = 0.0
     compile_s: float = 0.0
@@ -41,12 +41,12 @@ class Chains(NamedTuple):
     Attributes
     ----------
     z : (C, S, D)
-    stats : of each draw, (C, S) each
+    stats : statistics of each draw, (C, S) each
     whitening : Whitening
-    tuning : of each chain, (C,) each
-        What the warm-up settled on: ``step_size``; of the kernels of this package also
-        ``num_fallback``, the draws at which the metric was singular and a constant one was taken;
-        of AHMC ``proposal_scale``, its δ.
+    tuning : results of the warm-up of each chain, (C,) each
+        ``step_size``; for the kernels of this package also ``num_fallback``, the number of draws at
+        which the metric was singular and a constant one was used; for AHMC also
+        ``proposal_scale``, its δ.
     """
 
     z: Floats
@@ -65,9 +65,9 @@ class Sampler:
 
     @property
     def n_blocks(self) -> tuple[int, int]:
-        """Blocks of warm-up and of sampling."""
+        """Numbers of blocks of warm-up and of sampling."""
         s = self.settings
-        assert s.num_warmup is not None  # `Settings` sees to it
+        assert s.num_warmup is not None  # set by `Settings`
         return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
 
     def run(
@@ -82,10 +82,10 @@ class Sampler:
     ) -> Chains:
         """Draws about the solution z (D,).
 
-        More of them than `num_samples` where these are not enough and `most_samples` allows it.
-        As soon as more trajectories of NUTS have diverged than may among all draws asked for, the
-        draws are dropped and the chains go on from where they are with half the step; not where
-        trajectories are so long that with twice the steps they would be cut off.
+        If `num_samples` draws do not suffice for convergence, the chains are extended, up to
+        `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
+        the draws are discarded and the chains continue with half the step size. The step size is
+        not halved if the trajectories would then exceed the maximum tree depth.
         """
         whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
         warmup_blocks, sample_blocks = self.n_blocks
@@ -157,7 +157,7 @@ def _steps(blocks: list[dict[str, NDArray]]) -> float:
 
 
 def _finer(state):
-    """A state of NUTS with half its step; after the warm-up nothing else changes it."""
+    """A state of NUTS with half the step size, which is not adapted after the warm-up."""
     adapted = state.adapt_state
     return state._replace(adapt_state=adapted._replace(step_size=0.5 * adapted.step_size))
 
@@ -167,8 +167,10 @@ _whiten = jax.jit(chains.Whitening.at, static_argnums=0)
 
 @lru_cache(maxsize=16)
 def programs(problem: Problem, sampler: str, num_warmup: int, structure, leaves: tuple) -> tuple:
-    """The two programs of a chain, its start and a block of draws, for arguments of these shapes:
-    the same for every light curve of the problem."""
+    """Compiled programs of a chain, its start and a block of draws, for given argument shapes.
+
+    All light curves of the problem share them.
+    """
     kernel = chains.kernel(problem, sampler)
     key, whitening, data = jax.tree.unflatten(structure, leaves)
     first = chains.start.lower(kernel, key, num_warmup, whitening, data).compile()
@@ -184,7 +186,7 @@ def _is_key(x) -> bool:
 
 
 def _to_host(tree):
-    """The same tree with NumPy leaves: what a checkpoint can hold, and what a run goes on from."""
+    """The same tree with NumPy leaves, which can be stored in a checkpoint."""
     return jax.tree.map(
         lambda x: _Key(np.asarray(jax.random.key_data(x))) if _is_key(x) else np.asarray(x), tree
     )
@@ -210,7 +212,7 @@ def _leaves(state):
 
 
 def _pack(out: list) -> dict[str, np.ndarray]:
-    """Draws, statistics and states of all chains after a block as one set of arrays."""
+    """Draws, statistics and states of all chains after a block, as a dict of arrays."""
     packed = {"z": np.stack([z for _, z, _ in out])}
     packed |= {k: np.stack([stats[k] for *_, stats in out]) for k in chains.FIELDS}
     for c, (state, _, _) in enumerate(out):

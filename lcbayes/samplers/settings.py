@@ -1,4 +1,4 @@
-"""How a fit is run: what the user may turn, with defaults that serve."""
+"""Settings of the samplers and their defaults."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 from lcbayes.core.errors import InputError
 
-# The samplers, and a warm-up that serves each: the exact kernels have more to find than NUTS.
-# Particles have no warm-up: they come from the prior.
+# The samplers and their default warm-up. The kernels of this package adapt more parameters than
+# NUTS. Particles need no warm-up, because they start from the prior.
 WARMUP = {
     "nuts": 200,
     "ahmc": 600,
@@ -19,26 +19,27 @@ WARMUP = {
     "smc": 0,
 }
 PARTICLES = "smc"
-DRAWS, MOVING = 750, 250  # by default: draws of a chain, particles that move
-MAX_DRAWS = 3000  # of a chain, where by default it goes on until there are enough
+DRAWS, MOVING = 750, 250  # defaults: draws of a chain, moving particles
+MAX_DRAWS = 3000  # default limit of a chain, which is extended until it has converged
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Numbers of a run.
+    """Settings of a run.
 
     Attributes
     ----------
     sampler : name of the kernel
-    seed : of every random number drawn
-    num_warmup : per chain; None takes what serves the sampler, `WARMUP`
-    num_samples : per chain; 0 takes 750, and goes on to 3000 at most while these are not enough;
-        for smc the particles that move, 0 takes 250
-    num_chains : per solution; for smc the independent runs
-    num_starts : of the search, where the model does not choose its own; 0 chooses by dimension
-    max_modes : solutions that are sampled, at most
-    most_samples : per chain, at most
+    seed : seed of all random numbers
+    num_warmup : per chain; None selects the default of the sampler, `WARMUP`
+    num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000; for
+        smc, the number of moving particles, with 0 for 250
+    num_chains : per solution; for smc, the number of independent runs
+    num_starts : starting points of the search if the model does not provide them; 0 selects them by
+        dimension
+    max_modes : maximum number of sampled solutions
+    most_samples : maximum number of draws per chain
     """
 
     sampler: str = "nuts"
@@ -68,7 +69,7 @@ class Settings:
             "max_modes": 1,
             "seed": 0,
         }
-        if self.sampler == PARTICLES:  # what one run has lost only another one shows
+        if self.sampler == PARTICLES:  # only another run reveals a solution that one run has lost
             least |= {"num_warmup": 0, "num_chains": 2}
         for name, low in least.items():
             value = getattr(self, name)
@@ -77,7 +78,7 @@ class Settings:
                 raise InputError(f"--{flag} is {value!r}; give a whole number >= {low}")
 
     def as_dict(self) -> dict[str, Any]:
-        """What was asked for: the same settings again, if given back."""
+        """The requested settings, from which the same object can be constructed."""
         asked = asdict(self)
         if asked.pop("most_samples") > self.num_samples:
             asked["num_samples"] = 0

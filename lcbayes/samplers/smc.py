@@ -1,21 +1,22 @@
-"""Tempered sequential Monte Carlo: all solutions, their weights and the evidence, from the prior.
+"""Tempered sequential Monte Carlo from the prior: all solutions, their weights and the evidence.
 
-Particles drawn from the prior p₀ go to the posterior p₀ Πₜ Lₜ by way of p₀ Πₜ Lₜ^wₜ(s), s = 0 → 1,
-all powers wₜ rising from 0 to 1 (`lcbayes.samplers.tempering_path`). At each step
+Particles drawn from the prior p₀ move to the posterior p₀ Πₜ Lₜ through the sequence of densities
+p₀ Πₜ Lₜ^wₜ(s), s = 0 → 1, in which all powers wₜ rise from 0 to 1
+(`lcbayes.samplers.tempering_path`). Each step has three parts:
 
-1. s′ is as far from s as leaves a share of the particles effective; the evidence grows by the mean
-   of what the likelihood gains, Π Lₜ^(wₜ(s′) − wₜ(s)), over the particles of s;
-2. as many as there shall be chains are chosen in proportion to that gain;
-3. each moves by the exact Fisher-adaptive kernel (`kernels`), until they have moved about
-   as far as a solution is wide. All points passed are particles of s′: nothing is thrown away.
+1. The step to s′ is chosen such that a given share of the particles remains effective. The evidence
+   is multiplied by the mean of the weights Π Lₜ^(wₜ(s′) − wₜ(s)) over the particles at s.
+2. The starting points of the chains are resampled in proportion to these weights.
+3. Each chain moves by the exact Fisher-adaptive kernel (`kernels`), until the distance moved is
+   about the width of a solution. All points of the chains are particles at s′; none is discarded.
 
-Step size and scale follow the particles themselves, all of them at once: an adaptation that a
-single particle hardly sees, whose bias is O(1/N).
+Step size and scale are adapted to the set of all particles. A single particle has little influence
+on them, and the resulting bias is O(1/N).
 
 References
 ----------
-Del Moral, Doucet & Jasra 2006, JRSS B 68, 411; Dau & Chopin 2022, JRSS B 84, 114 (waste-free: the
-points passed are particles); Jasra et al. 2011, Scand. J. Stat. 38, 1 (adaptive steps).
+Del Moral, Doucet & Jasra 2006, JRSS B 68, 411; Dau & Chopin 2022, JRSS B 84, 114 (waste-free: all
+points of the chains are particles); Jasra et al. 2011, Scand. J. Stat. 38, 1 (adaptive steps).
 """
 
 from __future__ import annotations
@@ -43,60 +44,61 @@ from lcbayes.samplers.tempering_path import FULL_DATA, TimePath
 
 Floats = NDArray[np.float64]
 
-BLOCKS = 4  # of particles, for the threads: a constant, so that numbers do not hang on their count
-PROBES = 256  # particles whose information tells how wide a solution is
+BLOCKS = 4  # of particles; constant, so that results do not depend on the number of threads
+PROBES = 256  # particles whose information matrices determine the width of a solution
 MAX_STAGES = 300
 MIN_ACCEPTANCE = 0.15
 
 
 class Collapse(RuntimeError):
-    """The particles no longer follow the posterior; the message says where and what to do."""
+    """The particles no longer follow the posterior; the message gives the stage and a remedy."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What may be turned; the defaults were measured (benchmarks/smc.py)."""
+    """Settings of a run; the defaults were determined with benchmarks/smc.py."""
 
-    crowd: int = 4  # times as many chains while points come in: there it is decided what is found
-    share: float = 0.8  # of the particles, effective after a step
+    # Factor on the number of chains while points are added, when solutions are found or lost.
+    crowd: int = 4
+    share: float = 0.8  # of the particles that remains effective in a step
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
     spread: float = 0.5  # of the logarithm of step sizes
-    accept: float = 0.75  # mean acceptance that the step size is steered to
-    delta: float = 0.5  # how far off the metric is taken, in widths of a solution
-    moved: float = 0.5  # until the mean squared distance, over that of independent points, is this
-    min_moves: int = 8  # with 3 most runs on four facets lost the truth
+    accept: float = 0.75  # target acceptance rate of the step size adaptation
+    delta: float = 0.5  # distance at which the metric is evaluated, in widths of a solution
+    moved: float = 0.5  # squared distance of a stage, over that of independent points
+    min_moves: int = 8  # with 3, most runs on four facets lost the true solution
     max_moves: int = 40
-    max_pool: int = 64  # draws from the prior, at most, over the chains
+    max_pool: int = 64  # maximum number of draws from the prior, over the number of chains
 
 
 @dataclass
 class Stage:
-    """One step of the path."""
+    """One step of the tempering schedule."""
 
     s: float
     num_moves: int
-    accept: float  # mean of the last moves
+    accept: float  # mean acceptance rate of the last moves
     step_size: float
     moved: float
-    log_evidence: float  # up to here
+    log_evidence: float  # up to this step
 
 
 @dataclass
 class Result:
-    """Equally weighted particles of the posterior, and how they came about.
+    """Equally weighted particles of the posterior, with diagnostics of the run.
 
     Attributes
     ----------
     z : (N, D)
-        N = n_particles × points on each chain, chain by chain.
+        N = n_particles × points on each chain, ordered by chain.
     log_likelihood : (N,)
     log_evidence : float
-        ln ∫ exp(−U) dz, with the U of the problem and the data as given.
+        ln ∫ exp(−U) dz, with the potential U of the problem and the given data.
     stages : list of Stage
-        Their s rises to 1.
+        In order of s, up to 1.
     reasons : list of Finding
-        Why not to trust it, in words; empty where nothing is wrong that the run itself can see.
+        Reasons not to trust the result; empty if the run detected no problem.
     """
 
     z: Floats
@@ -110,7 +112,7 @@ class Result:
 
     @property
     def acceptance(self) -> Floats:
-        """Of each stage, (K,)."""
+        """Acceptance rate of each stage, (K,)."""
         return np.array([s.accept for s in self.stages])
 
 
@@ -125,30 +127,31 @@ def run(
     workers: int = 2,
     progress: Silent | None = None,
 ) -> Result:
-    """The posterior of a problem from its prior. Same key, same numbers, whatever the workers.
+    """The posterior of a problem from its prior; results do not depend on the number of workers.
 
     Parameters
     ----------
     problem, data
-        Each stage is a power of `Epochs.information`: nothing is compiled twice.
+        Stages differ only in the values of `Epochs.information`, so programs compile only once.
     key : random key
     n_particles : int
-        Chains at each stage; the particles are all points that they pass.
+        Number of chains at each stage; the particles are all points of the chains.
     plan : Plan, optional
     mirror : (D, D), optional
-        A matrix that is its own inverse, under which the posterior is thought to be symmetric
-        (`lcbayes.inference.symmetry`): after each move half of the particles try their image.
+        A matrix that is its own inverse and an expected symmetry of the posterior
+        (`lcbayes.inference.symmetry`). A move to the mirror image is proposed for half of the
+        particles after each move.
     workers : int
-        Threads.
+        Number of threads.
     progress : Silent or Console
 
     Raises
     ------
     InputError
-        The model's likelihood does not follow `Epochs.information`, so it cannot be tempered; or
-        hardly any draw from its prior has any density.
+        If the likelihood of the model ignores `Epochs.information`, so that it cannot be tempered,
+        or if hardly any draw from its prior has a non-zero density.
     Collapse
-        No move is accepted any more, or no step can be taken.
+        If hardly any move is accepted, or if no further step is possible.
     """
     progress = progress or Silent()
     with threads(workers) as pool, progress.stage("tempering", 100, "%") as track:
@@ -156,7 +159,7 @@ def run(
 
 
 class _Run:
-    """The state of a run, from stage to stage."""
+    """State of a run."""
 
     def __init__(
         self,
@@ -215,7 +218,7 @@ class _Run:
         )
 
     def _first(self, key: jax.Array) -> tuple[Floats, Floats, Floats, float]:
-        """Draws from the prior, weighed by the model's factors, enough for n particles."""
+        """Draws from the prior, weighted by the model's factors, enough for n particles."""
         drawn, n_pool, wanted = [], 0, self.n * self.plan.crowd
         for i in range(self.plan.max_pool):
             parts = self._blocks(
@@ -248,7 +251,7 @@ class _Run:
         return z, log_likelihood, tempering.normalised(log_factors), log_evidence
 
     def _follows(self, z: Floats, log_likelihood: float) -> bool:
-        """Whether the model leaves its likelihood out where the data have no information."""
+        """Whether the likelihood of the model drops out if the data have no information."""
         ends = (self.path.at(self.data, 0.0), self.path.at(self.data, 1.0))
         without, whole = (
             self._blocks(lambda z, at=at: moves.start(self.problem, at, z), z[None]).potential[0]
@@ -259,7 +262,7 @@ class _Run:
     def _moved(
         self, key: jax.Array, s: float, z: Floats, log_evidence: float
     ) -> tuple[Floats, Floats]:
-        """Chains from z (n, D) at a step of the path: all points passed, chain by chain."""
+        """Chains from z (n, D) at one step of the schedule: all their points, ordered by chain."""
         plan, at = self.plan, self.path.at(self.data, s)
         state = self._blocks(lambda z: moves.start(self.problem, at, z), z)
         probes = np.linspace(0, len(z) - 1, min(PROBES, len(z))).astype(int)
@@ -310,7 +313,7 @@ class _Run:
         return points.reshape(-1, points.shape[-1]), reached.reshape(-1, reached.shape[-1])
 
     def _blocks(self, f: Callable[..., Any], *rows: Any) -> Any:
-        """f of rows, which have a common first axis, in blocks of one size on the threads."""
+        """f of rows, which share the first axis, in equal blocks on the threads."""
         n = len(jax.tree.leaves(rows)[0])
         size = -(-self.n // BLOCKS)
         index = np.resize(np.arange(n), (-(-n // size), size))
@@ -322,7 +325,7 @@ class _Run:
         return jax.tree.map(lambda *x: np.concatenate(x)[:n], *parts)
 
     def _tell(self) -> None:
-        """Progress as the share of the way."""
+        """Report the progress in per cent of s."""
         now = self.stages[-1]
         done = int(100 * now.s)
         self.track.advance(done - self.told, f"{now.accept:.0%} accepted")
@@ -330,21 +333,23 @@ class _Run:
 
 
 def _keys(key: jax.Array, n: int) -> NDArray[np.uint32]:
-    """The data of n keys from one: rows of an array of keys take a hundred times as long to get,
-    and one thread at a time."""
+    """The data of n keys split from one key, as integers.
+
+    Indexing an array of keys is a hundred times as slow and blocks the other threads.
+    """
     return np.asarray(jax.random.key_data(jax.random.split(key, n)))
 
 
 def _width(variance: Floats, z: Floats) -> Floats:
-    """Typical width of a solution (D,), of the variances (n, D) where they are any good."""
+    """Typical width of a solution (D,), from the valid ones of the variances (n, D)."""
     good = np.all(np.isfinite(variance) & (variance > 0), axis=1)
     return np.sqrt(np.median(variance[good], axis=0)) if good.any() else z.std(axis=0) + 1e-12
 
 
 def _moved_by(jump: Floats, information: Floats) -> float:
-    """Mean squared distance in a solution's own widths, over 2 D, that of independent points.
+    """Typical squared distance in widths of a solution, over 2 D, the value of independent points.
 
-    By the median, because points that change to another solution are far beyond its width.
+    The median is used, because points that move to another solution cover much larger distances.
     """
     distance = np.einsum("ni,nij,nj->n", jump, information, jump) / (2 * jump.shape[1])
     return float(np.median(np.nan_to_num(distance)))
@@ -352,7 +357,7 @@ def _moved_by(jump: Floats, information: Floats) -> float:
 
 @dataclass(frozen=True)
 class Runs:
-    """Independent runs: what agrees between them can be trusted, the spread is the error.
+    """Independent runs, whose scatter gives the error of the evidence.
 
     Attributes
     ----------
@@ -376,12 +381,12 @@ class Runs:
 
     @property
     def se(self) -> float:
-        """Of the mean over the runs."""
+        """Standard error of the mean over the runs."""
         return mean_evidence(self.log_evidences).se
 
 
 def mean_evidence(log_evidences: Floats) -> LogEvidence:
-    """ln of the mean evidence of runs (C,): each run's evidence, not its logarithm, is unbiased."""
+    """ln of the mean evidence of runs (C,); the evidence is unbiased, its logarithm is not."""
     n = len(log_evidences)
     value = tempering.log_sum(log_evidences) - float(np.log(n))
     return LogEvidence(value, float(np.std(log_evidences, ddof=1) / np.sqrt(n)))
@@ -395,7 +400,7 @@ def replicate(
     n_runs: int = 4,
     **options: Any,
 ) -> Runs:
-    """`run` with as many different keys, 2 at least; compiled once."""
+    """Independent runs with different keys, at least 2; compiled once."""
     if n_runs < 2:
         raise ValueError(f"n_runs is {n_runs}; a spread needs 2 or more")
     keys = jax.random.split(key, n_runs)

@@ -1,4 +1,4 @@
-"""From one step to the next: how far, what it adds to the evidence, and who goes on."""
+"""Steps of the tempering schedule: step size, weights and resampling."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def log_sum(x: Floats) -> float:
 
 
 def normalised(log_weights: Floats) -> Floats:
-    """The same weights with a sum of one; NaN counts as no weight."""
+    """Weights normalised to a sum of one; NaN counts as zero weight."""
     log_weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
     return log_weights - log_sum(log_weights)
 
@@ -24,7 +24,7 @@ def normalised(log_weights: Floats) -> Floats:
 def effective_share(log_weights: Floats, log_change: Floats) -> float:
     """Conditional effective sample size over sample size, (Σ W w)²/Σ W w², in (0, 1].
 
-    How unequal a change w makes particles of weights W, whatever these are.
+    It measures how much the incremental weights w of particles with weights W vary.
 
     References
     ----------
@@ -39,7 +39,7 @@ def effective_share(log_weights: Floats, log_change: Floats) -> float:
 
 
 def effective_number(log_weights: Floats) -> float:
-    """(Σ W)²/Σ W², of particles with weights W."""
+    """Effective sample size (Σ W)²/Σ W² of particles with weights W."""
     return float(np.exp(2 * log_sum(log_weights) - log_sum(2 * log_weights)))
 
 
@@ -50,17 +50,17 @@ def next_step(
     s: float,
     share: float,
 ) -> float:
-    """The s′ in (s, 1] at which the conditional effective share falls to ``share``, by bisection.
+    """The s′ in (s, 1] at which `effective_share` falls to ``share``, by bisection.
 
     Parameters
     ----------
     log_weights : (N,)
     log_likelihood : (N, K)
-        Of each particle, in parts.
+        Of each particle, split into K parts.
     powers
-        s -> (K,), of the parts; rising.
+        s -> (K,), the powers of the parts, which rise with s.
     s : float
-        Where the particles are.
+        Current position of the particles.
     """
     here = powers(s)
 
@@ -69,7 +69,8 @@ def next_step(
 
     if left(1.0) >= share:
         return 1.0
-    low, high = 0.0, 1.0 - s  # of the step, whose scale is not known: halve its log
+    # Limits of the step. Its scale is unknown, so the bisection is in its logarithm.
+    low, high = 0.0, 1.0 - s
     for _ in range(200):
         middle = np.sqrt(low * high) if low > 0 else 0.01 * high
         if left(s + middle) < share:
@@ -82,16 +83,17 @@ def next_step(
 
 
 def change(log_likelihood: Floats, by: Floats) -> Floats:
-    """Σₖ bₖ ℓₖ (N,), of powers that rise by b (K,); a part that does not rise does not count."""
+    """Σₖ bₖ ℓₖ (N,) for powers that rise by b (K,); only parts with bₖ > 0 are included."""
     return log_likelihood[:, by > 0] @ by[by > 0]
 
 
 def systematic(log_weights: Floats, n: int, uniform: float) -> NDArray[np.int64]:
-    """Indices (n,) of those that go on, each n W times to within one; in rising order.
+    """Indices (n,) of the particles drawn by systematic resampling, in increasing order.
 
-    Children of one parent stay neighbours from one step to the next, and so do the members
-    of a solution, all descending from the same few: a run of neighbours has its right number of
-    children to within one, so that the weights of solutions do not drift by chance.
+    A particle of weight W is drawn n W times, to within one. The offspring of a particle remain
+    neighbours in later steps, as do the members of a solution, which descend from few particles.
+    The number of offspring of any group of neighbours is also correct to within one, so that
+    resampling adds little noise to the weights of solutions.
 
     References
     ----------

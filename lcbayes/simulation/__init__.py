@@ -1,1 +1,1 @@
-"""Scenario files, simulated light curves, and what a campaign could tell."""
+"""Scenario files, simulated light curves and the observability of a campaign."""

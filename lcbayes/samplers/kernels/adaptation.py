@@ -1,16 +1,19 @@
-"""Warm-up: finds S, the step size, the number of steps and δ, then freezes them.
+"""Warm-up: adaptation of S, the step size, the number of steps and δ.
 
-Stretches, as fractions of the warm-up in ``EDGES``:
+The phases of the warm-up, as fractions of its length in ``EDGES``, are:
 
-- up to 0.35, S is estimated anew at the end of ever longer windows: the covariance of the draws,
-  shrunk towards the inverse of the mean information (or, without one, towards a small unit matrix);
-- from 0.35 to 0.85 the candidates δ take turns with long trajectories, of which every length is
-  judged (`Scores`), each δ with a step size of its own; from 0.5 on they are but twice as long as
-  the best so far;
-- then S is taken once more from all draws since 0.2, and the step size settles for the winner, the
-  number of steps following it: what was judged is the length in time, their product.
+- Up to 0.35, S is estimated at the end of increasingly long windows. It is the covariance of the
+  draws, shrunk towards the inverse of the mean information or, without a Fisher matrix, towards a
+  small multiple of the unit matrix.
+- From 0.35 to 0.85, the candidates for δ are compared in turn, each with a separate step size. The
+  trajectories are long, and every length along them is scored (`Scores`). From 0.5 on, the
+  trajectories are only twice as long as the best length so far.
+- After 0.85, S is estimated once more, from all draws since 0.2, and the step size is adapted for
+  the best δ. The number of steps changes with the step size such that their product, the
+  integration time, stays fixed.
 
-Step sizes follow the dual averaging of Hoffman & Gelman (2014, sec. 3.2).
+All of these are constant after the warm-up. Step sizes are adapted by the dual averaging of
+Hoffman & Gelman (2014, sec. 3.2).
 """
 
 from __future__ import annotations
@@ -26,16 +29,16 @@ from lcbayes.samplers.kernels import metric, trajectory
 from lcbayes.samplers.kernels.metric import Scale
 
 EDGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.85)
-COMPARE, NARROW, SETTLE = 3, 4, 5  # what begins at the later edges
-FIRST_STEPS = 4  # leapfrog steps while nothing is known yet
-FIRST_REACH = 24  # and when the comparison begins
-INFORM_EVERY = 4  # warm-up transitions from one information matrix for S to the next
-NEARLY = 0.8  # of the best efficiency: no worse than the noise of its estimate
-METRIC_COST = 3.0  # one Fisher matrix and its factor, in gradients
+COMPARE, NARROW, SETTLE = 3, 4, 5  # indices of the later edges, by the phase that begins there
+FIRST_STEPS = 4  # initial number of leapfrog steps
+FIRST_REACH = 24  # number of leapfrog steps when the comparison begins
+INFORM_EVERY = 4  # warm-up transitions per information matrix for S
+NEARLY = 0.8  # of the best efficiency; the difference is within the noise of the estimate
+METRIC_COST = 3.0  # cost of one Fisher matrix and its factorisation, in gradients
 
 
 class Params(NamedTuple):
-    """All that a transition rests on besides its state; constant once warm-up is over."""
+    """Parameters of a transition; constant after the warm-up."""
 
     step_size: jax.Array
     num_steps: jax.Array
@@ -58,7 +61,7 @@ class Steps(NamedTuple):
 
 
 def steps_at(log_step: jax.Array, n: int) -> Steps:
-    """Start anew at one step size for all n candidates."""
+    """Restart from the same step size for all n candidates."""
     at, zero = jnp.broadcast_to(log_step, (n,)), jnp.zeros(n)
     return Steps(at, at, zero, zero, at)
 
@@ -80,7 +83,7 @@ def steps_update(steps: Steps, k: jax.Array, accept: jax.Array, target: float) -
 
 
 class Running(NamedTuple):
-    """Mean and scatter of draws, and the sum of the information at them."""
+    """Running mean and scatter of the draws, and the sum of their information matrices."""
 
     n: jax.Array
     mean: jax.Array  # (D,)
@@ -95,7 +98,7 @@ def running(dim: int) -> Running:
 
 
 def running_add(r: Running, z: jax.Array) -> Running:
-    """One draw more (Welford)."""
+    """Add one draw (Welford's algorithm)."""
     n = r.n + 1
     before = z - r.mean
     mean = r.mean + before / n
@@ -103,7 +106,7 @@ def running_add(r: Running, z: jax.Array) -> Running:
 
 
 def running_inform(r: Running, information: jax.Array) -> Running:
-    """One information matrix more, unless it is not finite."""
+    """Add one information matrix if it is finite."""
     good = jnp.all(jnp.isfinite(information))
     return r._replace(
         n_information=r.n_information + good,
@@ -114,7 +117,7 @@ def running_inform(r: Running, information: jax.Array) -> Running:
 def _with(
     r: Running, z: jax.Array, i: jax.Array, fisher_fn: Callable[[jax.Array], jax.Array] | None
 ) -> Running:
-    """The draw of warm-up transition i, and now and then the information there."""
+    """Add the draw of warm-up transition i and, every `INFORM_EVERY`, its information matrix."""
     r = running_add(r, z)
     if fisher_fn is None:
         return r
@@ -123,10 +126,11 @@ def _with(
 
 
 def estimate(r: Running, old: Scale, correlation: float = 1.0) -> Scale:
-    """S of a window: the draws' covariance shrunk by D + 5 imagined draws from the prior guess.
+    """S of a window: the covariance of the draws, shrunk by D + 5 pseudo-draws from a prior guess.
 
-    Where draws hang together over ``correlation`` transitions, that many times as many.
-    The guess is the inverse of the mean information, or 10⁻³ I where there is none.
+    The number of pseudo-draws is multiplied by ``correlation``, the autocorrelation length of the
+    draws. The guess is the inverse of the mean information; without one, it is 10⁻³ I, with a
+    weight of 5.
     """
     dim = r.mean.shape[0]
     informed = r.n_information > 0
@@ -139,7 +143,7 @@ def estimate(r: Running, old: Scale, correlation: float = 1.0) -> Scale:
 
 
 class Scores(NamedTuple):
-    """Expected squared jumps, by candidate δ and number of steps, and the features' variances."""
+    """Sums for the expected squared jumps by δ and number of steps, and for feature variances."""
 
     jump: jax.Array  # (K, L, 2 D)
     count: jax.Array  # (K, L)
@@ -157,12 +161,12 @@ def scores(n: int, length: int, dim: int) -> Scores:
 
 
 def efficiency(s: Scores, cost: jax.Array) -> jax.Array:
-    """Smallest effective draws per gradient over all features, (K, L).
+    """Effective sample size per gradient, the minimum over all features, (K, L).
 
-    A chain whose feature has lag-one autocorrelation ρ = 1 − E[(f′ − f)²] / 2 var f is taken to be
-    of first order, so that a draw is worth (1 − ρ)/(1 + ρ). Variances count as no less than those
-    of a Gaussian with covariance S (1 and 2): a chain that has hardly moved would otherwise take
-    its short jumps for long ones.
+    Each feature is modelled as a first-order autoregressive process with lag-one autocorrelation
+    ρ = 1 − E[(f′ − f)²] / 2 var f, so that a draw counts as (1 − ρ)/(1 + ρ) effective draws. The
+    variances are at least those of a Gaussian with covariance S (1 and 2). Otherwise the short
+    jumps of a chain that has hardly moved would seem long relative to its variance.
     """
     n = jnp.maximum(jnp.sum(s.count[:, 0]), 1)
     variance = s.square / n - (s.total / n) ** 2
@@ -174,7 +178,7 @@ def efficiency(s: Scores, cost: jax.Array) -> jax.Array:
 
 
 class Tuning(NamedTuple):
-    """State of the warm-up; constant after it."""
+    """State of the adaptation; constant after the warm-up."""
 
     scale: Scale
     steps: Steps
@@ -182,19 +186,19 @@ class Tuning(NamedTuple):
     scores: Scores
     choice: jax.Array  # index of δ
     num_steps: jax.Array
-    time: jax.Array  # step size times number of steps, once it is chosen; 0 before
+    time: jax.Array  # step size times number of steps; 0 until it is chosen
 
 
 class Tuner(NamedTuple):
-    """The static choices of a warm-up.
+    """Static settings of the warm-up.
 
-    ``deltas`` are the candidates for δ, ``lengths`` those for the number of steps; a step size or
-    covariance that the user gave is not touched.
+    ``deltas`` are the candidates for δ, and ``lengths`` those for the number of steps. A step size
+    or covariance given by the user is not adapted.
     """
 
     deltas: tuple[float, ...]
     lengths: tuple[int, ...]
-    metric_cost: tuple[float, ...]  # of each δ, in gradients
+    metric_cost: tuple[float, ...]  # per transition for each δ, in gradients
     target: float
     step_size: float | None
     covariance: np.ndarray | None
@@ -204,7 +208,7 @@ class Tuner(NamedTuple):
         return max(self.lengths)
 
     def init(self, z: jax.Array, information: jax.Array | None) -> Tuning:
-        """Before the first transition, at z (D,)."""
+        """Initial state of the adaptation, at z (D,)."""
         dim = z.shape[0]
         scale = metric.unit_scale(z)
         if self.covariance is not None:
@@ -225,13 +229,13 @@ class Tuner(NamedTuple):
         )
 
     def params(self, t: Tuning) -> Params:
-        """What the sampling phase uses."""
+        """Parameters of the sampling phase."""
         step_size = jnp.exp(t.steps.average[t.choice])
         delta = jnp.asarray(self.deltas)[t.choice]
         return Params(step_size, self._num_steps(t, step_size), delta, t.scale)
 
     def trial(self, t: Tuning, i: jax.Array, num_warmup: jax.Array) -> tuple[jax.Array, Params]:
-        """Candidate and parameters of warm-up transition i."""
+        """Index of the candidate δ and parameters of warm-up transition i."""
         comparing = (i >= _edge(COMPARE, num_warmup)) & (i < _edge(SETTLE, num_warmup))
         k = jnp.where(comparing, i % len(self.deltas), t.choice)
         step_size = jnp.exp(t.steps.log_step[k])
@@ -239,7 +243,7 @@ class Tuner(NamedTuple):
         return k, Params(step_size, self._num_steps(t, step_size), delta, t.scale)
 
     def _num_steps(self, t: Tuning, step_size: jax.Array) -> jax.Array:
-        """Those that take the chosen time, once there is one."""
+        """Number of steps for the chosen integration time, if it has been chosen."""
         if len(self.lengths) == 1:
             return t.num_steps
         steps = jnp.round(t.time / step_size).astype(t.num_steps.dtype)
@@ -255,7 +259,7 @@ class Tuner(NamedTuple):
         info: trajectory.Info,
         fisher_fn: Callable[[jax.Array], jax.Array] | None,
     ) -> Tuning:
-        """After warm-up transition i with candidate k, which led to z."""
+        """The state after warm-up transition i, which reached z with candidate k."""
         edges = jnp.stack([_edge(j, num_warmup) for j in range(len(EDGES))])
         comparing = (i >= edges[COMPARE]) & (i < edges[SETTLE])
         if self.step_size is None:
@@ -281,13 +285,13 @@ class Tuner(NamedTuple):
         )
 
     def _turn(self, t: Tuning, done: jax.Array, edges: jax.Array) -> Tuning:
-        """At the end of a stretch: a new S, a new start of ε, and, after the trials, the winner."""
+        """End of a phase: update S, restart ε and, after the comparison, choose the best δ."""
         n = len(self.deltas)
         begins = partial(jnp.equal, done)
         scale = t.scale
         if self.covariance is None:
             new = estimate(t.running, t.scale)
-            # Within the comparison one S holds, by which all candidates are measured.
+            # S is constant during the comparison, so that all candidates share it.
             narrow = begins(edges[NARROW])
             scale = jax.tree.map(lambda a, b: jnp.where(narrow, a, b), t.scale, new)
         fresh = jax.tree.map(jnp.zeros_like, t.running)
@@ -300,8 +304,8 @@ class Tuner(NamedTuple):
         worth = efficiency(
             s._replace(jump=s.jump[:, lengths - 1], count=s.count[:, lengths - 1]), cost
         )
-        # Too long a trajectory costs a part of the gradients, too short a one the ballistic motion:
-        # among the candidates that are nearly the best, the longest.
+        # The longest of the nearly best candidates: a trajectory that is too long wastes some
+        # gradients, whereas one that is too short leads to a random walk.
         near = worth >= NEARLY * jnp.max(worth)
         best = jnp.unravel_index(jnp.argmax(jnp.where(near, lengths, 0)), worth.shape)
         length = lengths[best[1]]
@@ -327,10 +331,10 @@ def _edge(j: int, num_warmup: jax.Array) -> jax.Array:
 
 
 class Haario(NamedTuple):
-    """Warm-up of a random walk: S from all draws so far, at every transition; ε on the way.
+    """Warm-up of a random walk, which adapts S and ε at every transition.
 
-    S_n = covariance of the draws since a fifth of the transitions so far were over, shrunk as in
-    `estimate`; proposals ε² S with ε from 2.38/√D on.
+    S is the covariance of the draws since the last of the first three ``EDGES``, shrunk as in
+    `estimate`. The proposal covariance is ε² S, and ε starts from 2.38/√D.
     """
 
     target: float
@@ -359,13 +363,13 @@ class Haario(NamedTuple):
         info: trajectory.Info,
         fisher_fn: Callable[[jax.Array], jax.Array] | None,
     ) -> Tuning:
-        """Haario, Saksman & Tamminen (2001), eq. 1, the first draws forgotten at each edge."""
+        """Haario, Saksman & Tamminen (2001), eq. 1, with earlier draws discarded at each edge."""
         edges = jnp.stack([_edge(j, num_warmup) for j in range(3)])
         if self.step_size is None:
             t = t._replace(steps=steps_update(t.steps, k, info.accept_prob, self.target))
         t = t._replace(running=_with(t.running, z, i, fisher_fn))
         if self.covariance is None:
-            # A random walk needs some 3 D transitions for one independent draw.
+            # A random walk needs about 3 D transitions per independent draw.
             scale = estimate(t.running, t.scale, 3.0 * z.shape[0])
             enough = t.running.n > 2 * z.shape[0]
             scale = jax.tree.map(lambda a, b: jnp.where(enough, a, b), scale, t.scale)

@@ -1,17 +1,19 @@
-"""Fisher-adaptive Hamiltonian Monte Carlo: as published, and exact at the same cost.
+"""Fisher-adaptive Hamiltonian Monte Carlo: the published rule, and an exact one of equal cost.
 
-Published (Linares & Crassidis, sec. V): M = G(θ) for one proposal, accepted by eq. 22 as though
-the way back had the same mass. It has not, so the posterior is not left invariant.
+Published rule (Linares & Crassidis, sec. V): M = G(θ) for one proposal. The acceptance probability
+of eq. 22 assumes that the reverse move has the same mass matrix. It does not, so the rule does not
+leave the posterior invariant.
 
-Exact: the metric is taken at an auxiliary point φ that the move does not change.
+Exact rule: the metric is evaluated at an auxiliary point φ, which the move does not change.
 
 1. φ ~ N(θ, Σ), Σ = δ²S;  M = G(φ) + Σ⁻¹;  p ~ N(0, M).
 2. L leapfrog steps with that M on U_φ(θ) = U(θ) + ½ (θ − φ)ᵀΣ⁻¹(θ − φ).
 3. Accept with probability min{1, exp(H_φ(θ, p) − H_φ(θ′, p′))}.
 
-Step 1 is a Gibbs draw of (φ, p) from π(θ) N(φ; θ, Σ) N(p; 0, M(φ)), whose margin is the posterior;
-steps 2 and 3 leave that density invariant because, φ being held, ln det M(φ) is a constant. No
-derivative of G is needed, and G may jump. With δ = ∞ the metric is S⁻¹: HMC.
+Step 1 is a Gibbs draw of (φ, p) from π(θ) N(φ; θ, Σ) N(p; 0, M(φ)), whose marginal distribution is
+the posterior. Steps 2 and 3 leave this density invariant, because ln det M(φ) is constant at fixed
+φ. The rule needs no derivative of G, and G may be discontinuous. With δ = ∞ the metric is S⁻¹, as
+in HMC.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ def build_kernel(
 ):
     """kernel(key, state, params) -> (state, info).
 
-    Where G is singular or not finite, M = S⁻¹ + Σ⁻¹, a constant: the choice rests on φ alone, so
-    the rule stays exact.
+    If G is singular or not finite, M is the constant S⁻¹ + Σ⁻¹. This choice depends on φ alone, so
+    the rule remains exact.
 
     Parameters
     ----------
@@ -44,9 +46,9 @@ def build_kernel(
     fisher_fn
         G: z -> (D, D), Fisher information plus the prior's precision.
     exact
-        False: the published rule.
+        False selects the published rule.
     record_steps
-        Longest trajectory of which each length is judged, during warm-up; 0 for none.
+        Number of steps whose statistics are recorded during warm-up; 0 for none.
 
     References
     ----------

@@ -15,14 +15,14 @@ __all__ = ["build_kernel", "init"]
 def build_kernel(potential_fn: Callable[[jax.Array], jax.Array], record_steps: int = 0):
     """kernel(key, state, params) -> (state, info) that leaves exp(−U) invariant.
 
-    M⁻¹ = S, the covariance that warm-up froze; the step size is jittered.
+    M⁻¹ = S, the covariance from the warm-up; the step size is jittered.
 
     Parameters
     ----------
     potential_fn
         U: z (D,) -> scalar.
     record_steps
-        Longest trajectory of which each length is judged, during warm-up; 0 for none.
+        Number of steps whose statistics are recorded during warm-up; 0 for none.
     """
     value_and_grad = jax.value_and_grad(potential_fn)
 

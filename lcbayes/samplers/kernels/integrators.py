@@ -1,4 +1,4 @@
-"""Integrators of Hamilton's equations: reversible, volume-preserving, of second order."""
+"""Reversible, volume-preserving integrators of Hamilton's equations, of second order."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def leapfrog(
 
     References
     ----------
-    Linares & Crassidis, eq. 23; as a whitened momentum, this package's metric module.
+    Linares & Crassidis, eq. 23; for the whitened momentum, see `kernels.metric`.
     """
 
     def force(z, grad):
@@ -52,23 +52,23 @@ def leapfrog(
     return step
 
 
-TOLERANCE = 1e-9  # of an implicit step, in posterior widths as the metric measures them
-RETURN_TOLERANCE = 1e-6  # how near a reversed step must come to where it began
+TOLERANCE = 1e-9  # of an implicit step, in posterior widths according to the metric
+RETURN_TOLERANCE = 1e-6  # largest distance of a reversed step from its origin
 MAX_ITERATIONS = 40
 
 
 class Geometry(NamedTuple):
-    """The metric at a point, as the generalised leapfrog needs it."""
+    """The metric at a point, for the generalised leapfrog."""
 
     root: jax.Array  # (D, D), W with W Wᵀ = M⁻¹, triangular
     slope: jax.Array  # (D, D, D), slope[..., k] = ∂M/∂z_k
     log_det: jax.Array
-    good: jax.Array  # False where the frozen metric stands in
-    evaluations: jax.Array  # Fisher matrices so far along the trajectory
+    good: jax.Array  # False if the frozen metric is used instead
+    evaluations: jax.Array  # number of Fisher matrices so far along the trajectory
 
 
 class Manifold(NamedTuple):
-    """A metric M(z) and its geometry; the mass ``frozen`` where M is singular or not finite."""
+    """A metric M(z) and its geometry; ``frozen`` replaces M if it is singular or not finite."""
 
     mass_fn: Callable[[jax.Array], jax.Array]
     frozen: jax.Array  # (D, D)
@@ -79,7 +79,7 @@ class Manifold(NamedTuple):
     def at(self, z: jax.Array, evaluations: jax.Array) -> Geometry:
         root, good = metric.inverse_root(self.mass_fn(z), self.frozen)
         slope = jax.jacfwd(self.mass_fn)(z)
-        slope = jnp.where(good, slope, 0.0)  # there M is a constant
+        slope = jnp.where(good, slope, 0.0)  # the frozen metric is constant
         return Geometry(root, slope, metric.log_det(root), good, evaluations + 1 + z.shape[0])
 
     def energy(self, point: Point) -> jax.Array:
@@ -95,9 +95,9 @@ def generalised_leapfrog(
 
     p½ = p − ½ε ∂H/∂z(z, p½);  z′ = z + ½ε (M(z)⁻¹ + M(z′)⁻¹) p½;  p′ = p½ − ½ε ∂H/∂z(z′, p½).
 
-    The first two are solved by fixed-point iteration. A step is `solved` if both converged and if
-    the step from (z′, −p′) converges too and returns to (z, −p): only then is it an involution
-    that preserves volume, and only then may it be accepted.
+    The first two equations are solved by fixed-point iteration. A step is `solved` if both converge
+    and if the step from (z′, −p′) also converges and returns to (z, −p). Only then is the step a
+    volume-preserving involution that may be accepted.
 
     References
     ----------
@@ -113,7 +113,7 @@ def generalised_leapfrog(
         )
 
     def half_kick(geometry, grad, p, step_size):
-        """p½ and whether it was found; no Fisher matrix is needed, z being held."""
+        """p½ and whether the iteration converged; z is fixed, so no Fisher matrix is needed."""
 
         def once(half):
             return p - 0.5 * step_size * force(geometry, grad, half)
@@ -122,7 +122,7 @@ def generalised_leapfrog(
         return half, found
 
     def drift(geometry, z, half, step_size):
-        """z′, whether it was found, and the Fisher matrices it took."""
+        """z′, whether the iteration converged, and the number of Fisher matrices computed."""
         here = geometry.root @ (geometry.root.T @ half)
 
         def once(other):
@@ -159,7 +159,7 @@ def generalised_leapfrog(
 
 
 def _forward(root: jax.Array, d: jax.Array) -> jax.Array:
-    """W⁻¹ d: a shift in widths of the metric. W is upper triangular."""
+    """W⁻¹ d, a shift in units of the metric's widths. W is upper triangular."""
     return solve_triangular(root, d, lower=False)
 
 
@@ -173,7 +173,7 @@ def _fixed_point(
     start: jax.Array,
     length: Callable[[jax.Array], jax.Array],
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """x = once(x) by iteration from ``start``: x, whether it converged, and the iterations."""
+    """Solution of x = once(x) from ``start``, whether it converged, and the iteration count."""
 
     def going(carry):
         n, _, size = carry

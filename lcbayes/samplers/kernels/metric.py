@@ -1,7 +1,7 @@
-"""Mass matrices by an inverse root W, M⁻¹ = W Wᵀ, and momenta whitened by it.
+"""Mass matrices M, represented by W with M⁻¹ = W Wᵀ, and whitened momenta.
 
-With p = W⁻ᵀ v the momentum v is standard normal, the kinetic energy is ½ vᵀv and the velocity M⁻¹p
-is W v: after one factorisation every step costs two products of matrix and vector, no solve.
+With p = W⁻ᵀ v, the momentum v is standard normal, the kinetic energy is ½ vᵀv and the velocity M⁻¹p
+is W v. After one factorisation, each step costs two matrix-vector products and no linear solve.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from lcbayes.core.jax_setup import jax, jnp
 
 
 class Scale(NamedTuple):
-    """Centre and covariance S = R Rᵀ of the posterior as warm-up saw it."""
+    """Mean and covariance S = R Rᵀ of the posterior, estimated during warm-up."""
 
     mean: jax.Array  # (D,)
-    root: jax.Array  # (D, D), R: lower triangular, of S
+    root: jax.Array  # (D, D), R: Cholesky factor of S
     white: jax.Array  # (D, D), R⁻¹
 
     @property
@@ -27,7 +27,7 @@ class Scale(NamedTuple):
 
 
 def scale_of(mean: jax.Array, covariance: jax.Array, fallback: Scale) -> Scale:
-    """The scale of a covariance (D, D); ``fallback`` where it is not positive definite."""
+    """The scale of a covariance (D, D), or ``fallback`` if it is not positive definite."""
     root = jnp.linalg.cholesky(_symmetric(covariance))
     white = solve_triangular(root, jnp.eye(root.shape[0]), lower=True)
     good = _finite(white) & _finite(covariance) & _finite(mean)
@@ -41,11 +41,11 @@ def unit_scale(mean: jax.Array) -> Scale:
 
 
 def inverse_root(mass: jax.Array, fallback: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """W (D, D) with W Wᵀ = M⁻¹, and whether M allowed it; W of ``fallback``, a mass, where not.
+    """W (D, D) with W Wᵀ = M⁻¹, and whether M is usable; otherwise W of the mass ``fallback``.
 
-    A matrix that is singular has no Cholesky factor, or one whose inverse is not finite; one that
-    is infinite has an inverse of zero, along which nothing would ever move. None of these may stop
-    a chain, so the caller names a mass that is always good.
+    A singular matrix has no Cholesky factor, or one whose inverse is not finite. The inverse of an
+    infinite matrix is zero, and a chain would not move along it. The caller therefore provides a
+    valid mass matrix for such cases.
     """
     eye = jnp.eye(mass.shape[0])
 

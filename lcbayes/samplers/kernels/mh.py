@@ -12,7 +12,7 @@ __all__ = ["build_kernel", "init"]
 
 
 def init(z: jax.Array, potential_fn: Callable[[jax.Array], jax.Array]) -> State:
-    """The state of a chain at z (D,); no gradient is taken."""
+    """The state of a chain at z (D,), without the gradient."""
     return State(z, potential_fn(z), jnp.zeros_like(z))
 
 

@@ -1,4 +1,4 @@
-"""The samplers as NumPyro kernels: all four chain methods of one state."""
+"""The four MCMC samplers as NumPyro kernels with a common state."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.kernels import adaptation, ahmc, hmc, mh, rmhmc
 from lcbayes.samplers.kernels.trajectory import Info, State
 
-STARTS = 10  # prior draws of which a chain starts at the best
-MIN_RELATIVE_ACCEPTANCE = 0.05  # mean acceptance over its target; below, a chain is stuck
+STARTS = 10  # number of prior draws, the best of which starts a chain
+MIN_RELATIVE_ACCEPTANCE = 0.05  # acceptance rate over its target, below which a chain is stuck
 
 
 class KernelState(NamedTuple):
-    """A chain: NumPyro's fields, and what warm-up found. All arrays, so it can be stored."""
+    """State of a chain: the fields of NumPyro and the adaptation, all as arrays for storage."""
 
-    i: jax.Array  # transitions so far, warm-up counted
-    z: Any  # unconstrained, as the potential takes it
+    i: jax.Array  # transitions so far, including warm-up
+    z: Any  # unconstrained, in the form that the potential takes
     z_grad: jax.Array  # (D,)
     potential_energy: jax.Array
     energy: jax.Array
@@ -45,20 +45,20 @@ class KernelState(NamedTuple):
 
 
 class Target(NamedTuple):
-    """The posterior over flat vectors."""
+    """The posterior as a function of flat vectors."""
 
     potential: Callable[[jax.Array], jax.Array]
     fisher: Callable[[jax.Array], jax.Array] | None
     unravel: Callable[[jax.Array], Any]
 
     def metric(self, z: jax.Array) -> jax.Array:
-        """The Fisher information, of kernels that were made with one."""
+        """The Fisher information, for kernels that require it."""
         assert self.fisher is not None
         return self.fisher(z)
 
 
 class Kernel(MCMCKernel):
-    """What the four kernels share.
+    """Base class of the four kernels.
 
     Parameters
     ----------
@@ -66,25 +66,26 @@ class Kernel(MCMCKernel):
         A model of this package, called as ``model(data)``. The state is then a dict of
         unconstrained sites.
     potential_fn
-        Instead of a model: U(z, *model_args), −ln of the density; z any pytree.
+        Alternative to a model: U(z, *model_args), −ln of the density, with z any pytree.
     fisher_fn
         G(z, *model_args) -> (D, D) in the order of ``ravel_pytree(z)``: Fisher information plus
         the prior's precision.
     step_size, num_steps
-        Found during warm-up unless given.
+        Adapted during warm-up unless given.
     covariance
-        S (D, D), found during warm-up unless given. Without warm-up: the unit matrix.
+        S (D, D), adapted during warm-up unless given. Without warm-up, the default is the unit
+        matrix.
     target_accept_prob
-        What the step size is adapted to.
+        Target acceptance rate of the step size adaptation.
 
     Raises
     ------
     InputError
-        When the arguments do not fit together.
+        If the arguments are invalid or inconsistent.
     """
 
-    # NumPyro calls init before it goes on from a stored state unless this is set; nothing here
-    # needs it, since `sample` is a function of the state and the model's arguments alone.
+    # Unless this is set, NumPyro calls init before it continues from a stored state. This is not
+    # necessary, because `sample` depends only on the state and the model's arguments.
     _sample_fn = "sample"
     _deltas: tuple[float, ...] = (np.inf,)
     _lengths: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -148,7 +149,7 @@ class Kernel(MCMCKernel):
     def init(
         self, rng_key, num_warmup, init_params=None, model_args=(), model_kwargs=None
     ) -> KernelState:
-        """State before the first transition; a batch of keys makes a batch of states."""
+        """State before the first transition; a batch of keys gives a batch of states."""
         if num_warmup == 0 and (self._tuner.step_size is None or self._num_steps is None):
             given = {"step_size": self._step_size, "num_steps": self._num_steps}
             lacking = " and ".join(k for k, v in given.items() if v is None)
@@ -200,14 +201,14 @@ class Kernel(MCMCKernel):
         )
 
     def sample(self, state: KernelState, model_args, model_kwargs) -> KernelState:
-        """One transition of one chain, or of a batch of chains in step."""
+        """One transition of one chain, or of each chain in a batch."""
         batch = not is_prng_key(state.rng_key)
         z = jax.tree.map(lambda x: x[0], state.z) if batch else state.z
         target = self._target(z, model_args, model_kwargs or {})
         warm, draw = partial(self._warm, target=target), partial(self._draw, target=target)
         if not batch:
             return jax.lax.cond(state.i < state.num_warmup, warm, draw, state)
-        # One predicate for all: under vmap a condition would pay for both sides.
+        # One predicate for all chains, because a condition under vmap evaluates both branches.
         warming = state.i[0] < state.num_warmup[0]
         return jax.lax.cond(warming, jax.vmap(warm), jax.vmap(draw), state)
 
@@ -224,7 +225,7 @@ class Kernel(MCMCKernel):
             info,
             target.fisher,
         )
-        # What warm-up found shows at its end.
+        # The state reports the currently adapted step size.
         return new._replace(adapt_state=tuning, step_size=self._tuner.params(tuning).step_size)
 
     def _draw(self, state: KernelState, *, target: Target) -> KernelState:
@@ -236,7 +237,7 @@ class Kernel(MCMCKernel):
         inner = State(ravel_pytree(state.z)[0], state.potential_energy, state.z_grad)
         inner, info = self._build(target, record)(key, inner, params)
         n = state.i + 1 - jnp.where(state.i < state.num_warmup, 0, state.num_warmup)
-        fresh = n == 1  # counts start anew with the sampling phase
+        fresh = n == 1  # the sampling phase resets the counts
         mean = jnp.where(fresh, 0.0, state.mean_accept_prob)
         state = state._replace(
             i=state.i + 1,
@@ -257,7 +258,7 @@ class Kernel(MCMCKernel):
         return state, info
 
     def _problem(self, args: tuple, kwargs: dict) -> Problem:
-        """Made anew for each trace: nothing traced may outlive its trace on this object."""
+        """A new problem for each trace, because traced values must not outlive their trace."""
         assert self.model is not None
         with jax.ensure_compile_time_eval():
             return Problem(partial(self.model, **kwargs), *args)
@@ -280,14 +281,14 @@ class Kernel(MCMCKernel):
         )
 
     def postprocess_fn(self, model_args, model_kwargs):
-        """From unconstrained sites to every site of the model; without a model, nothing."""
+        """Map from unconstrained sites to all sites of the model; identity without a model."""
         if self.model is None:
             return lambda z: z
         problem = self._problem(model_args, model_kwargs or {})
         return lambda z: problem.constrain(ravel_pytree(z)[0], *model_args)
 
     def get_diagnostics_str(self, state: KernelState) -> str:
-        """For a progress bar."""
+        """Text for a progress bar."""
         text = (
             f"{int(state.num_steps)} steps of size {float(state.step_size):.2e}. "
             f"acc. prob={float(state.mean_accept_prob):.2f}"
@@ -295,7 +296,7 @@ class Kernel(MCMCKernel):
         return f"{text}. {self._faults(state)}" if self._faults(state) else text
 
     def describe(self, state: KernelState) -> str:
-        """In words: what warm-up chose, chain by chain where the chains differ; and any fault."""
+        """Text with the adapted parameters, for each chain if they differ, and any problems."""
         if np.ndim(state.i):
             n = len(np.asarray(state.i))
             each = [self.describe(jax.tree.map(lambda x, c=c: x[c], state)) for c in range(n)]
@@ -329,7 +330,7 @@ class Kernel(MCMCKernel):
 class MetropolisHastings(Kernel):
     """Random walk with Haario's adaptive covariance, frozen after warm-up.
 
-    θ′ ~ N(θ, ε² S); ε from 2.38/√D on, adapted to an acceptance of 0.234.
+    θ′ ~ N(θ, ε² S); ε starts at 2.38/√D and is adapted to an acceptance rate of 0.234.
     """
 
     def __init__(
@@ -369,10 +370,10 @@ class HMC(Kernel):
 
 
 class RMHMC(Kernel):
-    """Riemannian manifold HMC: the Fisher information moves along, by implicit steps.
+    """Riemannian manifold HMC: the metric is the local Fisher information; steps are implicit.
 
-    Every step takes its Fisher matrix a dozen times and its derivative once; steps that do not
-    converge or do not reverse are counted (``num_failed``) and rejected.
+    Each step requires about a dozen Fisher matrices and one derivative. Transitions with steps that
+    do not converge or are not reversible are counted (``num_failed``) and rejected.
     """
 
     _lengths = (1, 2, 3, 4, 6, 8)
@@ -395,8 +396,8 @@ class AHMC(Kernel):
     Parameters
     ----------
     proposal_scale
-        δ of Σ = δ²S, the width of φ about θ; found during warm-up unless given; inf for a constant
-        metric.
+        δ of Σ = δ²S, the width of φ about θ, adapted during warm-up unless given. It is inf for a
+        constant metric.
     """
 
     _deltas = (0.5, 1.0, np.inf)
@@ -433,7 +434,7 @@ class AHMC(Kernel):
         return ahmc.build_kernel(target.potential, target.metric, self._exact, record_steps)
 
     def proposal_scale(self, state: KernelState) -> float:
-        """δ that the warm-up of a chain settled on; inf for a constant metric."""
+        """δ chosen in the warm-up of a chain; inf for a constant metric."""
         return float(self._tuner.params(state.adapt_state).delta)
 
     def _words(self, params):

@@ -1,4 +1,4 @@
-"""Riemannian manifold HMC: the Fisher information as a metric that moves along (sec. V)."""
+"""Riemannian manifold HMC with the local Fisher information as metric (sec. V)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def build_kernel(
 ):
     """kernel(key, state, params) -> (state, info) that leaves exp(−U) invariant.
 
-    p ~ N(0, G(θ)); L steps of the generalised leapfrog on H = U + ½ ln det G + ½ pᵀG⁻¹p; accepted
-    with probability min{1, exp(H − H′)}, and never when an implicit step did not converge or its
-    reverse would not. Where G is singular or not finite the metric is S⁻¹, frozen.
+    p ~ N(0, G(θ)), then L steps of the generalised leapfrog on H = U + ½ ln det G + ½ pᵀG⁻¹p. The
+    acceptance probability is min{1, exp(H − H′)}, or zero if an implicit step or its reverse does
+    not converge. If G is singular or not finite, the metric is the constant S⁻¹.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def build_kernel(
     fisher_fn
         G: z -> (D, D), differentiable: Fisher information plus the prior's precision.
     record_steps
-        Longest trajectory of which each length is judged, during warm-up; 0 for none.
+        Number of steps whose statistics are recorded during warm-up; 0 for none.
 
     References
     ----------
     Linares & Crassidis, eq. 26; Girolami & Calderhead (2011), JRSS B 73, 123; for the check of the
-    reverse step Brofos & Lederman (2021), arXiv:2102.07139.
+    reverse step, Brofos & Lederman (2021), arXiv:2102.07139.
     """
     value_and_grad = jax.value_and_grad(potential_fn)
 

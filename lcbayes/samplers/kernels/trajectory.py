@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 from lcbayes.core.jax_setup import jax, jnp
 
-MAX_ENERGY_ERROR = 1000.0  # nats: beyond it a trajectory counts as divergent, as in Stan
+MAX_ENERGY_ERROR = 1000.0  # nats: a trajectory with a larger error is divergent, as in Stan
 JITTER = 0.2  # relative half-width of the uniform jitter of the step size
 
 
 class State(NamedTuple):
-    """Where a chain stands."""
+    """Current point of a chain."""
 
     z: jax.Array  # (D,)
     potential: jax.Array
@@ -20,19 +20,19 @@ class State(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What each length of a trajectory would have been worth; filled during warm-up only."""
+    """Acceptance and jumps for each length of a trajectory; filled during warm-up only."""
 
     accept: jax.Array  # (L,) acceptance probability after l + 1 steps
     jump: jax.Array  # (L, K) acceptance times squared jump of each feature
 
 
 class Info(NamedTuple):
-    """What one transition did."""
+    """Statistics of one transition."""
 
     accept_prob: jax.Array
     diverging: jax.Array  # energy error above MAX_ENERGY_ERROR, or not finite
-    failed: jax.Array  # an implicit step did not converge, or its reverse would not
-    fallback: jax.Array  # the metric was singular or not finite: the frozen one was taken
+    failed: jax.Array  # an implicit step or its reverse did not converge
+    fallback: jax.Array  # the metric was singular or not finite, and the frozen one was used
     energy: jax.Array
     num_steps: jax.Array  # gradients of the potential
     num_metric: jax.Array  # Fisher matrices; a derivative along one direction counts as one
@@ -47,11 +47,11 @@ class Point(NamedTuple):
     potential: jax.Array
     grad: jax.Array  # (D,) of the potential alone
     solved: jax.Array  # False once an implicit step has failed
-    extra: Any = ()  # what an integrator carries from step to step
+    extra: Any = ()  # data that an integrator passes from step to step
 
 
 class Dynamics(NamedTuple):
-    """An integrator step(point, ε) -> point, and the energy(point) that it conserves."""
+    """An integrator step(point, ε) -> point and the conserved energy(point)."""
 
     step: Callable[[Point, jax.Array], Point]
     energy: Callable[[Point], jax.Array]
@@ -63,12 +63,12 @@ def init(z: jax.Array, potential_fn: Callable[[jax.Array], jax.Array]) -> State:
 
 
 def jittered(key: jax.Array, step_size: jax.Array) -> jax.Array:
-    """ε (1 + 0.2 u), u ~ U(−1, 1): drawn apart from the state, so it leaves the rule exact."""
+    """ε (1 + 0.2 u), u ~ U(−1, 1), independent of the state, so that the rule remains exact."""
     return step_size * (1 + JITTER * jax.random.uniform(key, minval=-1.0, maxval=1.0))
 
 
 def features(z: jax.Array, mean: jax.Array, sd: jax.Array) -> jax.Array:
-    """Standardised coordinates and their squares, (2 D,): what is to mix."""
+    """Standardised coordinates and their squares, (2 D,), by which mixing is measured."""
     y = (z - mean) / sd
     return jnp.concatenate([y, y * y])
 
@@ -82,10 +82,10 @@ def run(
     feature_fn: Callable[[jax.Array], jax.Array] | None = None,
     record_steps: int = 0,
 ) -> tuple[Point, Info, Point]:
-    """L steps, then accept with probability min{1, exp(H − H′)}: the point, info, the far end.
+    """L steps, accepted with probability min{1, exp(H − H′)}: new point, info and end point.
 
-    A trajectory ends early, and is rejected, where the energy is not finite or an implicit step
-    fails: the reverse trajectory would meet the same point, so detailed balance holds.
+    A trajectory stops early and is rejected if the energy is not finite or an implicit step fails.
+    The reverse trajectory would reach the same point, so detailed balance holds.
     """
     before = dynamics.energy(start)
     first = feature_fn(start.z) if feature_fn else jnp.zeros(0)

@@ -1,8 +1,8 @@
-"""What a light curve can tell before it is taken: information, its limits, and when to look.
+"""Observability of a planned light curve: Fisher information, its limits, and scheduling.
 
-`measurements`: what each measurement says of the attitude. `parameters`, `campaign`: what all of
-them say together of attitude, spin, facets and surface. `trades`: what they leave open, in words.
-`linearity`: how far the bounds may be believed. `planning`: which measurements to take next;
-`campaign_plan`, `targets`: those of a scenario, given its priors or an earlier fit.
-`summary`: the numbers of all of it, and in words.
+`measurements`: information of each measurement on the attitude. `parameters`, `campaign`:
+information of all measurements on attitude, spin, facets and surface. `trades`: unconstrained
+combinations of parameters, in words. `linearity`: validity of the bounds. `planning`: choice of the
+next measurements; `campaign_plan`, `targets`: the same for a scenario, given its priors or an
+earlier fit. `summary`: the results as numbers and in words.
 """

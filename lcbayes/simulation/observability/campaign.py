@@ -1,4 +1,4 @@
-"""What all measurements of a campaign say together: Fisher information and the bound it sets."""
+"""Fisher information of all measurements of a campaign, and the Cramér-Rao bound."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from lcbayes.simulation.observability.parameters import Unknowns
 
 Floats = NDArray[np.float64]
 
-# Below this share of the largest eigenvalue of the scaled information a combination counts as
-# not seen at all: 1e-11 of the largest singular value of the Jacobian, of which rounding reaches
-# 1e-14. (The information matrix itself, formed and decomposed, would not show what is below 1e-15.)
+# A combination whose eigenvalue of the scaled information is below this share of the largest one is
+# unobservable. The limit corresponds to 1e-11 of the largest singular value of the Jacobian, well
+# above its rounding errors of 1e-14. A decomposition of the information matrix itself would only
+# resolve eigenvalues above 1e-15 of the largest.
 NOTHING = 1e-22
-_TANGENTS = 5_000_000  # epochs x facets x parameters at a time, so that memory stays bounded
+_TANGENTS = 5_000_000  # epochs x facets x parameters at a time, to limit the memory
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """The information of a campaign on the unknowns θ, at the scenario's own values.
+    """The information of a campaign on the unknowns θ, at the values of the scenario.
 
     Attributes
     ----------
     unknowns : Unknowns
     jacobian : (T, P)
-        ∂(clean flux)/∂θ over the standard deviation of the flux: dimensionless per unit of θ.
+        ∂(clean flux)/∂θ over the standard deviation of the flux, per unit of θ.
     """
 
     unknowns: Unknowns
@@ -37,17 +38,17 @@ class Campaign:
 
     @property
     def fisher(self) -> Floats:
-        """F = Σₜ (∂f/∂θ)(∂f/∂θ)ᵀ/σ², (P, P); of the measurements alone (Hinks 16)."""
+        """F = Σₜ (∂f/∂θ)(∂f/∂θ)ᵀ/σ², (P, P), of the measurements without the prior (Hinks 16)."""
         return self.jacobian.T @ self.jacobian
 
     @property
     def bound(self) -> Floats:
-        """Cramér-Rao bound √(F⁻¹)ᵢᵢ of each parameter, (P,); ∞ where the data leave it open."""
+        """Cramér-Rao bound √(F⁻¹)ᵢᵢ of each parameter, (P,); ∞ if the data do not constrain it."""
         return bound(self.jacobian)
 
     @property
     def bound_with_prior(self) -> Floats:
-        """The same with the prior's precision added: √((F + Π)⁻¹)ᵢᵢ, always finite.
+        """Bound √((F + Π)⁻¹)ᵢᵢ, with the precision Π of the prior included; always finite.
 
         References
         ----------
@@ -61,9 +62,9 @@ class Campaign:
 
 
 def bound(jacobian: Floats) -> Floats:
-    """√diag (JᵀJ)⁻¹ by singular values, ∞ for what has a part in the nullspace, (P,)."""
+    """√diag (JᵀJ)⁻¹ by singular values, (P,); ∞ for components in the nullspace."""
     scale = np.linalg.norm(jacobian, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)  # columns of one length: the units are many
+    scale = np.where(scale > 0.0, scale, 1.0)  # normalises the columns, which have different units
     _, values, rows = np.linalg.svd(jacobian / scale, full_matrices=True)
     kept = np.zeros(jacobian.shape[1])
     kept[: len(values)] = values
@@ -75,7 +76,7 @@ def bound(jacobian: Floats) -> Floats:
 
 
 def campaign(unknowns: Unknowns, measured: Measurements) -> Campaign:
-    """Derivatives of every measurement by every unknown, forward through the whole model."""
+    """Derivatives of every measurement with respect to every unknown, in forward mode."""
     curve = measured.curve
     facets, size = len(unknowns.scenario.body.areas), len(unknowns.parameters)
     step = max(1, _TANGENTS // (facets * size))
@@ -89,7 +90,7 @@ def campaign(unknowns: Unknowns, measured: Measurements) -> Campaign:
 def flux_weight(measured: Measurements) -> Floats:
     """One over the standard deviation of the flux at unit distance, 1/m², (T,)."""
     sd = np.asarray(measured.curve.error)
-    if measured.curve.kind == "mag":  # of a flux that is as well known as the magnitude
+    if measured.curve.kind == "mag":  # flux with the same relative error as the magnitude
         return MAGNITUDE_PER_NEPER / (measured.flux * sd)
     return measured.unit / sd
 

@@ -1,4 +1,4 @@
-"""The next measurements of a scenario: what can be taken, what is known, and the best schedule."""
+"""The best schedule for the next measurements of a scenario."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plan:
-    """The schedule and what it is to be compared with.
+    """The schedule and the schedules with which it is compared.
 
     Attributes
     ----------
     target : Target
     criterion : "A" or "D"
     visits : rows of the light curve of each candidate visit
-    schedule, even : of the same number of visits; ``even`` at equal steps
-    sites : best schedule of each site alone, where there are several
-    even_needed : visits at equal steps that reach the schedule's error, None if all do not
+    schedule, even : best schedule, and one of as many visits at equal steps
+    sites : best schedule of each site alone, if there are several sites
+    even_needed : number of visits at equal steps that reach the error of ``schedule``, or None
     """
 
     target: Target
@@ -43,12 +43,12 @@ class Plan:
 
 
 def usable(scenario: Scenario) -> tuple[Scenario, list[str]]:
-    """The scenario without the passes in which nothing can be observed, and why not.
+    """The scenario without its unobservable passes, and the reasons for their removal.
 
     Raises
     ------
     InputError
-        None can.
+        If no pass is observable.
     """
     geometry = scenario.geometry
     if not isinstance(geometry, Orbit):
@@ -66,7 +66,7 @@ def usable(scenario: Scenario) -> tuple[Scenario, list[str]]:
 
 
 def visits(curve: LightCurve, length_s: float) -> list[NDArray[np.intp]]:
-    """Candidate visits: the points of one site within ``length_s``; where it is 0, one each."""
+    """Candidate visits: points of one site within ``length_s``, or single points if it is 0."""
     if length_s <= 0.0:
         return [np.array([i]) for i in range(curve.n_obs)]
     site = np.unique(curve.site, return_inverse=True)[1]
@@ -76,7 +76,7 @@ def visits(curve: LightCurve, length_s: float) -> list[NDArray[np.intp]]:
 
 
 def from_prior(found: Campaign, target: str) -> tuple[Floats, Target]:
-    """Factors of the measurements (1, T, S) and of the target before anything was measured."""
+    """Factors of the measurements (1, T, S) and of the target, given only the prior."""
     return (found.jacobian * found.unknowns.prior_sd)[None], of_unknowns(found.unknowns, target)
 
 
@@ -89,7 +89,7 @@ def plan(
     criterion: str = "A",
     visit_s: float = 0.0,
 ) -> Plan:
-    """The n visits that tell most about a target, against an even schedule and single sites.
+    """The n most informative visits for a target, with an even schedule and single sites.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ def plan(
     curve : LightCurve
         The epochs that can be observed.
     n : int
-        Visits.
+        Number of visits.
     visit_s : float
-        Length of a visit; 0: single measurements.
+        Length of a visit; 0 for single measurements.
     """
     groups = visits(curve, visit_s)
     if not 0 < n <= len(groups):
@@ -130,7 +130,7 @@ def plan(
 
 
 def _even_needed(stacked: Floats, targets: Floats, wanted: float, n: int) -> int | None:
-    """Least number of visits at equal steps, from n on, that reaches an error."""
+    """Smallest number of visits at equal steps, at least n, that reaches an error."""
     for count in range(n, stacked.shape[1] + 1):
         if planning.sd_after(stacked, targets, planning.even(stacked.shape[1], count)) <= wanted:
             return count
@@ -138,7 +138,7 @@ def _even_needed(stacked: Floats, targets: Floats, wanted: float, n: int) -> int
 
 
 def _stacked(factor: Floats, groups: list[NDArray[np.intp]]) -> Floats:
-    """(K, G, k, S), short visits filled up with rows of zeros."""
+    """Factors by visit (K, G, k, S); short visits are padded with rows of zeros."""
     out = np.zeros((len(factor), len(groups), max(map(len, groups)), factor.shape[2]))
     for g, rows in enumerate(groups):
         out[:, g, : len(rows)] = factor[:, rows]

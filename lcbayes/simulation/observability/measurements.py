@@ -1,4 +1,4 @@
-"""What each measurement of a scenario says of the attitude, by itself."""
+"""Information of each single measurement of a scenario on the attitude."""
 
 from __future__ import annotations
 
@@ -29,30 +29,31 @@ CHUNK = 2_000_000  # facet-geometries at a time
 
 @dataclass(frozen=True)
 class Measurements:
-    """The light curve a scenario would give, without noise, and what each point is worth.
+    """The predicted light curve of a scenario without noise, and the information of each point.
 
     Attributes
     ----------
     curve : LightCurve
-        Epochs, geometry and, as `error`, the standard deviation of each point.
+        Epochs, geometry and, in `error`, the standard deviation of each point.
     clean : (T,)
         Brightness in the curve's unit, without noise.
     flux : (T,) m²
         At unit distance under unit irradiance.
     unit : (T,)
-        What ``flux`` is multiplied by for the curve's fluxes: Φ/r² (W/m² per m²) or 1, times the
-        sunlight that reaches the body.
+        Factor from ``flux`` to the fluxes of the curve: Φ/r² (W/m² per m²) or 1, times the fraction
+        of sunlight that reaches the body.
     mag, mag_err : (T,)
-        Apparent magnitude where the range is known, else −2.5 log₁₀(flux); NaN where dark.
+        Apparent magnitude if the range is known, otherwise −2.5 log₁₀(flux), and its standard
+        deviation; NaN if dark.
     mag_gradient : (T, 3) mag/rad
-        ∂m/∂δα, body frame, Hinks' sign (`physics.sensitivity`).
+        ∂m/∂δα, body frame, with the sign of Hinks (`physics.sensitivity`).
     flux_gradient : (T, 3)
         ∂(clean flux)/∂δα, the flux in the curve's unit.
     information : (T,) 1/rad²
-        |∂m/∂δα|²/σ_m², the one eigenvalue of the Fisher information that is not zero; the same
-        for fluxes.
+        |∂m/∂δα|²/σ_m², the only non-zero eigenvalue of the Fisher information; identical for
+        fluxes.
     nullspace : (T, 2, 3)
-        Attitude errors that the point does not see, Hinks (20) for one isotropic facet.
+        Attitude errors to which the point is insensitive, Hinks (20) for one isotropic facet.
     sun_body, obs_body : (T, 3)
     """
 
@@ -76,12 +77,13 @@ class Measurements:
 
 
 def measure(scenario: Scenario) -> Measurements:
-    """Every point of a scenario's campaign.
+    """The measurements of a scenario's campaign.
 
     Raises
     ------
     InputError
-        As `simulate.simulate`; or the attitude follows the orbit, or parts shade one another.
+        As for `simulate.simulate`; also if the attitude follows the orbit or if parts cast shadows
+        on one another.
     """
     if scenario.attitude.needs or scenario.attitude.array:
         raise InputError(
@@ -152,12 +154,12 @@ def by_facet(scenario: Scenario, sun_body: Floats, obs_body: Floats) -> Floats:
 def over_directions(
     scenario: Scenario, sun_body: Floats, obs_body: Floats
 ) -> tuple[Floats, Floats]:
-    """Flux and its attitude gradient for any pairs of body-frame directions: a map.
+    """Map of the flux and its attitude gradient over pairs of body-frame directions.
 
     Parameters
     ----------
     sun_body, obs_body : (G, 3)
-        Unit vectors; or (3,), the same for all.
+        Unit vectors, or (3,) for a common direction.
 
     Returns
     -------

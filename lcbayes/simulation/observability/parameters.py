@@ -1,7 +1,8 @@
-"""What may be unknown of a scenario: small changes of its numbers, named, with a prior width each.
+"""Unknown parameters of a scenario, with names and prior widths.
 
-Every parameter is zero at the scenario's own value. Areas, exponents, slopes and periods are
-logarithms, directions are rotations in rad, so that one unit means about as much for each.
+Each parameter is a change of a value of the scenario and is zero at that value. Areas, exponents,
+slopes and periods are represented by logarithms, and directions by rotations in rad, so that unit
+changes are comparable.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ Floats = NDArray[np.float64]
 
 GROUPS = ("attitude", "spin", "normals", "areas", "surface")
 USUAL = ("spin", "normals", "areas", "surface")  # what `lcbayes fit` infers
-SLOW = 1e-3  # rad/s, the prior width of a spin that is zero
-DIRECTION_SD = 3.0**-0.5  # of a uniform direction along one axis across it, as priors.py has it
-_LOGARITHMIC = ("nu", "nv", "n", "m", "d")  # of a surface parameter: positive, over decades
+SLOW = 1e-3  # rad/s, prior width of the spin if the scenario has no rotation
+DIRECTION_SD = 3.0**-0.5  # sd of a uniform direction along one transverse axis, as in priors.py
+_LOGARITHMIC = ("nu", "nv", "n", "m", "d")  # positive surface parameters that range over decades
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,12 @@ class Parameter:
 
     Attributes
     ----------
-    name : as files have it
+    name : as in output files
     group : one of `GROUPS`
-    unit : of a change by one; "1" for a logarithm or a reflectance
-    words : for a reader
-    prior_sd : what is known beforehand, in that unit
-    facet : its number (from 0), where it is of one
+    unit : unit of the parameter; "1" for a logarithm or a reflectance
+    words : description for output
+    prior_sd : prior standard deviation, in that unit
+    facet : index of its facet (from 0), or None
     """
 
     name: str
@@ -53,11 +54,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The parameters θ of a scenario, and the flux as a function of them.
+    """The unknown parameters θ of a scenario, and the flux as a function of θ.
 
     Attributes
     ----------
-    scenario : the truth, where θ = 0
+    scenario : the truth, at θ = 0
     parameters : in the order of θ
     """
 
@@ -66,15 +67,15 @@ class Unknowns:
 
     @classmethod
     def of(cls, scenario: Scenario, groups: Sequence[str] = USUAL) -> Unknowns:
-        """Those of the groups named.
+        """The unknowns of the named groups.
 
-        With "attitude" and "normals" together the body axes are free: three combinations are then
-        unobservable whatever is measured.
+        With both "attitude" and "normals", the body axes are arbitrary, so that three combinations
+        are unobservable for any measurements.
 
         Raises
         ------
         InputError
-            A group is not one of `GROUPS`, or nothing is left unknown.
+            If a group is not one of `GROUPS`, or if there are no unknowns.
         """
         for group in groups:
             if group not in GROUPS:
@@ -98,7 +99,7 @@ class Unknowns:
         return np.array([p.prior_sd for p in self.parameters])
 
     def rows(self, *groups: str) -> NDArray[np.intp]:
-        """Where the parameters of these groups stand in θ."""
+        """Indices in θ of the parameters of these groups."""
         return np.flatnonzero([p.group in groups for p in self.parameters])
 
     def flux(self, theta: jax.Array, t: jax.Array, sun: jax.Array, obs: jax.Array) -> jax.Array:
@@ -108,22 +109,22 @@ class Unknowns:
         error = None
         if "attitude_x" in value:
             error = jnp.stack([value[f"attitude_{axis}"] for axis in "xyz"])
-        if "pole_east" in value:  # a body that is tilted sees Sun and observer tilted back
+        if "pole_east" in value:  # a tilt of the body is the inverse tilt of Sun and observer
             back = self._tilt(value["pole_east"], value["pole_north"])
             sun, obs = sun @ back, obs @ back
         return predicted_flux(changed, Ephemeris(t, sun), obs, error)
 
     def _tilt(self, east: jax.Array, north: jax.Array) -> jax.Array:
-        """Inertial rotation (3, 3) about an axis across the pole that tilts it by angles (rad).
+        """Inertial rotation (3, 3) about an axis perpendicular to the pole, by angles in rad.
 
-        East and north are where the pole goes as its longitude and latitude grow, at ±90° too; no
-        turn about the pole goes with it, so that all directions of the pole are alike.
+        East and north are the directions of increasing longitude and latitude of the pole, also at
+        ±90°. The rotation has no component about the pole, so that all poles are treated alike.
         """
         law = self.scenario.attitude
         assert isinstance(law, PrincipalAxis)
         law = replace(law, phase0_deg=0.0)
         axes = law.frames(Ephemeris(jnp.zeros(1), jnp.zeros((1, 3)))).body[0]
-        # towards d the axis is pole × d, and pole × east = north
+        # a tilt towards d has the axis pole × d; pole × east = north
         south, eastward = axes[:, 0], axes[:, 1]
         return rotations.constant_rate(jnp.ones(1), -east * south - north * eastward)[0]
 
@@ -164,7 +165,7 @@ class Unknowns:
         tilt = [[value.get(f"normal_{i}_{k}", 0.0) for k in "uvn"] for i in range(n)]
         if any(p.group == "normals" for p in self.parameters):
             u, v, w = jnp.asarray(tilt).T[:, :, None]
-            # towards u: n + u; the axis of that rotation is n × u = v, and n × v = −u
+            # a tilt towards u has the axis n × u = v, one towards v the axis n × v = −u
             about = u * jnp.cross(normals, axes) - v * axes + w * normals
             turn = jax.vmap(lambda a: rotations.constant_rate(jnp.ones(1), a)[0])(about)
             normals, axes = (jnp.einsum("nij,nj->ni", turn, x) for x in (normals, axes))
@@ -185,7 +186,7 @@ def _all(scenario: Scenario) -> list[Parameter]:
         for a in "xyz"
     ]
     if isinstance(scenario.attitude, ConstantRate):
-        # its size is known to order of magnitude, its direction not: beyond, nothing is linear
+        # prior: rate known to an order of magnitude, direction unknown; wider is not linear
         rate = float(np.linalg.norm(scenario.attitude.omega_rad_s))
         wide = DIRECTION_SD * rate if rate > 0.0 else SLOW
         found += [Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"]
@@ -228,7 +229,7 @@ def _tilt_words(facet: int, axis: str) -> str:
 
 
 def _surface(name: str, scenario: Scenario) -> list[Parameter]:
-    """Of one material. The reflectance of a diffuse law is part of the albedo-areas."""
+    """Parameters of one material; albedo-areas include the reflectance of a diffuse law."""
     material = scenario.materials[name]
     law = LAWS[material.law]
     found = []

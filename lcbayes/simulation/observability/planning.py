@@ -1,16 +1,16 @@
-"""Which measurements to take next: the schedule that tells most about what is asked.
+"""The most informative schedule of measurements for a target.
 
-What is known and what would be measured are jointly Gaussian, written by factors: with w ~ N(0, I)
-of size S, the targets are B w and the noise-free measurements, over their noise, are A w. For a
-linearised model w are the parameters in units of what is known of them. There may be K versions of
-the factors, each at another place where the truth may lie (`known`): a schedule is then judged by
-what it leaves on average over them.
+Targets and measurements are jointly Gaussian and are represented by factors. With w ~ N(0, I) of
+size S, the targets are B w and the noise-free measurements, over their noise, are A w. For a
+linearised model, w contains the parameters in units of their uncertainties. There may be K versions
+of the factors, each at a different possible truth (`known`). The criterion is then the average over
+the versions.
 
-Visits are chosen one after the other, each the best given those before. That alone is short-sighted
-where much is unknown: the first visits learn little of the target whichever they are. So each visit
-is then taken out in turn and the best of all put in its place, until nothing changes (Fedorov's
-exchange); from several first sets, because that too may end at a lesser one. The best set is put
-in the order in which its members are worth most.
+A greedy search chooses visits one by one, each as the best given those before. It is not optimal if
+much is unknown, because no single first visit is then informative about the target. The set is
+therefore improved by exchange (Fedorov): each visit in turn is replaced by the best candidate,
+until nothing changes. Exchange can end at a local optimum, so it starts from several sets. The
+visits of the best set are sorted greedily by their gain.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from lcbayes.core.jax_setup import jax, jnp
 
 Floats = NDArray[np.float64]
 CRITERIA = ("A", "D")
-ANY = -1  # in an order of visits: the best of those that are left
-_ROUNDS = 20  # of exchanges; two to five are usual
+ANY = -1  # in an order of visits: the best remaining candidate
+_ROUNDS = 20  # maximum number of exchange sweeps; two to five are typical
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Visits in the order in which they are worth most.
+    """Visits in greedy order of their gain.
 
     Attributes
     ----------
     visits : (n,) int
-        Rows of the candidates that were offered.
+        Indices of the candidates.
     gain : (n,) nats
-        Information on the targets that each adds to those before it.
+        Information on the targets that each visit adds to that of the visits before it.
     sd : (n + 1,)
-        Root of the mean variance of the targets, before and after each.
+        Root of the mean variance of the targets, before the first and after each visit.
     first_gain : (G,) nats
-        What each candidate alone would add to what is known.
+        Information that each candidate alone would add.
     """
 
     visits: NDArray[np.intp]
@@ -59,28 +59,28 @@ def best(
     criterion: str = "A",
     starts: Iterable[NDArray[np.intp]] = (),
 ) -> Schedule:
-    """The n visits that together tell most, by greed and exchange.
+    """The n visits that are jointly most informative, by greedy search and exchange.
 
     Parameters
     ----------
     measured : (K, G, k, S)
-        Factor A of the measurements of each candidate visit, over their noise; rows of zeros where
-        a visit has fewer than k.
+        Factor A of the measurements of each candidate visit, over their noise; visits with fewer
+        than k measurements are padded with rows of zeros.
     targets : (K, T, S)
         Factor B of the targets.
     n : int
-        At most G.
+        Number of visits, at most G.
     criterion : "A" or "D"
-        "A": least mean variance of the targets. "D": most information, ½ ln(det V/det V′). Both
-        on average over the K versions.
+        "A": smallest mean variance of the targets. "D": largest information, ½ ln(det V/det V′).
+        Both are averaged over the K versions.
     starts : arrays of n rows
-        Sets from which exchange begins too, beside the greedy and the even one.
+        Further initial sets for the exchange, in addition to the greedy and the even set.
 
     References
     ----------
     Chaloner & Verdinelli 1995, Statist. Sci. 10, 273 (Bayesian A- and D-optimality); Fedorov 1972,
     Theory of Optimal Experiments, ch. 3 (exchange); Krause, Singh & Guestrin 2008, J. Mach. Learn.
-    Res. 9, 235 (greed).
+    Res. 9, 235 (greedy search).
     """
     if criterion not in CRITERIA:
         raise ValueError(f"unknown criterion {criterion!r}; available: {', '.join(CRITERIA)}")
@@ -99,13 +99,13 @@ def best(
 
 
 def given(measured: Floats, targets: Floats, visits: NDArray[np.intp]) -> Schedule:
-    """The same account for visits that somebody else has chosen, in their order."""
+    """The schedule for given visits, in their order."""
     _, gain, sd = _run(measured, targets, visits, "D")
     return Schedule(np.asarray(visits), gain, sd, _alone(measured, targets))
 
 
 def sd_after(measured: Floats, targets: Floats, visits: NDArray[np.intp]) -> float:
-    """Root of the mean variance of the targets after some visits, without the steps to it."""
+    """Root of the mean variance of the targets after all of the visits."""
     rows = measured[:, visits].reshape(len(measured), -1, measured.shape[-1])
     columns = np.swapaxes(targets, 1, 2)
     inner = np.eye(rows.shape[2]) + np.swapaxes(rows, 1, 2) @ rows
@@ -114,12 +114,12 @@ def sd_after(measured: Floats, targets: Floats, visits: NDArray[np.intp]) -> flo
 
 
 def even(n_candidates: int, n: int) -> NDArray[np.intp]:
-    """n of the candidates at equal steps, (n,)."""
+    """Indices of n candidates at equal steps, (n,)."""
     return np.floor((np.arange(n) + 0.5) * n_candidates / n).astype(int)
 
 
 def _padded(visits: NDArray[np.intp], filler: int) -> NDArray[np.intp]:
-    """With room up to a power of two: one compiled program serves schedules of many lengths."""
+    """Visits padded to a power of two, so that few programs are compiled for all lengths."""
     room = max(8, 1 << (len(visits) - 1).bit_length())
     return np.concatenate([visits, np.full(room - len(visits), filler)])
 
@@ -127,7 +127,7 @@ def _padded(visits: NDArray[np.intp], filler: int) -> NDArray[np.intp]:
 def _run(
     measured: Floats, targets: Floats, order: NDArray[np.intp], criterion: str
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Visits, gain (n,) and sd (n + 1,) of `Schedule` for an order as `_choose` has it."""
+    """Visits, gain (n,) and sd (n + 1,) of `Schedule` for an order as in `_choose`."""
     n = len(order)
     room = jnp.asarray(_padded(order, ANY))
     visits, gain, variance = (
@@ -143,19 +143,19 @@ def _alone(measured: Floats, targets: Floats) -> Floats:
 
 
 def _taken(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Factors of what each visit takes from the targets' covariance: (G, k, T) each.
+    """Factors x, y (G, k, T) of the reduction of the targets' covariance by each visit.
 
-    The covariance falls by Σₖ xₖ yₖᵀ, with x = A Bᵀ and y = (I + A Aᵀ)⁻¹ x.
+    The covariance decreases by Σₖ xₖ yₖᵀ, with x = A Bᵀ and y = (I + A Aᵀ)⁻¹ x.
     """
     cross = jnp.einsum("ts,gks->gkt", b, a)
-    if a.shape[1] == 1:  # a division, where a factorisation for each visit costs fifty times that
+    if a.shape[1] == 1:  # a division; factorising for each visit would cost fifty times as much
         return cross, cross / (1.0 + jnp.sum(a**2, axis=2, keepdims=True))
     inner = jnp.eye(a.shape[1]) + jnp.einsum("gks,gls->gkl", a, a)
     return cross, jnp.linalg.solve(inner, cross)
 
 
 def _fall(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Fall of the targets' mean variance by each visit, the mean over versions, (G,)."""
+    """Decrease of the targets' mean variance by each visit, averaged over versions, (G,)."""
 
     def one(a: jax.Array, b: jax.Array) -> jax.Array:
         x, y = _taken(a, b)
@@ -166,7 +166,7 @@ def _fall(a: jax.Array, b: jax.Array) -> jax.Array:
 
 @jax.jit
 def _gain(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Information on the targets by each visit, nats, the mean over versions, (G,)."""
+    """Information of each visit on the targets in nats, averaged over versions, (G,)."""
     return jax.vmap(_gain_of_one)(a, b).mean(axis=0)
 
 
@@ -182,14 +182,14 @@ def _gain_of_one(a: jax.Array, b: jax.Array) -> jax.Array:
 
 @partial(jax.jit, static_argnames="criterion")
 def _choose(measured: jax.Array, targets: jax.Array, order: jax.Array, n: int, criterion: str):
-    """One loop over visits: all candidates weighed, one taken, what is known brought up to date.
+    """Choose visits one by one, and condition the factors on each of them.
 
-    ``order`` has room for n visits and more: those to take, `ANY` for the best that is left.
+    ``order`` has at least n entries: visits to take, or `ANY` for the best remaining candidate.
     """
 
     @jax.vmap
     def learn(row: jax.Array, a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Condition on one measurement: w's covariance becomes I − r rᵀ/(1 + r·r) (Potter)."""
+        """Condition on one measurement, after which cov w = I − r rᵀ/(1 + r·r) (Potter)."""
         square = row @ row
         safe = jnp.where(square > 0.0, square, 1.0)
         factor = jnp.where(square > 0.0, (1.0 - jax.lax.rsqrt(1.0 + square)) / safe, 0.0)
@@ -221,9 +221,9 @@ def _choose(measured: jax.Array, targets: jax.Array, order: jax.Array, n: int, c
 
 @partial(jax.jit, static_argnames="criterion")
 def _exchange(measured: jax.Array, targets: jax.Array, chosen: jax.Array, n: int, criterion: str):
-    """Each visit replaced by the best there is given the others, in turn, until none changes.
+    """Replace each visit in turn by the best given the others, until none changes.
 
-    Of ``chosen`` the first n are visits; the rest is room, filled with numbers past the last.
+    The first n entries of ``chosen`` are visits; the rest are padded with indices out of range.
     """
     eye, filled = jnp.eye(measured.shape[-1]), jnp.arange(len(chosen)) < n
 
@@ -232,7 +232,7 @@ def _exchange(measured: jax.Array, targets: jax.Array, chosen: jax.Array, n: int
         others = filled & (jnp.arange(len(chosen)) != i)
         kept = jnp.where(others[:, None, None], measured[:, chosen], 0.0)
         precision = eye + jnp.einsum("vgks,vgku->vsu", kept, kept)
-        # w = L⁻ᵀ w′ with L Lᵀ the precision: w′ ~ N(0, I) after what the others tell
+        # w = L⁻ᵀ w′ with L Lᵀ the precision, so that w′ ~ N(0, I) given the other visits
         lower = jnp.linalg.cholesky(precision)
         turn = jax.vmap(lambda m: jax.scipy.linalg.solve_triangular(m, eye, lower=True).T)(lower)
         a, b = measured @ turn[:, None], targets @ turn

@@ -1,4 +1,4 @@
-"""The numbers of `lcbayes observability`, ready for a file, and in lines for a reader."""
+"""Results of `lcbayes observability`, as numbers for files and as text."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MAP_DIRECTIONS = 20_000
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a run of the command found; `nonlinearity` (P,) as `linearity` has it."""
+    """All results of a run of the command; `nonlinearity` (P,) is that of `linearity`."""
 
     scenario: Scenario
     measured: Measurements
@@ -52,14 +52,14 @@ class Findings:
 
     @property
     def most_informative(self) -> int:
-        """Row of the measurement that says most of the attitude."""
+        """Index of the measurement with most information on the attitude."""
         return int(np.argmax(self.measured.information))
 
     def map_information(self, directions: Floats) -> Floats:
         """Information (1/rad²) of a measurement from any body-frame direction (G, 3).
 
-        The Sun is where it is at the most informative measurement, the noise what it is there: of
-        a flux where the scenario's noise is one, of a magnitude where it is that.
+        Sun direction and noise are those of the most informative measurement. The noise is constant
+        in flux or in magnitude, according to the noise of the scenario.
         """
         m, i = self.measured, self.most_informative
         flux, gradient = over_directions(self.scenario, m.sun_body[i], directions)
@@ -131,7 +131,7 @@ def numbers(found: Findings) -> dict[str, Any]:
 
 
 def _combination(names: tuple[str, ...], values: Floats) -> dict[str, float]:
-    """Without the parts that are rounding."""
+    """The parts of a combination that exceed rounding errors."""
     least = 1e-6 * float(np.max(np.abs(values)))
     return {n: float(v) for n, v in zip(names, values, strict=True) if abs(v) > least}
 
@@ -152,7 +152,7 @@ def _plan(plan: Plan, measured: Measurements) -> dict[str, Any]:
 
 
 def schedule(plan: Plan, measured: Measurements) -> list[dict[str, Any]]:
-    """The visits in order of worth, with the columns of ``tables/schedule.csv``."""
+    """The visits in the order of the schedule, with the columns of ``tables/schedule.csv``."""
     curve, out = measured.curve, []
     for rank, (visit, gain, sd) in enumerate(
         zip(plan.schedule.visits, plan.schedule.gain, plan.schedule.sd[1:], strict=True), 1
@@ -177,7 +177,7 @@ def schedule(plan: Plan, measured: Measurements) -> list[dict[str, Any]]:
 
 
 def utc(epoch_jd: float | None, t: float) -> str:
-    """ISO 8601 to the tenth of a second; "" where the times are not absolute."""
+    """ISO 8601 to a tenth of a second; "" if the times are not absolute."""
     if epoch_jd is None:
         return ""
     moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(days=epoch_jd - 2440587.5, seconds=t)
@@ -186,7 +186,7 @@ def utc(epoch_jd: float | None, t: float) -> str:
 
 
 def words(found: Findings) -> list[str]:
-    """The findings in lines, what is not seen first."""
+    """The results as lines of text, starting with the unconstrained combinations."""
     m, c = found.measured, found.campaign
     curve, i = m.curve, found.most_informative
     lines = [f"note: {note}" for note in found.notes]
@@ -208,7 +208,7 @@ def words(found: Findings) -> list[str]:
 
 
 def headline(found: Findings) -> str:
-    """How many combinations of the unknowns stay open."""
+    """Sentence on the number of unconstrained combinations of the unknowns."""
     unknown, left = len(found.campaign.unknowns.parameters), len(found.trades)
     if not left:
         return f"All of the {unknown} unknowns are seen"
@@ -221,9 +221,9 @@ def headline(found: Findings) -> str:
 
 
 def linearity_words(found: Findings) -> str:
-    """Whether the bound describes the errors, and if not, of which unknowns it does not.
+    """Sentence on whether the bound describes the errors, with the unknowns for which it fails.
 
-    Of the unknowns that the data set; of the others only the prior's width is known.
+    It covers the unknowns that the data constrain; the others have only the width of the prior.
     """
     parameters = found.campaign.unknowns.parameters
     off = np.where(np.isfinite(found.campaign.bound), found.nonlinearity, -1.0)
@@ -252,14 +252,16 @@ def linearity_words(found: Findings) -> str:
 
 
 def sentences(trades: list[Trade]) -> list[str]:
-    """What is open, each sentence once, with the number of combinations that it stands for."""
+    """Sentences on unconstrained combinations, each with the number of combinations it covers."""
     counted = Counter(t.words for t in trades)
     return [words if n == 1 else f"{words} ({n} combinations)" for words, n in counted.items()]
 
 
 def bound_words(c: Campaign) -> list[str]:
-    """The bounds that the data set: best and worst of each group, by their share of the prior's
-    width, and those on the pole's coordinates."""
+    """Text with the smallest and largest finite bound of each group, and the bound on the pole.
+
+    The bounds of a group are ranked relative to the prior widths.
+    """
     bound, share, lines = c.bound, c.bound / c.unknowns.prior_sd, []
     for group in dict.fromkeys(p.group for p in c.unknowns.parameters):
         rows = [r for r in c.unknowns.rows(group) if np.isfinite(bound[r])]
@@ -288,8 +290,9 @@ def _bound(p: Parameter, sd: float) -> str:
 def pole_bound(c: Campaign) -> dict[str, float | None] | None:
     """Bound (deg) on longitude σ_east/cos β and latitude σ_north of the pole at latitude β.
 
-    None where the data leave it open, and for a longitude of more than a radian: near ±90° it
-    says nothing of the direction. None in all where these are not what is unknown.
+    A bound is None if the data do not constrain the coordinate. That on longitude is also None
+    above one radian, because near ±90° it does not describe the error of the direction. The result
+    is None if the pole is not an unknown.
     """
     law, names = c.unknowns.scenario.attitude, c.unknowns.names
     if not isinstance(law, PrincipalAxis) or "pole_east" not in names:
@@ -303,7 +306,7 @@ def pole_bound(c: Campaign) -> dict[str, float | None] | None:
 
 
 def plan_words(plan: Plan) -> list[str]:
-    """What the schedule gains, in lines."""
+    """The gain of the schedule, as lines of text."""
     unit = "" if plan.target.unit == "1" else f" {plan.target.unit}"
     before, after = plan.schedule.sd[0], plan.schedule.sd[-1]
     n = len(plan.schedule.visits)

@@ -1,4 +1,4 @@
-"""What a schedule is to find out: names of targets, and what they are made of."""
+"""Targets of a schedule: their names and their dependence on the unknowns."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Target:
-    """Factor B of `planning` for each of K versions of the truth, with the unit of its rows.
+    """Factor B of `planning` for each of K versions of the truth.
 
     Attributes
     ----------
-    name : as it was asked for
-    unit : "deg", "rad/s" or "1" (logarithms, reflectances; for a mixture, shares of the error that
-        each part has beforehand)
+    name : as requested
+    unit : unit of the rows, "deg", "rad/s" or "1" (logarithms, reflectances; for targets of mixed
+        units, fractions of the prior error of each part)
     factor : (K, T, S)
     """
 
@@ -34,15 +34,15 @@ class Target:
 
 
 def of_unknowns(unknowns: Unknowns, name: str) -> Target:
-    """A target as a linear function of the unknowns, each in units of its prior's width.
+    """A target as a linear function of the unknowns, in units of their prior widths.
 
-    "pole" is the direction of the spin axis; "normal:2" that of facet 2; a group, a parameter's
-    name or "all" are those parameters. Angles are in degrees.
+    "pole" is the direction of the spin axis, and "normal:2" is the normal of facet 2. A group, the
+    name of a parameter, or "all" selects those parameters. Angles are in degrees.
 
     Raises
     ------
     InputError
-        Nothing unknown has that name.
+        If no unknown has that name.
     """
     if name == "pole":
         return Target(name, "deg", np.degrees(_pole(unknowns) * unknowns.prior_sd)[None])
@@ -83,7 +83,7 @@ def _pole(unknowns: Unknowns) -> Floats:
 
 
 def across(direction: Floats) -> Floats:
-    """Two unit vectors that are perpendicular to a unit vector and to each other, (2, 3)."""
+    """Two unit vectors perpendicular to a unit vector and to each other, (2, 3)."""
     return np.asarray(_across(jnp.asarray(direction)))
 
 
@@ -95,23 +95,23 @@ def _across(direction: jax.Array) -> jax.Array:
 
 
 def of_sites(sites: Mapping[str, jax.Array], name: str) -> tuple[jax.Array, str]:
-    """A target at one draw of a fit, as a function of the model's sites that can be differentiated.
+    """A target at one draw of a fit, as a differentiable function of the model's sites.
 
-    A direction is given by its two components across itself, which are zero but move with it.
+    A direction is represented by two tangential components, which are zero at the draw itself.
 
     Parameters
     ----------
-    sites : as `Problem.constrain` gives them
+    sites : as returned by `Problem.constrain`
 
     Returns
     -------
     value : (T,)
-    unit : "" for a mixture
+    unit : "" for mixed units
 
     Raises
     ------
     InputError
-        The fit does not hold it.
+        If the posterior does not contain the target.
     """
     spin = sites.get("omega")
     if name == "pole" and spin is not None:
@@ -151,6 +151,6 @@ def _try(sites: Mapping[str, jax.Array], part: str) -> jax.Array | None:
 
 
 def _tangents(vector: jax.Array) -> jax.Array:
-    """Components (deg) of a vector's direction along two axes across it, (2,)."""
+    """Components (deg) of a vector's direction along two perpendicular axes, (2,)."""
     unit = vector / jnp.linalg.norm(vector)
     return jnp.degrees(_across(jax.lax.stop_gradient(unit)) @ unit)

@@ -1,11 +1,11 @@
-"""Which combinations of parameters a campaign leaves open, and what they are in words.
+"""Combinations of parameters that a campaign does not constrain, with descriptions in words.
 
-Parameters are measured in units of their prior's width, so that the eigenvalues of the information
-are comparable: λ is what the measurements add to a combination, over what was known before. With
-λ < 1 they tell less than the prior did; the combination is called open. Open directions span a
-space in which any basis will do; the one shown is as sparse as rotation makes it (varimax), after
-what can be named by itself has been taken out: parameters that nothing depends on, and the choice
-of body axes. What is not seen at all and what is seen badly are rotated each by themselves.
+Parameters are in units of their prior widths, so that the eigenvalues λ of the information are
+comparable: λ is the information of the measurements on a combination relative to that of the prior.
+A combination with λ < 1 is called open. Open combinations span a space whose basis is arbitrary.
+The basis shown is made sparse by rotation (varimax). Two kinds of combinations are separated first:
+parameters without influence on any measurement, and the choice of body axes. Unobservable and
+weakly constrained combinations are rotated separately.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ from lcbayes.simulation.observability.parameters import Parameter, Unknowns
 
 Floats = NDArray[np.float64]
 
-MIN_INFORMATION_GAIN = 1.0  # information over the prior's; below, a combination is unconstrained
-MIN_SHOWN_SHARE = 0.15  # of the largest part of a combination, for a part to be named
-MAX_PATH_WIDTH = 0.5  # over length, of a path of the half vector that has a direction
+MIN_INFORMATION_GAIN = 1.0  # relative to the prior; a combination with less is open
+MIN_SHOWN_SHARE = 0.15  # of the largest part of a combination; smaller parts are not named
+MAX_PATH_WIDTH = 0.5  # over length, for a path of the half vector with a well-defined direction
 
 
 @dataclass(frozen=True)
 class Trade:
-    """A combination of parameters that the measurements leave open.
+    """A combination of parameters that the measurements do not constrain.
 
     Attributes
     ----------
     words : one sentence
     combination : (P,)
-        Change of each parameter, in its own unit, that is not noticed; one prior width in all.
-    information : of the measurements over that of the prior, λ
-    exact : whether nothing depends on it, to first order, at any measurement
+        Unobserved change of each parameter, in the unit of that parameter; its total length is one
+        prior width.
+    information : λ, information of the measurements relative to that of the prior
+    exact : whether all measurements are independent of it, to first order
     """
 
     words: str
@@ -47,7 +48,7 @@ class Trade:
 
 
 def trades(found: Campaign, measured: Measurements) -> list[Trade]:
-    """What is left open, what nothing depends on first, then by falling size of the gap."""
+    """Open combinations: first those without any influence, then by increasing information."""
     unknowns = found.unknowns
     sd = unknowns.prior_sd
     scaled = found.jacobian * sd
@@ -70,7 +71,7 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
     paths = _paths(unknowns, measured)
     other = []
     for exact in (True, False):
-        # what is not seen at all by itself, not mixed with what is seen badly
+        # separates unobservable from weakly constrained combinations
         rest = rows[(information < MIN_INFORMATION_GAIN) & ((information <= floor) == exact)]
         if known is not None:
             rest = rest - rest @ known @ known.T
@@ -83,7 +84,7 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
 
 
 def varimax(loadings: Floats, rounds: int = 200) -> Floats:
-    """Orthogonal rotation of columns (P, k) that makes their squares vary most: sparse columns.
+    """Orthogonal rotation of columns (P, k) to sparse columns, with maximum variance of squares.
 
     References
     ----------
@@ -104,7 +105,7 @@ def varimax(loadings: Floats, rounds: int = 200) -> Floats:
 
 
 def _dark(unknowns: Unknowns, still: NDArray[np.intp]) -> list[Trade]:
-    """One for each parameter that nothing depends on, those of a facet under one sentence."""
+    """One trade for each parameter without influence; those of one facet share a sentence."""
     made = []
     for i in still:
         p = unknowns.parameters[i]
@@ -128,10 +129,10 @@ def _short(p: Parameter) -> str:
 
 
 def _body_axes(unknowns: Unknowns) -> Floats | None:
-    """Turning the attitude by −ε and every facet by ε: three scaled unit vectors, or None.
+    """Rotations of the attitude by −ε and of every facet by ε: three scaled unit vectors, or None.
 
-    The flux depends on dot products of body vectors exp([δα×]) s with normals R(w) n only, so
-    w = δα for every facet changes nothing.
+    The flux depends only on dot products of body vectors exp([δα×]) s with normals R(w) n, so that
+    w = δα for every facet leaves it unchanged.
     """
     names = unknowns.names
     if "attitude_x" not in names or not len(unknowns.rows("normals")):
@@ -151,10 +152,10 @@ def _body_axes(unknowns: Unknowns) -> Floats | None:
 
 
 def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
-    """Body-frame direction in which the half vector passes over a facet, where it has one.
+    """Body-frame direction of the half vector's path over each facet, if it is well defined.
 
-    The principal axis of the half vector's projections on the facet's plane, weighted by the
-    facet's share of the light.
+    It is the principal axis of the half vectors projected on the plane of the facet, weighted by
+    the flux of the facet.
     """
     body = unknowns.scenario.body
     sent = by_facet(unknowns.scenario, measured.sun_body, measured.obs_body)
@@ -207,7 +208,7 @@ def _sentence(
 
 
 def _alike(unknowns: Unknowns, facets: list[int]) -> bool:
-    """Whether facets have one normal."""
+    """Whether facets have the same normal."""
     normals = unknowns.scenario.body.normals[facets]
     return bool(np.all(normals @ normals[0] > 1.0 - 1e-9))
 
@@ -225,7 +226,7 @@ class _Part:
 
 
 def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Part]:
-    """The combination by facets' tilts, areas and single parameters, largest first."""
+    """The parts of a combination: tilts, areas and other parameters, largest first."""
     body, parts = unknowns.scenario.body, []
     tilts: dict[int, Floats] = {}
     spin = np.zeros(3)
@@ -260,7 +261,7 @@ def _parts(unknowns: Unknowns, v: Floats, paths: dict[int, Floats]) -> list[_Par
 
 
 def _direction(d: Floats, path: Floats | None) -> str:
-    """Of a tilt, against the way in which the half vector passes over the facet."""
+    """Direction of a tilt relative to the path of the half vector over the facet."""
     if path is None:
         return "in one direction"
     angle = float(np.degrees(np.arccos(min(1.0, abs(float(d @ path))))))

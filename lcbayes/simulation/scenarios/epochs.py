@@ -24,12 +24,12 @@ JD_OF_1970 = 2440587.5
 
 
 def epochs(geometry: Planar | Orbit | Vectors) -> LightCurve:
-    """When and from where the body is seen; the brightness is NaN throughout.
+    """Epochs and directions of a geometry; the brightness is NaN throughout.
 
     Raises
     ------
     InputError
-        A file is at fault, or no epoch of a pass can be observed.
+        If a file is invalid, or no epoch of a pass is observable.
     """
     if isinstance(geometry, Planar):
         return _planar(geometry)
@@ -39,7 +39,7 @@ def epochs(geometry: Planar | Orbit | Vectors) -> LightCurve:
 
 
 def _grid(start: float, stop: float, step: float) -> Floats:
-    """start, start + step, ... up to and with stop."""
+    """start, start + step, ... up to and including stop."""
     count = int(np.floor((stop - start) / step * (1 + 1e-12))) + 1
     return start + step * np.arange(count, dtype=np.float64)
 
@@ -107,9 +107,9 @@ class _Seen(NamedTuple):
 
 
 def _usable(tle: Tle, one: OrbitPass) -> tuple[datetime, Floats, _Seen]:
-    """The first instant of a pass that can be observed, seconds since then, and the geometry.
+    """The first observable instant of a pass, seconds since then, and the geometry.
 
-    Observed is a satellite high enough, past which the whole Sun is seen, from a site dark enough.
+    A satellite is observable if it is high enough and in full sunlight and the site is dark enough.
     """
     dt = _grid(0.0, (one.stop - one.start).total_seconds(), one.step)
     time = Times.of(_julian_date(one.start), dt)

@@ -1,7 +1,7 @@
-"""Scenarios: a body, how it turns, from where it is seen and how well, read from a TOML file.
+"""Scenarios: body, rotation, viewing geometry and noise, read from a TOML file.
 
-A scenario is what `lcbayes simulate` makes a light curve of and `lcbayes observability` judges.
-Everything is checked when it is read; see docs/scenarios.md for the keys.
+Scenarios are the input of `lcbayes simulate` and `lcbayes observability`. All values are checked on
+reading; docs/scenarios.md lists the keys.
 """
 
 from __future__ import annotations
@@ -45,20 +45,21 @@ class Noise:
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is simulated.
+    """A body and its observation, to be simulated.
 
     Attributes
     ----------
-    name : of the file, without its ending
+    name : file name without its extension
     body : `shapes.Body`; its labels are keys of `materials`
     materials : name → `Material`
-    attitude, geometry, noise : as their classes say
+    attitude, geometry, noise : see their classes
     kind : "flux" or "mag"
     band : photometric band, for magnitudes
     exposure_s : 0 for instantaneous brightness
-    on_array : for each facet, whether it turns with the solar array of the attitude law; the normal
-        of such a facet is in the array's axes (front x, hinge y)
-    parts : of a body of parts, whose panels are the facets of `body`; with their shadows
+    on_array : for each facet, whether it rotates with the solar array of the attitude law; its
+        normal is then in the axes of the array (front x, hinge y)
+    parts : for a body with parts, the parts and their shadows; their panels are the facets of
+        `body`
     """
 
     name: str
@@ -75,12 +76,12 @@ class Scenario:
 
 
 def scenario_path(scenario: str | Path) -> Path:
-    """The file of a scenario that is given by its path or, if bundled, by its name.
+    """The file of a scenario given by its path or, if bundled, by its name.
 
     Raises
     ------
     InputError
-        There is none.
+        If it does not exist.
     """
     path = Path(scenario)
     if not path.exists() and path.suffix != ".toml":
@@ -95,7 +96,7 @@ def scenario_path(scenario: str | Path) -> Path:
 
 
 def input_files(scenario: str | Path) -> dict[str, Path]:
-    """The file of a scenario and those that it names: "scenario", "body", "geometry", "tle"."""
+    """The file of a scenario and the files it refers to: "scenario", "body", "geometry", "tle"."""
     path = scenario_path(scenario)
     root = read_toml(path)
     files = {"scenario": path}
@@ -117,7 +118,7 @@ def load(scenario: str | Path) -> Scenario:
     Raises
     ------
     InputError
-        One line that names file, line, table and key, and what is expected.
+        If a value is invalid; the message gives file, line, table, key and the expected value.
     """
     path = scenario_path(scenario)
     root = read_toml(path)
@@ -214,7 +215,7 @@ def _stabilised(name: str, table: Table) -> Law:
 
 
 def _period(table: Table) -> float:
-    """In s, from `period_h` or `period_s`."""
+    """Period in s, from `period_h` or `period_s`."""
     if ("period_h" in table) == ("period_s" in table):
         raise table.fault(None, "needs one of 'period_h' and 'period_s'")
     unit, scale = ("period_h", HOUR_S) if "period_h" in table else ("period_s", 1.0)

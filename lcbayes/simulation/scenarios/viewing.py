@@ -1,4 +1,4 @@
-"""How the body of a scenario is seen: epochs and directions, as the scenario file says."""
+"""Viewing geometry of a scenario, as specified in the scenario file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RANGES_KM = (1e-3, 1e12)
 
 @dataclass(frozen=True)
 class PlanarPass:
-    """Directions that turn in a plane: u = [cos(ω t + λ), sin(ω t + λ), 0] in `plane`'s axes.
+    """Directions that rotate in a plane: u = [cos(ω t + λ), sin(ω t + λ), 0] in its axes.
 
     The Sun moves in xy, the observer in `plane`: "xy", "yz" (x → y, y → z) or "zx".
 
@@ -41,7 +41,7 @@ class PlanarPass:
 
 @dataclass(frozen=True)
 class Planar:
-    """Directions in a plane, one or several passes; the range is km or unknown."""
+    """One or several passes with directions in a plane; the range is in km or unknown."""
 
     passes: tuple[PlanarPass, ...]
     frame: str
@@ -50,7 +50,7 @@ class Planar:
 
 @dataclass(frozen=True)
 class NamedSite:
-    """A place on the Earth: geodetic latitude and longitude (east), height over the ellipsoid."""
+    """A site on the Earth: geodetic latitude, east longitude and height above the ellipsoid."""
 
     name: str
     lat_deg: float
@@ -60,7 +60,7 @@ class NamedSite:
 
 @dataclass(frozen=True)
 class OrbitPass:
-    """When one site observes: instants in UTC, a step in s, and the least elevation."""
+    """Observations of one site: times in UTC, step in s, and limits of elevation."""
 
     site: NamedSite
     start: datetime
@@ -80,7 +80,7 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Vectors:
-    """The epochs and directions of a light-curve file; its brightness is not used."""
+    """Epochs and directions from a light-curve file; its brightness is not used."""
 
     file: Path
 
@@ -91,7 +91,7 @@ ORBIT_KEYS = ("site", "start", "stop", "step", "min_elevation_deg", "max_sun_ele
 
 
 def read_geometry(table: Table) -> Planar | Orbit | Vectors:
-    """The table [geometry]; what [[geometry.passes]] leave out, they take from it."""
+    """The geometry of the table [geometry], which holds defaults for [[geometry.passes]]."""
     kind = table.text("kind", choices=("planar", "orbit", "vectors"))
     if kind == "vectors":
         found = Vectors(table.path.parent / table.text("file"))
@@ -163,7 +163,7 @@ def _site(table: Table) -> NamedSite:
 
 
 def _tle(table: Table) -> Tle:
-    """The element set: written out in the scenario, or in a file beside it."""
+    """The element set, given in the scenario or in a file next to it."""
     text = table.text("tle")
     if "\n" in text.strip():
         return parse_tle(text, f"{table.path}: geometry.tle")
