@@ -213,7 +213,10 @@ class LightCurve:
         return np.arctan2(cross, np.sum(self.sun * self.obs, axis=1))
 
     def select(self, mask: ArrayLike) -> LightCurve:
-        """The points selected by a boolean mask or by indices (in their order), without empty curves."""
+        """The points selected by a boolean mask or by indices, in that order.
+
+        Empty curves are removed.
+        """
         index = np.arange(self.n_obs)[np.asarray(mask)]
         if index.size == 0:
             raise InputError("the selection holds no points; choose at least one")
