@@ -35,9 +35,9 @@ def worker_pool(
     deaths: int = MAX_WORKER_DEATHS,
     keep_going: bool = False,
 ) -> Iterator[Run]:
-    """Context manager that returns a function ``run(function, shared, tasks)``.
+    """Context manager that provides a function ``run(function, shared, tasks)``.
 
-    The function yields (index, function(shared, *task)) for each task as it completes, in any
+    It yields (index, function(shared, *task)) for each task as it completes, in any
     order.
 
     Parameters

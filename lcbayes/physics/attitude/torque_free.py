@@ -26,8 +26,8 @@ arg θ₂(iw − y') − 2zy'/π for |z| <= π/2. Each such interval is one pass
 ψ jumps by −2y' from one to the next.
 
 Near the separatrix the component of M/|M| perpendicular to the intermediate axis grows as e^(λt).
-The duration of a passage is the time that it takes to become of order 1. Errors and rounding errors
-of ω and J grow in the same way, and no other errors do.
+The duration of a passage is the time in which this component reaches order 1. Errors and rounding
+errors of ω and J grow in the same way; no other errors grow.
 
 References
 ----------

@@ -132,7 +132,7 @@ def box_wing(
 ) -> Body:
     """A box bus ("bus") and a solar wing along y ("panel" in front, "back" behind).
 
-    The wing's front faces +x at zero cant; a positive cant turns it about y towards −z.
+    The wing's front faces +x at zero cant; a positive cant rotates it about y towards −z.
     """
     cant = np.deg2rad(cant_deg)
     front = np.array([np.cos(cant), 0.0, -np.sin(cant)])
