@@ -1,5 +1,5 @@
-"""The gallery: one NumPyro model a file, each about a page, composed from the library's priors.
+"""The gallery: one NumPyro model per file, each about a page, composed of the library's priors.
 
-A model file, ours or a user's, defines ``model(data, *, option=default, ...)``; see
-`lcbayes.modelling.registry` for the names it may define besides.
+A model file, from the gallery or a user, defines ``model(data, *, option=default, ...)``; see
+`lcbayes.modelling.registry` for other names it may define.
 """

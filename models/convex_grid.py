@@ -1,4 +1,4 @@
-"""A convex body on a fixed grid of normals, spinning about a fixed pole: the asteroid model."""
+"""A convex body on a fixed grid of normals that rotates about a fixed pole: the asteroid model."""
 
 from functools import lru_cache
 
@@ -24,12 +24,12 @@ from lcbayes.physics.bodies import facets
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
 LAW = "lommel-seeliger-lambert"
-SPHERE = 8.0  # Σα of a sphere that has flux 1 at zero phase angle with c = 0: ∫ μ/2 dΩ = π/2
+SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
-MOMENT_DEGREE = 4  # moments up to here are what the data see; see `coordinates`
+MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
-LINEAR_LAMBERT = ComposeTransform(  # x to ln c; c = x where x is larger than the least, else e^x
+LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below
     [
         AffineTransform(0.0, 1.0 / MIN_LAMBERT),
         SoftplusTransform(),
@@ -57,25 +57,26 @@ def model(
 ):
     """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
 
-    Pole uniform on the sphere. Sidereal period ~ Normal(period, P²/2T), T the time span: the sd
-    is the step between periods that differ by half a turn over the span, whose light curves look
-    alike, so give the period to about that. c_lm ~ Normal(0, τ (2/(l+1))²) with
-    ln τ ~ Normal(ln 4, 0.7), ln c ~ Normal(ln 0.1, 0.5). Each component of Σαn/Σα is 0 ± 0.01:
-    the surface closes, to the error of the grid.
+    The pole is uniform on the sphere. Sidereal period ~ Normal(period, P²/2T), with T the time
+    span. The sd is the difference between periods that differ by half a turn over the span. Their
+    light curves are similar, so the given period should have about this accuracy.
+    c_lm ~ Normal(0, τ (2/(l+1))²) with ln τ ~ Normal(ln 4, 0.7), ln c ~ Normal(ln 0.1, 0.5). Each
+    component of Σαn/Σα is 0 ± 0.01: the surface closes within the error of the grid.
 
-    With relative curves alone neither size nor phase law is sought: Σα = 8, that of a sphere of
-    flux 1, and S = 1. With a calibrated curve the flux of a sphere of these areas at zero phase,
-    F = Σα (1/8 + c/6), has ln F ~ Normal(ln mean calibrated flux, 1), and
+    If all curves are relative, neither the size nor the phase law is inferred: Σα = 8, as for a
+    sphere with flux 1, and S = 1. With a calibrated curve the flux of a sphere with these areas at
+    zero phase, F = Σα (1/8 + c/6), has ln F ~ Normal(ln mean calibrated flux, 1), and
     S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
     k ~ Normal(−0.5, 0.3), phase in rad. The body's axes at the middle of the data are
-    `attitude.brought_to` of the pole: to turn the areas on the grid about it is the same thing.
+    `attitude.brought_to` of the pole. There is no rotational phase, because a rotation about the
+    pole is equivalent to a rotation of the areas on the grid.
 
     Parameters
     ----------
     period
         Sidereal period, h.
     n_facets
-        Normals of the grid.
+        Number of normals of the grid.
     degree
         Highest degree of the harmonics.
     noise_law
@@ -125,10 +126,10 @@ def typical(data: Epochs) -> jax.Array:
 
 
 def calibration(data: Epochs, lambert: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Σα/8 of the body and S of each epoch (T,), which only calibrated curves can tell.
+    """Σα/8 of the body and S of each epoch (T,), which only calibrated curves constrain.
 
-    The data see F = Σα (1/8 + c/6), and neither Σα nor c half as well: with Σα for a coordinate the
-    two would lie along a narrow bent ridge, on which chains hardly move.
+    The data constrain F = Σα (1/8 + c/6) much better than Σα or c. With Σα as a coordinate, the
+    posterior would be a narrow curved ridge in Σα and c, on which chains move slowly.
     """
     flux = jnp.exp(numpyro.sample("log_sphere_flux", dist.Normal(jnp.log(typical(data)), 1.0)))
     a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
@@ -140,7 +141,7 @@ def calibration(data: Epochs, lambert: jax.Array) -> tuple[jax.Array, jax.Array]
 
 
 def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
-    """Spheres with poles all over the sky and periods within the prior."""
+    """Spheres with poles over the whole sky and periods within the prior."""
     sphere = {
         "coefficients": jnp.zeros((degree + 1) ** 2 - 1),
         "log_roughness": jnp.log(3.0),
@@ -160,9 +161,12 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
 
 
 def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options):  # noqa: ARG001
-    """Moments of the shares up to degree 4, where the data are informative; see the class. And c
-    itself in place of ln c, from its prior's lower end on: brightness is linear in it, so that what
-    makes up for another c lies along a line that is five times straighter."""
+    """Coordinates of the sampler: moments of the area fractions and c.
+
+    The moments go up to degree 4, for which the data are informative; see `MomentCoordinates`. c
+    replaces ln c above the lower end of its prior. Brightness is linear in c, so the curve along
+    which other parameters compensate for a change of c is five times straighter.
+    """
     harmonics = grid(n_facets, degree)[1]
     low = min(degree, MOMENT_DEGREE)
     return {

@@ -30,18 +30,18 @@ def model(
     n_facets
         Number of facets N.
     spin
-        "free": constant ω is inferred; "none": the body does not turn (ω = 0); "torque-free": ω
-        at t = 0 and the inertia tensor of a rigid body without torque.
+        "free": constant ω is inferred; "none": the body does not rotate (ω = 0); "torque-free": ω
+        at t = 0 and the inertia tensor of a rigid body without torque are inferred.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
     inertia_sd
-        How uneven a torque-free body is; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
+        Elongation of a torque-free body; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     reflectance
         Reflectance: non-lambertian, lambertian or lommel-seeliger-lambert.
     log_area_mean, log_area_sd
         Mean and sd of ln(α / m²).
     sparsity
-        Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0 leaves it out.
+        Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
     """

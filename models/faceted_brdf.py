@@ -1,4 +1,4 @@
-"""N facets, each with its own reflectance, at a constant rate of rotation, or tumbling."""
+"""N facets with individual reflectances, at a constant rate of rotation, or tumbling."""
 
 from typing import Literal
 
@@ -35,10 +35,10 @@ def model(
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
 ):
-    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r by the reflectance law and A = α / (Σ reflectances).
+    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r from the reflectance law and A = α / (Σ reflectances).
 
-    What the data fix is the albedo-area α; how it divides into area and reflectance is left to
-    the priors. Facets are isotropic. Linares & Crassidis, sec. VII.D and table 1 as corrected.
+    The data constrain the albedo-area α; its division into area and reflectance is determined by
+    the priors. Facets are isotropic. Linares & Crassidis, sec. VII.D and table 1 (corrected).
 
     Parameters
     ----------
@@ -48,16 +48,16 @@ def model(
         ashikhmin-shirley (denominator c·max(μ₀, μ)), ashikhmin-shirley-distribution
         (μ₀ + μ − μ₀μ), cook-torrance, blinn-phong, or a diffuse law.
     spin
-        "free": constant ω is inferred; "none": the body does not turn (ω = 0); "torque-free": ω
-        at t = 0 and the inertia tensor of a rigid body without torque.
+        "free": constant ω is inferred; "none": the body does not rotate (ω = 0); "torque-free": ω
+        at t = 0 and the inertia tensor of a rigid body without torque are inferred.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
     inertia_sd
-        How uneven a torque-free body is; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
+        Elongation of a torque-free body; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     log_area_mean, log_area_sd
         Mean and sd of ln(α / m²).
     sparsity
-        Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0 leaves it out.
+        Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
     """

@@ -1,4 +1,4 @@
-"""Facets of a satellite whose attitude follows a known law: it need not be sought."""
+"""Facets of a satellite with a known attitude law, so that the attitude is not inferred."""
 
 from functools import partial
 from typing import Literal
@@ -19,9 +19,9 @@ from lcbayes.physics.bodies import facets as directions
 from lcbayes.physics.reflectance import LAWS, SatelliteLaw
 
 SUMMARY = "facets of known, partly known or unknown normals on a satellite of known attitude"
-UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # where area and albedo-area are one
+UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area equals albedo-area
 SPECULAR = {"nu": (30.0, 1.0), "n": (30.0, 1.0), "m": (0.3, 0.7)}
-HELD, FREE = "_held", "_free"  # end the names of sites of listed facets, and of those that are not
+HELD, FREE = "_held", "_free"  # suffixes of the site names of listed and other facets
 FACET_SITES = (
     "free_normals_base",
     *(
@@ -30,8 +30,8 @@ FACET_SITES = (
     ),
 )
 
-POOLED = {"individuals": False}  # while solutions are sought
-NUM_STARTS = 400  # of three facets on Pomenis 1 in 60 ended at the best; many individuals cost time
+POOLED = {"individuals": False}  # during the search for solutions
+NUM_STARTS = 400  # for three facets on Pomenis 1 in 60 reached the best; many individuals are slow
 
 
 def model(
@@ -52,40 +52,40 @@ def model(
     noise_law: likelihood.Law = "student-t",
     scatter: float = 0.3,
 ):
-    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ of facets in the axes of an attitude law, as it is observed.
+    """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ for facets in the axes of an attitude law.
 
     Parameters
     ----------
     law
-        Attitude law, with its settings: lvlh:yaw_deg=4. The default has z at nadir, and x as near
-        to the Sun as it then can.
+        Attitude law with its settings, e.g. lvlh:yaw_deg=4. The default has z at nadir, and x as
+        close as possible to the Sun.
     n_facets
-        Number of facets in all; those that are not listed point anywhere. 0: those listed, or two.
+        Total number of facets; facets not listed have unknown normals. 0: those listed, or two.
     facets
-        Facets of which the normals are known: +z, array:+x~5@22.7, sun-pointing:-x, 0 0.6 0.8 — in
-        the axes of the body, of its array or of another law; ~ degrees if partly known; @ m².
+        Facets with known normals, e.g. +z, array:+x~5@22.7, sun-pointing:-x, 0 0.6 0.8 — in the
+        axes of the body, of its array or of another law; ~ uncertainty in degrees; @ area in m².
     reflectance
-        Of all facets; see `lcbayes.physics.reflectance`.
+        Reflectance law of all facets; see `lcbayes.physics.reflectance`.
     surface
         Parameters of the reflectance: "separate" for each facet, or "shared".
     individuals
-        Whether each of several curves (satellites) may be brighter or fainter than the others.
+        Whether the curves (satellites), if several, have different mean brightness.
     site_offsets
-        Whether magnitudes of each of several sites may have a zero point of their own.
+        Whether the magnitudes of each site, if several, have a separate zero point.
     passes
-        Whether what the model leaves out is in part common to the points of a pass, where there are
-        several curves of several passes.
+        Whether part of the model error is common to the points of a pass, for several curves of
+        several passes.
     extinction
-        Whether the air's extinction is still in the magnitudes; k ~ Normal(0.2, 0.1) mag/airmass.
+        Whether the magnitudes include atmospheric extinction; k ~ Normal(0.2, 0.1) mag/airmass.
     earth_albedo
-        Of the ground, whose light falls on the satellite too; 0 leaves it out.
+        Albedo of the ground, which also illuminates the satellite; 0: no earthshine.
     log_area_mean, log_area_sd
         Mean and sd of ln(α / m²), α = area · (r_diff + r_spec) or area · w/4π, of facets of
         unknown area.
     noise_law
         gaussian, student-t or mixture.
     scatter
-        Median of the prior of what scatters beyond the file's errors, mag; 0: nothing does.
+        Median of the prior of the scatter in excess of the file's errors, mag; 0: no such scatter.
     """
     listed = facet_list(facets)
     total = n_facets or len(listed) or 2
@@ -146,7 +146,7 @@ def model(
 
 
 def _law(law: str, where: str):
-    """The law whose axes facets are in."""
+    """The attitude law that defines the axes of facets."""
     if where not in ("", ARRAY):
         return catalogue.parse(where)
     found = catalogue.parse(law)
@@ -179,7 +179,7 @@ def _normals(listed, free: int):
 def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[float, float]):
     """Area of each facet (N,) and the parameters of its reflectance, (N,) or (1,) if shared."""
     law = LAWS[reflectance]
-    parts = [k for k in UNIT if k in law.parameters]  # of the light that is sent back
+    parts = [k for k in UNIT if k in law.parameters]  # of the reflected light
     known = {k: p.default for k, p in law.parameters.items() if p.default is not None}
     known |= {k: UNIT[k] for k in parts if law.diffuse}
     parameters = {k: jnp.atleast_1d(jnp.asarray(v)) for k, v in known.items()}
@@ -199,7 +199,7 @@ def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[flo
             numpyro.deterministic(name, values)
     share = sum((parameters[k] / UNIT[k] for k in parts), jnp.zeros(1))
 
-    # What the data fix is the albedo-area; where the area is given, it and the shares make that.
+    # The data constrain the albedo-area; if the area is given, it is area times reflectance.
     albedo_area = share * jnp.array([facet.area_m2 or 1.0 for facet in listed] + [1.0] * free)
     for which, suffix in ((unknown, HELD), (list(range(len(listed), len(listed) + free)), FREE)):
         if which:

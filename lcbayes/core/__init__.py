@@ -1,1 +1,1 @@
-"""What any program needs: JAX set-up, files, TOML, errors, progress, threads, cluster."""
+"""General infrastructure: JAX set-up, files, TOML, errors, progress, threads, cluster."""

@@ -1,4 +1,4 @@
-"""What a run has done so far, on disk, so that a killed one goes on where it stopped."""
+"""Checkpoints on disk, from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ IDENTITY = "identity.json"
 class Checkpoint:
     """Named sets of arrays in a folder that belongs to one exact run.
 
-    ``identity`` is what decides the numbers: data, model, options, seed, versions. A folder left
-    by another identity, or by a run that ended, is emptied first. Without a folder nothing is
-    stored. ``say`` is told what a user should know.
+    ``identity`` contains everything that determines the results: data, model, options, seed,
+    versions. A folder left by a run with a different identity, or by a completed run, is emptied
+    first. Without a folder nothing is stored. Messages for the user are passed to ``say``.
     """
 
     def __init__(
@@ -46,11 +46,11 @@ class Checkpoint:
 
     @property
     def resumed(self) -> bool:
-        """Whether an earlier run left something to go on from."""
+        """Whether an earlier run left arrays to resume from."""
         return self.folder is not None and any(self.folder.glob("*.npz"))
 
     def load(self, name: str) -> Arrays | None:
-        """What was saved by that name; None where nothing was, or nothing that can be read."""
+        """The arrays saved under that name, or None if they are missing or unreadable."""
         if self.folder is None or not (path := self.folder / f"{name}.npz").is_file():
             return None
         try:
@@ -67,7 +67,7 @@ class Checkpoint:
             )
 
     def finish(self) -> None:
-        """The results are written: the next run starts afresh."""
+        """Discard the checkpoint after the results are written; the next run starts afresh."""
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
-"""Who does the work: this process's cores, or the workers of a Dask cluster.
+"""Parallel execution on the cores of this process or on the workers of a Dask cluster.
 
-Tasks are pure functions of their arguments, so that a task whose worker was lost is simply done
-again, and the numbers depend neither on who did it nor on how many there are.
+Tasks are pure functions of their arguments. A task whose worker is lost is therefore repeated,
+and the results depend neither on the type nor on the number of workers.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.threads import threads
 
 MAX_ATTEMPTS = 5  # at a task whose workers die
-MAX_INLINE_BYTES = 10_000  # of shared arguments that are sent with each task
-MAX_WORKER_DEATHS = 100  # during one task, before the task is given up
-WAIT_S = 30.0  # for the first worker of a cluster
+MAX_INLINE_BYTES = 10_000  # shared arguments up to this size are sent with each task
+MAX_WORKER_DEATHS = 100  # during one task, before the task is abandoned
+WAIT_S = 30.0  # waiting time for the first worker of a cluster
 
-# A function, what all its tasks share, and one task's own arguments -> its result
+# (function, shared argument, tasks) -> index and result of each task
 type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[int, Any]]]
 
 
@@ -35,25 +35,30 @@ def worker_pool(
     deaths: int = MAX_WORKER_DEATHS,
     keep_going: bool = False,
 ) -> Iterator[Run]:
-    """A function ``run(function, shared, tasks)`` that yields (index, function(shared, *task)) as
-    tasks are done, in whatever order.
+    """Context manager that provides a function ``run(function, shared, tasks)``.
+
+    It yields (index, function(shared, *task)) for each task as it completes, in any
+    order.
 
     Parameters
     ----------
     scheduler : str, optional
-        Address of a Dask scheduler, ``tcp://host:8786``; its workers need lcbayes.
+        Address of a Dask scheduler, e.g. ``tcp://host:8786``; lcbayes must be installed on its
+        workers.
     n_workers : int, optional
-        Start a local Dask cluster of so many processes. With neither, threads of this process.
+        Number of processes of a local Dask cluster to start. Without ``scheduler`` and
+        ``n_workers`` the tasks run in threads of this process.
     deaths : int
-        Workers of a local cluster that may die of a task before it is given up. A task that dies
-        with its worker is done again by another; one that was there by chance must not be blamed.
+        Number of workers of a local cluster that may die during a task before the task is
+        abandoned. Until then it is repeated on another worker, because it may not have caused the
+        death.
     keep_going : bool
-        Yield the exception of a task that fails in the place of its result, instead of raising it.
+        Yield the exception of a failed task in place of its result, instead of raising it.
 
     Raises
     ------
     InputError
-        If Dask is not installed, or nobody answers.
+        If Dask is not installed, or no scheduler or worker responds.
     """
     if scheduler is None and n_workers is None:
         yield lambda function, shared, tasks: _threads(function, shared, tasks, keep_going)
@@ -88,7 +93,7 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
         raise InputError(
             "Dask is not installed; it comes with pip install 'lcbayes[dask]'"
         ) from None
-    # one task at a time to a worker, so that none is blamed for a death beside it
+    # one task at a time per worker, so that a death is attributed to the right task
     settings = {
         "distributed.scheduler.allowed-failures": deaths,
         "distributed.scheduler.worker-saturation": 1.0,
@@ -127,7 +132,7 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
 
 
 def _require_lcbayes(client: Any) -> None:
-    """A task that a worker cannot even read is never done, and nobody is told."""
+    """Raise InputError unless every worker can import lcbayes; otherwise tasks fail silently."""
     found = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
     without = [address for address, what in found.items() if what is not InputError]
     if without:
@@ -137,11 +142,11 @@ def _require_lcbayes(client: Any) -> None:
         )
 
 
-_LOST = object()  # in the place of a result that went with its worker
+_LOST = object()  # in place of a result that was lost with its worker
 
 
 def _outcome(done: Any, keep_going: bool, last: bool, gone: tuple[type[Exception], ...]) -> Any:
-    """The result of a task, its exception where the others go on, or `_LOST`: to be done again."""
+    """The result of a task, its exception if ``keep_going``, or `_LOST` if it must be repeated."""
     if done.status == "error" and keep_going:
         return done.exception()
     if done.status == "error" and last:
@@ -161,9 +166,12 @@ def _dask(
     tasks: Sequence[tuple],
     keep_going: bool,
 ) -> Iterator[tuple[int, Any]]:
-    """Tasks on a cluster. What they share is sent once to every worker, unless it is little; where
-    a loss of workers took the last copy with it, or a result, it is sent again with the tasks that
-    are left, as long as there is a scheduler."""
+    """Run tasks on a cluster.
+
+    A large shared argument is sent to every worker once, a small one with each task. If the last
+    copy or a result is lost with its workers, the argument is sent again together with the
+    remaining tasks, as long as the scheduler exists.
+    """
     done_by_dask = import_module("distributed").as_completed
     gone = (import_module("distributed.client").ClosedClientError, OSError)
     little = import_module("dask.sizeof").sizeof(shared) < MAX_INLINE_BYTES
@@ -175,7 +183,7 @@ def _dask(
                 if little
                 else client.scatter(shared, broadcast=True, direct=False, hash=False)
             )
-            # earlier tasks first: what is drawn while they run comes in order
+            # earlier tasks first, so that results plotted during the run appear in order
             submit = partial(client.submit, function, common, pure=False, retries=MAX_ATTEMPTS)
             waiting = {submit(*task, priority=-i): i for i, task in left.items()}
         except gone:

@@ -1,4 +1,4 @@
-"""Constants of nature and of calendars, each with its source."""
+"""Physical and calendar constants, each with its source."""
 
 from __future__ import annotations
 

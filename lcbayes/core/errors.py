@@ -1,4 +1,4 @@
-"""What can go wrong for a user, in the user's words, and the exit status that goes with it."""
+"""Errors caused by user input, with messages for the user, and their exit status."""
 
 EXIT_DONE = 0
 EXIT_BAD_INPUT = 2
@@ -7,21 +7,22 @@ EXIT_INTERRUPTED = 130
 
 
 class InputError(ValueError):
-    """The user's input is at fault.
+    """The user's input is invalid.
 
-    The message is one line that names what was given, where (file, line, column), what is expected
-    and what to do next. The command line prints it as it is and exits with 2, without a traceback.
+    The message is one line that names the input, its location (file, line, column), the expected
+    value and what to do next. The command line prints the message unchanged, without a traceback,
+    and exits with status 2.
     """
 
 
 class RowError(InputError):
-    """A value of a light curve is at fault; a reader can say on which line of which file it is.
+    """A value of a light curve is invalid; a reader can add the file and the line.
 
     Parameters
     ----------
     name : field of `LightCurve`
     fault : what is wrong, e.g. "has 3 values <= 0"
-    row : index of the first point at fault
+    row : index of the first invalid point
     value : that value, as shown to the user
     remedy : what to do next
     """
@@ -31,5 +32,5 @@ class RowError(InputError):
         self.name, self.fault, self.row, self.value, self.remedy = name, fault, row, value, remedy
 
     def located(self, label: str, place: str) -> InputError:
-        """The same fault in the words of a file: its column and, e.g., "pass.csv, line 43"."""
+        """The same error with the column name and a place such as "pass.csv, line 43"."""
         return InputError(f"{label} {self.fault} (first in {place}: {self.value}); {self.remedy}")

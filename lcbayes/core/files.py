@@ -1,4 +1,4 @@
-"""Bytes in, bytes out: a text file whatever its encoding; written whole or not at all."""
+"""Reading of text files in any supported encoding, and atomic writing."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from lcbayes.core.errors import InputError
 
 MAX_BYTES = 512 << 20
 _GZIP = b"\x1f\x8b"
-PIECE = 1 << 20  # bytes to look at before more are read
+PIECE = 1 << 20  # bytes that are inspected before more are read
 
 
 @dataclass(frozen=True)
 class TextFile:
-    """A file's text, with line ends as \\n, and where it came from."""
+    """A file's text, with \\n as line ends, and its origin."""
 
     path: Path
     text: str
@@ -41,17 +41,17 @@ class TextFile:
 
 
 def printable(path: str | os.PathLike[str]) -> str:
-    """A path as text that any file can hold; what is not UTF-8 in it is escaped as in ``\\xe9``."""
+    """A path as valid UTF-8 text; other bytes are escaped, e.g. as ``\\xe9``."""
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
-    """What a file of text holds; what its size or its beginning rules out is not read.
+    """The bytes of a text file; reading stops if it proves too large or binary.
 
     Raises
     ------
     InputError
-        The file is missing, a folder, unreadable, binary, or has over ``most`` bytes.
+        The file is missing, a folder, unreadable, binary, or larger than ``most`` bytes.
     """
     name = printable(path)
     try:
@@ -59,7 +59,7 @@ def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
             size, pieces = os.fstat(file.fileno()).st_size, [b""]
             while size <= most and not _binary(pieces) and (piece := file.read(PIECE)):
                 pieces.append(piece)
-                size = max(size, sum(map(len, pieces)))  # a pipe's or device's is 0
+                size = max(size, sum(map(len, pieces)))  # the size of a pipe or device is 0
     except FileNotFoundError:
         raise InputError(f"{name} does not exist; check the path") from None
     except IsADirectoryError:
@@ -77,7 +77,7 @@ def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
 
 
 def _unpacked(name: str, data: bytes, most: int) -> bytes:
-    """What a gzip file holds, up to a bound on its size."""
+    """The decompressed content of a gzip file, up to a maximum size."""
     unpacker = zlib.decompressobj(wbits=31)
     try:
         text = unpacker.decompress(data, most + 1)
@@ -91,18 +91,18 @@ def _unpacked(name: str, data: bytes, most: int) -> bytes:
 
 
 def _binary(pieces: list[bytes]) -> bool:
-    """Whether what was read last is neither text nor packed text."""
+    """Whether the piece read last is neither text nor compressed text."""
     packed = len(pieces) > 1 and pieces[1].startswith(_GZIP)
     return bool(_control(pieces[-1])) and not packed
 
 
 def _control(data: bytes) -> bytes:
-    """The bytes that no text holds."""
+    """The bytes that do not occur in text."""
     return data.translate(None, delete=_TEXT_BYTES)
 
 
 def read_text(path: str | os.PathLike[str]) -> TextFile:
-    """Read a text file: UTF-8, or Latin-1 where the bytes allow no other reading.
+    """Read a text file as UTF-8, or as Latin-1 if its bytes are not valid UTF-8.
 
     Raises
     ------
@@ -143,9 +143,9 @@ _TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
 
 
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file beside ``path``, then put it in its place in one step.
+    """Let ``write`` create a temporary file beside ``path``, then rename it to ``path``.
 
-    Of a link it is the file pointed to that is replaced. A device or a pipe is written into.
+    If ``path`` is a link, its target is replaced. A device or a pipe is written to directly.
     """
     if path.exists() and not path.is_file():
         write(path)
@@ -154,7 +154,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     scratch = target.with_name(f".{target.name}-{secrets.token_hex(4)}{path.suffix}")
     try:
         write(scratch)
-        with scratch.open("rb") as made:  # or a power cut may leave the name of an empty file
+        with scratch.open("rb") as made:  # otherwise a power cut may leave an empty file
             os.fsync(made.fileno())
         os.replace(scratch, target)
     finally:
@@ -162,7 +162,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Write a text file atomically, with \\n for line ends: it is there whole, or as it was before.
+    """Write a text file atomically, with \\n as line ends.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
 
 
 def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write JSON; a number that is none is null."""
+    """Write JSON; numbers that are not finite become null."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Mapping):

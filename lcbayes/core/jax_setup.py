@@ -1,8 +1,8 @@
-"""Ground floor for everything that uses JAX: double precision, set once, and a compilation cache.
+"""JAX set-up: double precision and a persistent compilation cache.
 
-Import ``jax`` and ``jnp`` from here and nowhere else, so that no array is made in single precision
-first. The persistent cache spares each new process the seconds it takes to compile a model again;
-``LCBAYES_CACHE`` moves it, ``LCBAYES_CACHE=off`` does without.
+Import ``jax`` and ``jnp`` only from here, so that no array is created in single precision. With
+the persistent cache a new process need not compile a model again, which takes seconds.
+``LCBAYES_CACHE`` sets its folder, ``LCBAYES_CACHE=off`` disables it.
 """
 
 import os
@@ -15,7 +15,7 @@ __all__ = ["cache_dir", "jax", "jnp"]
 
 
 def cache_dir() -> Path | None:
-    """The folder of the compilation cache, or None when the user turned it off."""
+    """The folder of the compilation cache, or None if the user disabled it."""
     chosen = os.environ.get("LCBAYES_CACHE")
     if chosen == "off":
         return None
@@ -32,10 +32,10 @@ def _configure() -> None:
         return
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # a read-only home: slower, not broken
+    except OSError:  # a read-only home folder: work without a cache
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # small ones are many
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # many are small
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 

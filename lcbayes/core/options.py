@@ -1,14 +1,14 @@
 """Options of tasks, declared once: type, unit, range, default and one line of help.
 
-A task declares its options as a frozen dataclass whose fields are made by `option`:
+A task declares its options as a frozen dataclass with fields created by `option`:
 
     @dataclass(frozen=True)
     class SpinOptions(Options):
         shuffles: int = option(199, low=99, help="permutations of the test for periodicity")
         max_age: float = option(30.0, unit="days", above=0.0, help="oldest elements to accept")
 
-The fields make the Python signature and its documentation, the command line, ``run.toml`` and the
-columns of a catalogue. Values are checked when the object is made, wherever they came from.
+The fields define the Python signature and its documentation, the command line, ``run.toml`` and
+the columns of a catalogue. All values are checked when the object is created.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ _EXPECTED = {int: "a whole number", float: "a number", bool: "true or false", st
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a field says of itself beyond its type and default.
+    """Properties of an option in addition to its type and default.
 
     Attributes
     ----------
     help : one line without a full stop
-    unit : of the value, as printed
+    unit : unit of the value, as printed
     low, high : inclusive bounds
     above, below : exclusive bounds
     choices : the values allowed
     metavar : the placeholder on the command line
-    flag : name on the command line where it is not the field's name
+    flag : name on the command line, if it differs from the field's name
     short : single letter on the command line
-    aliases : further long options, written out
-    positional : whether it is given by its place on the command line, without a flag
-    parse : turns the text of the command line or of ``run.toml`` into the value
+    aliases : further long options, with their leading dashes
+    positional : whether it is a positional argument of the command line
+    parse : converts the text of the command line or of ``run.toml`` to the value
     """
 
     help: str
@@ -64,7 +64,7 @@ class Declaration:
 
 
 def option(default: Any = MISSING, *, help: str, **declared: Any) -> Any:
-    """A field of an options dataclass; see `Declaration` for what can be declared."""
+    """A field of an options dataclass; `Declaration` lists the possible properties."""
     metadata = {_KEY: Declaration(help, **declared)}
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=default.copy, metadata=metadata)
@@ -73,14 +73,14 @@ def option(default: Any = MISSING, *, help: str, **declared: Any) -> Any:
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its field's name, type and default with what was declared.
+    """One option: the name, type and default of its field, and its declared properties.
 
     Attributes
     ----------
     kind : int, float, bool, str or Path
     optional : whether None is allowed
     repeated : whether the value is a tuple of ``kind``
-    length : number of values in that tuple, which commas separate in text; None for any number
+    length : number of values in that tuple (comma-separated in text); None for any number
     """
 
     name: str
@@ -104,7 +104,7 @@ class Option:
 
     @property
     def placeholder(self) -> str:
-        """What stands for the value in the help."""
+        """The placeholder of the value in the help."""
         d = self.declared
         choices = "{" + ",".join(d.choices) + "}" if d.choices else None
         name = self.name.upper() if d.positional else None
@@ -112,7 +112,7 @@ class Option:
 
     @property
     def description(self) -> str:
-        """Help with the unit, the choices and the default."""
+        """Help text with the unit, the choices and the default."""
         d = self.declared
         notes = [d.unit] if d.unit else []
         if d.choices and d.metavar is not None:
@@ -123,12 +123,12 @@ class Option:
         return d.help + (f" ({'; '.join(notes)})" if notes else "")
 
     def check(self, value: Any) -> Any:
-        """The value in its type.
+        """The value converted to the type of the option.
 
         Raises
         ------
         InputError
-            It has another type or lies outside the range.
+            It has the wrong type or lies outside the range.
         """
         if value is None and self.optional:
             return None
@@ -220,7 +220,7 @@ class Option:
 
 
 def _shown(value: Any) -> str:
-    """A value as a message has it: numbers from the command line without quotation marks."""
+    """A value as shown in messages; numbers from the command line have no quotation marks."""
     try:
         float(value)
     except (TypeError, ValueError):
@@ -229,7 +229,7 @@ def _shown(value: Any) -> str:
 
 
 class Options:
-    """Base of the options of a task: a frozen dataclass whose fields `option` makes."""
+    """Base class of the options of a task: a frozen dataclass with fields created by `option`."""
 
     def __post_init__(self) -> None:
         for name, declared in declared_options(type(self)).items():
@@ -237,12 +237,12 @@ class Options:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:
-        """Options from a mapping, as ``run.toml`` and catalogues hold them.
+        """Options from a mapping, e.g. from ``run.toml`` or a catalogue.
 
         Raises
         ------
         InputError
-            A name is unknown, a required one is missing, or a value is at fault.
+            A name is unknown, a required option is missing, or a value is invalid.
         """
         known = declared_options(cls)
         for name in given:
@@ -254,12 +254,12 @@ class Options:
         return cls(**given)
 
     def files(self) -> dict[str, Path]:
-        """The files that the options name; of a results folder its summary."""
+        """The files named by the options; for a results folder, its summary file."""
         named = {name: value for name, value in self.as_dict().items() if isinstance(value, Path)}
         return {k: v / "summary.json" if v.is_dir() else v for k, v in named.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Names and values without those that are None, for ``run.toml``."""
+        """Names and values, except values of None, for ``run.toml``."""
         values = {name: getattr(self, name) for name in declared_options(type(self))}
         return {name: v for name, v in values.items() if v is not None}
 

@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar on a terminal, a line now and then elsewhere."""
+"""Progress reports on standard error: a bar on a terminal, otherwise occasional lines."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Protocol
 
 
 class Track(Protocol):
-    """What a running stage is told."""
+    """Interface through which a running stage reports its progress."""
 
     def advance(self, n: int, note: str = "") -> None: ...
 
     def more(self, n: int) -> None:
-        """So much more than was foretold."""
+        """Increase the expected total by n."""
         ...
 
 
@@ -39,7 +39,7 @@ class _Nothing:
 
 
 class Console(Silent):
-    """On a terminal a bar with rate and time left; otherwise a line at most every ten seconds."""
+    """A bar with rate and remaining time on a terminal; otherwise one line per 10 s at most."""
 
     def say(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)
@@ -88,7 +88,7 @@ class _Lines:
 
     def advance(self, n: int, note: str = "") -> None:
         now = time.monotonic()
-        if self.begun is None:  # what comes before the first is mostly compiling: no measure
+        if self.begun is None:  # the time before is mostly compilation, not counted in the rate
             self.begun, self.first = now, n
         self.done += n
         if now - self.said < 10 and self.done < self.total:
@@ -105,7 +105,7 @@ class _Lines:
 
 
 class Parts:
-    """Stages of different cost within one that has ``units``, shown as a single one."""
+    """Stages of different cost, shown as a single stage of ``units`` units."""
 
     def __init__(self, track: Track, units: int, total: float) -> None:
         self.track, self.units, self.total = track, units, total
@@ -113,7 +113,7 @@ class Parts:
 
     @contextmanager
     def part(self, cost: float, name: str, n_stages: int) -> Iterator[Silent]:
-        """What costs ``cost`` of the total and opens up to ``n_stages`` equal stages."""
+        """A part with the share ``cost`` of the total and up to ``n_stages`` equal stages."""
         begun = self.done
         try:
             yield _Part(self, cost / n_stages, name)

@@ -1,4 +1,4 @@
-"""Reasons against a result: a code for programs, a sentence for readers."""
+"""Reasons to doubt or reject a result: a code for programs, a sentence for readers."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 
 class Finding(NamedTuple):
-    """What speaks against a result, before it is a sentence.
+    """A reason to doubt or reject a result, before it is put into a sentence.
 
     Attributes
     ----------
     code : short identifier that does not change between versions, such as ``chains-disagree``
-    values : what the sentence of that code names, all of them numbers or texts
-    about : the part of the result that is meant, such as "solution 2"; empty for all of it
+    values : numbers and strings that appear in the sentence of that code
+    about : the part of the result concerned, such as "solution 2"; empty for the whole result
     """
 
     code: str
@@ -26,16 +26,16 @@ class Finding(NamedTuple):
 
     @classmethod
     def decode(cls, text: str) -> Finding:
-        """What `encode` gave."""
+        """The finding from the text written by `encode`."""
         return cls(*json.loads(text))
 
 
 class Reason(NamedTuple):
-    """One reason of a verdict.
+    """One reason for a verdict.
 
     Attributes
     ----------
-    code : short identifier in kebab case, the same whatever the numbers are
+    code : short identifier in kebab case, independent of the values
     text : one sentence
 
     Examples

@@ -1,4 +1,4 @@
-"""Words for messages."""
+"""Text for messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def join_words(words: Iterable[str]) -> str:
-    """A list as prose has it.
+    """A list of words joined with commas and "and".
 
     Examples
     --------

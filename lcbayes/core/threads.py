@@ -1,4 +1,4 @@
-"""Threads that each do small linear algebra, on libraries that would take all cores for each."""
+"""Threads for small linear algebra, with BLAS limited to one thread per call."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def threads(n: int) -> Iterator[Executor]:
-    """n threads; until the last of all such pools is closed BLAS has one thread to a call.
+    """A pool of n threads; BLAS uses one thread per call until the last such pool is closed.
 
-    Of the matrices of a posterior with a few dozen parameters BLAS would make so little work for
-    each core that waking the threads takes longer, and they would take the cores from ours: with
-    35 parameters a move of the Fisher-adaptive kernel took 2.8 times as long
-    (benchmarks/blas_threads.py), and more where other work had the cores.
+    For the matrices of a posterior with a few dozen parameters, multithreaded BLAS spends more time
+    on waking its threads than on the computation, and its threads compete with those of this pool.
+    With 35 parameters a move of the Fisher-adaptive kernel took 2.8 times as long
+    (benchmarks/blas_threads.py), and longer still when other processes used the cores.
     """
     with _alone, ThreadPoolExecutor(n) as pool:
         yield pool
 
 
 class _Alone:
-    """BLAS without threads of its own while anyone is inside. Fits can run beside each other in one
-    process; the first limits it, the last lets go."""
+    """Context in which BLAS is single-threaded.
+
+    Fits can run concurrently in one process: the first sets the limit, the last removes it.
+    """
 
     def __init__(self) -> None:
         self._lock, self._inside = Lock(), 0

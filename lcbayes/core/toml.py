@@ -1,4 +1,4 @@
-"""TOML: writing, and reading with messages that name file, line, key and what is expected."""
+"""Writing of TOML, and reading with messages that name file, line, key and expected value."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ type Place = tuple[str | int, ...]
 
 REQUIRED: Any = object()
 MAX_BYTES = 16 << 20
-LARGEST = 1e30  # of any number, so that neither squares nor quotients leave the floats
-FIRST_YEAR, LAST_YEAR = 1900, 2099  # of instants, as in light curves
+LARGEST = 1e30  # largest absolute value, so that squares and quotients do not overflow
+FIRST_YEAR, LAST_YEAR = 1900, 2099  # range of dates, as in light curves
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""\s*([A-Za-z0-9_\-."']+)\s*=""")
 
@@ -34,7 +34,7 @@ def read_toml(path: str | Path) -> Table:
     Raises
     ------
     InputError
-        The file is missing, is not UTF-8 text or is not TOML; with line and column.
+        The file is missing, is not UTF-8 text or is not TOML; the message has line and column.
     """
     name = printable(path)
     try:
@@ -49,7 +49,7 @@ def read_toml(path: str | Path) -> Table:
         raise InputError(f"{name}, {where}: not TOML ({what}); correct that line") from None
     except RecursionError:
         raise InputError(f"{name}: arrays or tables lie too deep in one another") from None
-    except ValueError:  # Python's own limit, which keeps int() from taking hours
+    except ValueError:  # Python's limit on the number of digits of an int
         most = sys.get_int_max_str_digits()
         long = re.search(rf"[\d_]{{{most + 1}}}", text, re.ASCII)
         line = f", line {text.count(chr(10), 0, long.start()) + 1}" if long else ""
@@ -58,7 +58,7 @@ def read_toml(path: str | Path) -> Table:
 
 
 def _lines_of(text: str) -> dict[Place, int]:
-    """Line of each table and key, as far as a look at the line alone can tell."""
+    """Line of each table and key, as far as a single line identifies it."""
     lines: dict[Place, int] = {}
     counts: dict[Place, int] = {}
     here: Place = ()
@@ -82,10 +82,10 @@ def _lines_of(text: str) -> dict[Place, int]:
 
 
 class Table:
-    """One table of a TOML file: typed access to its keys, every fault an InputError.
+    """One table of a TOML file with typed access to its keys; every fault is an InputError.
 
-    Call `done` when everything has been read: it rejects keys that nothing asked for, so that a
-    misspelt option is not silently ignored.
+    Call `done` after all keys have been read: it rejects unused keys, so that a misspelt option is
+    not silently ignored.
     """
 
     def __init__(
@@ -96,14 +96,14 @@ class Table:
 
     @property
     def values(self) -> dict[str, Any]:
-        """What the table holds, as plain Python, for a file that this package wrote itself."""
+        """The content of the table as Python objects, for files written by this package."""
         return dict(self._data)
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
     def keys(self) -> list[str]:
-        """The keys that are there, in the order of the file."""
+        """The keys of the table, in the order of the file."""
         return list(self._data)
 
     def fault(self, key: str | None, what: str) -> InputError:
@@ -116,7 +116,7 @@ class Table:
         return InputError(f"{printable(self.path)}{line}: {_dotted(place)} {what}")
 
     def _absent(self, key: str, default: Any, expected: str) -> bool:
-        """Whether the default holds; an error where there is none."""
+        """Whether the default applies; raises InputError if there is no default."""
         self._asked.add(key)
         if key in self._data:
             return False
@@ -134,7 +134,7 @@ class Table:
         high: float = LARGEST,
         above: float = -math.inf,
     ) -> Any:
-        """A number with low <= number <= high and number > above, at most `LARGEST` in size."""
+        """A number with low <= number <= high, number > above and |number| <= `LARGEST`."""
         low, high = max(low, -LARGEST), min(high, LARGEST)
         least = f"> {above:g}" if above >= low else f">= {low:g}"
         expected = f"a number {least} and <= {high:g}"
@@ -148,7 +148,7 @@ class Table:
     def vector(
         self, key: str, length: int = 3, default: Any = REQUIRED, limit: float = LARGEST
     ) -> Any:
-        """A list of numbers of that length, none larger in size than the limit, as a tuple."""
+        """A list of ``length`` numbers with absolute values up to ``limit``, as a tuple."""
         expected = f"a list of {length} numbers from {-limit:g} to {limit:g}"
         if self._absent(key, default, expected):
             return default
@@ -161,7 +161,7 @@ class Table:
     def text(
         self, key: str, default: Any = REQUIRED, choices: Collection[str] | None = None
     ) -> Any:
-        """A string, one of `choices` where they are given."""
+        """A string; one of `choices` if these are given."""
         expected = f"one of: {', '.join(choices)}" if choices else "a string"
         if self._absent(key, default, expected):
             return default
@@ -173,7 +173,7 @@ class Table:
         return value
 
     def flag(self, key: str, default: Any = REQUIRED) -> Any:
-        """true or false."""
+        """A Boolean."""
         if self._absent(key, default, "true or false"):
             return default
         value = self._data[key]
@@ -182,7 +182,7 @@ class Table:
         return value
 
     def instant(self, key: str, default: Any = REQUIRED) -> Any:
-        """An instant in UTC, from a TOML date and time or a string in ISO 8601."""
+        """A date and time in UTC, from a TOML date-time or an ISO 8601 string."""
         expected = f"an instant in UTC, {FIRST_YEAR} .. {LAST_YEAR}, such as 2026-03-01T19:30:00Z"
         if self._absent(key, default, expected):
             return default
@@ -213,7 +213,7 @@ class Table:
         return Table(self.path, value, (*self._place, key), self._lines)
 
     def tables(self, key: str) -> list[Table]:
-        """The tables [[key]], none where there are none."""
+        """The tables [[key]], possibly none."""
         self._asked.add(key)
         value = self._data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
@@ -225,11 +225,11 @@ class Table:
         ]
 
     def blank(self) -> Table:
-        """A table without keys in this one's place."""
+        """An empty table at the place of this one."""
         return Table(self.path, {}, self._place, self._lines)
 
     def under(self, outer: Table, keys: Collection[str]) -> Table:
-        """This table, with those keys of an outer one that it does not have itself."""
+        """This table, with its missing keys among ``keys`` taken from an outer table."""
         inherited = {key: outer._data[key] for key in keys if key in outer._data}
         outer._asked |= set(inherited)
         lines = dict(self._lines)
@@ -239,7 +239,7 @@ class Table:
         return Table(self.path, inherited | self._data, self._place, lines)
 
     def done(self) -> None:
-        """Reject what nothing asked for."""
+        """Reject keys that have not been read."""
         for key in self._data:
             if key not in self._asked:
                 near = difflib.get_close_matches(key, self._asked, 1)
@@ -251,21 +251,21 @@ class Table:
 def _is_number(value: object) -> bool:
     try:
         return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
-    except OverflowError:  # an int beyond the floats
+    except OverflowError:  # an int too large for a float
         return False
 
 
 def _shown(value: object) -> str:
-    """A value as a message shows it: its beginning where it is long."""
+    """A value as shown in messages, truncated if it is long."""
     try:
         text = str(value) if isinstance(value, date) else repr(value)
-    except ValueError:  # a hexadecimal number, whose decimal digits Python counts as too many
+    except ValueError:  # a hexadecimal number with too many decimal digits for Python
         return "a number too long to show"
     return text if len(text) <= 100 else f"{text[:100]}…"
 
 
 def _dotted(place: Place, root: str = "the file") -> str:
-    """`body.facets[2].normal`, counting tables of a list from 1."""
+    """A dotted name such as `body.facets[2].normal`; tables of a list are numbered from 1."""
     text = ""
     for part in place:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
@@ -273,7 +273,7 @@ def _dotted(place: Place, root: str = "the file") -> str:
 
 
 def to_toml(content: Mapping[str, Any]) -> str:
-    """TOML of a table of scalars and arrays and one level of tables."""
+    """TOML text of a mapping of scalars, arrays and one level of tables."""
     lines = [f"{k} = {_toml_value(v)}" for k, v in content.items() if not isinstance(v, Mapping)]
     for name, table in content.items():
         if isinstance(table, Mapping):

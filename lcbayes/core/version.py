@@ -1,10 +1,10 @@
-"""The version of the package that runs."""
+"""Version of the installed package."""
 
 from importlib.metadata import PackageNotFoundError, version
 
 
 def installed_version() -> str:
-    """Of lcbayes."""
+    """The installed version of lcbayes."""
     try:
         return version("lcbayes")
     except PackageNotFoundError:  # an uninstalled checkout

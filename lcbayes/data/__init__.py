@@ -1,1 +1,1 @@
-"""Light curves: the type, its readers and writers, the Earth's shadow, segments."""
+"""Light curves: the class, its readers and writers, the Earth's shadow, segments."""

@@ -1,4 +1,4 @@
-"""Sunlight that reaches a body: from how far, and past the Earth's limb and the air there."""
+"""Sunlight that reaches a body: its distance from the Sun, and the Earth's shadow."""
 
 from __future__ import annotations
 
@@ -15,42 +15,45 @@ from lcbayes.geometry.times import Times
 
 Floats = NDArray[np.float64]
 
-SCALE_KM = 7.6  # of the density of the lower 40 km of air
-BENDING = np.radians(1.18)  # of a ray that grazes the ground: twice the horizon's 35.4'
+SCALE_KM = 7.6  # scale height of the density in the lower 40 km of air
+BENDING = np.radians(1.18)  # of a ray that grazes the ground: twice the 35.4' at the horizon
 RAYLEIGH = 0.098  # optical depth of the air toward the zenith, 550 nm
-OZONE, OZONE_KM, OZONE_WIDTH_KM = 0.030, 22.0, 5.0  # the same of its ozone, a layer of this height
+OZONE, OZONE_KM, OZONE_WIDTH_KM = 0.030, 22.0, 5.0  # the same for ozone, in a layer of this height
 TOP_KM = 100.0
 FULL = 0.99
 NODES = 200  # of the integral over heights
-UMBRA = 1e-4  # of sunlight, 10 mag: far below it nothing is known of what the air lets through
+UMBRA = 1e-4  # of sunlight, 10 mag: far below it the transmission of the air is unknown
 
 
 def irradiance(curve: LightCurve) -> Floats:
     """(1 au / d)² at the points of a light curve, (T,), d the body's distance from the Sun.
 
-    It runs from 0.967 in July to 1.034 in January near the Earth. 1 where the date, the axes or the
-    distance are not known; fluxes that are reduced to unit distance have it taken out already.
+    Near the Earth it varies from 0.967 in July to 1.034 in January. It is 1 if the date, the axes
+    or the distance are unknown; fluxes reduced to unit distance are already corrected for it.
     """
     if curve.epoch_jd is None or curve.range_km is None or curve.frame != "icrs":
         return np.ones(curve.n_obs)
-    # the observer's place on the Earth would matter in the fourth digit of what is in the third
+    # the observer is taken at the Earth's centre: the range can matter in the third digit, the
+    # observer's position on the Earth only in the fourth
     body = -curve.range_km[:, None] * curve.obs
     away = np.linalg.norm(sun_position(Times.of(curve.epoch_jd, curve.t)) - body, axis=1)
     return (AU_KM / away) ** 2
 
 
 def share(curve: LightCurve) -> Floats:
-    """`sunlight` at the points of a light curve, (T,), at least `UMBRA`; 1 where the body's place
-    is not known."""
+    """`sunlight` at the points of a light curve, (T,), at least `UMBRA`.
+
+    It is 1 if the body's position is unknown.
+    """
     if curve.position_km is None:
         return np.ones(curve.n_obs)
     return np.maximum(sunlight(curve.position_km, curve.sun), UMBRA)
 
 
 def fully_lit(curve: LightCurve) -> LightCurve:
-    """The points that `FULL` of the sunlight reaches, for methods that know of no penumbra.
+    """The points with a share of sunlight above `FULL`, for methods that do not model a penumbra.
 
-    ``source`` says under "in_penumbra" how many were left out, if any.
+    ``source["in_penumbra"]`` is the number of excluded points, if any.
 
     Raises
     ------
@@ -70,18 +73,19 @@ def fully_lit(curve: LightCurve) -> LightCurve:
 
 
 def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:
-    """Share of the Sun's light that arrives past the Earth, (T,): 1 high above it.
+    """Share of the sunlight that passes the Earth and reaches the body, (T,): 1 far from the limb.
 
-    A ray that passes the ground at the height h is bent by α(h) = α₀ exp(−h/H) and reaches, at the
-    distance d behind, where a straight one of height g = h − d α(h) would. So from a strip of the
-    Sun's disc at straight height g comes the light of the strip dh of air: with w(x) the share of
-    the disc's chord at x km from its centre, and g₀ the height of the line to the Sun's centre,
+    A ray with the lowest height h above the ground is refracted by α(h) = α₀ exp(−h/H). At the
+    distance d behind the limb it arrives at the same point as a straight ray of height
+    g = h − d α(h). A strip of the solar disc at the straight height g is therefore seen through the
+    strip dh of air. With w(x) dx the fraction of the disc in a strip at x km from its centre, and
+    g₀ the height of the straight line to the Sun's centre,
 
         share = ∫₀ w(g(h) − g₀) exp(−τ(h)) dh,
 
-    τ the extinction along the ray by air and ozone at 550 nm. Without air that is the share of the
-    disc that is seen. The limb is that of the ellipsoid, straight over the width of the disc;
-    clouds, aerosols and limb darkening are left out.
+    where τ is the optical depth of air and ozone along the ray at 550 nm. Without air this is the
+    visible fraction of the disc. The limb is that of the ellipsoid, approximated as straight over
+    the width of the disc. Clouds, aerosols and limb darkening are neglected.
 
     Parameters
     ----------
@@ -90,20 +94,20 @@ def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:
     sun : (T, 3)
         Unit vectors to the Sun.
     air : bool
-        Without it the ellipsoid is bare.
+        Whether the ellipsoid has an atmosphere.
 
     References
     ----------
-    Link 1969, Eclipse Phenomena in Astronomy, ch. 2 (bending and its dilution of light);
-    Vokrouhlický, Farinella & Mignard 1993, A&A 280, 295 (of satellites).
+    Link 1969, Eclipse Phenomena in Astronomy, ch. 2 (refraction and its dilution of light);
+    Vokrouhlický, Farinella & Mignard 1993, A&A 280, 295 (for satellites).
     """
-    behind = -np.sum(position_km * sun, axis=-1)  # km from where the ray is lowest
+    behind = -np.sum(position_km * sun, axis=-1)  # km from the lowest point of the ray
     foot = position_km + behind[:, None] * sun
     low = np.linalg.norm(foot, axis=-1)
     height = low - EARTH_RADIUS_KM * (
         1.0 - EARTH_FLATTENING * (foot[:, 2] / np.maximum(low, 1e-9)) ** 2
     )
-    radius = SUN_RADIUS_KM / AU_KM * np.maximum(behind, 0.0)  # of the Sun's disc at the limb
+    radius = SUN_RADIUS_KM / AU_KM * np.maximum(behind, 0.0)  # of the solar disc at the limb
     share = np.where((behind > 0.0) & (height < -radius - BENDING * behind), 0.0, 1.0)
     near = np.flatnonzero((behind > 0.0) & (height < TOP_KM + radius) & (share > 0.0))
     for rows in np.array_split(near, max(1, near.size // 4096)):
@@ -112,9 +116,9 @@ def sunlight(position_km: Floats, sun: Floats, air: bool = True) -> Floats:
 
 
 def _through(height: Floats, behind: Floats, radius: Floats, air: bool) -> Floats:
-    """The integral, for lines to the Sun's centre at these heights (T,), km."""
+    """The integral in `sunlight`, for the heights g₀ = ``height`` (T,), km."""
     node, weight = np.polynomial.legendre.leggauss(NODES)
-    # The heights of rays that the disc reaches: g(h) rises, so that its ends bracket them.
+    # g(h) increases, so the two edges of the disc bracket the heights of its rays
     ends = [
         _ray(height + sign * radius, behind) if air else np.maximum(height + sign * radius, 0.0)
         for sign in (-1.0, 1.0)
@@ -129,7 +133,7 @@ def _through(height: Floats, behind: Floats, radius: Floats, air: bool) -> Float
 
 
 def _ray(straight: Floats, behind: Floats) -> Floats:
-    """Height h ≥ 0 of the bent ray that arrives where a straight one of height g does, km."""
+    """Height h ≥ 0 of the refracted ray that corresponds to a straight ray of height g, km."""
     low, high = np.zeros_like(straight), np.maximum(straight, 0.0) + BENDING * behind
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -139,10 +143,11 @@ def _ray(straight: Floats, behind: Floats) -> Floats:
 
 
 def extinction(height_km: Floats) -> Floats:
-    """Optical depth at 550 nm along a ray through the whole air, lowest at this height.
+    """Optical depth at 550 nm along a ray through the whole atmosphere with this lowest height.
 
-    Of air in proportion to its density, τ_z √(2πR/H) exp(−h/H); of ozone in a Gaussian layer,
-    ∫ n(r) 2r dr/√(r² − (R + h)²), by quadrature in √(r − R − h), which has no pole.
+    The optical depth of the air is proportional to its density, τ_z √(2πR/H) exp(−h/H). That of
+    the ozone, in a Gaussian layer, is ∫ n(r) 2r dr/√(r² − (R + h)²), by quadrature in √(r − R − h),
+    which removes the singularity.
     """
     h = np.asarray(height_km)[..., None]
     rayleigh = (

@@ -1,4 +1,4 @@
-"""The light curve: times, brightness and the geometry it was seen under, validated when made."""
+"""The light curve: times, brightness and viewing geometry, validated at construction."""
 
 from __future__ import annotations
 
@@ -18,58 +18,58 @@ ORBIT = ("position_km", "velocity_km_s")
 FRAMES = ("icrs", "ecliptic-j2000", "inertial")
 UNIT_TOLERANCE = 1e-6  # of the length of sun and obs
 
-_MADE: Any = None  # default of the fields that are never None once the curve is made
+_MADE: Any = None  # default of the fields that are never None after construction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LightCurve:
-    """Brightness of one object against time, with the directions to Sun and observer.
+    """Brightness of one object as a function of time, with directions to Sun and observer.
 
     Parameters
     ----------
     t : (T,) s
-        Time since ``epoch_jd``, never decreasing within a ``curve``. Equal times are two
-        measurements of one instant, as catalogues with rounded times have them.
+        Time since ``epoch_jd``, never decreasing within a ``curve``. Equal times are separate
+        measurements at the same time, which occur in catalogues with rounded times.
     brightness : (T,)
-        Flux or apparent magnitude, as ``kind`` says; all NaN where only the geometry is known.
+        Flux or apparent magnitude, depending on ``kind``; all NaN if only the geometry is known.
     error : (T,) or None
-        Standard deviation of ``brightness``, in its unit; None when the data carry no errors.
+        Standard deviation of ``brightness``, in its unit; None if the data have no errors.
     kind : "flux" or "mag"
-        ``flux`` is in W/m² (visible band) when ``range_km`` is given, otherwise reduced to unit
+        ``flux`` is in W/m² (visible band) if ``range_km`` is given, otherwise reduced to unit
         distances and unit solar irradiance. ``mag`` is an apparent magnitude in ``band``.
     sun, obs : (T, 3)
         Unit vectors from the object to the Sun and to the observer, axes of ``frame``.
     range_km : (T,) or None
         Distance between object and observer.
     position_km, velocity_km_s : (T, 3) or None
-        Geocentric place of the object and its velocity, in the same axes (``frame`` "icrs"), which
-        attitude laws ask for; None where no orbit is known.
+        Geocentric position and velocity of the object in the same axes (``frame`` "icrs"), required
+        by attitude laws; None if no orbit is known.
     curve : (T,) int
-        Index of the group a point belongs to, 0 .. n_curves-1.
+        Index of the group to which a point belongs, 0 .. n_curves-1.
     free_scale : (n_curves,) bool
-        Whether the brightness of that group carries an unknown factor (relative photometry).
-        When absent, that of magnitudes without ``range_km`` does, and no other.
+        Whether the brightness of that group has an unknown factor (relative photometry). By
+        default only magnitudes without ``range_km`` have one.
     curve_names : n_curves strings
         Name of each group, all different.
     band, site : (T,) str
-        Empty strings where the data do not say.
+        Empty strings if unknown.
     exposure_s : (T,) s
-        0 where the data do not say.
+        0 if unknown.
     epoch_jd : float or None
-        Julian date (UTC; for DAMIT files light-time corrected) of t = 0; None when only seconds
-        are known.
+        Julian date (UTC; for DAMIT files light-time corrected) of t = 0; None if only seconds are
+        known.
     frame : "icrs", "ecliptic-j2000" or "inertial"
-        Axes of ``sun`` and ``obs``; "inertial" when the file does not name them.
+        Axes of ``sun`` and ``obs``; "inertial" if the file does not name them.
     extra : mapping
-        Columns of the file that have no meaning here, (T,) each, kept as they are.
+        Other columns of the file, (T,) each, not used here and kept unchanged.
     source : mapping
-        Where the curve came from: ``file``, ``format``, ``sha256``, ``tle_sha256``; ``reading`` is
-        the options it was read with (JSON), and ``notes`` says what a reader left out or assumed.
+        Origin of the curve: ``file``, ``format``, ``sha256``, ``tle_sha256``; ``reading`` contains
+        the options it was read with (JSON), and ``notes`` what the reader left out or assumed.
 
     Raises
     ------
     InputError
-        One line that says which value is at fault and what to do.
+        A one-line message that names the invalid value and the remedy.
     """
 
     t: Floats
@@ -81,9 +81,9 @@ class LightCurve:
     range_km: Floats | None = None
     position_km: Floats | None = None
     velocity_km_s: Floats | None = None
-    curve: NDArray[np.int64] = _MADE  # all zero when absent
+    curve: NDArray[np.int64] = _MADE  # all zero by default
     free_scale: NDArray[np.bool_] = _MADE
-    curve_names: tuple[str, ...] = ()  # numbered from 0 when absent
+    curve_names: tuple[str, ...] = ()  # numbered from 0 by default
     band: NDArray[np.str_] = _MADE
     site: NDArray[np.str_] = _MADE
     exposure_s: Floats = _MADE
@@ -98,12 +98,12 @@ class LightCurve:
         self._check_curves()
 
     def _complete(self) -> None:
-        """Give every field its type and shape."""
+        """Convert every field to its type and shape."""
 
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        given = dict(vars(self))  # where a field may still be None
+        given = dict(vars(self))  # here a field may still be None
         _one_of("kind", self.kind, KINDS)
         _one_of("frame", self.frame, FRAMES)
         t = _floats("t", self.t)
@@ -141,7 +141,7 @@ class LightCurve:
         put("source", dict(self.source))
 
     def _check_points(self) -> None:
-        """Every number that the physics uses must be one it can use."""
+        """Check that all numbers used by the physics are valid."""
         for name in ("t", "error", "range_km", "exposure_s", *ORBIT):
             _reject(name, getattr(self, name), ~_finite(getattr(self, name)), "not finite", _DROP)
         if self.position_km is not None and self.frame != "icrs":
@@ -167,7 +167,7 @@ class LightCurve:
                 raise InputError(f"epoch_jd is {self.epoch_jd}; expected a Julian date or None")
 
     def _check_curves(self) -> None:
-        """Groups are 0 .. n_curves-1, named apart, and time runs forward in each."""
+        """Check that groups are 0 .. n_curves-1 with unique names and non-decreasing times."""
         n_curves = len(self.free_scale)
         points = np.bincount(self.curve, minlength=n_curves)
         if not points.all():
@@ -203,7 +203,7 @@ class LightCurve:
 
     @property
     def geometry_only(self) -> bool:
-        """Whether the brightness is unknown throughout: epochs to predict, not to fit."""
+        """Whether the brightness is unknown throughout, i.e. the epochs are for prediction."""
         return bool(np.isnan(self.brightness).all())
 
     @property
@@ -213,7 +213,10 @@ class LightCurve:
         return np.arctan2(cross, np.sum(self.sun * self.obs, axis=1))
 
     def select(self, mask: ArrayLike) -> LightCurve:
-        """The points chosen by a boolean mask or indices, in that order; empty curves drop out."""
+        """The points selected by a boolean mask or by indices, in that order.
+
+        Empty curves are removed.
+        """
         index = np.arange(self.n_obs)[np.asarray(mask)]
         if index.size == 0:
             raise InputError("the selection holds no points; choose at least one")

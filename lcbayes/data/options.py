@@ -1,4 +1,4 @@
-"""What may have to be said about a light curve before it can be read."""
+"""Options for reading a light curve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`read`: a light curve from a file, whose format its content tells."""
+"""`read`: a light curve from a file, with its format recognised from the content."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ WITH_COLUMNS = ("csv", "ecsv")
 
 
 def recognise(file: TextFile) -> str:
-    """The format of a file, from its content (`.lcs` helps where that is damaged)."""
+    """The format of a file from its content; for damaged content, the extension `.lcs` is used."""
     if is_ecsv(file.text):
         return "ecsv"
     if is_damit(file.text) or file.path.suffix.lower() == ".lcs":
@@ -72,27 +72,27 @@ def read(
     Parameters
     ----------
     path : file
-    format : one of `FORMATS`; recognised from the content when None
-    tle : file of two-line elements of the object, for data that lack its directions
+    format : one of `FORMATS`; None: recognised from the content
+    tle : file with two-line elements of the object, for data without directions
     site : "latitude,longitude,height" of the observer in degrees (north, east) and metres, for
-        files that do not give it
-    error_floor : smallest standard deviation to admit, in the unit of the brightness; smaller
-        ones are raised to it
-    error : one standard deviation for all points, instead of any the file gives
+        files that do not contain it
+    error_floor : smallest standard deviation, in the unit of the brightness; smaller values are
+        raised to it
+    error : a standard deviation for all points, which replaces those in the file
     columns : names of the columns in the file, as ``{"mag": "V", "mag_err": "err"}`` or as
-        ``"mag=V,mag_err=err"``; common names are recognised without. ``ignore`` names a column to
-        leave aside
+        ``"mag=V,mag_err=err"``; common names are recognised automatically. ``ignore`` names a
+        column to be ignored
 
     Returns
     -------
     LightCurve
-        ``source`` says how it was read (``reading``, JSON) and, as ``notes``, what was left out or
-        assumed.
+        ``source`` contains the options it was read with (``reading``, JSON) and what was left out
+        or assumed (``notes``).
 
     Raises
     ------
     InputError
-        One line: what is at fault, in which file and line, and what to do.
+        A one-line message that names the error, the file, the line and the remedy.
     """
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
@@ -119,10 +119,10 @@ def read_geometry(
     site: str | None = None,
     columns: str | Mapping[str, str] | None = None,
 ) -> LightCurve:
-    """Read epochs and geometry alone, to predict brightness for: as `read`, brightness all NaN.
+    """Read only epochs and geometry, for predictions: as `read`, with the brightness all NaN.
 
-    Columns of brightness and its error are not needed and, where present, ignored; their kind is
-    kept ("mag" when there are none).
+    Columns of brightness and its error are not required. If present, their values are ignored and
+    their kind is kept; otherwise the kind is "mag".
     """
     asked = ReadOptions.of({"format": format, "tle": tle, "site": site})
     options = Options(_path(asked.tle), asked.site, geometry_only=True, columns=mapping_of(columns))

@@ -1,8 +1,8 @@
 """Segments of a light curve between gaps: passes, nights, panels of a figure.
 
-A segment is a run of points of one series (a group seen from one site, in one band where bands
-matter) without a step in time longer than a `Gap` allows. Every notion of a pass in the package is
-`split` with one of the gaps below.
+A segment is a sequence of points of one series without a time step longer than a `Gap` allows. A
+series is a group observed from one site, and in one band if bands are distinguished. Every
+definition of a pass in the package is `split` with one of the gaps below.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ Rows = NDArray[np.integer]
 
 @dataclass(frozen=True)
 class Gap:
-    """The longest step in time within a segment: min(max(seconds, steps * median), longest_s).
+    """The longest time step within a segment: min(max(seconds, steps * median), longest_s).
 
     Attributes
     ----------
     seconds : s
     steps : float
-        In units of the median step of the series (repeated times left out), so that sparse
-        sampling is not taken for gaps.
+        In units of the median step of the series, without repeated times, so that sparse sampling
+        is not mistaken for gaps.
     longest_s : s
     """
 
@@ -41,9 +41,9 @@ class Gap:
         return min(max(self.seconds, self.steps * typical), self.longest_s)
 
 
-PASS = Gap(600.0)  # a pass of a low orbit, whatever the sampling: what its points share
-NIGHT = Gap(600.0, 50.0, 6 * 3600.0)  # densely sampled runs, in which periods and glints are sought
-MIN_POINTS = 30  # of a segment in which periods and glints are sought
+PASS = Gap(600.0)  # a pass in a low orbit, independent of the sampling
+NIGHT = Gap(600.0, 50.0, 6 * 3600.0)  # densely sampled data for the search for periods and glints
+MIN_POINTS = 30  # of a segment for the search for periods and glints
 
 
 def labels(curve: LightCurve, *, bands: bool = True) -> Rows:
@@ -53,7 +53,7 @@ def labels(curve: LightCurve, *, bands: bool = True) -> Rows:
     ----------
     curve : LightCurve
     bands : bool
-        Whether bands of one group and site are series of their own.
+        Whether the bands of one group and site are separate series.
     """
     keys = [curve.curve, np.unique(curve.site, return_inverse=True)[1]]
     if bands:
@@ -62,16 +62,16 @@ def labels(curve: LightCurve, *, bands: bool = True) -> Rows:
 
 
 def split(t: NDArray[np.float64], label: Rows, gap: Gap = PASS, min_points: int = 1) -> list[Rows]:
-    """Rows of each segment, in order of label, then time.
+    """Rows of each segment, ordered by label, then time.
 
     Parameters
     ----------
     t : (T,) s
     label : (T,) int
-        The series of each point, such as `labels`.
+        The series of each point, e.g. from `labels`.
     gap : Gap
     min_points : int
-        Segments with fewer points are left out; above 1, so are those of a single instant.
+        Segments with fewer points are left out; if above 1, also those at a single time.
     """
     order = np.lexsort((t, label))
     parts: list[Rows] = []
@@ -89,7 +89,7 @@ def nights(t: NDArray[np.float64], label: Rows) -> list[Rows]:
 
 
 def pass_numbers(curve: LightCurve) -> NDArray[np.int64]:
-    """The pass of each point, (T,), from 0: one group and site, no step above ten minutes."""
+    """Pass of each point, (T,), from 0: one group and site, no time step above ten minutes."""
     number = np.empty(curve.n_obs, np.int64)
     for i, rows in enumerate(split(curve.t, labels(curve, bands=False), PASS)):
         number[rows] = i

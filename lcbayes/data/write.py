@@ -1,4 +1,4 @@
-"""`write`: a light curve into CSV or ECSV, from which `read` makes the same again."""
+"""`write`: a light curve to CSV or ECSV, from which `read` restores the same light curve."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from lcbayes.data.formats.columns import NUMERIC, PLACE, SITE, VECTORS, VELOCITY
 from lcbayes.data.formats.ecsv import UNITS
 from lcbayes.data.lightcurve import LightCurve
 
-# columns of a site beside the vectors have no meaning left, and are kept
+# site columns have no meaning in addition to the vectors, and are kept unchanged
 RESERVED = (NUMERIC - {*SITE}) | {"utc", "curve", "calibrated", "band", "site", "frame"}
 
 
 def write(curve: LightCurve, path: str | os.PathLike[str]) -> None:
-    """Write a light curve: ECSV where the path ends in .ecsv, else CSV.
+    """Write a light curve: ECSV if the path ends in .ecsv, otherwise CSV.
 
-    Numbers are written so that they read back to the last bit. Time is the column ``t``, its
-    origin the line ``# epoch_jd``; columns in ``extra`` follow the others (text in CSV, typed in
-    ECSV). The file is there whole or not at all.
+    Numbers are written with full precision. Time is the column ``t``, its origin the line
+    ``# epoch_jd``; columns in ``extra`` follow the others (as text in CSV, typed in ECSV). The file
+    is written atomically.
 
     Raises
     ------
     InputError
-        The path cannot be written, or a column of ``extra`` bears a name that has a meaning.
+        The path cannot be written, or a column of ``extra`` has a reserved name.
     """
     columns, meta = _columns(curve), _meta(curve)
     ecsv = Path(path).suffix.lower() == ".ecsv"

@@ -1,1 +1,1 @@
-"""Times, the Earth and the Sun, sites, two-line elements, directions to Sun and observer."""
+"""Times, Earth and Sun, sites, two-line elements, directions to Sun and observer."""

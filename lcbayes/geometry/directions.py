@@ -1,7 +1,7 @@
-"""Directions to Sun and observer from what is known of a satellite's place in the sky.
+"""Directions to Sun and observer from coordinates or orbital elements of a satellite.
 
-Everything is in ICRS axes (which GCRS shares), kilometres, at the time of observation. Left out
-are light time and aberration, 20" at most.
+Everything is in ICRS axes (shared by GCRS) and kilometres, at the time of observation. Light time
+and aberration (at most 20") are neglected.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from lcbayes.geometry.tle import Tle
 
 Floats = NDArray[np.float64]
 
-MAX_TLE_AGE_DAYS = 30.0  # beyond, a low orbit is off by degrees along its track
+MAX_TLE_AGE_DAYS = 30.0  # for older elements a low orbit is off by degrees along its track
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What a light curve needs to know of the sky, per time.
+    """Geometry of the observations of a light curve, per time.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Geometry:
         Unit vectors from the satellite to the Sun and to the observer, GCRS axes.
     range_km : (T,)
     altitude_deg : (T,)
-        Height of the satellite over the observer's horizon, without refraction.
+        Altitude of the satellite above the observer's horizon, without refraction.
     position_km : (T, 3)
-        Geocentric place of the satellite, GCRS.
+        Geocentric position of the satellite, GCRS.
     velocity_km_s : (T, 3) or None
-        Its velocity, GCRS; None where no orbit is known.
+        Its velocity, GCRS; None if no orbit is known.
     sunlit : (T,) bool
-        Whether the whole disc of the Sun is seen from there past a spherical Earth.
-    notes : sentences about assumptions that mattered
+        Whether the whole solar disc is visible from there, for a spherical Earth.
+    notes : sentences about assumptions that affect the result
     """
 
     sun: Floats
@@ -54,7 +54,7 @@ class Geometry:
 
 
 def _seen(time: Times, site: Site, satellite: Floats, earth: Earth) -> Geometry:
-    """Directions for a satellite at a geocentric GCRS place."""
+    """Geometry of a satellite at a geocentric GCRS position."""
     place = np.broadcast_to(earth.to_gcrs(site.itrs()), satellite.shape)
     zenith = earth.to_gcrs(site.axes()[..., 2, :])
     line = place - satellite
@@ -75,9 +75,9 @@ def _seen(time: Times, site: Site, satellite: Floats, earth: Earth) -> Geometry:
 def from_radec(
     time: Times, site: Site, ra_deg: ArrayLike, dec_deg: ArrayLike, range_km: ArrayLike
 ) -> Geometry:
-    """Geometry of a satellite seen from a site at a topocentric place and distance.
+    """Geometry of a satellite from its topocentric coordinates and range.
 
-    `ra_deg` and `dec_deg` are astrometric, ICRS or J2000 axes, (T,); `range_km` is (T,).
+    `ra_deg` and `dec_deg` are astrometric, in ICRS or J2000 axes, (T,); `range_km` is (T,).
     """
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     toward = unit_vector(ra, dec)
@@ -93,16 +93,16 @@ def from_altaz(
     azimuth_deg: ArrayLike,
     height_km: ArrayLike,
 ) -> Geometry:
-    """Geometry of a satellite seen from a site at an altitude, an azimuth and a known height.
+    """Geometry of a satellite from its altitude, azimuth and height.
 
-    Altitude is over the geodetic horizon, without refraction; azimuth from north through east;
-    `height_km` is the satellite's height over the WGS84 ellipsoid. All (T,). The range is where
-    the line of sight reaches that height.
+    The altitude is above the geodetic horizon, without refraction; the azimuth is counted from
+    north through east; `height_km` is the satellite's height above the WGS84 ellipsoid. All are
+    (T,). The range is the distance at which the line of sight reaches that height.
 
     Raises
     ------
     InputError
-        The line of sight does not rise to that height.
+        The line of sight does not reach that height.
     """
     alt, az = np.radians(altitude_deg), np.radians(azimuth_deg)
     enu = np.stack([np.cos(alt) * np.sin(az), np.cos(alt) * np.cos(az), np.sin(alt)], -1)
@@ -120,17 +120,17 @@ def from_altaz(
 
 
 def _range_at_height(start: Floats, toward: Floats, rise: Floats, height: Floats) -> Floats:
-    """Distance along `toward` from `start` to a height over the ellipsoid; NaN where none, km.
+    """Distance along `toward` from `start` to a height above the ellipsoid, km; NaN if not reached.
 
-    Newton's method on the geodetic height, from the solution for a sphere; the height grows by
-    `toward`·zenith per unit of distance, exactly.
+    Newton's method on the geodetic height, starting from the solution for a sphere. The derivative
+    of the height with respect to the distance is exactly `toward`·zenith.
     """
     import erfa
 
     radius = np.linalg.norm(start, axis=-1)
     _, _, ground = erfa.gc2gd(WGS84, np.broadcast_to(start, toward.shape) * 1e3)
     above = height - ground / 1e3
-    # |start + d toward| = radius + above, solved without cancellation; upward looks only
+    # |start + d toward| = radius + above, solved without cancellation, for upward directions only
     half = radius * rise
     root = half**2 + above * (2.0 * radius + above)
     with np.errstate(invalid="ignore"):
@@ -148,9 +148,9 @@ def _range_at_height(start: Floats, toward: Floats, rise: Floats, height: Floats
 def from_tle(
     time: Times, site: Site, tle: Tle, max_age_days: float | None = MAX_TLE_AGE_DAYS
 ) -> Geometry:
-    """Geometry of a satellite that moves as its two-line elements say (SGP4).
+    """Geometry of a satellite from its two-line elements, propagated with SGP4.
 
-    Where a file holds several element sets of the object, each time uses the nearest.
+    If a file contains several element sets of the object, the nearest in time is used.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""The Earth and the Sun: orientation, places, shadow and air, in GCRS axes and kilometres.
+"""Earth and Sun: orientation, positions, shadow and air mass, in GCRS axes and kilometres.
 
-Nothing is fetched: the Earth's orientation comes from the IERS table that astropy bundles.
+Nothing is downloaded: the Earth's orientation comes from the IERS table bundled with astropy.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ Floats = NDArray[np.float64]
 
 
 def sun_position(time: Times) -> Floats:
-    """Geocentric place of the Sun, ICRS axes, km, (T, 3).
+    """Geocentric position of the Sun, ICRS axes, km, (T, 3).
 
-    Geometric, as catalogues of satellites and asteroids have it: the aberration of sunlight by
-    the Earth's motion (20") is left out. From erfa's `epv00`, good to 10 km over 1900-2100.
+    The position is geometric, as in catalogues of satellites and asteroids: the aberration of
+    sunlight by the Earth's motion (20") is neglected. From erfa's `epv00`, accurate to 10 km over
+    1900-2100.
     """
     import erfa
 
-    heliocentric, _ = erfa.epv00(*time.tt)  # wants TDB, which is within 2 ms of TT
+    heliocentric, _ = erfa.epv00(*time.tt)  # expects TDB, which is within 2 ms of TT
     return -heliocentric["p"] * AU_KM
 
 
 class Earth:
     """The Earth's orientation at given times: rotations between ITRS, GCRS and TEME.
 
-    IAU 2006/2000A with polar motion and UT1 from the IERS table bundled with astropy. For times
-    beyond the table its nearest value is taken, and `notes` says so.
+    IAU 2006/2000A with polar motion and UT1 from the IERS table bundled with astropy. Times outside
+    the table use its nearest value and add a sentence to `notes`.
     """
 
     def __init__(self, time: Times) -> None:
@@ -69,8 +70,8 @@ def _orientation(
 ) -> tuple[Floats, Floats, Floats, bool, str]:
     """UT1-UTC (s), polar motion x and y (rad), whether all times are in the table, its MJDs.
 
-    From the IERS table that astropy bundles; linear between its days, after taking the leap
-    seconds out.
+    Interpolated linearly between the days of the IERS table bundled with astropy, after removal of
+    the leap seconds.
     """
     table = _iers()
     mjd = (utc[0] - 2400000.5) + utc[1]
@@ -86,7 +87,7 @@ def _iers() -> dict[str, Floats]:
     import erfa
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its age, which the notes speak of
+        warnings.simplefilter("ignore")  # about its age, which the notes mention
         from astropy.utils import iers
 
         with iers.conf.set_temp("auto_download", False):
@@ -104,9 +105,9 @@ def _iers() -> dict[str, Floats]:
 
 
 def sunlit(position_km: Floats, to_sun_km: Floats) -> NDArray[np.bool_]:
-    """Whether the whole disc of the Sun is seen past the Earth, a sphere of its equator's radius.
+    """Whether the whole solar disc is visible past a spherical Earth of equatorial radius.
 
-    Both arguments are (T, 3): the geocentric place, and the vector from there to the Sun.
+    Both arguments are (T, 3): the geocentric position, and the vector from there to the Sun.
     """
     away, far = np.linalg.norm(position_km, axis=-1), np.linalg.norm(to_sun_km, axis=-1)
     cosine = -np.sum(position_km * to_sun_km, axis=-1) / (away * far)
@@ -116,10 +117,10 @@ def sunlit(position_km: Floats, to_sun_km: Floats) -> NDArray[np.bool_]:
 
 
 def airmass(position_km: Floats, obs: Floats, range_km: Floats) -> Floats:
-    """Air between a satellite and its observer, (T,), as a multiple of that toward the zenith.
+    """Air mass between a satellite and its observer relative to the zenith, (T,).
 
-    X = 1/(sin h + 0.50572 (h + 6.07995°)^(−1.6364)), h the altitude in degrees over a horizon that
-    is square to the observer's geocentric place (within 0.2° of the true one).
+    X = 1/(sin h + 0.50572 (h + 6.07995°)^(−1.6364)), where h is the altitude in degrees above a
+    horizon perpendicular to the observer's geocentric position (within 0.2° of the true horizon).
 
     References
     ----------

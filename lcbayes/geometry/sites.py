@@ -1,4 +1,4 @@
-"""Places of observers on the WGS84 ellipsoid."""
+"""Observing sites on the WGS84 ellipsoid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WGS84 = 1  # erfa's number for the ellipsoid
 
 @dataclass(frozen=True)
 class Site:
-    """Where the observer stands, on the WGS84 ellipsoid; numbers, or (T,) one per time.
+    """Position of the observer relative to the WGS84 ellipsoid; scalars, or (T,) for each time.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ class Site:
             raise InputError(f"site {text!r}: {fault}") from None
 
     def itrs(self) -> Floats:
-        """Place in ITRS, km, (3,) or (T, 3)."""
+        """Position in ITRS, km, (3,) or (T, 3)."""
         import erfa
 
         lon, lat = np.radians(self.lon_deg), np.radians(self.lat_deg)
         return erfa.gd2gc(WGS84, lon, lat, np.asarray(self.height_m, dtype=float)) / 1e3
 
     def axes(self) -> Floats:
-        """Unit vectors to east, north and zenith, ITRS, (3, 3) or (T, 3, 3)."""
+        """Unit vectors toward east, north and zenith, ITRS, (3, 3) or (T, 3, 3)."""
         lon, lat = np.radians(self.lon_deg), np.radians(self.lat_deg)
         lon, lat = np.broadcast_arrays(lon, lat)
         sl, cl, sp, cp = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)

@@ -1,4 +1,4 @@
-"""Longitudes and latitudes of directions, and means of angles on a circle."""
+"""Longitudes and latitudes of directions, and circular means of angles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def unit_vector(lon: ArrayLike, lat: ArrayLike) -> Floats:
 
 
 def lon_lat_deg(vectors: Floats) -> tuple[Floats, Floats]:
-    """Longitude in [0, 360) and latitude, degrees, of vectors (..., 3) of any length.
+    """Longitude in [0, 360) and latitude, in degrees, of vectors (..., 3) of any length.
 
     Examples
     --------
@@ -30,10 +30,10 @@ def lon_lat_deg(vectors: Floats) -> tuple[Floats, Floats]:
 def unwrapped(
     values: ArrayLike, period: float, axis: int | tuple[int, ...] | None = None
 ) -> Floats:
-    """Angles moved by whole turns to lie within half a turn of their circular mean.
+    """Angles shifted by whole turns to lie within half a turn of their circular mean.
 
-    The mean itself is brought to [0, period), so that quantiles and means of angles near zero make
-    sense. Draws spread over the whole circle stay spread over one turn.
+    The mean itself lies in [0, period), so that quantiles and means of angles near zero are
+    meaningful. Draws that cover the whole circle still span one turn.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def unwrapped(
     period : float
         One turn.
     axis : int or tuple of int, optional
-        Over which the mean is taken, by default over all; leading axes where not all.
+        Axes over which the mean is taken: all axes (default) or leading axes.
     """
     angle = 2 * np.pi * np.asarray(values, float) / period
     mean = np.arctan2(np.sin(angle).mean(axis), np.cos(angle).mean(axis))

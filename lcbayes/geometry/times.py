@@ -1,4 +1,4 @@
-"""Moments as two-part Julian dates, leap seconds counted."""
+"""Times as two-part Julian dates, with leap seconds."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Times:
-    """Moments as two-part Julian dates (T,), whose sum is the date, in the scales used here."""
+    """Times as two-part Julian dates (T,), whose sum is the date, in the scales used here."""
 
     utc: tuple[Floats, Floats]
     tt: tuple[Floats, Floats]
 
     @classmethod
     def of(cls, epoch_jd: float, t: ArrayLike) -> Times:
-        """Seconds elapsed since a UTC Julian date, leap seconds counted."""
+        """Times from seconds elapsed since a UTC Julian date, including leap seconds."""
         import erfa
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", erfa.ErfaWarning)  # years whose leap seconds are open
+            warnings.simplefilter("ignore", erfa.ErfaWarning)  # years with unknown leap seconds
             whole = np.floor(epoch_jd)
             tai1, tai2 = erfa.utctai(whole, epoch_jd - whole)
             days, rest = np.divmod(np.atleast_1d(np.asarray(t, dtype=float)), 86400.0)
@@ -32,7 +32,7 @@ class Times:
             return cls(erfa.taiutc(*tai), erfa.taitt(*tai))
 
     def text(self, row: int, decimals: int = 0) -> str:
-        """One of them in ISO 8601, UTC, to the second or to decimals of it."""
+        """One time in ISO 8601, UTC, with a number of decimals of a second."""
         import erfa
 
         with warnings.catch_warnings():
@@ -44,6 +44,6 @@ class Times:
 
 
 def seconds_between(first_jd: float, second_jd: float) -> float:
-    """Seconds from one UTC Julian date to another, leap seconds counted as readers of files do."""
+    """Seconds from one UTC Julian date to another, with leap seconds as in the file readers."""
     (a1, a2), (b1, b2) = (Times.of(jd, 0.0).tt for jd in (first_jd, second_jd))
     return float(((b1 - a1) + (b2 - a2))[0] * 86400.0)

@@ -1,4 +1,4 @@
-"""Two-line element sets: read with their checksums, propagated with SGP4."""
+"""Two-line element sets: reading with checksums and propagation with SGP4."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Tle:
 
     Attributes
     ----------
-    name : of the file, for messages
+    name : name of the file, for messages
     satellites : sgp4 records, sorted by epoch
     epochs : (E,) Julian dates, UTC
     """
@@ -48,14 +48,14 @@ class Tle:
     epochs: Floats
 
     def teme(self, time: Times, max_age_days: float | None = None) -> Floats:
-        """Positions in SGP4's own frame (true equator, mean equinox), km, (T, 3).
+        """Positions in SGP4's frame (true equator, mean equinox), km, (T, 3).
 
         Raises as `states`.
         """
         return self.states(time, max_age_days)[0]
 
     def states(self, time: Times, max_age_days: float | None = None) -> tuple[Floats, Floats]:
-        """Positions (km) and velocities (km/s) in SGP4's own frame, (T, 3) each.
+        """Positions (km) and velocities (km/s) in SGP4's frame, (T, 3) each.
 
         Raises
         ------
@@ -88,19 +88,20 @@ class Tle:
 
 
 def read_tle(path: str | os.PathLike[str]) -> Tle:
-    """Read the element sets of one object from a file, names on lines of their own allowed.
+    """Read the element sets of one object from a file; separate lines with names are allowed.
 
     Raises
     ------
     InputError
-        Naming file and line: no elements, a broken line, a wrong checksum, several objects.
+        No elements, a broken line, a wrong checksum or several objects; the message names file
+        and line.
     """
     file = read_text(path)
     return parse_tle(file.text, file.name)
 
 
 def parse_tle(text: str, name: str) -> Tle:
-    """As `read_tle`, from text; `name` is what messages call it."""
+    """As `read_tle`, from text; `name` identifies it in messages."""
     from sgp4.api import Satrec
 
     lines = [

@@ -1,1 +1,1 @@
-"""What a facet sends to the observer: attitude, reflectance, brightness, photometry. Pure JAX."""
+"""Reflected light of faceted bodies: attitude, reflectance, brightness, photometry. Pure JAX."""

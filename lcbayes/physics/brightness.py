@@ -1,11 +1,12 @@
-"""Brightness of a faceted body: the sum over facets that are lit and seen.
+"""Brightness of a faceted body: the sum over facets that are lit and visible.
 
-`flux` is the hot path of every fit, so its derivative is written out rather than left to
+`flux` dominates the cost of every fit, so its derivative is written out instead of left to
 automatic differentiation. The kernel and its two slopes are computed once per epoch and facet;
-everything else is a product of these matrices with a vector, linear in the tangents. So JAX
-transposes it into the reverse mode of the same shape, and forward mode, `vmap` and higher
-derivatives work as for any function. Long light curves go through in blocks that stay in a core's
-cache and are computed again in the backward pass: faster than fetching them, and memory is bounded.
+everything else is a product of these matrices with a vector and linear in the tangents. JAX can
+therefore transpose it to a reverse mode of the same form, and forward mode, `vmap` and higher
+derivatives work as for any function. Long light curves are processed in blocks that fit in the
+cache of a core. The blocks are recomputed in the backward pass, which is faster than reading them
+from memory and limits the memory use.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ DiffuseLaw = Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"]
 DIFFUSE_LAWS: tuple[str, ...] = get_args(DiffuseLaw)
 
 _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
-# Epochs x facets at once: the few matrices of 128 kB alive together stay in a core's cache, which
-# matters most where chains run side by side: two gradients of 1541 x 300 on two cores take half the
-# time that they take in one piece. With few facets the loop costs more than that saves.
+# Epochs x facets per block: a few matrices of 128 kB each fit in the cache of a core. This matters
+# most when chains run in parallel: two gradients of 1541 x 300 on two cores take half the time
+# without blocks. With few facets the loop costs more than this saves.
 _BLOCK, _BLOCK_FEW = 1 << 14, 1 << 18
 
 
@@ -39,10 +40,10 @@ def flux(
 ) -> jax.Array:
     """Flux of a body of diffuse facets at unit distance under unit irradiance.
 
-    f(t) = Σᵢ αᵢ K(μ₀ᵢ, μᵢ), with μ₀ = max(0, s·n), μ = max(0, o·n): a facet must be lit and seen.
+    f(t) = Σᵢ αᵢ K(μ₀ᵢ, μᵢ), with μ₀ = max(0, s·n), μ = max(0, o·n), over lit and visible facets.
 
     K = μ₀μ/π ("lambertian"), [1 − (1 − μ₀/2)⁵][1 − (1 − μ/2)⁵] μ₀μ/π ("non-lambertian"),
-    μ₀μ/(μ₀ + μ) + c μ₀μ ("lommel-seeliger-lambert", where α is w A/4π and no phase law is in).
+    μ₀μ/(μ₀ + μ) + c μ₀μ ("lommel-seeliger-lambert", with α = w A/4π and no phase law).
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def flux(
     size = _BLOCK_FEW if facets < _FEW_FACETS else _BLOCK
     if epochs * facets <= size:
         return _flux(law, *args)
-    # Full blocks one after the other, then what is left over.
+    # Full blocks one after the other, then the remainder.
     block = max(1, size // facets)
     n_blocks, rest = divmod(epochs, block)
     part = jax.checkpoint(partial(_flux, law))
@@ -109,15 +110,15 @@ def _flux_jvp(law, primals, tangents):
         """Σₖ vₖ(t) Σᵢ M(t, i) wₖ(i), k the three axes."""
         if few:
             return jnp.sum(vectors.T * (weights.T @ matrix), axis=0)
-        # A fourth column of zeros: XLA multiplies by four columns over twice as fast as by three.
+        # With a fourth column of zeros, XLA multiplies more than twice as fast as with three.
         return jnp.sum(vectors * (matrix @ jnp.pad(weights, ((0, 0), (0, 1))))[:, :3], axis=1)
 
     def turned(vectors: jax.Array, matrix: jax.Array) -> jax.Array:
-        """The same with wₖ = αᵢ dnₖ: the normals turn."""
+        """The same with wₖ = αᵢ dnₖ, for changes of the normals."""
         weights = albedo_area[:, None] * d_normals
         if few:
             return along(vectors, matrix, weights)
-        # An axis at a time: the transposes are row vector times matrix, which XLA does best.
+        # One axis at a time: the transposes are row vector times matrix, the fastest form in XLA.
         return sum(vectors[:, k] * total(matrix, weights[:, k]) for k in range(3))  # pyright: ignore[reportReturnType]
 
     value = total(kernel, albedo_area)
@@ -138,7 +139,7 @@ def _flux_jvp(law, primals, tangents):
 
 
 def _cosines(few, sun, obs, normals):
-    """s·n and o·n, (N, T) for few facets, else (T, N)."""
+    """s·n and o·n, (N, T) for few facets, otherwise (T, N)."""
     if few:
         return normals @ sun.T, normals @ obs.T
     return sun @ normals.T, obs @ normals.T
@@ -147,11 +148,12 @@ def _cosines(few, sun, obs, normals):
 def diffuse_kernel(law, mu0, mu, c):
     """K = f_r μ₀ μ of a facet of unit albedo and its derivatives by μ₀ and μ, all zero where dark.
 
-    Elementwise, without branches, powers by multiplication.
+    Elementwise, without branches, with powers by multiplication.
     """
     if law == "lommel-seeliger-lambert":
-        # A quotient for each result, not one reciprocal for all: XLA would write that to memory and
-        # read it back, which takes longer than to divide. NaN is not dark, so that it shows.
+        # A quotient for each result instead of one reciprocal for all: XLA would write the latter
+        # to memory and read it back, which is slower than a division. NaN does not count as dark,
+        # so it propagates.
         dark = (mu0 <= 0.0) | (mu <= 0.0)
         both = jnp.where(dark, 1.0, mu0 + mu)
         value, p, q = mu0 * mu / both + c * (mu0 * mu), mu0 / both, mu / both
@@ -162,7 +164,7 @@ def diffuse_kernel(law, mu0, mu, c):
     if law == "lambertian":
         by_pi = 1.0 / jnp.pi
         return mu0 * mu * by_pi, jnp.where(lit, mu * by_pi, 0.0), jnp.where(seen, mu0 * by_pi, 0.0)
-    # "non-lambertian", a product: K = B(μ₀) B(μ)/π, B = x [1 − (1 − x/2)⁵], B'(0) = 0
+    # "non-lambertian" is a product: K = B(μ₀) B(μ)/π, B = x [1 − (1 − x/2)⁵], B'(0) = 0
     (b0, slope0), (b, slope) = _shouldered(mu0), _shouldered(mu)
     b = b * (1.0 / jnp.pi)
     return b0 * b, slope0 * b, b0 * slope * (1.0 / jnp.pi)
@@ -187,9 +189,9 @@ def flux_brdf(
     u_axes: jax.Array | None = None,
     visible: jax.Array | None = None,
 ) -> jax.Array:
-    """Flux of a body whose facets follow any law of `reflectance.LAWS`, as in `flux`.
+    """Flux of a body with facets that follow any law of `reflectance.LAWS`, as in `flux`.
 
-    f(t) = Σᵢ Aᵢ vᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and seen.
+    f(t) = Σᵢ Aᵢ vᵢ f_r(μ₀ᵢ, μᵢ, …) μ₀ᵢ μᵢ over the facets that are lit and visible.
 
     Parameters
     ----------
@@ -201,12 +203,11 @@ def flux_brdf(
     law : str
         One of `reflectance.LAWS`.
     params : mapping of (N,) or scalars
-        The law's parameters. Give "nu" alone for an isotropic Ashikhmin-Shirley facet.
+        Parameters of the law. Give only "nu" for an isotropic Ashikhmin-Shirley facet.
     u_axes : (N, 3) or None
         Unit vectors in each facet's plane, perpendicular to its normal; for anisotropic laws.
     visible : (T, N) or None
-        Fraction v of each facet that nothing shades and nothing hides (`bodies.shadows`); 1 where
-        None.
+        Fraction v of each facet that is neither shadowed nor hidden (`bodies.shadows`); 1 if None.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Sunlight that the Earth sends up: a lit sphere that reflects diffusely, seen from above."""
+"""Earthshine: sunlight reflected to a satellite by the Earth, a diffusely reflecting sphere."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ RINGS, SECTORS = 4, 10
 
 
 class Glow(NamedTuple):
-    """Earthshine at T places as light from Q directions each.
+    """Earthshine at T positions as light from Q directions each.
 
     Attributes
     ----------
     toward : (Q, T, 3)
-        Unit vectors from the satellite to patches of the Earth, the axes of ``position``.
+        Unit vectors from the satellite to patches of the Earth, in the axes of ``position``.
     strength : (Q, T)
-        Irradiance on a surface square to each, as a share of the Sun's.
+        Irradiance on a surface perpendicular to each direction, relative to that of the Sun.
     """
 
     toward: jax.Array
@@ -33,23 +33,23 @@ def glow(
     rings: int = RINGS,
     sectors: int = SECTORS,
 ) -> Glow:
-    """Light of a Lambertian Earth of one albedo, lit by the Sun, at a satellite.
+    """Irradiance of a satellite by a sunlit Lambertian Earth of uniform albedo.
 
-    A patch at the surface normal m has the radiance (a/π) max(0, m·s), wherever it is seen from, so
-    that the irradiance of a plane square to direction w is ∫ (a/π) max(0, m(w)·s) dΩ over the
-    Earth's disc. The integral is taken by Gauss-Legendre nodes in the root of the cosine of the
-    angle from nadir, less that of the limb, and evenly in azimuth from the Sun's. No air, clouds,
-    seas or seasons: the albedo of real ground under a satellite at dusk is 0.1 to 0.8, 0.3 in the
-    mean.
+    A patch with surface normal m has the radiance (a/π) max(0, m·s) in all directions. The
+    irradiance of a plane perpendicular to direction w is therefore ∫ (a/π) max(0, m(w)·s) dΩ over
+    the Earth's disc. The quadrature has Gauss-Legendre nodes in the square root of the difference
+    between the cosines of the nadir angle and of its value at the limb, and equal steps in azimuth
+    from the Sun. Air, clouds, seas and seasons are neglected: the albedo of the real ground below a
+    satellite at dusk ranges from 0.1 to 0.8, with a mean of 0.3.
 
     Parameters
     ----------
     position : (T, 3)
-        Geocentric, in radii of the Earth, of length > 1.
+        Geocentric, in Earth radii, with length > 1.
     sun : (T, 3)
         Unit vectors to the Sun.
     albedo : float
-        Of Bond: the share of the light that the ground sends back.
+        Bond albedo: the fraction of the light reflected by the ground.
 
     References
     ----------
@@ -66,7 +66,7 @@ def glow(
 
     node, weight = np.polynomial.legendre.leggauss(rings)
     edge = jnp.sqrt(1.0 - radius**-2)  # cosine from nadir of the Earth's limb
-    inward = 0.5 * (1.0 + node)[:, None]  # root of the way from limb to nadir: no kink at the limb
+    inward = 0.5 * (1.0 + node)[:, None]  # square root of the fraction from limb to nadir: smooth
     cosine = edge + (1.0 - edge) * inward**2  # (R, T)
     sine = jnp.sqrt(jnp.maximum(1.0 - cosine**2, 0.0))
     azimuth = 2.0 * jnp.pi * (jnp.arange(sectors) + 0.5) / sectors

@@ -1,4 +1,4 @@
-"""From flux to what is written down: magnitudes, phase law, finite exposures, scale per curve."""
+"""From flux to observed quantities: magnitudes, phase law, finite exposures, scale per curve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lcbayes.core.jax_setup import jax, jnp
 _MODULUS = -31.5721
 
 # The Sun's absolute magnitude per band: value, system. Willmer 2018, ApJS 236, 47, table 3
-# (good to 0.03); G: Casagrande & VandenBerg 2018, MNRAS 479, L102.
+# (accurate to 0.03); G: Casagrande & VandenBerg 2018, MNRAS 479, L102.
 _SUN_ABSOLUTE = {
     "U": (5.61, "Vega"),  # Johnson
     "B": (5.44, "Vega"),
@@ -32,7 +32,7 @@ _SUN_ABSOLUTE = {
 }
 
 SUN_MAGNITUDE: dict[str, float] = {
-    "hinks": -26.7,  # Hinks et al. 2013, eq. (3): no band named
+    "hinks": -26.7,  # Hinks et al. 2013, eq. (3): band not stated
     **{band: round(value + _MODULUS, 2) for band, (value, _) in _SUN_ABSOLUTE.items()},
 }
 """Apparent magnitude of the Sun at 1 au."""
@@ -59,7 +59,7 @@ def magnitude(flux: jax.Array, range_m: jax.Array | float, m_sun: jax.Array | fl
     Parameters
     ----------
     flux : (T,) m²
-        Σ α f_r μ₀ μ: what the body sends to unit distance under unit irradiance (1 au).
+        Σ α f_r μ₀ μ, the flux at unit distance under unit irradiance (1 au).
     range_m : (T,) m
         Distance between body and observer.
     m_sun : scalar or (T,)
@@ -109,17 +109,17 @@ def exposed(
 ) -> Callable[[jax.Array], jax.Array]:
     """Average an instantaneous flux over the exposure, by Gauss-Legendre quadrature.
 
-    f̄(t) = ½ Σₖ wₖ f(t + xₖ τ/2), exact where f is a polynomial of degree 2·order − 1 over the
-    exposure. Fluxes average, magnitudes do not: apply it before `magnitude`.
+    f̄(t) = ½ Σₖ wₖ f(t + xₖ τ/2), exact if f is a polynomial of degree 2·order − 1 during the
+    exposure. The average is over fluxes, not magnitudes: apply it before `magnitude`.
 
     Parameters
     ----------
     brightness : callable
         t (T,) s -> flux (T,).
     exposure_s : (T,) s
-        Length of the exposure that is centred on each t.
+        Duration of the exposure centred on each t.
     order : int
-        Number of instants per exposure.
+        Number of nodes per exposure.
 
     Returns
     -------

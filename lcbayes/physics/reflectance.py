@@ -1,18 +1,18 @@
-"""Reflectance laws: how much of the light that reaches a facet leaves it towards the observer.
+"""Reflectance laws: the fraction of the incident light that a facet reflects to the observer.
 
-Each law is a function ``law(geometry, parameters) -> f_r`` that gives the bidirectional
-reflectance distribution function (BRDF, 1/sr) of facets that are lit and seen; a facet then
-sends A f_r μ₀ μ to an observer at unit distance under unit irradiance. `LAWS` names them all,
-with their parameters and the range of each.
+Each law is a function ``law(geometry, parameters) -> f_r`` that returns the bidirectional
+reflectance distribution function (BRDF, 1/sr) of facets that are lit and visible. The flux of a
+facet at unit distance under unit irradiance is A f_r μ₀ μ. `LAWS` lists all laws with their
+parameters and ranges.
 
-The reflectances mean the same in every law. The papers weigh a diffuse part of reflectance ρ with
-d and a specular part of reflectance F₀ (at normal incidence) with s = 1 − d. Only the products
-can be told apart in most laws, so each is one parameter, counted once:
+The reflectances have the same meaning in every law. The papers weight a diffuse part of reflectance
+ρ with d and a specular part of reflectance F₀ (at normal incidence) with s = 1 − d. In most laws
+only the products are identifiable, so each product is a single parameter:
 
     r_diff = d ρ (Hinks' R_diff)        r_spec = s F₀ (Hinks' R_spec)
 
 Linares' α = s F₀ A, the albedo-area of a "non-lambertian" facet, is r_diff times its area here.
-Every law in this file is reciprocal: Sun and observer may change places.
+Every law in this file is reciprocal: Sun and observer can be exchanged.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ SatelliteLaw = Literal[
     "blinn-phong",
     "lambertian",
     "non-lambertian",
-]  # of artificial surfaces, whose r_diff and r_spec sum to what is reflected
+]  # of artificial surfaces; r_diff + r_spec is the total reflectance
 type Parameters = Mapping[str, jax.Array | float]
 
 
 class Geometry(NamedTuple):
-    """What a law needs to know of facets that are lit and seen.
+    """Geometry of facets that are lit and visible, the input of a law.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Geometry(NamedTuple):
     mu_h : (T, N)
         n·h, cosine between normal and half vector.
     h_u, h_v : (T, N) or None
-        Projections of the half vector on the facet's u and v axes; None without such axes.
+        Projections of the half vector on the facet's u and v axes; None without these axes.
     c : (T, 1)
         o·h = s·h, cosine of half the phase angle.
     phase : (T, 1) rad
@@ -60,8 +60,8 @@ class Geometry(NamedTuple):
     phase: jax.Array
 
 
-# A facet whose cosine of incidence or of view is below this counts as dark: far below what a
-# light curve can tell, and high enough that no law overflows.
+# A facet with a cosine of incidence or of view below this value counts as dark: far below the
+# sensitivity of a light curve, and high enough that no law overflows.
 GRAZING = 1e-12
 
 
@@ -71,10 +71,10 @@ def geometry(
     normals: jax.Array,
     u_axes: jax.Array | None = None,
 ) -> tuple[Geometry, jax.Array]:
-    """Angles between facets, Sun and observer, and which facets are both lit and seen.
+    """Angles between facets, Sun and observer, and which facets are both lit and visible.
 
-    Where a facet is not lit and seen, every entry is that of a facet seen and lit face-on: laws
-    and their derivatives stay finite there, and the caller masks the result.
+    For other facets every entry is that of a facet lit and viewed face-on. Laws and their
+    derivatives therefore remain finite, and the caller masks the result.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def geometry(
     -------
     Geometry
     lit : (T, N) bool
-        Lit and seen.
+        Lit and visible.
     """
     mu0, mu = sun_body @ normals.T, obs_body @ normals.T
     lit = (mu0 > GRAZING) & (mu > GRAZING)
@@ -115,7 +115,7 @@ def geometry(
 def half_phase(sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Cosine of half the phase angle, and the phase angle (rad), of unit vectors (T, 3).
 
-    Exact to rounding at every angle (no arccos), with finite derivatives at 0 and at π.
+    Exact to rounding at every angle (no arccos), with finite derivatives at 0 and π.
     """
 
     def length(x: jax.Array) -> jax.Array:
@@ -128,7 +128,7 @@ def half_phase(sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def lambertian(geom: Geometry, p: Parameters) -> jax.Array:
-    """f_r = r_diff/π: equally bright from everywhere.
+    """f_r = r_diff/π: equally bright in all directions.
 
     References
     ----------
@@ -142,17 +142,17 @@ def non_lambertian(geom: Geometry, p: Parameters) -> jax.Array:
 
     References
     ----------
-    Linares & Crassidis, eqs. (4), (5); table 1 leaves out the 1/π.
+    Linares & Crassidis, eqs. (4), (5); table 1 omits the factor 1/π.
     """
     return p["r_diff"] / jnp.pi * shoulder(geom.mu0) * shoulder(geom.mu)
 
 
 def ashikhmin_shirley(geom: Geometry, p: Parameters) -> jax.Array:
-    """Ashikhmin-Shirley as in the report of 2000: specular denominator c·max(μ₀, μ).
+    """Ashikhmin-Shirley as in the 2000 report: specular denominator c·max(μ₀, μ).
 
     f_r = √((n_u+1)(n_v+1))/(8π) F (n·h)^z / (c max(μ₀, μ)) + diffuse part,
     F = r_spec + (1 − r_spec)(1 − c)⁵,  z = n_u cos²β + n_v sin²β,
-    β the angle in the facet's plane between its u axis and the half vector.
+    with β the angle in the facet's plane between its u axis and the half vector.
 
     References
     ----------
@@ -165,8 +165,8 @@ def ashikhmin_shirley(geom: Geometry, p: Parameters) -> jax.Array:
 def ashikhmin_shirley_distribution(geom: Geometry, p: Parameters) -> jax.Array:
     """Ashikhmin-Shirley in the distribution-based form: denominator μ₀ + μ − μ₀μ.
 
-    Everything else as in `ashikhmin_shirley`. Away from normal incidence it reflects far less:
-    a sharp lobe at 60° incidence holds a third of the other form's light.
+    Everything else is as in `ashikhmin_shirley`. Away from normal incidence it reflects far less: a
+    sharp lobe at 60° incidence contains a third of the light of the other form.
 
     References
     ----------
@@ -182,12 +182,12 @@ def cook_torrance(geom: Geometry, p: Parameters) -> jax.Array:
     G = min{1, 2(n·h)μ/c, 2(n·h)μ₀/c}, and F Fresnel's reflectance for the refractive index
     n = (1+√F₀)/(1−√F₀): F = (g−c)²/(2(g+c)²) {1 + [c(g+c)−1]²/[c(g−c)+1]²}, g² = n² + c² − 1.
 
-    s = 1 − r_diff and F₀ = r_spec/s, the paper's d + s = 1 with a lossless diffuse part; so no
-    more light leaves than arrives while r_diff + r_spec ≤ 1.
+    s = 1 − r_diff and F₀ = r_spec/s correspond to the paper's d + s = 1 with a lossless diffuse
+    part, so energy is conserved if r_diff + r_spec ≤ 1.
 
     References
     ----------
-    Linares & Crassidis, table 1 and below, where D and g are misprinted; Cook & Torrance 1982.
+    Linares & Crassidis, table 1 and below (D and g are misprinted there); Cook & Torrance 1982.
     """
     s = 1.0 - jnp.asarray(p["r_diff"])
     f0 = jnp.clip(p["r_spec"] / jnp.maximum(s, 1e-9), 1e-12, 1.0 - 1e-9)
@@ -201,13 +201,13 @@ def cook_torrance(geom: Geometry, p: Parameters) -> jax.Array:
 
 
 def blinn_phong(geom: Geometry, p: Parameters) -> jax.Array:
-    """Blinn-Phong, scaled so that at normal incidence it reflects r_diff + r_spec.
+    """Blinn-Phong, normalised to reflect r_diff + r_spec at normal incidence.
 
     f_r = r_diff/π + r_spec (n+2)(n+4) / (8π(n + 2^(−n/2))) (n·h)ⁿ.
 
     References
     ----------
-    Linares & Crassidis, table 1, which leaves out the power n.
+    Linares & Crassidis, table 1, which omits the power n.
     """
     n = jnp.asarray(p["n"])
     scale = (n + 2.0) * (n + 4.0) / (8.0 * jnp.pi * (n + 2.0 ** (-0.5 * n)))
@@ -215,14 +215,14 @@ def blinn_phong(geom: Geometry, p: Parameters) -> jax.Array:
 
 
 def lommel_seeliger_lambert(geom: Geometry, p: Parameters) -> jax.Array:
-    """Lommel-Seeliger and Lambert under a phase law, as asteroid light curves are inverted with.
+    """Lommel-Seeliger and Lambert with a phase law, as in asteroid light-curve inversion.
 
     f_r = w/(4π) P(phase) [1/(μ₀+μ) + c],  P = a exp(−phase/d) + k phase + 1,
     so that A f_r μ₀ μ = (w A/4π) P [μ₀μ/(μ₀+μ) + c μ₀μ]; w is the single-scattering albedo.
 
     References
     ----------
-    Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37; the law DAMIT's models are made with.
+    Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37; the law used for the models in DAMIT.
     """
     law = phase_law(geom.phase, p["a"], p["d"], p["k"])
     return p["w"] / (4.0 * jnp.pi) * law * (1.0 / (geom.mu0 + geom.mu) + p["c"])
@@ -241,10 +241,10 @@ def _as_diffuse(geom: Geometry, p: Parameters) -> jax.Array:
 
 
 def _as_specular(geom: Geometry, p: Parameters) -> jax.Array:
-    """√((n_u+1)(n_v+1))/(8π) F (n·h)^z, the numerator both forms share.
+    """√((n_u+1)(n_v+1))/(8π) F (n·h)^z, the numerator of both forms.
 
     With cos²β = h_u²/(1 − (n·h)²), z ln(n·h) = n_v ln(n·h) + (n_u − n_v) h_u² L,
-    L = ln(n·h)/(1 − (n·h)²): smooth where h lies along n, and free of β when n_u = n_v.
+    L = ln(n·h)/(1 − (n·h)²): smooth at h = n, and independent of β if n_u = n_v.
     """
     nu = jnp.asarray(p["nu"])
     nv = jnp.asarray(p["nv"]) if "nv" in p else nu
@@ -260,7 +260,7 @@ def _as_specular(geom: Geometry, p: Parameters) -> jax.Array:
 
 
 def log_over_sin2(x: jax.Array) -> jax.Array:
-    """ln x/(1 − x²), which tends to −1/2 at x = 1."""
+    """ln x/(1 − x²), with the limit −1/2 at x = 1."""
     e = 1.0 - x
     near = jnp.abs(e) < 1e-4
     far_x = jnp.where(near, 0.5, x)
@@ -269,7 +269,7 @@ def log_over_sin2(x: jax.Array) -> jax.Array:
 
 
 def _fresnel(c: jax.Array, f0: jax.Array) -> jax.Array:
-    """Unpolarised reflectance of a dielectric of normal reflectance f0, at cos(incidence) = c."""
+    """Unpolarised reflectance of a dielectric with normal reflectance f0 at cos(incidence) = c."""
     root = jnp.sqrt(f0)
     n = (1.0 + root) / (1.0 - root)
     g = jnp.sqrt(n**2 + c**2 - 1.0)
@@ -278,7 +278,7 @@ def _fresnel(c: jax.Array, f0: jax.Array) -> jax.Array:
 
 
 class Parameter(NamedTuple):
-    """Range and meaning of a law's parameter; `default` None means that it must be given."""
+    """Range and meaning of a parameter of a law; without a `default` (None) it is required."""
 
     lower: float
     upper: float
@@ -287,11 +287,11 @@ class Parameter(NamedTuple):
 
 
 class Law(NamedTuple):
-    """A reflectance law with what models, scenario files and the command line ask of it.
+    """A reflectance law with the properties used by models, scenarios and the command line.
 
-    `sum_to_one` says that r_diff + r_spec ≤ 1 is needed for the law to conserve energy (in the
-    others the bounds alone see to it); `diffuse` that f_r is a factor per facet times a kernel
-    that `brightness.flux` knows under the same name.
+    If `sum_to_one` is true, energy conservation requires r_diff + r_spec ≤ 1; for the other laws
+    the bounds are sufficient. If `diffuse` is true, f_r is a factor per facet times the kernel of
+    the same name in `brightness.flux`.
     """
 
     brdf: Callable[[Geometry, Parameters], jax.Array]
@@ -339,7 +339,7 @@ LAWS: dict[str, Law] = {
 
 
 def get_law(name: str) -> Law:
-    """The law of that name, or a one-line error that lists them all."""
+    """The law of that name; if there is none, the one-line error lists all laws."""
     try:
         return LAWS[name]
     except KeyError:

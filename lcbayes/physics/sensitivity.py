@@ -1,8 +1,9 @@
-"""How brightness changes with attitude and surface: in closed form, and for any law by JAX.
+"""Derivatives of brightness by attitude and surface: in closed form, and for any law by JAX.
 
-An attitude error δα (rad, body frame) is Hinks' : Â = exp(−[δα×]) A_true with his A from inertial
-to body, so the true body-frame components of an inertial vector are exp([δα×]) times those
-computed with Â, and ∂(o·n)/∂δα = o × n. The package's own A(t) is the transpose of his.
+The attitude error δα (rad, body frame) follows Hinks et al.: Â = exp(−[δα×]) A_true, with their A
+from inertial to body. The true body-frame components of an inertial vector are therefore
+exp([δα×]) times those computed with Â, and ∂(o·n)/∂δα = o × n. The A(t) of this package is the
+transpose of theirs.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ class Sensitivities(NamedTuple):
     Attributes
     ----------
     flux : (T, N) m²
-        Of each facet; the body's is the sum.
+        Flux of each facet; that of the body is the sum.
     attitude : (T, 3) m²/rad
         ∂(Σ flux)/∂δα, body frame.
     parameters : name → (T, N)
-        ∂flux/∂p of each facet by its own r_diff, r_spec, nu, nv.
+        ∂flux/∂p of each facet for its r_diff, r_spec, nu, nv.
     """
 
     flux: jax.Array
@@ -46,22 +47,22 @@ def closed_form(
     params: Mapping[str, jax.Array | float],
     u_axes: jax.Array | None = None,
 ) -> Sensitivities:
-    """Derivatives of an Ashikhmin-Shirley body's flux, written out.
+    """Derivatives of the flux of an Ashikhmin-Shirley body in closed form.
 
     ∂f/∂δα = Σᵢ fᵢ [C₁ᵢ (o × nᵢ) + C₂ᵢ (s × nᵢ) + C_uᵢ (h × uᵢ) + C_vᵢ (h × vᵢ)],
 
     C₁ = (ρ_s/ρ) {z/(x_A + x_B) − ∂ ln q/∂x_A} + (5k₂/2ρ) S(x_B) (1 − x_A/2)⁴ + 1/x_A,
     C_u = 2(n_u − n_v) (ρ_s/ρ) ln(x_n) x_u x_v²/(x_u² + x_v²)², C₂ and C_v by exchange (C_v with
-    the other sign), S(x) = 1 − (1 − x/2)⁵, and q the denominator of the specular term:
-    x_A + x_B − x_A x_B ("ashikhmin-shirley-distribution", the papers') or c·max(x_A, x_B)
-    ("ashikhmin-shirley"). The latter has a kink at x_A = x_B; the
-    mean of both sides is given there.
+    opposite sign), S(x) = 1 − (1 − x/2)⁵, and q the denominator of the specular term:
+    x_A + x_B − x_A x_B ("ashikhmin-shirley-distribution", as in the papers) or c·max(x_A, x_B)
+    ("ashikhmin-shirley"). The latter has a kink at x_A = x_B, where the mean of both sides is
+    returned.
 
     Parameters
     ----------
     sun_body, obs_body, normals, area, params, u_axes
-        As in `brightness.flux_brdf`; without ``u_axes`` facets are isotropic and "nu" stands for
-        both exponents, as in Hinks (24).
+        As in `brightness.flux_brdf`; without ``u_axes`` facets are isotropic and "nu" is the value
+        of both exponents, as in Hinks (24).
     law : str
         One of `CLOSED_FORMS`.
 
@@ -98,7 +99,7 @@ def closed_form(
         log_lobe = nv * log_n + (nu - nv) * xu**2 * by_sin2
     norm = jnp.sqrt((nu + 1.0) * (nv + 1.0)) / (8.0 * jnp.pi)
     sent = jnp.where(lit, area * xa * xb, 0.0)
-    lobe = sent * norm * jnp.exp(log_lobe) / denominator  # specular flux over Fresnel's factor
+    lobe = sent * norm * jnp.exp(log_lobe) / denominator  # specular flux over the Fresnel factor
     specular = lobe * fresnel
     k = 28.0 / (23.0 * jnp.pi)
     both = sent * k * shoulder(xa) * shoulder(xb)
@@ -118,7 +119,7 @@ def closed_form(
         parameters["nu"] = specular * (1.0 / (nu + 1.0) + log_n)
     else:
         bisector = (sun_body + obs_body) / (2.0 * geom.c)
-        # ln(x_n)/(x_u² + x_v²) is smooth where the half vector lies along the normal
+        # ln(x_n)/(x_u² + x_v²) is smooth if the half vector is along the normal
         front = 2.0 * (nu - nv) * specular * by_sin2
         v_axes = jnp.cross(normals, u_axes)
         turn += jnp.cross(bisector, (front * geom.h_u * share_v) @ u_axes)
@@ -131,12 +132,12 @@ def closed_form(
 def attitude_gradient(
     flux: Callable[[jax.Array, jax.Array], jax.Array], sun_body: jax.Array, obs_body: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Flux and ∂flux/∂δα by forward differentiation, whatever the law.
+    """Flux and ∂flux/∂δα by forward differentiation, for any law.
 
     Parameters
     ----------
     flux : callable
-        Body-frame Sun and observer (T, 3) -> flux (T,), each point by itself.
+        Body-frame Sun and observer (T, 3) -> flux (T,), independently for each point.
     sun_body, obs_body : (T, 3)
 
     Returns
@@ -157,18 +158,19 @@ def magnitude_gradient(flux: jax.Array, gradient: jax.Array) -> jax.Array:
 
 
 def nullspace(gradient: jax.Array, axis: jax.Array) -> jax.Array:
-    """The two directions of attitude error that one measurement does not see, orthonormal.
+    """The two orthonormal directions of attitude error to which a measurement is insensitive.
 
-    n₁ is ``axis`` less its part along the gradient g, n₂ = ĝ × n₁. For one isotropic facet and the
-    gradient of a magnitude, with ``axis`` the normal, these are Hinks' (20a) and (20b): n₁ = n, and
-    n₂ the projection of C₁ o + C₂ s on the facet's plane. Where g = 0 (a glint's very centre, a
-    dark body) nothing is seen: n₁ = ``axis`` and some n₂ across it.
+    n₁ is the unit vector along ``axis`` minus its projection on the gradient g, and n₂ = ĝ × n₁.
+    For one isotropic facet, the gradient of a magnitude, and ``axis`` the normal, these are Hinks'
+    (20a) and (20b): n₁ = n, and n₂ along the projection of C₁ o + C₂ s on the facet's plane. If
+    g = 0 (the exact centre of a glint, or a dark body), the measurement is insensitive to any
+    direction: n₁ = ``axis``, and n₂ is an arbitrary direction perpendicular to it.
 
     Parameters
     ----------
     gradient : (T, 3)
     axis : (T, 3)
-        Unit vectors, none along its gradient.
+        Unit vectors, not parallel to the gradient.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""From a table with our column names to a light curve: the one way for every delimited format."""
+"""Light curves from tables with lcbayes column names, for all delimited formats."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from lcbayes.data.lightcurve import FRAMES, LightCurve
 
 Floats = NDArray[np.float64]
 
-BRIGHTEST_MAG, FAINTEST_MAG = -30.0, 40.0  # 99.99 and -99 mark what is missing
+BRIGHTEST_MAG, FAINTEST_MAG = -30.0, 40.0  # 99.99 and -99 mark missing values
 LARGEST_MAG_ERROR = 9.0
 LARGEST_ALBEDO_AREA = 1e6  # m², of a body nearer than `NEAR_KM`
 NEAR_KM = 1e6
-SOLAR_FLUX = 455.0  # W/m² at 1 au in the visible band, for orders of magnitude
-KEPT_UNIT = 1e-14  # a length this near one is left alone, so that rewriting loses nothing
+SOLAR_FLUX = 455.0  # W/m² at 1 au in the visible band, for order-of-magnitude checks
+KEPT_UNIT = 1e-14  # a length this close to 1 is kept, so that rewriting is lossless
 
 
 def build(
@@ -42,7 +42,7 @@ def build(
     Raises
     ------
     InputError
-        Naming file, line, column and remedy.
+        The message names file, line, column and remedy.
     """
     used: set[str] = set()
     t, epoch_jd, time_name = _times(table, used)
@@ -83,7 +83,7 @@ def build(
 
 
 def source_of(table: Table, file_format: str, notes: tuple[str, ...]) -> dict[str, str]:
-    """Where a curve came from."""
+    """Origin of a curve."""
     notes = table.file.notes + notes
     return {
         "file": table.file.name,
@@ -125,7 +125,7 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
         epoch_jd = float(text)
     except ValueError:
         epoch_jd = np.nan
-    if not 2.3e6 < epoch_jd < 2.6e6:  # a date in days of another origin makes another Sun
+    if not 2.3e6 < epoch_jd < 2.6e6:  # days from another origin give a wrong position of the Sun
         raise InputError(
             f"{table.file.at(line)}: epoch_jd is {text!r}; expected a Julian date of the years "
             "1585 .. 2406 (MJD + 2400000.5)"
@@ -174,13 +174,13 @@ def _brightness(
     if given is not None and kind == "mag" and options.error is None:
         table.reject(err, given >= LARGEST_MAG_ERROR, f">= {LARGEST_MAG_ERROR:g} mag", _MISSING)
     if given is not None and options.error is None and options.error_floor is not None:
-        given = table.number(err)  # before a floor hides what is not a number
+        given = table.number(err)  # before the error floor hides NaN
     error = options.errors(given, len(table), table.file.name)
     return kind, values, error, {"brightness": kind, "error": err}
 
 
 def _curves(table: Table, used: set[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Group of each point, and names by first appearance."""
+    """Group of each point, and group names in order of first appearance."""
     used.add("curve")
     if "curve" not in table:
         return np.zeros(len(table), np.int64), ("0",)
@@ -196,9 +196,10 @@ def _curves(table: Table, used: set[str]) -> tuple[NDArray[np.int64], tuple[str,
 def _free_scale(
     table: Table, used: set[str], curve: NDArray[np.int64], n_curves: int, absolute: bool
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Which groups have a free scale, and what a reader must know of it.
+    """Which groups have a free scale, and notes about it for the user.
 
-    A magnitude without a distance says nothing of the size of the body (``absolute`` is false).
+    A magnitude without a distance contains no information on the size of the body (``absolute`` is
+    false).
     """
     used.add("calibrated")
     if "calibrated" not in table:
@@ -226,7 +227,7 @@ RANGE = (
 def _check_flux(
     table: Table, flux: Floats, range_km: Floats | None, free: NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """Refuse calibrated fluxes that no body sends; say in what unit those without a range are."""
+    """Reject impossible calibrated fluxes; return a note on the unit of fluxes without a range."""
     calibrated = flux[~free]
     if calibrated.size == 0:
         return ()
@@ -249,7 +250,7 @@ def _check_flux(
 
 
 def _check_order(table: Table, t: Floats, curve: NDArray[np.int64], name: str) -> None:
-    """Unsorted or repeated times are faults of a file, unless it says the repeats are meant."""
+    """Reject unsorted times, and repeated times unless the file declares them."""
     order = np.argsort(curve, kind="stable")
     before, after = order[:-1], order[1:]
     same = curve[before] == curve[after]
@@ -271,8 +272,10 @@ _REPEATS = (
 def _geometry(
     table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
 ) -> tuple[dict[str, Any], tuple[str, ...], dict[str, Any]]:
-    """Directions to Sun and observer by the one way the file and the options give, as fields of
-    the light curve; notes; columns to add to `extra`."""
+    """Directions to Sun and observer as fields of the light curve, notes, columns for `extra`.
+
+    The file and the options must provide exactly one source of directions.
+    """
     given = [
         what
         for what, here in (
@@ -320,7 +323,7 @@ def _geometry(
 
 
 def _given_orbit(table: Table, used: set[str]) -> dict[str, Floats]:
-    """Place and velocity of the satellite, where the file has them."""
+    """Position and velocity of the satellite, if the file contains them."""
     found = {}
     for field, names in (("position_km", PLACE), ("velocity_km_s", VELOCITY)):
         if any(name in table for name in names):
@@ -331,7 +334,7 @@ def _given_orbit(table: Table, used: set[str]) -> dict[str, Floats]:
 
 
 def _declared_frame(table: Table, used: set[str]) -> str | None:
-    """The frame a comment or a column names; both must agree, and all rows."""
+    """The frame named by a comment or a column; both must agree, in all rows."""
     said = table.meta["frame"][0].strip("'\"").lower() if "frame" in table.meta else None
     where = table.file.at(table.meta["frame"][1]) if said else ""
     if "frame" in table:
@@ -366,10 +369,10 @@ def _directions(table: Table, name: str) -> Floats:
 
 
 def unit(vectors: Floats) -> Floats:
-    """(T, 3) vectors of any length but zero, made unit vectors where they are not."""
+    """Unit vectors from (T, 3) vectors of any length except zero; unit vectors are unchanged."""
     size = np.max(np.abs(vectors), axis=1)
     with np.errstate(under="ignore"):
-        scaled = vectors / size[:, None]  # so that no square over- or underflows
+        scaled = vectors / size[:, None]  # so that squares do not over- or underflow
         length = np.linalg.norm(scaled, axis=1)
     keep = np.abs(length * np.minimum(size, 2.0) - 1.0) <= KEPT_UNIT
     return np.where(keep[:, None], vectors, scaled / length[:, None])

@@ -1,4 +1,4 @@
-"""Names of the columns of a light-curve file, and what the caller may add to them."""
+"""Column names of a light-curve file, and the caller's options for reading it."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ KNOWN = (*_PLAIN, *TEXTS, *VECTORS, *RADEC, *ALTAZ, *SITE, *PLACE, *VELOCITY)
 
 @dataclass(frozen=True)
 class Options:
-    """What the caller adds to a file."""
+    """The caller's additions to the content of a file."""
 
     tle: str | Tle | None = None  # a file, or elements already read
     site: str | None = None
     error: float | None = None
     error_floor: float | None = None
     geometry_only: bool = False
-    columns: Mapping[str, str] = field(default_factory=dict)  # our name → the file's
+    columns: Mapping[str, str] = field(default_factory=dict)  # lcbayes name → name in the file
 
     def __post_init__(self) -> None:
         for name in ("error", "error_floor"):
@@ -46,7 +46,7 @@ class Options:
                 raise InputError(f"{name} is {value}; give a positive standard deviation")
 
     def errors(self, given: Floats | None, n: int, name: str) -> Floats | None:
-        """The standard deviations to use: those given, unless these options say otherwise."""
+        """The standard deviations of the file, modified by ``error`` and ``error_floor``."""
         if self.geometry_only:
             return None
         if self.error is not None:
@@ -59,7 +59,7 @@ class Options:
 
 
 def need(table: Table, names: tuple[str, ...]) -> None:
-    """Raise InputError unless all the columns are there."""
+    """Raise InputError unless all the columns are present."""
     missing = [name for name in names if name not in table]
     if missing:
         raise InputError(

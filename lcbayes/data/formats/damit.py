@@ -1,4 +1,4 @@
-"""DAMIT `.lcs`: asteroid light curves with the directions they were seen from."""
+"""DAMIT `.lcs`: asteroid light curves with the directions to Sun and Earth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WIDTH = 8  # JD, intensity, asteroid→Sun (3), asteroid→Earth (3)
 
 
 def is_damit(text: str) -> bool:
-    """Whether the first lines are a number of curves, then `npoints flag`, then a row of 8."""
+    """Whether the first lines are a number of curves, `npoints flag`, and a row of 8 numbers."""
     lines = [line.split() for line in text[:4096].split("\n", 4)[:4] if line.strip()]
     return (
         len(lines) >= 2
@@ -31,17 +31,17 @@ def is_damit(text: str) -> bool:
 def read_damit(file: TextFile, options: Options) -> LightCurve:
     """Read a DAMIT file.
 
-    Each curve of flag 0 is relative: its intensities are divided by their mean, and its scale is
-    free; an error given by option is in the unit that results. Curves of flag 1 are calibrated
-    (reduced to unit distances) and kept as they are. The times are light-time corrected Julian
-    dates, turned into seconds since the whole date before the first and into nothing else. Axes
-    are ecliptic J2000; vectors in au become directions. All curves of the file are read, also
-    where there are more than line 1 says. Equal times, which rounding gives, are kept.
+    Curves with flag 0 are relative: their intensities are divided by their mean, and their scale is
+    free; an error given as an option is in the resulting unit. Curves with flag 1 are calibrated
+    (reduced to unit distances) and kept unchanged. The times are light-time corrected Julian dates,
+    converted to seconds since the last whole date before the first time, without other changes.
+    Axes are ecliptic J2000; vectors in au become directions. All curves of the file are read, even
+    if there are more than line 1 states. Equal times, a result of rounding, are kept.
 
     Raises
     ------
     InputError
-        Naming file and line.
+        The message names file and line.
     """
     if options.tle is not None or options.site is not None:
         raise InputError(f"{file.name} has directions of its own; leave out --tle and --site")
@@ -87,9 +87,9 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
 def _parse(
     file: TextFile,
 ) -> tuple[list[list[float]], list[int], list[int], list[int], int]:
-    """Rows, their lines, their curves; the flag of each curve; the number of curves announced.
+    """Rows, their lines, their curves; the flag of each curve; the number of curves in the header.
 
-    Nothing is allocated for what a header announces, only for the rows that are there.
+    Memory is allocated for the rows present, not for the numbers stated in a header.
     """
     filled = [
         (number, cells)

@@ -1,4 +1,4 @@
-"""ECSV: delimited text whose `#` header says, in YAML, what the columns are."""
+"""ECSV: delimited text with a YAML description of the columns in its `#` header."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ UNITS = {"jd": "d", "t": "s", "mag": "mag", "mag_err": "mag", "exposure_s": "s"}
     if name.endswith(ending)
 }
 
-MAX_NODES = 100_000  # of the header's YAML with its aliases written out
-HEEDED = ("epoch_jd", "frame", "repeated_times")  # keys of the meta that `build` knows
+MAX_NODES = 100_000  # of the header's YAML with its aliases expanded
+HEEDED = ("epoch_jd", "frame", "repeated_times")  # keys of the meta data used by `build`
 
 
 def is_ecsv(text: str) -> bool:
-    """Whether the first line is that of an ECSV file."""
+    """Whether the first line identifies an ECSV file."""
     return text.startswith("# %ECSV")
 
 
 def read_ecsv(file: TextFile, options: Options) -> LightCurve:
-    """Read an ECSV file: as CSV, with the units of its columns checked and its meta heeded."""
+    """Read an ECSV file: as CSV, with a check of column units and with its meta data."""
     header_line, _ = header_of(file.text)
     comments = file.text.split("\n")[: max(header_line - 1, 0)]
     yaml = [line[2:] for line in comments if line.startswith("# ") and not _is_magic(line)]
     try:
         columns, delimiter, meta = _said(yaml)
-    except Exception as fault:  # whatever the YAML parser meets is a fault of the file
+    except Exception as fault:  # any error of the YAML parser is caused by the file
         reason = _short(f"{type(fault).__name__} {fault}")
         raise InputError(
             f"{file.at(1)}: the ECSV header cannot be read ({reason}); write it with astropy, or "
@@ -60,7 +60,7 @@ def read_ecsv(file: TextFile, options: Options) -> LightCurve:
 
 
 def _said(yaml: list[str]) -> tuple[dict[str, dict], str, dict[str, str]]:
-    """Columns by name, delimiter, and what is heeded of the meta, from the header's YAML."""
+    """Columns by name, delimiter, and the meta data in use, from the header's YAML."""
     from astropy.io.misc.yaml import AstropyLoader
     from astropy.table import meta
 
@@ -85,10 +85,9 @@ def _said(yaml: list[str]) -> tuple[dict[str, dict], str, dict[str, str]]:
 
 
 def _size(node: Any, sizes: dict[int, float]) -> float:
-    """Nodes of a YAML tree with its aliases written out, inf where it holds itself.
+    """Number of nodes of a YAML tree with its aliases expanded, inf if it contains itself.
 
-    Ten aliases of ten aliases of ... are few nodes in a file, and fill any memory where they are
-    copied or printed.
+    Nested aliases take few nodes in a file but can exhaust the memory when copied or printed.
     """
     if id(node) not in sizes:
         sizes[id(node)] = math.inf
@@ -99,7 +98,7 @@ def _size(node: Any, sizes: dict[int, float]) -> float:
 
 
 def _short(text: str) -> str:
-    """One line of it, cut where it is long."""
+    """The text in one line, truncated if long."""
     return " ".join(text.split())[:200]
 
 

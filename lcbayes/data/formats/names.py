@@ -1,7 +1,7 @@
-"""Columns of other names: those a user maps, and those that are recognised.
+"""Columns with other names: mapped by the user, or recognised.
 
-What is taken for what is said in a note. A column that looks like an error is never ignored without
-a word: it is recognised, or the file is refused.
+A note lists the recognised columns. A column that looks like an error is never ignored silently: it
+is recognised, or the file is rejected.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile
 from lcbayes.data.formats.columns import BRIGHTNESS, KNOWN, TIMES
 
-IGNORE = "ignore"  # in place of a name of ours: the column is left aside
-# Names in use, in lower case with every other character than letters and digits as one underscore.
+IGNORE = "ignore"  # in place of an lcbayes name: the column is ignored
+# Common names in lower case, with other characters than letters and digits as one underscore.
 ALIASES: dict[str, tuple[str, ...]] = {
     "utc": (
         "date_time_utc", "datetime_utc", "utc_datetime", "date_time", "datetime", "date_utc",
@@ -47,7 +47,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "ra_deg": ("ra", "ra_j2000_deg", "right_ascension_deg"),
     "dec_deg": ("dec", "decl_deg", "dec_j2000_deg", "declination_deg"),
 }  # fmt: skip
-# Errors of whatever the brightness is.
+# Names of the error of either kind of brightness.
 ERRORS = ("err", "error", "uncertainty", "unc", "sigma", "sd", "std", "stddev", "e", "rms")
 _ERROR_LIKE = re.compile(r"err(or)?s?(_|$)|(^|_)(uncertainty|unc|sigma|std|stddev)(_|$)")
 _MAPPED = re.compile(r'\s*(\w+)\s*=\s*(?:"([^"]*)"|([^,"]+))\s*')
@@ -55,12 +55,12 @@ _PAIRS = re.compile(f"{_MAPPED.pattern}(,{_MAPPED.pattern})*")
 
 
 def mapping_of(columns: str | Mapping[str, str] | None) -> dict[str, str]:
-    """Our name → the file's, from ``mag=V,mag_err=err,utc="Date/Time (UTC)"`` or a mapping.
+    """lcbayes name → file's name, from ``mag=V,mag_err=err,utc="Date/Time (UTC)"`` or a mapping.
 
     Raises
     ------
     InputError
-        A pair is malformed or names a column that is not known.
+        A pair is malformed or names an unknown column.
     """
     if columns is None:
         return {}
@@ -79,19 +79,19 @@ def mapping_of(columns: str | Mapping[str, str] | None) -> dict[str, str]:
 def renamed(
     file: TextFile, labels: Sequence[str], asked: Mapping[str, str], *, brightness: bool = True
 ) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Name in the file → our name, and a note of what was recognised.
+    """Name in the file → lcbayes name, and a note on the recognised columns.
 
     Parameters
     ----------
     labels : names of the columns in the file
-    asked : our name → the file's, from the user
-    brightness : whether the brightness is read; without it errors are of no interest
+    asked : lcbayes name → name in the file, from the user
+    brightness : whether the brightness is read; if not, errors are ignored
 
     Raises
     ------
     InputError
-        A column asked for is not there, two columns could be the same thing, or a column looks like
-        an error but cannot be matched.
+        A column named by the user is missing, two columns could have the same meaning, or a column
+        looks like an error but cannot be matched.
     """
     rename: dict[str, str] = {}
     for name, label in asked.items():
@@ -127,7 +127,7 @@ def _simple(label: str) -> str:
 
 
 def _missing(present: set[str]) -> list[str]:
-    """Our names that the file does not have and that could be meant by another."""
+    """lcbayes names that are missing from the file and may be present under another name."""
     times = bool(present & {*TIMES, "mjd"})
     kinds = present & set(BRIGHTNESS)
     left = []
@@ -149,7 +149,7 @@ def _errors(
     rename: dict[str, str],
     present: set[str],
 ) -> list[str]:
-    """Take the one column that looks like an error for it, or refuse the file."""
+    """Use the only column that looks like an error, or reject the file."""
     kind = next((name for name in BRIGHTNESS if name in present), None)
     known = {_simple(name) for name in KNOWN}
     error_like = [

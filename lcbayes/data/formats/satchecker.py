@@ -1,4 +1,4 @@
-"""Velocities of satellites from the rates of their topocentric places, as SatChecker gives them."""
+"""Velocities of satellites from the topocentric rates given by SatChecker."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ RATES = (
     "dra_cosdec_deg_s_satchecker",
     "ddec_deg_s_satchecker",
 )
-NEAR_POLE = np.cos(np.radians(85.0))  # cos δ below which a difference of RA is no rate
+NEAR_POLE = np.cos(np.radians(85.0))  # cos δ below which a difference of RA is not used as a rate
 
 
 def observed_velocity(curve: LightCurve, rates: Mapping[str, Floats]) -> tuple[Floats | None, str]:
-    """Geocentric velocity, ICRS axes, km/s, (T, 3), and a note; None where a rate is missing.
+    """Geocentric velocity, ICRS axes, km/s, (T, 3), and a note; None if a rate is missing.
 
-    v = Ω × s + ρ̇ u + ρ (α̇ cos δ e_α + δ̇ e_δ), s the observer's place and u the direction to the
-    satellite. SatChecker takes α̇ from a difference of right ascensions, which is no rate where
-    they pass from 24 h to 0 h or a pole is near. There, where the orbit would be unbound or |δ|
-    exceeds 85°, the component along e_α is the one that gives the speed of a circular orbit, of the
-    two the one nearer to square to the radius. The axis of the Earth is taken for the axes' z:
-    0.13° of precession, 1 m/s.
+    v = Ω × s + ρ̇ u + ρ (α̇ cos δ e_α + δ̇ e_δ), with s the observer's position and u the direction
+    to the satellite. SatChecker computes α̇ from a difference of right ascensions, which is wrong
+    at the step from 24 h to 0 h and near a pole. If the orbit would be unbound or |δ| exceeds 85°,
+    the component along e_α is therefore chosen to give the speed of a circular orbit. Of the two
+    solutions, the one with the velocity more nearly perpendicular to the radius is used. The
+    Earth's axis is approximated by the z axis of the frame: 0.13° of precession, 1 m/s.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def observed_velocity(curve: LightCurve, rates: Mapping[str, Floats]) -> tuple[F
 
 
 def _circular(known: Floats, east: Floats, place: Floats, radius: Floats) -> Floats:
-    """x for which |known + x east|² = GM/r, as far as there is one, (T,)."""
+    """x for which |known + x east|² = GM/r, or is closest to it, (T,)."""
     half = np.sum(known * east, axis=1)
     excess = np.sum(known**2, axis=1) - EARTH_GM / radius
     root = np.sqrt(np.maximum(half**2 - excess, 0.0))

@@ -1,4 +1,4 @@
-"""Tables that others publish: MMT-9 text, IAU SCORE CSV, Pomenis CSV, read as tables of our own."""
+"""Readers of published tables: MMT-9 text, IAU SCORE CSV, Pomenis CSV."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lcbayes.data.formats.satchecker import RATES, observed_velocity
 from lcbayes.data.formats.table import Table, header_of, parse
 from lcbayes.data.lightcurve import LightCurve
 
-MMT9_SITE = "43.65,41.431,2030"  # Nizhny Arkhyz, as SCORE gives it
-POMENIS_SITE = "32.4434,-110.7881,2790"  # Mt Lemmon, as the file's first lines give it
+MMT9_SITE = "43.65,41.431,2030"  # Nizhny Arkhyz, from SCORE
+POMENIS_SITE = "32.4434,-110.7881,2790"  # Mt Lemmon, from the first lines of the file
 MMT9_COLUMNS = ("Date", "Time", "StdMag", "Mag", "Filter", "Penumbra", "Distance", "Phase")
 SCORE_COLUMNS = {
     "observation_time_utc": "utc",
@@ -40,7 +40,7 @@ MAX_PHASE_ERROR_DEG = 1.0
 
 
 def dialect_of(text: str) -> str | None:
-    """Which of these formats a text is in, from its header."""
+    """Which of these formats a text has, from its header."""
     if _mmt9_header(text):
         return "mmt9"
     columns = set(header_of(text)[1].split(","))
@@ -52,7 +52,7 @@ def dialect_of(text: str) -> str | None:
 
 
 def _mmt9_header(text: str) -> list[str]:
-    """Names of the columns of an MMT-9 file, from its last comment; none if it is another's."""
+    """Column names of an MMT-9 file, from its last comment; empty for other files."""
     for line in text[:65536].split("\n"):
         names = line.lstrip("# ").split()
         if line.startswith("#") and tuple(names[:4]) == MMT9_COLUMNS[:4]:
@@ -65,10 +65,10 @@ def _mmt9_header(text: str) -> list[str]:
 def read_mmt9(file: TextFile, options: Options) -> LightCurve:
     """Read an MMT-9 track file: UTC, calibrated magnitudes, one curve per track.
 
-    `Mag` is the brightness (a phase law is taken out of `StdMag`). The file has no directions, so
-    two-line elements are needed; the site is that of MMT-9 unless another is given. Points that the
-    file has in penumbra are left out, and a note counts them. The phase angle and the distance in
-    the file must agree with the elements, to 1° and 5 %.
+    The brightness is `Mag` (`StdMag` is corrected by a phase law). The file contains no directions,
+    so two-line elements are required; the site is that of MMT-9 unless another is given. Points
+    marked as in penumbra are left out and counted in a note. The phase angle and the distance in
+    the file must agree with the elements to 1° and 5 %.
     """
     header = _mmt9_header(file.text)
     missing = [name for name in MMT9_COLUMNS if name not in header]
@@ -104,13 +104,13 @@ def read_mmt9(file: TextFile, options: Options) -> LightCurve:
 def read_score(file: TextFile, options: Options) -> LightCurve:
     """Read an export of IAU CPS SCORE: calibrated magnitudes, one curve per satellite.
 
-    Places in the sky and velocities are those that SatChecker added. Rows are sorted by time within
-    each satellite. The site of each row is its own; its name, of which SCORE has none, is the MPC
-    code or the coordinates, and the instrument. Left out, and counted in notes, are rows without a
-    magnitude, an uncertainty or a place in the sky, and rows below the horizon, which are wrong
-    matches. Whether a row is in the Earth's shadow is not taken from the file: points that were
-    seen although the satellite should be dark are kept, as what they are, wrong matches or wrong
-    elements, for a noise law that knows of outliers.
+    Celestial coordinates and velocities are those added by SatChecker. Rows are sorted by time
+    within each satellite. Each row has its own site. SCORE does not name sites, so the name is
+    composed of the MPC code or the coordinates, and the instrument. Rows without a magnitude, an
+    uncertainty or coordinates, and rows below the horizon (wrong matches), are left out and counted
+    in notes. The file's flag for the Earth's shadow is not used: points observed although the
+    satellite should be dark are wrong matches or have wrong elements, and are kept for a noise law
+    with outliers.
     """
     may_lack = {"mag", "mag_err", "alt_deg_satchecker", *RADEC, *RATES}
     table = parse(file, NUMERIC | may_lack, SCORE_COLUMNS, may_be_empty=may_lack, texts=TEXTS)
@@ -167,10 +167,10 @@ def _score_sites(table: Table) -> np.ndarray:
 
 
 def read_pomenis(file: TextFile, options: Options) -> LightCurve:
-    """Read Pomenis magnitudes: AB magnitudes of many satellites of one make, as one curve.
+    """Read Pomenis magnitudes: AB magnitudes of many satellites of one type, as one curve.
 
-    The site is Mt Lemmon unless another is given. Heights are taken over the WGS84 ellipsoid. Rows
-    are sorted by time.
+    The site is Mt Lemmon unless another is given. Heights are above the WGS84 ellipsoid. Rows are
+    sorted by time.
     """
     table = parse(file, NUMERIC, POMENIS_COLUMNS, texts=TEXTS)
     table.texts["curve"] = np.full(len(table), "0")
@@ -186,7 +186,7 @@ def _true(table: Table, name: str) -> np.ndarray:
 
 
 def _without(table: Table, bad: np.ndarray, why: str) -> tuple[Table, tuple[str, ...]]:
-    """The table without some rows, and a note of how many."""
+    """The table without some rows, and a note with their number."""
     count = int(bad.sum())
     if not count:
         return table, ()
@@ -198,11 +198,11 @@ def _without(table: Table, bad: np.ndarray, why: str) -> tuple[Table, tuple[str,
 
 
 def _sorted(table: Table) -> Table:
-    """A table of calibrated points in the order of time within each curve.
+    """The table as calibrated points, sorted by time within each curve.
 
-    Equal times are kept: in a catalogue they are measurements each.
+    Equal times are kept: in a catalogue they are separate measurements.
     """
-    cells = np.char.rstrip(table.texts["utc"], "Z")  # all written alike, so they sort as text
+    cells = np.char.rstrip(table.texts["utc"], "Z")  # all in one format, so they sort as text
     table = table.take(np.lexsort((cells, table.texts["curve"])))
     table.texts["calibrated"] = np.full(len(table), "1")
     table.meta["repeated_times"] = ("allowed", 0)

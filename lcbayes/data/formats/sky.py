@@ -1,4 +1,4 @@
-"""Geometry of a table whose directions must be computed: from a site and a place in the sky."""
+"""Geometry of a table without directions, computed from a site and celestial coordinates."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from lcbayes.geometry.tle import Tle, read_tle
 
 Floats = NDArray[np.float64]
 
-RANGE_TOLERANCE = 0.05  # of a range the file gives, against the one its elements give
+RANGE_TOLERANCE = 0.05  # relative difference between the ranges in the file and from the elements
 
 
 def computed_geometry(
     table: Table, options: Options, t: Floats, epoch_jd: float | None, used: set[str]
 ) -> tuple[Geometry, tuple[str, ...], dict[str, Any]]:
-    """Directions and ranges in icrs axes, notes, and columns to add to `extra`.
+    """Directions and ranges in ICRS axes, notes, and columns to add to `extra`.
 
-    Points in the Earth's shadow or penumbra are kept, noted and marked: models dim them
-    (`lcbayes.data.earth_shadow`), methods without one take them for fully lit.
+    Points in the Earth's shadow or penumbra are kept, marked and counted in a note. Models dim them
+    (`lcbayes.data.earth_shadow`); methods without a model treat them as fully lit.
     """
     if epoch_jd is None:
         raise InputError(
@@ -85,7 +85,7 @@ def _place(
 
 
 def _site(table: Table, options: Options) -> Site:
-    """The site of the option or of the columns, which stay in `extra`."""
+    """The site from the option or from the columns, which stay in `extra`."""
     in_table = any(name in table for name in SITE)
     if options.site is not None and in_table:
         raise InputError(

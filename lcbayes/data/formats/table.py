@@ -1,7 +1,7 @@
-"""Delimited text with a header: parsed in one pass, every value traceable to its line and column.
+"""Delimited text with a header, parsed in one pass with the line and column of every value.
 
-Numbers are turned into arrays chunk by chunk, so that a million rows take seconds and little
-memory; only when a chunk fails is it searched for the cell at fault.
+Numbers are converted to arrays in chunks, so that a million rows take seconds and little memory. A
+chunk is searched for an invalid cell only if its conversion fails.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 CHUNK = 1 << 16
 MAX_COLUMNS = 1000
 MAX_CELL = 1000  # characters
-MAX_TEXT = 1 << 31  # bytes of all columns of text, of which every cell takes what the longest needs
+MAX_TEXT = 1 << 31  # bytes of all text columns, in which every cell has the size of the longest
 _META = re.compile(r"#\s*([A-Za-z_]\w*)\s*[:=]\s*(\S.*)")
 _NAMES = {"\t": "tab", ",": "comma", ";": "semicolon", " ": "space"}
 
@@ -38,8 +38,8 @@ class Table:
     file : TextFile
     numbers : column name → (T,) floats
     texts : column name → (T,) strings
-    lines : (T,) int, line of the file each row stands on, from 1
-    labels : name used here → name in the file, where they differ
+    lines : (T,) int, line number of each row in the file, from 1
+    labels : name used here → name in the file, if they differ
     meta : `# key: value` lines, key → (value, line)
     """
 
@@ -61,11 +61,11 @@ class Table:
         return self.labels.get(name, name)
 
     def at(self, row: int) -> str:
-        """Where a row stands, for messages."""
+        """Location of a row, for messages."""
         return self.file.at(int(self.lines[row]))
 
     def reject(self, name: str, bad: NDArray[np.bool_], what: str, remedy: str) -> None:
-        """Raise InputError, naming the first line, if `bad` holds anywhere."""
+        """Raise InputError with the first line if `bad` is true anywhere."""
         count = int(np.count_nonzero(bad))
         if not count:
             return
@@ -80,7 +80,7 @@ class Table:
     def number(
         self, name: str, low: float = -np.inf, high: float = np.inf, remedy: str = ""
     ) -> Floats:
-        """A numeric column, all of it finite and between two limits."""
+        """A numeric column; all values must be finite and between two limits."""
         values = self.numbers[name]
         self.reject(name, ~np.isfinite(values), "not finite", "drop those rows")
         outside = (values < low) | (values > high)
@@ -88,11 +88,11 @@ class Table:
         return values
 
     def drop(self, bad: NDArray[np.bool_]) -> Table:
-        """The table without the rows where `bad` holds."""
+        """The table without the rows for which `bad` is true."""
         return self.take(np.flatnonzero(~bad))
 
     def take(self, rows: NDArray[np.int64]) -> Table:
-        """The rows asked for, in that order."""
+        """The given rows, in that order."""
         return Table(
             self.file,
             {name: column[rows] for name, column in self.numbers.items()},
@@ -104,7 +104,7 @@ class Table:
 
 
 def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
-    """The `# key: value` lines above the header; a key given twice must say the same."""
+    """The `# key: value` lines above the header; repeated keys must have equal values."""
     meta: dict[str, tuple[str, int]] = {}
     for number, line in enumerate(file.text.split("\n"), 1):
         if not line.strip():
@@ -125,7 +125,7 @@ def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
 
 
 def delimiter_of(header: str) -> str:
-    """The delimiter of a header line: tab, semicolon or comma, else runs of spaces."""
+    """The delimiter of a header line: tab, semicolon or comma, otherwise spaces."""
     bare = re.sub(r'"[^"]*"', "", header)
     return next((mark for mark in "\t;," if mark in bare), " ")
 
@@ -139,7 +139,7 @@ def header_of(text: str) -> tuple[int, str]:
 
 
 def header_labels(file: TextFile, delimiter: str | None = None) -> list[str]:
-    """Names of the columns, as the file has them."""
+    """Names of the columns in the file."""
     number, line = header_of(file.text)
     if not line:
         return []
@@ -148,7 +148,7 @@ def header_labels(file: TextFile, delimiter: str | None = None) -> list[str]:
 
 
 def _lines(text: str) -> Iterator[str]:
-    """Lines with their \\n, without splitting at the other characters str.splitlines knows."""
+    """Lines with their \\n, not split at the other line boundaries of str.splitlines."""
     return iter(io.StringIO(text, newline="\n"))
 
 
@@ -168,15 +168,15 @@ def parse(
     file : TextFile
     numeric : names (after renaming) of the columns that must hold numbers
     rename : name in the file → name used here
-    delimiter : found from the header when None
-    header : names of the columns when the file's first row is data
-    may_be_empty : names (after renaming) of numeric columns whose empty cells are NaN
-    texts : names in lower case of columns of text that have a meaning here
+    delimiter : None: determined from the header
+    header : names of the columns, if the first row of the file is data
+    may_be_empty : names (after renaming) of numeric columns in which empty cells become NaN
+    texts : names in lower case of text columns that have a meaning here
 
     Raises
     ------
     InputError
-        Naming file, line and column.
+        The message names file, line and column.
     """
     rename = rename or {}
     skipped, line = header_of(file.text)
@@ -188,7 +188,7 @@ def parse(
     else:
         labels, skipped = header, skipped - 1
     lines = islice(_lines(file.text), skipped, None)
-    if delimiter == " ":  # where a quote in a later comment would start a cell
+    if delimiter == " ":  # otherwise a quote in a later comment would start a cell
         lines = ("\n" if line.startswith("#") else line for line in lines)
     names = [rename.get(label, label.lower()) for label in labels]
     names = [
@@ -249,7 +249,7 @@ def _check_header(file: TextFile, line: int, labels: list[str], names: list[str]
 
 
 def _longest(file: TextFile, where: str, cells: Sequence[str], at: NDArray[np.int64]) -> int:
-    """Characters of the longest cell; an InputError where that is longer than a cell may be."""
+    """Number of characters of the longest cell; an InputError if above `MAX_CELL`."""
     longest = max(map(len, cells))
     if longest > MAX_CELL:
         line = next(line for cell, line in zip(cells, at, strict=True) if len(cell) > MAX_CELL)
@@ -261,7 +261,7 @@ def _longest(file: TextFile, where: str, cells: Sequence[str], at: NDArray[np.in
 
 
 def _check_memory(file: TextFile, widths: Sequence[int], n_rows: int) -> None:
-    """An InputError before the columns of text take more memory than `MAX_TEXT`."""
+    """Raise InputError if the text columns would take more memory than `MAX_TEXT`."""
     if 4 * n_rows * sum(widths) > MAX_TEXT:
         raise InputError(
             f"{file.name}: its columns of text, of up to {max(widths)} characters in each of "
@@ -291,7 +291,7 @@ def _dialect(delimiter: str) -> dict:
 def _chunks(
     file: TextFile, lines: Iterator[str], delimiter: str, skipped: int, width: int
 ) -> Iterator[tuple[list[list[str]], NDArray[np.int64]]]:
-    """Rows of exactly `width` cells and their lines, some ten thousand at a time."""
+    """Rows of exactly `width` cells and their lines, about ten thousand at a time."""
     reader = csv.reader(lines, **_dialect(delimiter))
     rows: list[list[str]] = []
     at: list[int] = []
@@ -326,7 +326,7 @@ def _chunks(
 
 
 def _with_points(column: Sequence[str]) -> Sequence[str]:
-    """Numbers with decimal commas, where no cell has a point, with decimal points."""
+    """Numbers with decimal commas converted to decimal points, unless a cell contains a point."""
     joined = "".join(column)
     if "," not in joined or "." in joined:
         return column

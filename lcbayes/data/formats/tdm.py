@@ -1,4 +1,4 @@
-"""Photometry in tracking data messages of the CCSDS (TDM), in keyword = value notation (KVN)."""
+"""Photometry in CCSDS tracking data messages (TDM) in keyword = value notation (KVN)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lcbayes.geometry.tle import Tle, parse_tle
 
 Floats = NDArray[np.float64]
 
-MAX_APART_DEG = 3.0  # between a line of sight in the message and the one its elements give
+MAX_APART_DEG = 3.0  # between the lines of sight in the message and from its elements
 _MARK = re.compile(r"^\s*(META|DATA)[_ ]START\s*$", re.MULTILINE)
 _PAIR = re.compile(r"([A-Z][A-Z0-9_]*)\s*=\s*(.*)")
 _TIME = re.compile(r"(\d{4})-(\d{3}|\d\d-\d\d)T(\d\d:\d\d:\d\d(?:\.\d*)?)Z?")
@@ -38,7 +38,7 @@ def is_tdm(text: str) -> bool:
 
 @dataclass
 class Segment:
-    """One pair of metadata and data.
+    """One metadata section with its data section.
 
     Attributes
     ----------
@@ -51,19 +51,19 @@ class Segment:
 
 
 def read_tdm(file: TextFile, options: Options) -> LightCurve:
-    """Read the magnitudes of a message, one curve a segment.
+    """Read the magnitudes of a message, one curve per segment.
 
-    Directions come from elements (``--tle``, else ``COMMENT FIRSTLINE=`` and ``SECONDLINE=``) or,
-    where the message has them, from right ascension, declination and range; the site from
-    ``--site`` or ``COMMENT SITE=lat,lon,height``. Where there are elements and angles the two must
-    agree to 3°. Spellings without underscore (``META START``) and angles that are ``nan`` are
-    accepted. Magnitudes whose photometric error is not stated (``COMMENT AVG_PHOTOMETRIC_RMS``) are
-    instrumental: their scale is free.
+    Directions come from elements (``--tle``, otherwise ``COMMENT FIRSTLINE=`` and ``SECONDLINE=``)
+    or, if the message contains them, from right ascension, declination and range. The site comes
+    from ``--site`` or ``COMMENT SITE=lat,lon,height``. If both elements and angles are present,
+    they must agree to 3°. Spellings without underscore (``META START``) and angles equal to ``nan``
+    are accepted. Magnitudes without a stated photometric error (``COMMENT AVG_PHOTOMETRIC_RMS``)
+    are treated as instrumental: their scale is free.
 
     Raises
     ------
     InputError
-        Naming file and line.
+        The message names file and line.
 
     References
     ----------
@@ -101,7 +101,7 @@ def read_tdm(file: TextFile, options: Options) -> LightCurve:
 
 
 def _parsed(file: TextFile) -> tuple[list[Segment], dict[str, str]]:
-    """Segments, and the comments that are pairs."""
+    """Segments, and the comments of the form key = value."""
     segments: list[Segment] = []
     comments: dict[str, str] = {}
     inside = ""
@@ -149,7 +149,7 @@ def _add(file: TextFile, line: int, segment: Segment, keyword: str, value: str) 
 
 
 def _table(file: TextFile, segments: list[Segment], options: Options) -> tuple[Table, list[str]]:
-    """Points with a magnitude as a table with our column names, in order of time per segment."""
+    """Table of the points with a magnitude, with lcbayes column names, by time in each segment."""
     times: list[str] = []
     lines: list[int] = []
     curve: list[str] = []
@@ -189,7 +189,7 @@ def _table(file: TextFile, segments: list[Segment], options: Options) -> tuple[T
 
 
 def _angle_names(file: TextFile, segment: Segment) -> dict[str, str]:
-    """Keywords of the columns that a segment gives."""
+    """Keywords of the columns provided by a segment."""
     names = {"range_km": "RANGE"}
     if segment.meta.get("RANGE_UNITS", "km") != "km":
         raise InputError(f"{file.name}: RANGE_UNITS is {segment.meta['RANGE_UNITS']}; expected km")
@@ -238,7 +238,7 @@ def _check_angles(table: Table, curve: LightCurve, angles: dict[str, Floats]) ->
 
 
 def _with_age(curve: LightCurve, elements: Tle | None) -> LightCurve:
-    """The curve with a note on how old the elements of the message are."""
+    """The curve with a note on the age of the elements in the message."""
     if elements is None or curve.epoch_jd is None:
         return curve
     first, rest = Times.of(curve.epoch_jd, curve.t[-1:]).utc

@@ -1,4 +1,4 @@
-"""Between written times and seconds: UTC with its leap seconds, Julian dates, plain seconds."""
+"""Conversion of times in files to seconds: UTC with leap seconds, Julian dates, seconds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MJD_ORIGIN = 2400000.5
 def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
     """Seconds elapsed since the midnight (UTC) before the earliest time, and its Julian date.
 
-    Leap seconds between the two count, and 23:59:60 is a time of its own.
+    Leap seconds in between are counted, and 23:59:60 is a valid time.
     """
     cells = table.texts[name]
     found = [_UTC.fullmatch(cell) for cell in cells.tolist()]
@@ -92,20 +92,20 @@ def _leap_seconds(day: Any, since: Any) -> Floats:
         [f"{row['year']:04d}-{row['month']:02d}-01" for row in table], dtype="datetime64[D]"
     )
     offset = np.concatenate(([0.0], table["tai_utc"]))
-    # before 1972 the steps were fractions and the rate differed: treated as even days
+    # before 1972 the steps were fractional and the rate differed: treated as days of 86400 s
     offset[: np.searchsorted(starts, np.datetime64("1972-01-01")) + 1] = 10.0
     at = lambda d: offset[np.searchsorted(starts, np.asarray(d), side="right")]  # noqa: E731
     return at(day) - at(since)
 
 
 def seconds_from_jd(jd: Floats) -> tuple[Floats, float]:
-    """Seconds since the whole Julian date before the earliest time, 86400 to the day."""
+    """Seconds since the last whole Julian date before the earliest time, 86400 per day."""
     epoch = float(np.floor(jd.min()))
     return (jd - epoch) * 86400.0, epoch
 
 
 def utc_days_to_seconds(t: Floats, epoch_jd: float) -> Floats:
-    """Elapsed seconds for UTC days counted as 86400 s each: leap seconds between are added."""
+    """Elapsed seconds from times with 86400 s per UTC day: leap seconds in between are added."""
     days = np.floor(epoch_jd - JD_OF_1970 + t / 86400.0).astype(np.int64).astype("datetime64[D]")
     first = np.int64(np.floor(epoch_jd - JD_OF_1970)).astype("datetime64[D]")
     return t + _leap_seconds(days, first)

@@ -1,8 +1,9 @@
-"""The catalogue of attitude laws, under the names that operators use.
+"""The catalogue of attitude laws, under the names used by operators.
 
-Body axes follow the habit of each kind: of Earth pointers z goes to nadir, x along the flight and
-y opposite to the orbit's normal (LVLH, as ISS has it); of Sun pointers x goes to the Sun, as the
-front of the built-in "box-wing" does. Names like "+XVV" say which body axis is along the velocity.
+Body axes follow the convention of each kind. For Earth pointers z is toward nadir, x along the
+direction of flight and y opposite to the orbit normal (LVLH, as for the ISS). For Sun pointers x is
+toward the Sun, like the front of the built-in "box-wing". Names such as "+XVV" state the body axis
+along the velocity.
 """
 
 from __future__ import annotations
@@ -184,7 +185,7 @@ _ALL = (
         spins=True,
         aliases=("safe-mode", "sun-spinner"),
     ),
-    # held against the orbit's plane and the Sun
+    # oriented relative to the orbital plane and the Sun
     Law(
         "xpop",
         "x across the orbit's plane, z to nadir at orbital noon",
@@ -232,17 +233,17 @@ _NAMES = {other: law for law in _ALL for other in (law.name, *law.aliases)}
 
 
 def distinct() -> tuple[Law, ...]:
-    """One law of each class: those that a constant turn of the body does not make equal."""
+    """One law of each class; laws of a class differ by a constant rotation of the body."""
     return tuple(law for law in _ALL if not law.same_as)
 
 
 def find(name: str) -> Law:
-    """A law by its name or another that operators use, whatever the case.
+    """A law by its name or an alias, case-insensitive.
 
     Raises
     ------
     InputError
-        There is none; the line lists those there are.
+        There is no such law; the message lists the available ones.
     """
     found = _NAMES.get(" ".join(name.lower().split()))
     if found is None:
@@ -253,7 +254,7 @@ def find(name: str) -> Law:
 def parse(text: str) -> Attitude:
     """A law with its settings, from ``LAW`` or ``LAW:NAME=NUMBER,NAME=NUMBER``.
 
-    Beside the catalogue: ``fixed``, ``constant-rate:x=…,y=…,z=…`` (rad/s) and
+    In addition to the catalogue: ``fixed``, ``constant-rate:x=…,y=…,z=…`` (rad/s) and
     ``principal-axis:pole_lon_deg=…,pole_lat_deg=…,period_s=…,phase0_deg=…``.
 
     Raises
@@ -297,7 +298,7 @@ def parse(text: str) -> Attitude:
 
 
 def spelled(law: Attitude) -> str:
-    """A law as `parse` reads it, with those of its settings that are not at their defaults."""
+    """A law as text for `parse`, with the settings that differ from their defaults."""
     usual = {k: getattr(type(law), k, None) for k in law.settings()}
     given = {k: v for k, v in law.settings().items() if v != usual[k]}
     if isinstance(law, ConstantRate):
@@ -307,7 +308,7 @@ def spelled(law: Attitude) -> str:
 
 
 def by_unique_name(laws: Sequence[Attitude]) -> dict[str, Attitude]:
-    """Laws by their names, each once; by name and settings where several have one name."""
+    """Distinct laws by name, or by name and settings if several share a name."""
     each = {spelled(law): law for law in laws}
     count = Counter(law.name for law in each.values())
     return {law.name if count[law.name] == 1 else text: law for text, law in each.items()}

@@ -1,10 +1,10 @@
-"""Attitude laws behind one interface: from time, Sun and orbit to the axes of a body.
+"""Attitude laws with a common interface: from time, Sun and orbit to the axes of a body.
 
-A law has a `name` and `frames(ephemeris)`; whatever asks for body axes asks it. `Law` describes the
-stabilised ones by what they hold: one body axis points exactly at a target, a second one as nearly
-as it then can. `catalogue` lists them under the names that operators use; `ConstantRate`,
-`PrincipalAxis`, `Spinning`, `TorqueFree` and `Fixed` need nothing but time; `Tabulated` is an
-attitude known at the times of a light curve.
+A law has a `name` and a method `frames(ephemeris)` that returns the body axes. `Law` describes
+stabilised attitudes: one body axis points exactly at a target, and a second one as close as
+possible to another target. `catalogue` lists them under the names used by operators.
+`ConstantRate`, `PrincipalAxis`, `Spinning`, `TorqueFree` and `Fixed` depend only on time.
+`Tabulated` is an attitude known at the times of a light curve.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from lcbayes.physics.attitude import rotations
 from lcbayes.physics.attitude.rotations import Scalar
 from lcbayes.physics.attitude.torque_free import torque_free
 
-SINGULAR = 1e-9  # sine of the angle between two targets below which the second says nothing
+SINGULAR = 1e-9  # sine of the angle between two targets below which the second is ignored
 
 
 class Ephemeris(NamedTuple):
-    """What laws read, along the times of a light curve; one set of inertial axes throughout.
+    """Input of attitude laws at the times of a light curve, all in the same inertial axes.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Ephemeris(NamedTuple):
     sun : (T, 3)
         Unit vectors from the satellite to the Sun.
     position_km, velocity_km_s : (T, 3) or None
-        Geocentric place of the satellite and its velocity; None where no orbit is known.
+        Geocentric position and velocity of the satellite; None if no orbit is known.
     celestial_north, ecliptic_north : (3,) or None
-        The Earth's pole of J2000 and that of the ecliptic; None where the axes are not named.
+        The Earth's pole at J2000 and the pole of the ecliptic; None if the axes are not named.
     """
 
     t: jax.Array
@@ -48,22 +48,22 @@ class Ephemeris(NamedTuple):
     ecliptic_north: jax.Array | None = None
 
     def at(self, rows: Any) -> Ephemeris:
-        """The same at some of its times."""
+        """The ephemeris at a selection of its times."""
         poles = {k: getattr(self, k) for k in ("celestial_north", "ecliptic_north")}
         along = self._replace(**dict.fromkeys(poles))
         return jax.tree.map(lambda x: x[rows], along)._replace(**poles)
 
 
 class Frames(NamedTuple):
-    """Where the parts of a body point.
+    """Axes of the parts of a body.
 
     Attributes
     ----------
     body : (T, 3, 3)
-        Body to inertial: its columns are the body's axes.
+        Body to inertial; the columns are the body's axes.
     array : (T, 3, 3) or None
-        The same of an articulated solar array: y along its hinge, x the normal of its front; None
-        where the law has none.
+        The same for an articulated solar array: y along its hinge, x the normal of its front. None
+        if the law has no array.
     """
 
     body: jax.Array
@@ -71,23 +71,23 @@ class Frames(NamedTuple):
 
 
 class Attitude(Protocol):
-    """How a body is oriented in time: what every attitude law offers."""
+    """Orientation of a body as a function of time: the interface of all attitude laws."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def needs(self) -> frozenset[str]:
-        """Fields of `Ephemeris` beyond t and sun."""
+        """Required fields of `Ephemeris` in addition to t and sun."""
         ...
 
     @property
     def array(self) -> str:
-        """ "one-axis" or "two-axis" where the law turns a solar array, else empty."""
+        """ "one-axis" or "two-axis" if the law rotates a solar array, otherwise empty."""
         ...
 
     def settings(self) -> dict[str, Any]:
-        """What was set, by the names of a scenario file; ready for JSON."""
+        """The settings under their names in a scenario file, ready for JSON."""
         ...
 
     def frames(self, ephemeris: Ephemeris) -> Frames: ...
@@ -95,7 +95,7 @@ class Attitude(Protocol):
 
 @dataclass(frozen=True)
 class _OfTime:
-    """A law that needs no orbit: it depends on time alone."""
+    """A law that needs no orbit: it depends only on time."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -114,7 +114,7 @@ class _OfTime:
 
 @dataclass(frozen=True)
 class ConstantRate(_OfTime):
-    """A(t) = exp([ω×] t), ω (3,) rad/s inertial; A = I at t = 0."""
+    """A(t) = exp([ω×] t), with ω (3,) in rad/s, inertial; A = I at t = 0."""
 
     omega_rad_s: tuple[float, float, float]
 
@@ -140,7 +140,7 @@ class PrincipalAxis(_OfTime):
     pole_lon_deg, pole_lat_deg : degrees
         Pole, in the frame of the geometry.
     period_s : s
-        Sidereal; negative for the other sense.
+        Sidereal; negative for the opposite sense of rotation.
     phase0_deg : degrees
         Rotational phase at the time ``t0_s``.
     t0_s : s
@@ -214,7 +214,7 @@ class Spinning(_OfTime):
 class Tabulated(_OfTime):
     """An attitude known at the times of a light curve, ``axes`` (T, 3, 3) body to inertial.
 
-    It is constant during an exposure.
+    The attitude is constant during an exposure.
     """
 
     axes: NDArray[np.float64]
@@ -229,10 +229,10 @@ class Tabulated(_OfTime):
 
 @dataclass(frozen=True)
 class TorqueFree(_OfTime):
-    """A rigid body left to itself; its axes are its principal axes.
+    """A rigid body without torque; its axes are the principal axes.
 
-    ω (3,) rad/s at t = 0, inertial; moments of inertia about x, y, z of any scale; at t = 0 the
-    axes are R_z(yaw) R_y(pitch) R_x(roll) from the inertial ones.
+    ω (3,) is in rad/s at t = 0, inertial. The moments of inertia about x, y, z have any scale. At
+    t = 0 the axes are rotated by R_z(yaw) R_y(pitch) R_x(roll) from the inertial axes.
     """
 
     omega_rad_s: tuple[float, float, float]
@@ -265,42 +265,42 @@ class Fixed(_OfTime):
 
 @dataclass(frozen=True)
 class Law:
-    """A stabilised attitude: one body axis on a target, a second one as near to another as it can.
+    """A stabilised attitude: one body axis on a target, a second as close as possible to another.
 
     A = [p aᵀ + q bᵀ + (p × q)(a × b)ᵀ] R_a(2πt/P + φ) R_z(yaw) R_y(pitch) R_x(roll),
 
-    with a, b the two body axes, p the first target and q the part of the second at right angles to
-    it, made unit vectors; R_a only where the law spins. Where the second target comes to lie along
-    the first (a satellite at noon under "yaw-steering"), the inertial axis farthest from p takes
-    its place.
+    with a, b the two body axes, p the unit vector to the first target, and q the unit vector along
+    the component of the second target perpendicular to p. The factor R_a applies only to spinning
+    laws. If the second target is parallel to the first (a satellite at noon under "yaw-steering"),
+    it is replaced by the inertial axis farthest from p.
 
-    A solar array turns about its hinge h, an axis of the body: its front is the Sun's direction
-    (two-axis), or the part of it at right angles to the hinge (one-axis), turned on by
-    ``array_offset_deg`` about +h.
+    A solar array rotates about its hinge h, an axis of the body. Its front points at the Sun
+    (two-axis), or along the component of the Sun's direction perpendicular to the hinge (one-axis),
+    rotated by ``array_offset_deg`` about +h.
 
     Parameters
     ----------
-    name, title : as a user meets them
+    name, title : as shown to the user
     point, clock : (body axis, target)
-        Axes are "+x" … "-z", targets the keys of `TARGETS`.
+        Axes are "+x" … "-z", targets are the keys of `TARGETS`.
     spins : bool
-        Turns about the first axis with ``period_s``.
+        Whether the body rotates about the first axis with ``period_s``.
     array : "", "one-axis" or "two-axis"
     hinge : body axis of the array
-    aliases : other names of it
+    aliases : other names of the law
     same_as : str
-        The law from which it differs by a constant turn of the body alone, so that brightness
-        tells them apart only where the body's axes are known.
+        A law that differs only by a constant rotation of the body, so that brightness distinguishes
+        the two only if the body's axes are known.
     yaw_deg, pitch_deg, roll_deg : degrees
-        Constant turn of the body against the axes described, in the order 3-2-1.
+        Constant rotation of the body relative to the axes above, in the order 3-2-1.
     period_s, phase_deg : s, degrees
-        Of laws that spin, right-handed about the target; the phase at t = 0.
+        For spinning laws, right-handed about the target; the phase at t = 0.
     array_offset_deg : degrees
 
     References
     ----------
-    Hall et al. 2007, sec. 3.4 (the commonly used modes, a few dozen); Black 1964, AIAA J. 2, 1350
-    (axes from two directions).
+    Hall et al. 2007, sec. 3.4 (a few dozen common modes); Black 1964, AIAA J. 2, 1350 (axes from
+    two directions).
     """
 
     name: str
@@ -321,12 +321,12 @@ class Law:
 
     @property
     def needs(self) -> frozenset[str]:
-        """Fields of `Ephemeris` that its targets are computed from."""
+        """Fields of `Ephemeris` from which the targets are computed."""
         return frozenset().union(*(TARGETS[target].needs for _, target in (self.point, self.clock)))
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """What can be set of it."""
+        """Names of the settings."""
         own = ("period_s", "phase_deg") if self.spins else ()
         return (
             "yaw_deg",
@@ -362,7 +362,7 @@ class Law:
         Raises
         ------
         InputError
-            The ephemeris lacks what the law needs, or a spin has no period.
+            The ephemeris lacks a required field, or a spinning law has no period.
         """
         require(self, ephemeris)
         first, a = TARGETS[self.point[1]].at(ephemeris), _axis(self.point[0])
@@ -375,7 +375,7 @@ class Law:
             if self.period_s is None:
                 raise InputError(f"the law {self.name!r} spins; give its period_s")
             turns = ephemeris.t / self.period_s
-            turns = turns - jax.lax.stop_gradient(jnp.floor(turns))  # reduced: precise for years
+            turns = turns - jax.lax.stop_gradient(jnp.floor(turns))  # stays precise over years
             angle = 2.0 * jnp.pi * turns + jnp.deg2rad(self.phase_deg)
             body = body @ rotations.constant_rate(angle, jnp.asarray(a))
         body = body @ _offset(self.yaw_deg, self.pitch_deg, self.roll_deg)
@@ -393,7 +393,7 @@ class Law:
 
 
 def require(law: Attitude, ephemeris: Ephemeris) -> None:
-    """Raise `InputError`, one line, unless the ephemeris has what the law needs."""
+    """Raise a one-line `InputError` if the ephemeris lacks a field required by the law."""
     missing = {name for name in law.needs if getattr(ephemeris, name) is None}
     if missing & {"position_km", "velocity_km_s"}:
         both = ephemeris.position_km is None
@@ -410,7 +410,7 @@ def require(law: Attitude, ephemeris: Ephemeris) -> None:
 
 
 class Target(NamedTuple):
-    """A direction that a law points at: what it is computed from, and how, (T, 3) of any length."""
+    """A target of a law: the fields it depends on, and a function for its (T, 3) vectors."""
 
     at: Callable[[Ephemeris], jax.Array]
     needs: frozenset[str] = frozenset()
@@ -425,7 +425,7 @@ def _constant(axis: str) -> Callable[[Ephemeris], jax.Array]:
 
 
 def _air_velocity(e: Ephemeris) -> jax.Array:
-    """Of the satellite against an atmosphere (or ground) that turns with the Earth."""
+    """Velocity of the satellite relative to an atmosphere (or ground) rotating with the Earth."""
     spin = EARTH_RATE * jnp.asarray(e.celestial_north)
     return jnp.asarray(e.velocity_km_s) - jnp.cross(spin, jnp.asarray(e.position_km))
 
@@ -453,7 +453,7 @@ def _axis(text: str) -> np.ndarray:
 
 
 def _across(v: jax.Array, p: jax.Array) -> jax.Array:
-    """The unit vectors along the part of v at right angles to the unit vectors p, (T, 3)."""
+    """Unit vectors along the component of v perpendicular to the unit vectors p, (T, 3)."""
     farthest = jnp.eye(3)[jnp.argmin(jnp.abs(p), axis=-1)]
     v = v / jnp.linalg.norm(v, axis=-1, keepdims=True)
     part = v - jnp.sum(v * p, axis=-1, keepdims=True) * p

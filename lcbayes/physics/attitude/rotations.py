@@ -1,7 +1,7 @@
-"""Attitude laws: where the body's axes point at each time.
+"""Rotations: directions of the body axes at each time.
 
 Every law returns A (T, 3, 3), which maps body to inertial components; `to_body` applies its
-transpose. Hinks' A is that transpose.
+transpose, the A of Hinks et al.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def constant_rate(t: jax.Array, omega: jax.Array) -> jax.Array:
     Parameters
     ----------
     t : (T,) s
-        Time since the instant at which the body axes are the inertial axes.
+        Time since the body axes coincided with the inertial axes.
     omega : (3,) rad/s
         Angular velocity, inertial.
 
@@ -41,20 +41,21 @@ def constant_rate(t: jax.Array, omega: jax.Array) -> jax.Array:
 def constant_rate_to_body(
     t: jax.Array, omega: jax.Array, *vectors: jax.Array
 ) -> tuple[jax.Array, ...]:
-    """Components in the frame of a body that turns at a constant rate, u = exp(−[ω×] t) v.
+    """Components in the frame of a body that rotates at a constant rate, u = exp(−[ω×] t) v.
 
-    The same as `to_body` of `constant_rate`, at a third of the cost with its derivative, which is
-    written out: du = u × ψ with ψ = t J(ωt) dω, J the right Jacobian of the rotation vector. So the
-    gradient of a function of u is the sum over time of its torques Σ u × ∂f/∂u, turned by t Jᵀ.
+    Equivalent to `to_body` of `constant_rate`, but including the derivative at a third of the cost.
+    The derivative is written out: du = u × ψ with ψ = t J(ωt) dω, where J is the right Jacobian of
+    the rotation vector. The gradient of a function of u is therefore the sum over time of its
+    torques u × ∂f/∂u, multiplied by t Jᵀ.
 
     Parameters
     ----------
     t : (T,) s
-        Held fixed in derivatives.
+        Constant in derivatives.
     omega : (3,) rad/s
         Inertial.
     *vectors : (T, 3)
-        Inertial, held fixed in derivatives.
+        Inertial, constant in derivatives.
 
     Returns
     -------
@@ -89,8 +90,8 @@ def _turned_jvp(primals, tangents):
 
 
 def _turn(t, omega, columns):
-    """The turned columns, and what the derivative needs of the angles."""
-    # The barriers keep XLA from computing the angles anew in every place that uses them.
+    """The rotated columns, and the functions of the angles required by the derivative."""
+    # The barriers prevent XLA from recomputing the angles at each use.
     a, b, c = jax.lax.optimization_barrier(_rodrigues(t, omega))
 
     def turned(v):
@@ -120,9 +121,9 @@ _QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116
 def sin_cos(x):
     """Sine and cosine to 2e-16 for |x| < 10⁶, without a branch.
 
-    XLA calls the C library for each, a number at a time; in a few lines of products all lanes work
-    at once, and the turning of the body, a quarter of a gradient, costs a third. Series of Taylor
-    on (−π/4, π/4), after the multiple of π/2 is taken off in parts (Cody & Waite).
+    XLA calls the C library for each number separately. These products are vectorised and reduce the
+    cost of the rotation of the body, a quarter of that of a gradient, to a third. Taylor series on
+    (−π/4, π/4) are used after the multiple of π/2 is subtracted in parts (Cody & Waite).
     """
     n = jnp.round(x * (2.0 / jnp.pi))
     r = x
@@ -153,7 +154,7 @@ def cross(a, b):
 def principal_axis(
     t: jax.Array, pole_lon: Scalar, pole_lat: Scalar, period: Scalar, phase0: Scalar
 ) -> jax.Array:
-    """Rotation about the body's z axis, which points to the pole; the asteroid convention.
+    """Rotation about the body's z axis, which points to the pole: the asteroid convention.
 
     A = R_z(λ) R_y(π/2 − β) R_z(φ₀ + 2πt/P).
 
@@ -164,7 +165,7 @@ def principal_axis(
     pole_lon, pole_lat : rad
         Pole in the frame of the inertial vectors.
     period : s
-        Sidereal rotation period; negative for the other sense.
+        Sidereal rotation period; negative for the opposite sense of rotation.
     phase0 : rad
         Rotational phase at t = 0.
 
@@ -175,11 +176,11 @@ def principal_axis(
 
     References
     ----------
-    Kaasalainen, Torppa & Muinonen 2001, eq. (1), written for body to inertial.
+    Kaasalainen, Torppa & Muinonen 2001, eq. (1), from body to inertial.
     """
     cl, sl = jnp.cos(pole_lon), jnp.sin(pole_lon)
     cb, sb = jnp.cos(pole_lat), jnp.sin(pole_lat)
-    # columns: the directions at zero rotational phase of the body axes
+    # columns: directions of the body axes at zero rotational phase
     tilt = jnp.array([[cl * sb, -sl, cl * cb], [sl * sb, cl, sl * cb], [-cb, 0.0 * sb, sb]])
     return spinning(t, tilt, period, phase0)
 
@@ -203,11 +204,12 @@ def spinning(t: jax.Array, tilt: jax.Array, period: Scalar, phase0: Scalar = 0.0
 
 
 def brought_to(pole: jax.Array) -> jax.Array:
-    """Axes (3, 3), in columns, whose z is the pole: inertial y, z, x brought by the least turn that
-    brings x to the pole.
+    """Axes (3, 3), as columns, with z along the pole.
 
-    With longitude and latitude for coordinates the body turns about itself as the pole goes round
-    ±90°, where many asteroids have it. Any such axes are singular somewhere: these at (180°, 0°).
+    They are the inertial y, z and x axes after the smallest rotation that brings x to the pole.
+    Axes defined by longitude and latitude rotate about z as the pole moves around a latitude of
+    ±90°, near which the poles of many asteroids lie. Any such definition is singular somewhere;
+    this one at (180°, 0°).
 
     Parameters
     ----------
@@ -216,7 +218,7 @@ def brought_to(pole: jax.Array) -> jax.Array:
 
     References
     ----------
-    Duff et al. 2017, J. Comput. Graph. Tech. 6 (1), eq. (2), with the axes in turn.
+    Duff et al. 2017, J. Comput. Graph. Tech. 6 (1), eq. (2), with cyclically permuted axes.
     """
     x, y, z = pole[0], pole[1], pole[2]
     a = 1.0 / jnp.maximum(1.0 + x, 1e-12)
@@ -225,10 +227,10 @@ def brought_to(pole: jax.Array) -> jax.Array:
 
 
 def fixed(t: jax.Array) -> jax.Array:
-    """The body axes stay the inertial axes: A = I, (T, 3, 3)."""
+    """The body axes remain the inertial axes: A = I, (T, 3, 3)."""
     return jnp.broadcast_to(jnp.eye(3), (t.shape[0], 3, 3))
 
 
 def to_body(rotation: jax.Array, vectors: jax.Array) -> jax.Array:
-    """Components in the body frame of inertial vectors: Aᵀ v, (T, 3)."""
+    """Body-frame components of inertial vectors: Aᵀ v, (T, 3)."""
     return jnp.einsum("tij,ti->tj", rotation, vectors)

@@ -1,29 +1,33 @@
 """The free rotation of a rigid body in closed form: no steps, and no error that grows with time.
 
 Euler's equations are solved by Jacobi's elliptic functions, and the precession about the angular
-momentum by the argument of a theta function. Their series in the nome converge like q^(n²), and
-where q > e^(−π) those in its complement q' = e^(−πK/K'), of hyperbolic functions: four terms serve
-every body and every energy, and an epoch costs the same however late it is.
+momentum by the argument of a theta function. Their series in the nome q converge like q^(n²). If
+q > e^(−π), series of hyperbolic functions in the complementary nome q' = e^(−πK/K') are used
+instead. Four terms are sufficient for every body and energy, and the cost of an epoch does not
+depend on its time.
 
-With M the angular momentum in principal axes, moments of inertia J₁ ≤ J₂ ≤ J₃, and a = 1/J₂ − 1/J₃,
-b = 1/J₁ − 1/J₃, c = 1/J₁ − 1/J₂, M moves about axis 3 where c M₁² < a M₃², and about axis 1 where
-it is greater (then 1 and 3 change their parts, and a, b, c their signs):
+Let M be the angular momentum in principal axes, with moments of inertia J₁ ≤ J₂ ≤ J₃, and
+a = 1/J₂ − 1/J₃, b = 1/J₁ − 1/J₃, c = 1/J₁ − 1/J₂. M moves about axis 3 if c M₁² < a M₃², and about
+axis 1 if c M₁² is greater (then axes 1 and 3 are exchanged, and a, b, c change sign):
 
     M = (A₁ cn, A₂ sn, A₃ dn)(K + v),   v = λt + v₀,   A₁² = M₁² + (a/b) M₂²,   A₂² = (b/a) A₁²,
     A₃² = M₃² + (c/b) M₂²,   λ = √(ab) A₃,   m = c A₁²/(a A₃²),   1 − m = (a M₃² − c M₁²)/(a A₃²).
 
-The azimuth ψ of the intermediate axis about M grows at L/J₂ − (a A₃² − c A₁²)/(L − (A₂²/L) sn²),
-L = |M|: an elliptic integral of the third kind, whose periodic part is −arg θ₄(z + iy), z = πv/2K.
-Intermediate axis, and not that about which M moves: this one M never reaches but on the separatrix,
-so that ψ has a meaning for a body that spins about an axis of largest or of smallest inertia. v = 0
-where M is next to the intermediate axis: there ψ has to have the direction in which M lies off it.
+The azimuth ψ of the intermediate axis about M increases at the rate
+L/J₂ − (a A₃² − c A₁²)/(L − (A₂²/L) sn²), L = |M|. Its integral is an elliptic integral of the third
+kind with the periodic part −arg θ₄(z + iy), z = πv/2K. The intermediate axis is used instead of the
+axis about which M moves, because M reaches the intermediate axis only on the separatrix; ψ is
+therefore also defined for a body that spins about the axis of largest or smallest inertia. v = 0
+when M is closest to the intermediate axis: ψ must then resolve the direction of M from this axis.
 
-With q' the same, by Jacobi's imaginary transformation, w = zK/K', y' = yK/K': θ₁, θ₂, θ₃, θ₄ of z
-are as −iθ₁, θ₄, θ₃, θ₂ of iw, and arg θ₄(z + iy) is arg θ₂(iw − y') − 2zy'/π, for |z| <= π/2; from
-one such stretch, a passage by the intermediate axis, to the next, ψ jumps by −2y'.
+The same quantities in terms of q' follow from Jacobi's imaginary transformation with w = zK/K',
+y' = yK/K': θ₁, θ₂, θ₃, θ₄ of z are proportional to −iθ₁, θ₄, θ₃, θ₂ of iw, and arg θ₄(z + iy) is
+arg θ₂(iw − y') − 2zy'/π for |z| <= π/2. Each such interval is one passage by the intermediate axis;
+ψ jumps by −2y' from one to the next.
 
-Next to the separatrix a passage lasts as long as e, the part of M off the intermediate axis, takes
-to grow to 1 as e^(λt): an error of ω, J or their rounding grows so too, and none other does.
+Near the separatrix the component of M/|M| perpendicular to the intermediate axis grows as e^(λt).
+The duration of a passage is the time in which this component reaches order 1. Errors and rounding
+errors of ω and J grow in the same way; no other errors grow.
 
 References
 ----------
@@ -44,10 +48,10 @@ from jax.custom_derivatives import SymbolicZero
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
 
-TERMS = 4  # of a series in q^(n²): complete to 1e-16 up to q = e^(−π)
-# Closer than these double precision cannot say when M flips.
-NEAREST = 1e-16  # 1 − m over dn² at t = 0: a difference of squares of M, whose rounding it is
-STEADY = 1e-14  # sine of the angle of M and ω below which ω stays; rounding of J makes it 1e-15
+TERMS = 4  # of a series in q^(n²): accurate to 1e-16 up to q = e^(−π)
+# Limits of double precision: closer to the separatrix the times of the flips of M are unknown.
+NEAREST = 1e-16  # (1 − m)/dn² at t = 0: rounding error of a difference of squares of M
+STEADY = 1e-14  # sine of the angle of M and ω below which ω is constant; rounding of J gives 1e-15
 DUPLICATIONS = 12
 ALL = np.arange(TERMS)
 N = ALL[1:]
@@ -55,7 +59,7 @@ FLIP = (-1.0) ** ALL
 
 
 class Polhode(NamedTuple):
-    """The path of M in the body; scalars but for ``axes``.
+    """The path of M in the body.
 
     Attributes
     ----------
@@ -66,14 +70,15 @@ class Polhode(NamedTuple):
     amplitude : (3,)
         A₁, A₂, A₃, with the signs of M₂ M₃, M₂ and M₃.
     m1 : 1 − m, m the parameter of the elliptic functions
-    near : m > ½, so that the series are those in q'
+    near : whether m > ½, for which the series in q' are used
     speed, phase : rad/s, rad
-        speed · t + phase is z, of the module, or w where ``near``.
+        speed · t + phase is z of the module docstring, or w if ``near``.
     inner, outer : exponents
-        Of the nome q = e^(−2 (inner + outer)), outer = y; where ``near`` ½ ln 1/q' and π/2 − y'.
-        These, because 1 − q e^(2y) and cos y' may be as small as the rounding of 1.
+        For the nome q = e^(−2 (inner + outer)), with outer = y; if ``near``, ½ ln 1/q' and
+        π/2 − y'. They are used because 1 − q e^(2y) and cos y' may be as small as the rounding
+        error of 1.
     precession : rad/s
-        Mean dψ/dt; where ``near`` without the jumps.
+        Mean dψ/dt; if ``near``, without the jumps.
     """
 
     axes: jax.Array
@@ -94,15 +99,15 @@ class Polhode(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What decides the attitude; see the module and `Polhode`.
+    """Constants that determine the attitude; see the module docstring and `Polhode`.
 
     Attributes
     ----------
     axes : (3, 3)
         Rows: the axes in which the formulae are written, body frame.
     scale : (3,)
-        M/|M| along them over θ₁/θ₃, θ₂/θ₃, θ₄/θ₃ of z, or their equals in w.
-    inner, outer, speed, phase, precession, near : as of `Polhode`
+        M/|M| along them divided by θ₁/θ₃, θ₂/θ₃, θ₄/θ₃ of z, or by the equivalents in w.
+    inner, outer, speed, phase, precession, near : as in `Polhode`
     """
 
     axes: jax.Array
@@ -116,17 +121,18 @@ class Motion(NamedTuple):
 
 
 def torque_free(t: jax.Array, omega: jax.Array, inertia: jax.Array) -> jax.Array:
-    """Attitude of a rigid body on which no torque acts, A(0) = I.
+    """Attitude of a rigid body without torque, A(0) = I.
 
-    Ȧ = A [ω_b×], J ω̇_b = J ω_b × ω_b; the angular momentum A J ω_b stays as it is, and so does the
-    energy, to rounding. Differentiable in t, ω and J, but not in J where two moments of inertia
-    agree to rounding, and as a steady spin where the angle of M and ω is below `STEADY`; about the
-    intermediate axis such a spin stays for some 30/λ, λ the module's, and what follows is not told.
+    Ȧ = A [ω_b×], J ω̇_b = J ω_b × ω_b; the angular momentum A J ω_b and the energy are conserved to
+    rounding. The attitude is differentiable in t, ω and J, except in J if two moments of inertia
+    agree to rounding. If the angle between M and ω is below `STEADY`, the motion and its derivative
+    are those of a steady spin. About the intermediate axis such a spin lasts for about 30/λ, with λ
+    of the module docstring; the motion after that time is not modelled.
 
     Parameters
     ----------
     t : (T,) s
-        Since the instant at which the body axes are the inertial axes.
+        Time since the body axes coincided with the inertial axes.
     omega : (3,) rad/s
         Angular velocity at t = 0.
     inertia : (3, 3)
@@ -147,18 +153,19 @@ def torque_free(t: jax.Array, omega: jax.Array, inertia: jax.Array) -> jax.Array
 def torque_free_to_body(
     t: jax.Array, omega: jax.Array, inertia: jax.Array, *vectors: jax.Array
 ) -> tuple[jax.Array, ...]:
-    """Components in the frame of a body on which no torque acts: those of `torque_free`.
+    """Components in the frame of a body without torque, as from `torque_free`.
 
     The derivative is written out: du = u × ψ with ψ (3,) linear in the changes of the constants of
-    the motion, so that its coefficients are computed once for all directions; a Jacobian costs
-    three times the value, where automatic differentiation of the series takes sixty.
+    the motion. Its coefficients are therefore computed once for all directions. A Jacobian takes
+    three times as long as the value, instead of sixty times with automatic differentiation of the
+    series.
 
     Parameters
     ----------
     t, omega, inertia
         As for `torque_free`.
     *vectors : (T, 3)
-        Inertial, held fixed in derivatives.
+        Inertial, constant in derivatives.
 
     Returns
     -------
@@ -173,18 +180,18 @@ def torque_free_to_body(
 
 
 def _motion(omega: jax.Array, inertia: jax.Array) -> tuple[jax.Array, Motion]:
-    """Whether the body spins steadily, and its motion if it does not."""
+    """Whether the body spins steadily, and its motion otherwise."""
     omega, inertia = (jnp.asarray(x, float) for x in (omega, inertia))
     momentum = inertia @ omega
     sine = jnp.linalg.norm(jnp.cross(omega, momentum))
     scale = jnp.linalg.norm(omega) * jnp.linalg.norm(momentum)
     steady = sine <= STEADY * scale
-    # what is not steady stands in for what is, so that no branch divides by zero
+    # a tumbling motion replaces a steady one, so that no branch divides by zero
     some, other = jnp.array([1.0, 0.5, 0.7]), jnp.diag(jnp.array([1.0, 2.0, 3.0]))
     path = polhode(jnp.where(steady, some, omega), jnp.where(steady, other, inertia))
     terms, _ = _terms(path.inner, path.outer, path.near)
     _, null2, null3, null4, *_ = jnp.sum(terms, axis=1)
-    # θ₂ is over 2 q^(1/4), and so is θ₁, whence √q' is left
+    # θ₁ and θ₂ are divided by 2 q^(1/4), which leaves a factor of √q'
     root = 4.0 * jnp.exp(-path.inner)
     low = jnp.where(path.near, root * null2, null4)
     high = jnp.where(path.near, null4, null2)
@@ -202,7 +209,7 @@ def _motion(omega: jax.Array, inertia: jax.Array) -> tuple[jax.Array, Motion]:
 
 
 def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
-    """The constants of the motion that begins with ω (3,) rad/s, body frame; see the module."""
+    """Constants of the motion from the initial ω (3,) rad/s, body frame; see the module."""
     moments, principal = jnp.linalg.eigh(inertia)
     principal = principal * jnp.linalg.det(principal)  # right-handed
     momentum = principal.T @ (inertia @ omega)
@@ -224,7 +231,7 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     a3 = jnp.sqrt(m3_**2 + ratio_c * m2_**2)
     side, side2 = jnp.where(m3_ < 0.0, -1.0, 1.0), jnp.where(m2_ < 0.0, -1.0, 1.0)
     sn, cn, dn = side2 * m2_ / a2, side * side2 * m1_ / a1, side * m3_ / a3  # at t = 0
-    # in factors, because 1 − m may be 10¹⁶ times less than either square
+    # factorised, because 1 − m may be 10¹⁶ times smaller than either square
     root_a, root_c = jnp.sqrt(a), jnp.sqrt(c)
     off, other = root_a * m3_, root_c * m1_
     m1 = jnp.maximum((off - other) * (off + other) / (a * a3**2), NEAREST * dn**2)
@@ -242,7 +249,7 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
     inner, outer = (scale * jnp.where(near, *x) for x in ((quarter, inner), (inner, outer)))
     speed = sign * jnp.sqrt(a * b) * a3 * scale
     real, imaginary = _real_imaginary(inner, outer, near)
-    slope = -2.0 * N @ imaginary / (1.0 + jnp.sum(real))  # d ln θ₃/dy at iy, or by y' at y'
+    slope = -2.0 * N @ imaginary / (1.0 + jnp.sum(real))  # d ln θ₃/dy at iy, or d ln θ₃/dy' at y'
     precession = length / j2 - sign * a * a3**2 * m1 / length - speed * slope
     return Polhode(
         axes,
@@ -259,10 +266,10 @@ def polhode(omega: jax.Array, inertia: jax.Array) -> Polhode:
 
 
 def carlson(x: jax.Array, y: jax.Array, z: jax.Array) -> jax.Array:
-    """Carlson's R_F(x², y², z²) = ½ ∫₀^∞ [(s + x²)(s + y²)(s + z²)]^(−½) ds, of roots >= 0.
+    """Carlson's R_F(x², y², z²) = ½ ∫₀^∞ [(s + x²)(s + y²)(s + z²)]^(−½) ds for x, y, z >= 0.
 
-    At most one of them zero. Roots, because what is known here are these, and a root has no
-    derivative where its square is zero.
+    At most one of them may be zero. The arguments are the square roots of the usual ones, because
+    the roots are known here, and a square root is not differentiable at zero.
 
     References
     ----------
@@ -285,16 +292,16 @@ def carlson(x: jax.Array, y: jax.Array, z: jax.Array) -> jax.Array:
 
 @jax.custom_jvp
 def _turned(t: jax.Array, motion: Motion, columns: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-    """Inertial vectors (3, T) in the body's frame: Σᵢ fᵢ(t) (fᵢ(0)·v), fᵢ the rows of `_triad`."""
+    """Inertial vectors (3, T) in the body frame: Σᵢ fᵢ(t) (fᵢ(0)·v), fᵢ the rows of `_triad`."""
     return _turn(t, motion, columns)[0]
 
 
 @partial(_turned.defjvp, symbolic_zeros=True)
 def _turned_jvp(primals, tangents):
-    """du = u × ψ, ψ = Aᵀ w(0) − w(t), w the angle by which `_triad` turns, body frame.
+    """du = u × ψ, ψ = Aᵀ w(0) − w(t), w the rotation vector of `_triad`, body frame.
 
-    w = a + n × dn − (dψ + n₂ (dn·r)/|e₂ × n|) n with a that of the axes, n = M/|M|, and r = n × p
-    as in `_triad`, whose p leaves e₂ as n turns.
+    w = a + n × dn − (dψ + n₂ (dn·r)/|e₂ × n|) n with a the rotation vector of the axes, n = M/|M|,
+    and r = n × p as in `_triad`. The term in dn·r is the rotation of p about n as n changes.
     """
     t, motion, _ = primals
     dt, changed, _ = tangents
@@ -316,7 +323,7 @@ def _turned_jvp(primals, tangents):
         since * by_phase,
         turn(along[2], -after[2]),
         -since * n,
-    ]  # of w by scale, inner, outer, speed, phase and precession, along the axes of the motion
+    ]  # of w by scale, inner, outer, speed, phase, precession, along the axes of the motion
     w = jnp.einsum("ia,kit->kat", motion.axes, jnp.stack(slopes))
     w = jnp.concatenate([w, jnp.broadcast_to(jnp.eye(3)[..., None], (3, *n.shape))])  # and by a
     begin = jnp.einsum("ia,ka->ki", frame[..., -1], w[..., -1])
@@ -340,15 +347,18 @@ def _filled(tangent: jax.Array | SymbolicZero) -> jax.Array:
 
 
 def _since(t: jax.Array) -> jax.Array:
-    """The times (T,), and t = 0 for the last."""
+    """The times (T,), followed by t = 0."""
     return jnp.concatenate([t, jnp.zeros(1)])
 
 
 def _turn(
     t: jax.Array, motion: Motion, columns: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], jax.Array, jax.Array]:
-    """The turned columns; M/|M| along the axes of the motion (3, T + 1) and `_triad`, body frame,
-    (3, 3, T + 1), both with t = 0 for the last epoch."""
+    """The rotated columns, M/|M| and `_triad`.
+
+    M/|M| is along the axes of the motion (3, T + 1), `_triad` in the body frame (3, 3, T + 1); the
+    last epoch of both is t = 0.
+    """
     since = _since(t)
     phase, passages = _phase(since, motion)
     ((*first, last, real, imaginary),) = _sums(
@@ -367,8 +377,11 @@ def _turn(
 
 
 def _slopes(since: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """M/|M| over `Motion.scale` (3, T), and the derivatives by inner, outer and phase of M/|M|
-    (3, 3, T) and of the argument of the theta function with its jumps (3, T)."""
+    """M/|M| divided by `Motion.scale` (3, T), and derivatives by inner, outer and phase.
+
+    The derivatives are those of M/|M| (3, 3, T), and of the argument of the theta function
+    including its jumps (3, T).
+    """
     near, unit = motion.near, jnp.ones(())
     terms, by_inner = jax.jvp(lambda x: _terms(x, motion.outer, near), (motion.inner,), (unit,))
     _, by_outer = jax.jvp(lambda x: _terms(motion.inner, x, near), (motion.outer,), (unit,))
@@ -388,7 +401,7 @@ def _slopes(since: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array, jax
 
 
 def _phase(t: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array]:
-    """z in (−π/2, π/2), or w in (−½, ½) ln 1/q', and how many such stretches were taken off."""
+    """z in (−π/2, π/2), or w in (−½, ½) ln 1/q', and the number of intervals subtracted."""
     x = motion.speed * t + motion.phase
     whole = jnp.where(motion.near, 2.0 * motion.inner, jnp.pi)
     passages = jax.lax.stop_gradient(jnp.round(x / whole))
@@ -396,7 +409,7 @@ def _phase(t: jax.Array, motion: Motion) -> tuple[jax.Array, jax.Array]:
 
 
 def _signed(first: Sequence[jax.Array], passages: jax.Array) -> jax.Array:
-    """The three (3, T), of which two change sign from one passage to the next."""
+    """The three functions as (3, T); the first two change sign from one passage to the next."""
     sign = 1.0 - 2.0 * jnp.abs(passages - 2.0 * jnp.round(0.5 * passages))
     return jnp.stack([sign * first[0], sign * first[1], first[2]])
 
@@ -406,7 +419,7 @@ def _real_imaginary(
 ) -> tuple[jax.Array, jax.Array]:
     """2 q^(n²) cosh 2ny and −2 q^(n²) sinh 2ny, n >= 1, or 2 q'^(n²) times cos and sin of 2ny'."""
     half = jnp.where(near, inner, inner + outer)  # ½ ln 1/q or 1/q'
-    up = jnp.exp(-2.0 * N * ((N - 1.0) * half + inner))  # q^(n²) e^(2ny); q'^(n²) where near
+    up = jnp.exp(-2.0 * N * ((N - 1.0) * half + inner))  # q^(n²) e^(2ny); q'^(n²) if near
     down = jnp.exp(-2.0 * N * (N * half + outer))  # q^(n²) e^(−2ny)
     angle = 2.0 * N * outer  # outer = π/2 − y'
     return (
@@ -422,10 +435,10 @@ def _terms(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Arr
     even = jnp.where(ALL == 0, 1.0, 2.0) * jnp.exp(-2.0 * ALL**2 * half)
     angle = (2.0 * ALL + 1.0) * outer
     real, imaginary = (FLIP[1:] * x for x in _real_imaginary(inner, outer, near))
-    rest = jnp.append(jnp.cumsum(real[::-1])[::-1], 0.0)  # cos 2nx − cos (2n + 2)x has sin x
+    rest = jnp.append(jnp.cumsum(real[::-1])[::-1], 0.0)  # cos 2nx − cos (2n + 2)x = 2 sin x …
     real = jnp.where(near, FLIP * odd * jnp.sin(angle), rest)
     imaginary = jnp.where(near, FLIP * odd * jnp.cos(angle), jnp.append(0.0, imaginary))
-    pairs = -jnp.expm1(-2.0 * (2.0 * ALL + 1.0) * inner)  # n and −1 − n: they all but cancel
+    pairs = -jnp.expm1(-2.0 * (2.0 * ALL + 1.0) * inner)  # n and −1 − n nearly cancel
     origin = jnp.sum(FLIP * jnp.exp(-2.0 * ALL * (ALL * half + outer)) * pairs)
     return jnp.stack([FLIP * odd, odd, even, FLIP * even, real, imaginary]), origin
 
@@ -433,15 +446,19 @@ def _terms(inner: jax.Array, outer: jax.Array, near: jax.Array) -> tuple[jax.Arr
 def _sums(
     x: jax.Array, terms: Sequence[tuple[jax.Array, jax.Array]], near: jax.Array, slope: bool = False
 ) -> list[tuple[jax.Array, ...]]:
-    """θ₁ and θ₂ over 2 q^(1/4), θ₄, θ₃, and Re and Im of θ₄(x + iy), (T,) each, of each of
-    ``terms``; with ``slope`` the derivatives by x of the first at the end. Where ``near`` −iθ₁, θ₄,
-    θ₂, θ₃ of ix and Re and Im of θ₂(ix − y'): each means what it does elsewhere.
+    """The six series, (T,) each, for each element of ``terms``.
 
-    θ₁ = Σ aₙ sin (2n + 1)x, θ₂ = Σ aₙ cos (2n + 1)x, θ₃ and θ₄ Σ aₙ cos 2nx, Im Σ aₙ sin 2nx, Re
-    θ₄(iy) − 2 sin x Σ aₙ sin (2n + 1)x, which is small without being a difference; where ``near``
-    sinh and cosh, Re Σ aₙ cosh (2n + 1)x and Im Σ aₙ sinh (2n + 1)x. By Clenshaw's recurrence in
-    u = 2 cos 2x: an addition and a product for each term, where a table of sines and cosines costs
-    ten times as much.
+    They are θ₁ and θ₂ divided by 2 q^(1/4), θ₄, θ₃, and the real and imaginary parts of
+    θ₄(x + iy). With ``slope`` the derivatives by x of the first element are appended. If ``near``,
+    the series are −iθ₁, θ₄, θ₂, θ₃ of ix, and the real and imaginary parts of θ₂(ix − y'); they
+    have the same meaning.
+
+    θ₁ is Σ aₙ sin (2n + 1)x, θ₂ is Σ aₙ cos (2n + 1)x, and θ₃ and θ₄ are Σ aₙ cos 2nx. The
+    imaginary part is Σ aₙ sin 2nx, the real part θ₄(iy) − 2 sin x Σ aₙ sin (2n + 1)x, a form
+    without cancellation when it is small. If ``near``, sin and cos become sinh and cosh, the real
+    part is Σ aₙ cosh (2n + 1)x and the imaginary part Σ aₙ sinh (2n + 1)x. Clenshaw's recurrence in
+    u = 2 cos 2x takes one addition and one product per term; a table of sines and cosines costs ten
+    times as much.
     """
     tables = [table for table, _ in terms]
     if slope:
@@ -451,7 +468,7 @@ def _sums(
         by = jnp.stack([odd, odd, even, even]) * table[:4]
         tables.append(jnp.concatenate([by, jnp.stack([real, imaginary])]))
     rows = jnp.stack(tables)[..., None]
-    # Barriers keep XLA from computing what comes before anew in every place that uses it.
+    # The barriers prevent XLA from recomputing intermediate results at each use.
     sin, cos = rotations.sin_cos(x)
     back, up = jnp.where(near, -1.0, 1.0), jnp.exp(x)
     sin = jnp.where(near, 0.5 * (up - 1.0 / up), sin)
@@ -472,7 +489,7 @@ def _sums(
         second, third = jnp.where(near, e[3], c[1]), jnp.where(near, c[1], e[3])
         sums.append((s[0], second, third, e[2], real, imaginary))
     if slope:
-        s, c = -back * odd_sin[-1], odd_cos[-1]  # of cos, and of sin
+        s, c = -back * odd_sin[-1], odd_cos[-1]  # derivatives of cos and sin
         e = -back * even_sin[-1]
         real = jnp.where(near, s[4], e[4])
         imaginary = jnp.where(near, c[5], even_cos[-1, 5])
@@ -482,8 +499,11 @@ def _sums(
 
 
 def _triad(along: jax.Array, sin: jax.Array, cos: jax.Array) -> jax.Array:
-    """Rows (3, 3, T): two inertial directions at right angles to M, and M's own, along the axes of
-    the motion; the intermediate axis is at the azimuth of this sine and cosine."""
+    """Two inertial directions perpendicular to M and the direction of M, as rows (3, 3, T).
+
+    The components are along the axes of the motion; ``sin`` and ``cos`` are those of the azimuth of
+    the intermediate axis.
+    """
     n1, n2, n3 = along
     across = jnp.hypot(n1, n3)
     p = jnp.stack([-n2 * n1, across**2, -n2 * n3]) / across

@@ -1,4 +1,4 @@
-"""Whether facets close to a surface, and the closed ones nearest to them."""
+"""Closure of facets to a surface, and the nearest areas that close."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def closure(normals: ArrayLike, areas: ArrayLike) -> float:
 
 
 def close(normals: ArrayLike, areas: ArrayLike) -> Floats:
-    """The areas a ≥ 0 of a closed surface, Σ aᵢ nᵢ = 0, that are nearest to the given ones.
+    """The areas a ≥ 0 of a closed surface, Σ aᵢ nᵢ = 0, that are nearest to the given areas.
 
-    They minimise Σ (aᵢ − Aᵢ)²/Aᵢ: a large facet may change more than a small one, and one of no
-    area stays so. The solution is aᵢ = Aᵢ max(0, 1 − λ·nᵢ), with λ the minimum of the convex
-    function ½ Σ Aᵢ max(0, 1 − λ·nᵢ)² of three variables, found by Newton's method.
+    They minimise Σ (aᵢ − Aᵢ)²/Aᵢ: a large facet may change more than a small one, and a facet with
+    zero area remains so. The solution is aᵢ = Aᵢ max(0, 1 − λ·nᵢ), where λ minimises the convex
+    function ½ Σ Aᵢ max(0, 1 − λ·nᵢ)² of three variables, computed with Newton's method.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def close(normals: ArrayLike, areas: ArrayLike) -> Floats:
     Returns
     -------
     (N,)
-        Closed to rounding. Σ |a − A| / Σ A says how much was changed.
+        Closed to rounding. Σ |a − A| / Σ A measures the change.
 
     Raises
     ------
     InputError
-        If the facets all face to one side, so that only no areas at all would close.
+        If all facets face one side, so that only zero areas would close.
     """
     n, given = np.asarray(normals, float), np.asarray(areas, float)
     share = given / given.sum()
@@ -69,7 +69,7 @@ def close(normals: ArrayLike, areas: ArrayLike) -> Floats:
             if new <= value - 1e-4 * size * float(gap @ step):
                 break
             size *= 0.5
-        else:  # no better to rounding
+        else:  # no improvement beyond rounding
             left, _ = of(shift)
             break
         shift, value = shift + size * step, new

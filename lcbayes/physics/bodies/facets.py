@@ -1,4 +1,4 @@
-"""Facet normals: the two angles of the papers, grids of normals, harmonics on the sphere."""
+"""Facet normals: their two angles as in the papers, grids of normals, spherical harmonics."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def normal(phi: jax.Array, g: jax.Array) -> jax.Array:
     Returns
     -------
     (..., 3)
-        Unit vectors, body frame. At g = ±1 the derivative by g, infinite, is given without its
-        horizontal part, so that no NaN arises.
+        Unit vectors, body frame. At g = ±1 the derivative by g is infinite; it is returned without
+        its horizontal part to avoid NaN.
 
     References
     ----------
@@ -37,8 +37,7 @@ def normal(phi: jax.Array, g: jax.Array) -> jax.Array:
 
 
 def across(normals: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors that make a right-handed triad with each unit vector (..., 3), which comes
-    third."""
+    """Two unit vectors that form a right-handed triad with each unit vector (..., 3) as third."""
     third = np.asarray(normals, float)
     first = np.cross(third, np.eye(3)[np.argmin(np.abs(third), axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
@@ -54,8 +53,8 @@ def angles(normals: jax.Array) -> tuple[jax.Array, jax.Array]:
 def grid(n: int) -> np.ndarray:
     """n nearly equal-area directions on the sphere, a Fibonacci lattice.
 
-    gᵢ = 1 − (2i + 1)/n, φᵢ = 2π i/Φ² with Φ the golden ratio. Each stands for a cell of the same
-    area, so every quadrature weight is 4π/n.
+    gᵢ = 1 − (2i + 1)/n, φᵢ = 2π i/Φ² with Φ the golden ratio. All represent cells of equal area, so
+    every quadrature weight is 4π/n.
 
     Returns
     -------

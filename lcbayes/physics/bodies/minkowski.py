@@ -1,4 +1,4 @@
-"""The convex polyhedron that has given facet areas and normals (Minkowski's problem)."""
+"""The convex polyhedron with given facet areas and normals (Minkowski's problem)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-# Facets below this fraction of the mean area are left out: they change the body by less than any
-# light curve can show, and make the equations stiff.
+# Facets below this fraction of the mean area are left out: their effect is below the sensitivity of
+# any light curve, and they make the equations ill-conditioned.
 SMALLEST = 1e-8
-SAME_NORMAL = 1e-7  # rad; facets whose normals are closer are merged
-MAX_CLOSURE_GAP = 1e-6  # |Σ A n|/Σ A up to which facets count as closed
-MIN_THICKNESS = 1e-10  # smallest over largest eigenvalue of Σ A n nᵀ: below, the body is flat
-AREA_TOLERANCE = 1e-10  # error of each area, relative to it, at which the iteration ends
+SAME_NORMAL = 1e-7  # rad; facets with closer normals are merged
+MAX_CLOSURE_GAP = 1e-6  # largest |Σ A n|/Σ A of facets that count as closed
+MIN_THICKNESS = 1e-10  # ratio of extreme eigenvalues of Σ A n nᵀ: below, the body is flat
+AREA_TOLERANCE = 1e-10  # relative error of each area at which the iteration ends
 MAX_AREA_ERROR = 1e-6  # relative to the mean area, at which the iteration counts as converged
-MAX_STEPS = 200  # of Newton's; a few dozen do
+MAX_STEPS = 200  # of Newton's method; a few dozen are usually sufficient
 
 
 def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
@@ -29,16 +29,17 @@ def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
 
     Minimises the convex function Σ Aᵢ hᵢ − log V(h) of the support distances h by damped Newton
     steps: its gradient is A − a(h)/V(h) with a(h) the areas of the polyhedron {x: nᵢ·x ≤ hᵢ}, and
-    ∂aᵢ/∂hⱼ = l_ij/sin θ_ij, ∂aᵢ/∂hᵢ = −Σⱼ l_ij cot θ_ij over the facets j that share with i an
-    edge of length l_ij and enclose the angle θ_ij. At the minimum a ∝ A; a change of size does the
-    rest. A step is halved until the gradient shrinks and no facet is lost, which makes the
-    iteration converge from the ball. Minkowski's theorem says that the body exists and is unique
-    (up to a shift) exactly when the facets close and do not lie in one plane.
+    ∂aᵢ/∂hⱼ = l_ij/sin θ_ij, ∂aᵢ/∂hᵢ = −Σⱼ l_ij cot θ_ij, where the sum is over the facets j that
+    share with i an edge of length l_ij, and θ_ij is the angle between the normals. At the minimum
+    a ∝ A, and the body is scaled to the given areas. A step is halved until the gradient decreases
+    and no facet is lost, so that the iteration converges from the ball. By Minkowski's theorem the
+    body exists and is unique (up to a translation) if and only if the facets close and their
+    normals do not lie in one plane.
 
-    The body solved for is the affine image whose facets face all ways equally, Σ A n nᵀ ∝ 1: area
-    vectors w = A n map by w → B w as points map by x → √(det B) B⁻ᵀ x. So a thin plate is as easy
-    as a cube. Facets whose normals agree to 10⁻⁷ rad are merged; they share their face's area as
-    given. Facets below 10⁻⁸ of the mean area are left out.
+    The equations are solved for the affine image with isotropic facets, Σ A n nᵀ ∝ 1: area vectors
+    w = A n transform as w → B w, and points as x → √(det B) B⁻ᵀ x. A thin plate is therefore as
+    easy as a cube. Facets with normals that agree to 10⁻⁷ rad are merged and share the area of
+    their face in the given proportion. Facets below 10⁻⁸ of the mean area are left out.
 
     Parameters
     ----------
@@ -50,8 +51,8 @@ def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
     Returns
     -------
     Polyhedron
-        Each area right to 10⁻¹⁰, relative to it, or to where rounding stops the iteration: no area
-        is wrong by more than 10⁻⁶ of the mean area.
+        Each area has a relative accuracy of 10⁻¹⁰, or that at which rounding stops the iteration;
+        no error exceeds 10⁻⁶ of the mean area.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
     merged, group = _merge(normals)
     area = np.bincount(group, given)
     kept = np.flatnonzero(area > SMALLEST * np.mean(area))
-    closed = close(merged[kept], area[kept])  # those left out have opened it a little
+    closed = close(merged[kept], area[kept])  # the omitted facets leave a small gap
     vectors, back = _isotropic(merged[kept] * closed[:, None])
     target = np.linalg.norm(vectors, axis=1)
     n = vectors / target[:, None]
@@ -113,7 +114,7 @@ def _checked(normals: ArrayLike, areas: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _merge(normals: Floats) -> tuple[Floats, NDArray[np.integer]]:
-    """Mean normals of facets that face the same way, (M, 3), and which of them each is of, (N,)."""
+    """Mean normals of facets with equal normals, (M, 3), and the index of each facet, (N,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
@@ -127,7 +128,7 @@ def _merge(normals: Floats) -> tuple[Floats, NDArray[np.integer]]:
 
 
 def _isotropic(vectors: Floats) -> tuple[Floats, Floats]:
-    """Area vectors (N, 3) of the affine image with Σ A n nᵀ ∝ 1, and the map back of its points."""
+    """Area vectors (N, 3) of the affine image with Σ A n nᵀ ∝ 1, and the inverse map of points."""
     image, total = vectors, np.eye(3)
     for _ in range(100):
         length = np.linalg.norm(image, axis=1)
@@ -143,15 +144,15 @@ def _isotropic(vectors: Floats) -> tuple[Floats, Floats]:
 
 
 def _cofactor(matrix: Floats) -> Floats:
-    """What area vectors are multiplied by where points are multiplied by ``matrix``."""
+    """The matrix that transforms area vectors if points are transformed by ``matrix``."""
     return np.linalg.det(matrix) * np.linalg.inv(matrix).T
 
 
 def _solve(n: Floats, target: Floats) -> _Cut:
-    """The polyhedron, of any size, with areas in proportion to ``target``, which sums to one."""
+    """The polyhedron, of any size, with areas proportional to ``target``, whose sum is one."""
     h = np.full(len(n), 3.0)  # the ball with Σ a = V, as at the minimum
     body = _cut(n, h)
-    # No facet may be lost on the way: a plane that passes the body by has no slope towards it.
+    # No facet may be lost: the gradient vanishes for a plane that does not touch the body.
     least = 0.5 * min(np.min(body.areas / body.areas.sum()), np.min(target))
     for _ in range(MAX_STEPS):
         gradient = target - body.areas / body.volume
@@ -181,10 +182,10 @@ def _solve(n: Floats, target: Floats) -> _Cut:
 
 @dataclass(frozen=True)
 class _Cut:
-    """The polyhedron {x: nᵢ·x ≤ hᵢ} and what Newton's method needs of it.
+    """The polyhedron {x: nᵢ·x ≤ hᵢ} with its quantities for Newton's method.
 
-    ``corners`` (M, 3) may repeat a vertex where more than three facets meet; ``around`` (M, 3)
-    are the facets that meet in each. ``jacobian`` is ∂aᵢ/∂hⱼ.
+    ``corners`` (M, 3) may repeat a vertex at which more than three facets meet; ``around`` (M, 3)
+    are the facets that meet at each corner. ``jacobian`` is ∂aᵢ/∂hⱼ.
     """
 
     corners: Floats
@@ -196,9 +197,9 @@ class _Cut:
 
 
 def _cut(normals: Floats, h: Floats) -> _Cut:
-    """Cut space by the half-spaces, through the convex hull of the dual points nᵢ/hᵢ.
+    """Intersect the half-spaces by means of the convex hull of the dual points nᵢ/hᵢ.
 
-    A triangle of that hull is a vertex of the body, an edge of it is an edge of the body.
+    A triangle of that hull corresponds to a vertex of the body, and an edge to an edge.
     """
     from scipy.spatial import ConvexHull
 
@@ -209,7 +210,7 @@ def _cut(normals: Floats, h: Floats) -> _Cut:
     end = hull.neighbors.ravel()
     i = hull.simplices[:, [1, 2, 0]].ravel()
     j = hull.simplices[:, [2, 0, 1]].ravel()
-    once = start < end  # each edge is met from both of its ends
+    once = start < end  # each edge occurs twice, once from each end
     start, end, i, j = start[once], end[once], i[once], j[once]
     i, j = np.concatenate([i, j]), np.concatenate([j, i])
     start, end = np.tile(start, 2), np.tile(end, 2)
@@ -217,7 +218,7 @@ def _cut(normals: Floats, h: Floats) -> _Cut:
     cosine = np.sum(normals[i] * normals[j], axis=1)
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 1e-15))
     length = np.linalg.norm(corners[start] - corners[end], axis=1)
-    # facet i in triangles from the foot of its plane, signed by the side the edge is on
+    # facet i in triangles from the foot point of its plane, with the sign of the side of the edge
     triangle = 0.5 * length * (h[j] - h[i] * cosine) / sine
     areas = np.bincount(i, triangle, len(h))
     volume = float(areas @ h / 3)
@@ -230,15 +231,15 @@ def _cut(normals: Floats, h: Floats) -> _Cut:
 
 
 def _newton_step(normals: Floats, body: _Cut, gradient: Floats) -> Floats:
-    """The Newton step of Σ Aᵢ hᵢ − log V, in the space without the three shifts."""
+    """The Newton step of Σ Aᵢ hᵢ − log V, orthogonal to the three translations."""
     hessian = np.outer(body.areas, body.areas) / body.volume**2 - body.jacobian / body.volume
     typical = np.mean(np.diag(hessian))
-    hessian += typical * (normals @ normals.T) / len(normals)  # the three shifts are flat
+    hessian += typical * (normals @ normals.T) / len(normals)  # no curvature along the translations
     return -np.linalg.solve(hessian, gradient)
 
 
 def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer]]]:
-    """Distinct vertices, and for each facet its own, counter-clockwise seen from outside."""
+    """Distinct vertices, and those of each facet, counter-clockwise as seen from outside."""
     scale = np.max(np.abs(body.corners))
     _, first, same = np.unique(
         np.round(body.corners / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True

@@ -21,11 +21,11 @@ class Polyhedron:
     vertices : (V, 3)
         In the square root of the unit of the areas (m for m²), body frame.
     faces : list of (k,) int
-        Indices into ``vertices``, counter-clockwise seen from outside.
+        Indices into ``vertices``, counter-clockwise as seen from outside.
     facet : (F,) int
-        Which of the given facets each face is; facets of negligible area have none.
+        Index of the given facet for each face; facets with negligible area have no face.
     areas : (N,)
-        Areas that the given facets have on this body, 0 where a facet has no face.
+        Areas of the given facets on this body, 0 for facets without a face.
     volume : float
     """
 
@@ -37,7 +37,7 @@ class Polyhedron:
 
     @cached_property
     def inertia(self) -> Floats:
-        """Tensor of inertia about the centroid over the mass, uniform density, (3, 3) m².
+        """Inertia tensor about the centroid per unit mass, for uniform density, (3, 3) m².
 
         I/M = tr(C) 1 − C with C = ∫ x xᵀ dV / V. A tetrahedron from the origin over the triangle
         (a, b, c) has ∫ x xᵀ dV = v/20 (a aᵀ + b bᵀ + c cᵀ + s sᵀ), s = a + b + c, v its volume.
@@ -53,9 +53,10 @@ class Polyhedron:
 
     @cached_property
     def principal(self) -> tuple[Floats, Floats]:
-        """Principal moments over the mass, smallest first, (3,) m², and axes, rows of (3, 3).
+        """Principal moments per unit mass in ascending order, (3,) m², and axes, rows of (3, 3).
 
-        The rows are right-handed, in the body frame. The first axis is the longest one of the body.
+        The rows form a right-handed triad in the body frame. The first axis is the long axis of the
+        body.
         """
         moments, axes = np.linalg.eigh(self.inertia)
         axes = axes.T
@@ -80,7 +81,7 @@ class Polyhedron:
         return "\n".join(lines) + "\n"
 
     def ply(self, comment: str = "") -> str:
-        """Stanford PLY text (ASCII 1.0), a list of vertex indices for each face."""
+        """Stanford PLY text (ASCII 1.0) with a list of vertex indices for each face."""
         lines = ["ply", "format ascii 1.0"]
         lines += [f"comment {line}" for line in comment.splitlines()]
         lines += [f"element vertex {len(self.vertices)}"]

@@ -1,4 +1,4 @@
-"""Bodies made of facets: built-in shapes for scenarios, and Wavefront OBJ files."""
+"""Faceted bodies: built-in shapes for scenarios, and Wavefront OBJ files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lcbayes.physics.bodies.facets import grid
 
 Floats = NDArray[np.float64]
 
-SMALLEST_M, LARGEST_M = 1e-6, 1e6  # lengths of bodies
+SMALLEST_M, LARGEST_M = 1e-6, 1e6  # range of lengths
 
 
 class Body(NamedTuple):
@@ -28,9 +28,9 @@ class Body(NamedTuple):
         Outward unit normals.
     areas : (N,) m²
     u_axes : (N, 3)
-        Unit vectors in each facet's plane, along its longer side where it has one.
+        Unit vectors in the plane of each facet, along its longer side if there is one.
     labels : (N,)
-        What each facet is part of, for example "bus" or "panel".
+        Part to which each facet belongs, for example "bus" or "panel".
     """
 
     normals: Floats
@@ -40,7 +40,7 @@ class Body(NamedTuple):
 
 
 def plane_axis(normals: ArrayLike) -> Floats:
-    """A unit vector in the plane of each facet: horizontal (⊥ z), or x for a facet along z."""
+    """A unit vector in the plane of each facet: horizontal (⊥ z), or x if the normal is along z."""
     n = np.atleast_2d(np.asarray(normals, float))
     u = np.stack([-n[:, 1], n[:, 0], np.zeros(len(n))], axis=1)
     length = np.linalg.norm(u, axis=1, keepdims=True)
@@ -65,7 +65,7 @@ def body(
 
 
 def join(*parts: Body) -> Body:
-    """One body from several; facets do not shade each other."""
+    """One body from several parts; facets do not shadow each other."""
     return Body(
         np.concatenate([p.normals for p in parts]),
         np.concatenate([p.areas for p in parts]),
@@ -100,7 +100,7 @@ def tetrahedron(side: float = 1.0) -> Body:
 
 
 def cylinder(radius: float = 0.5, length: float = 2.0, n: int = 24) -> Body:
-    """A prism of n sides about z that has the lateral and end areas of the cylinder."""
+    """A prism of n sides about z with the lateral and end areas of the cylinder."""
     angle = 2 * np.pi * np.arange(n) / n
     zero = np.zeros(n)
     side = body(
@@ -132,7 +132,7 @@ def box_wing(
 ) -> Body:
     """A box bus ("bus") and a solar wing along y ("panel" in front, "back" behind).
 
-    The wing's front faces +x at zero cant; a positive cant turns it about y towards −z.
+    The wing's front faces +x at zero cant; a positive cant rotates it about y towards −z.
     """
     cant = np.deg2rad(cant_deg)
     front = np.array([np.cos(cant), 0.0, -np.sin(cant)])
@@ -167,7 +167,7 @@ def shape(name: str, **sizes: float) -> Body:
     Raises
     ------
     InputError
-        If there is no such shape, or it has no such size.
+        If the shape is unknown, or has no such size.
     """
     if name not in SHAPES:
         raise InputError(f"unknown shape {name!r}; available: {', '.join(SHAPES)}")
@@ -178,15 +178,15 @@ def shape(name: str, **sizes: float) -> Body:
 
 
 def read_obj(path: str | Path) -> Body:
-    """Facets of a Wavefront OBJ file: vertices and polygons, anything else is ignored.
+    """Facets from the vertices and polygons of a Wavefront OBJ file; other content is ignored.
 
-    A polygon's vertices go round counter-clockwise seen from outside; its label is the material
-    (``usemtl``) or else the group (``g``, ``o``) that it stands under.
+    The vertices of a polygon are counter-clockwise as seen from outside. Its label is the current
+    material (``usemtl``) or, without a material, the current group (``g``, ``o``).
 
     Raises
     ------
     InputError
-        One line with the file and the line of the fault.
+        A one-line message with the file and the invalid line.
     """
     file = read_text(path)
     vertices: list[list[float]] = []
@@ -240,7 +240,7 @@ def _vertex(words: list[str], file: TextFile, number: int) -> list[float]:
 
 
 def _indices(words: list[str], count: int, file: TextFile, number: int) -> list[int]:
-    """0-based vertex indices; OBJ counts from 1, or backwards from the last with negatives."""
+    """0-based vertex indices; OBJ counts from 1, or backwards from the last if negative."""
     found = []
     for word in words:
         try:
