@@ -13,7 +13,7 @@ from lcbayes.inversion.albedo_area.inversion import Inversion
 
 FINER = "as many facets as lower chi2 at all"
 LISTED = 20  # facets, largest first
-ANYWHERE = 60.0  # standard deviation (deg) from which a direction is undetermined
+ANYWHERE = 60.0  # standard deviation (deg) above which a direction is undetermined
 
 
 def _listed(result: Inversion, facets: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -17,7 +17,7 @@ from lcbayes.physics.bodies.facets import across
 
 REFUSED = "no direction found"
 MOST = 4  # stretches drawn: those with the strongest glints
-LISTED = 12  # glints in the text
+LISTED = 12  # glints listed in the text
 
 
 def wire_like(result: Glints, i: int) -> bool:

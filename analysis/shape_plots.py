@@ -20,7 +20,7 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-CLOSED = 0.1  # gap |Σ A n|/Σ A up to which facets are treated as a closed body
+CLOSED = 0.1  # maximum gap |Σ A n|/Σ A of a closed body
 STONE = (0.80, 0.81, 0.83)
 LIGHT = np.array([-0.35, 0.45, 0.82])  # in image axes: right, up, towards the reader
 

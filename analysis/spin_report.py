@@ -15,7 +15,7 @@ from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Spin
 
 REFUSED = "no pole and no sidereal period"
-MOST_PASSES, MOST_SOLUTIONS = 6, 6  # in the figure; in the text
+MOST_PASSES, MOST_SOLUTIONS = 6, 6  # passes in the figure; solutions in the text
 
 
 def words(result: Spin, curve: LightCurve) -> list[str]:

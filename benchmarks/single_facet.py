@@ -31,7 +31,7 @@ from tests.helpers.single_facet_passes import (
 
 LVLH = catalogue.find("lvlh")
 NOISE = (0.01, 0.05)
-POINTS = 200  # of two sites together
+POINTS = 200  # points of both sites together
 
 
 def apart_deg(a: np.ndarray, b: np.ndarray) -> float:

@@ -19,7 +19,7 @@ from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number of facets
-LOST = 20.0  # nats below the best, beyond the error, from which a poor run is ignored
+LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor run is ignored
 
 # Columns of tables/candidates.csv and of each row of `candidates`, with their descriptions.
 COLUMNS = {
