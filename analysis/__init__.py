@@ -1,1 +1,1 @@
-"""What is done with results: figures, tables and pages. Nothing here changes a number."""
+"""Figures, tables and pages from results; no code here changes a result."""

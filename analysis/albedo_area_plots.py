@@ -42,7 +42,7 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
     density = found.areas.reshape(-1, count).sum(axis=0)
     lon_edges, lat_edges, pixels = nearest_pixels(found.normals[:count])
     share = 100.0 * density / density.sum()
-    # the eye must see one per cent beside fifty: a square root
+    # a square-root scale, so that 1 % is visible next to 50 %
     from matplotlib.colors import PowerNorm
 
     picture = axes.pcolormesh(
@@ -89,7 +89,7 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
 
 
 def draw_fit(result: Inversion, gallery: Gallery) -> None:
-    """Observed against fitted flux, and residuals in units of the error."""
+    """Observed and fitted flux, and residuals in units of the error."""
     figure = gallery.figure(7.0, 3.0)
     left, right = figure.subplots(1, 2)
     seen, fitted = result.seen, result.best.flux

@@ -1,4 +1,4 @@
-"""The words of `lcbayes albedo-area`."""
+"""The text of `lcbayes albedo-area`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from lcbayes.inversion.albedo_area.inversion import Inversion
 
 FINER = "as many facets as lower chi2 at all"
 LISTED = 20  # facets, largest first
-ANYWHERE = 60.0  # deg of a direction's standard deviation, from which it tells nothing
+ANYWHERE = 60.0  # standard deviation (deg) above which a direction is undetermined
 
 
 def _listed(result: Inversion, facets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A line for each of the largest facets: albedo-area, or share where no size is known, and
-    where it faces."""
+    """A line for each of the largest facets: albedo-area (or share if the size is unknown) and
+    direction of the normal."""
     sized = not np.all(result.seen.free)
     lines = []
     for facet in facets[:LISTED]:
@@ -37,7 +37,7 @@ def _listed(result: Inversion, facets: Sequence[Mapping[str, Any]]) -> list[str]
 
 
 def words(result: Inversion, curve: LightCurve, facets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The result in lines for a reader, without the verdict; facets as `summary.json` has them."""
+    """The result as lines of text, without the verdict; facets as in `summary.json`."""
     seen, best = result.seen, result.best
     kind = "facets" if result.facets is not None else "grid normals with area"
     count = int(np.sum(best.areas > 0))

@@ -1,4 +1,4 @@
-"""The words and figures of `lcbayes attitude-test`."""
+"""The text and figures of `lcbayes attitude-test`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lcbayes.inversion.separated.attitude_test import MIN_PAIRS, MIN_POINTS, Att
 
 
 def words(result: AttitudeTest) -> list[str]:
-    """The result in lines for a reader, without the verdict."""
+    """The result as lines of text, without the verdict."""
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
     lines = [f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}"]
     lines += [_line(v, result) for v in result.verdicts if v.tested]
@@ -43,7 +43,7 @@ def _line(v: Verdict, result: AttitudeTest) -> str:
 
 
 def _not_tested(result: AttitudeTest) -> list[str]:
-    """Each reason once, with the laws that it stopped."""
+    """Each reason why laws were not tested, with those laws."""
     names: dict[str, list[str]] = {}
     for v in result.verdicts:
         if v.sparse:
@@ -54,7 +54,7 @@ def _not_tested(result: AttitudeTest) -> list[str]:
             names.setdefault(v.reason, []).append(v.name)
     lines = []
     for reason, stopped in names.items():
-        # on top already, with the remedy
+        # already at the top, with the remedy
         why = "as said above" if any(reason in str(r) for r in result.reasons) else reason
         count = f"{len(stopped)} laws" if len(stopped) > 1 else "1 law"
         lines.append(f"{count} not tested, {why}:")
@@ -69,14 +69,14 @@ def _not_tested(result: AttitudeTest) -> list[str]:
 
 
 def draw(result: AttitudeTest, gallery: Gallery) -> None:
-    """The p-values, and the differences within pairs of the best law and of the worst."""
+    """The p-values, and the differences within pairs of the best and the worst law."""
     if any(v.tested for v in result.verdicts):
         draw_laws(result, gallery)
         draw_pairs(result, gallery)
 
 
 def draw_laws(result: AttitudeTest, gallery: Gallery) -> None:
-    """The p-value of each law that was tested."""
+    """The p-value of each tested law."""
     tested = [v for v in result.verdicts if v.tested]
     figure = gallery.figure(6.4, 1.0 + 0.2 * len(tested))
     axes = figure.subplots()
@@ -95,7 +95,7 @@ def draw_laws(result: AttitudeTest, gallery: Gallery) -> None:
 
 
 def draw_pairs(result: AttitudeTest, gallery: Gallery) -> None:
-    """Differences of flux within the pairs of the best law and of the worst."""
+    """Differences of flux within the pairs of the best and the worst law."""
     tested = [v for v in result.verdicts if v.tested]
     shown = [tested[0], tested[-1]] if len(tested) > 1 else tested
     figure = gallery.figure(3.4 * len(shown), 3.0)

@@ -1,4 +1,4 @@
-"""A batch of objects: one figure, and one page with all of them in a table."""
+"""The page of a batch: one figure, and a table of all objects."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any])
 
 
 def _cells(row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
-    """A line of the table, with a link to the object's own page where there is one."""
+    """A row of the table, with a link to the object's own page if there is one."""
     fit = "–"
     if row.get("chi2") is not None:
         fit = f"{three(row['chi2'] / max(row['dof'], 1))}"
@@ -142,17 +142,17 @@ def _bodies_of(rows: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarra
 
 
 def _logarithmic(axes: Any) -> None:
-    """A logarithmic y axis with a small number of plain labels."""
+    """A logarithmic y axis with a few plain labels."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
     low, high = axes.get_ylim()
     axes.yaxis.set_minor_formatter("{x:.4g}" if high < 10 * low else NullFormatter())
-    if high < 3 * low:  # minor ticks would be as thick as grass
+    if high < 3 * low:  # minor ticks would be too dense
         axes.yaxis.set_minor_locator(MaxNLocator(5))
 
 
 def _rate(row: Mapping[str, Any]) -> float:
-    """Turns an hour of the heaviest solution."""
+    """Turns per hour of the heaviest solution."""
     if row.get("period_h"):
         return 1.0 / abs(row["period_h"])
     omega = [row.get(f"omega_{axis}_rad_s") for axis in "xyz"]
@@ -167,4 +167,4 @@ def _marked(axes: Any, x: np.ndarray, y: np.ndarray, rows: Sequence[Mapping[str,
         if here.any():
             axes.plot(x[here], y[here], mark, ms=5, color=COLOURS[status], label=status)
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside no point
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # away from all points

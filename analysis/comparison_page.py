@@ -1,4 +1,4 @@
-"""Numbers of facets compared: one figure, and one page that needs nothing else."""
+"""The page of a comparison of numbers of facets, self-contained, with one figure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lcbayes.analysis.pages import command, environment
 from lcbayes.core.options import Options
 from lcbayes.results import comparison
 
-DEPTH = 12.0  # nats below the best that are drawn; what lies lower is marked by an arrow
+DEPTH = 12.0  # nats below the best that are drawn; arrows mark lower values
 ALT = "Posterior probability, ln evidence and predictive density of each number of facets."
 CAPTION = (
     "Left: posterior probability of each number of facets, with its 90 % interval from the "
@@ -35,8 +35,8 @@ def write_page(
     summary : mapping
         The content of summary.json.
     run : mapping
-        That of run.toml.
-    options : of the task
+        The content of run.toml.
+    options : options of the task
     """
     image = style.picture(
         folder,
@@ -70,7 +70,7 @@ def draw(
     gallery: style.Gallery,
     ruled_out: Sequence[Mapping[str, Any]] = (),
 ) -> Any:
-    """The figure of the rows of `candidates`, and of `ruled_out`."""
+    """The figure of the rows of `candidates` and of `ruled_out`."""
     figure = gallery.figure(10.0, 3.3)
     left, middle, right = figure.subplots(1, 3)
     n = np.array([row["n_facets"] for row in rows])
@@ -134,8 +134,8 @@ def _differences(
     label: str,
     others: np.ndarray | None = None,
 ) -> float:
-    """Values below the best with their errors; how far down the scale goes, which has room for
-    ``others`` too, unless they are far."""
+    """Draw values relative to the best with their errors; returns the depth of the scale, which
+    also includes ``others`` unless they are far below."""
     lowest = (values - errors)[values > -DEPTH]
     if others is not None:
         lowest = np.append(lowest, others[others > -DEPTH])
@@ -162,7 +162,7 @@ def _differences(
 
 
 def _far_below(axes: Any, k: float, value: float, depth: float, sign: str = "") -> None:
-    """An arrow out of the scale, with the number to which it points."""
+    """An arrow that points off the scale, labelled with the value."""
     axes.annotate(
         "",
         (k, -depth),

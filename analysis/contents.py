@@ -1,4 +1,4 @@
-"""What a results folder holds, read once, thinned to what a report can show."""
+"""The content of a results folder, read once and thinned to the draws that a report can show."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lcbayes.results.load import open_posterior, read_json
 
 Floats = NDArray[np.float64]
 
-MOST_PREDICTED = 4_000_000  # draws × epochs read of what is predicted: 32 MB
+MOST_PREDICTED = 4_000_000  # draws × epochs of the prediction that are read: 32 MB
 FEWEST_DRAWS, MOST_DRAWS = 200, 1000
 KINDS = {
     "modes": list,
@@ -31,14 +31,14 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Mode:
-    """One solution: its own chains, and the brightness its share of the posterior predicts."""
+    """One solution: its chains, and the brightness predicted by its draws."""
 
     index: int
     weight: float
     weight_sd: float | None
     draws: xr.Dataset  # dims chain, draw, …
     stats: xr.Dataset  # may be empty
-    predicted: Floats  # (S, T); S = 0 where the posterior holds none of it
+    predicted: Floats  # (S, T); S = 0 if the posterior has no draws of it
     summary: Mapping[str, Any] = field(default_factory=dict)  # its entry in summary.json
 
     @property
@@ -48,8 +48,8 @@ class Mode:
 
 @dataclass(frozen=True)
 class Results:
-    """A results folder in memory. Arrays over T epochs are sorted by time, ``t`` (s) is from the
-    first of them, and so is ``attrs["epoch_jd"]``."""
+    """A results folder in memory. Arrays over T epochs are sorted by time; ``t`` (s) counts from
+    the first epoch, whose Julian date is ``attrs["epoch_jd"]``."""
 
     folder: Path
     attrs: Mapping[str, Any]
@@ -61,7 +61,7 @@ class Results:
     error: Floats  # NaN where unknown
     curve: NDArray[np.int64]
     constant: xr.Dataset
-    predicted: xr.DataArray | None  # of equally weighted draws, as the next one
+    predicted: xr.DataArray | None  # for equally weighted draws, as the next field
     log_likelihood: xr.DataArray | None
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
 
@@ -71,7 +71,7 @@ class Results:
 
     @property
     def is_relative(self) -> bool:
-        """Whether no curve has a known scale, so that sizes are relative."""
+        """Whether all scales are unknown, so that sizes are relative."""
         free = self.constant.get("free_scale")
         return self.normals is not None if free is None else bool(free.all())
 
@@ -92,7 +92,7 @@ class Results:
 
     @property
     def normals(self) -> Floats | None:
-        """The fixed grid of facet normals, body frame (N, 3), of models that have one."""
+        """The fixed grid of facet normals, body frame (N, 3), if the model has one."""
         grid = self.constant.get("grid_normals")
         return None if grid is None else grid.to_numpy()
 
@@ -103,7 +103,7 @@ def read(folder: Path) -> Results:
     Raises
     ------
     InputError
-        If it is none, or if what `lcbayes fit` wrote there cannot be read.
+        The folder holds no results, or the files of `lcbayes fit` cannot be read.
     """
     with open_posterior(folder) as tree:
         summary = read_json(folder / "summary.json", KINDS)
@@ -128,7 +128,7 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
     observed = tree["observed_data"].to_dataset()["brightness"].to_numpy()
     size = observed.size
     attrs = {str(k): v for k, v in tree.attrs.items()}
-    if "epoch_jd" in attrs:  # of the first point, as t is from here on
+    if "epoch_jd" in attrs:  # of the first point, from which t counts below
         attrs["epoch_jd"] = attrs["epoch_jd"] + t[0] / 86400.0
     drawn = _thinned(tree, size)
     posterior = drawn["posterior"].to_dataset()
@@ -159,7 +159,8 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
 
 
 def _thinned(tree: xr.DataTree, size: int) -> xr.DataTree:
-    """Equally weighted draws, taken evenly from each chain, as many as can be held and seen."""
+    """Equally weighted draws, taken evenly from each chain; their number is limited by memory and
+    legibility."""
     sizes = tree["posterior"].sizes
     solution = tree["posterior"].coords.get("solution", np.zeros(sizes["chain"], int))
     chains = int(np.unique(solution, return_counts=True)[1].max())
@@ -180,7 +181,7 @@ def _modes(
     summary: dict[str, Any],
     size: int,
 ) -> list[Mode]:
-    """The solutions, heaviest first; a folder without the group `modes` has one."""
+    """The solutions, heaviest first; a folder without the group `modes` has one solution."""
     which = np.zeros(posterior.sizes["draw"], int)
     if "solution" in posterior.coords:
         which = posterior["solution"].to_numpy()

@@ -1,4 +1,4 @@
-"""Plots that show whether the sampler and the model can be trusted."""
+"""Diagnostic plots of the sampler and the model."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ DOTS = 500
 
 
 def _drawn(q: Quantity, between: str = " ") -> tuple[Floats, str]:
-    """Values as they are drawn, with a small number of digits, and the matching label."""
+    """Values scaled so that axis numbers are short, and the matching label."""
     centre, size, shift = readable(q)
     return (q.values - centre) / size, f"{_short(q.name)}{between}{shift}".strip()
 
 
 def _short(name: str) -> str:
-    """A name that fits under a small plot: α[0], ω_x, pole lon."""
+    """A short name for a small plot: α[0], ω_x, pole lon."""
     if name.startswith("omega_"):
         return f"ω_{name[6]}"
     for long, symbol in (("albedo_area", "α"), ("phi", "φ")):
@@ -43,7 +43,7 @@ def _sparse_ticks(axes: Any, which: str = "both", count: int = 3) -> None:
 
 
 def draw_traces(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image | None:
-    """Trace of each chain, and histograms of the ranks of its draws among all chains'."""
+    """Trace of each chain, and histograms of the ranks of its draws among those of all chains."""
     from scipy.stats import rankdata
 
     if not selected:
@@ -94,7 +94,7 @@ def draw_traces(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image
 
 
 def draw_energy(mode: Mode, gallery: Gallery) -> Image | None:
-    """Marginal energy against its change from draw to draw, and E-BFMI."""
+    """Distributions of the energy and of its change between draws, and E-BFMI."""
     if "energy" not in mode.stats:
         return None
     energy = mode.stats["energy"].transpose("chain", "draw").to_numpy().astype(float)
@@ -128,7 +128,7 @@ def draw_energy(mode: Mode, gallery: Gallery) -> Image | None:
 
 
 def draw_pairs(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image | None:
-    """Each selected parameter against each other one; divergent draws are marked."""
+    """Each selected parameter against every other; divergent draws are marked."""
     if len(selected) < 2:
         return None
     n = len(selected)
@@ -156,7 +156,7 @@ def draw_pairs(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image 
             axes.plot(values[col, bad], values[row, bad], "x", ms=3.5, mew=0.8, color="k")
             axes.set_ylim(*limits[row])
         axes.set_xlim(*limits[col])
-        if row == n - 1:  # only the outer edges carry numbers
+        if row == n - 1:  # only the outer edges have numbers
             axes.set_xlabel(labels[col], fontsize=7)
             _sparse_ticks(axes, "x", 2)
         else:
@@ -178,7 +178,7 @@ def draw_pairs(mode: Mode, selected: list[Quantity], gallery: Gallery) -> Image 
 
 @dataclass(frozen=True)
 class Pit:
-    """LOO-PIT values; ``dark`` counts the epochs whose likelihood no draw changes."""
+    """LOO-PIT values; ``dark`` is the number of epochs with the same likelihood in every draw."""
 
     values: Floats
     dark: int
@@ -186,9 +186,10 @@ class Pit:
 
 
 def loo_pit(results: Results) -> Pit | None:
-    """Probability of each point being at or below its observed value, predicted without it.
+    """Leave-one-out probability that each point is at or below its observed value.
 
-    By the weights of `lcbayes.inference.loo`, for the power to which the draws have the likelihood.
+    The weights are those of `lcbayes.inference.loo`, for the power of the likelihood in the
+    posterior.
     """
     import arviz
 
@@ -222,7 +223,7 @@ def loo_pit(results: Results) -> Pit | None:
 
 
 def draw_loo_pit(results: Results, gallery: Gallery) -> Image | None:
-    """Share of points below each predicted probability, less that probability."""
+    """Fraction of points below each predicted probability, minus that probability."""
     from scipy.stats import kstwo
 
     pit = loo_pit(results)

@@ -1,4 +1,4 @@
-"""The words and figures of `lcbayes glints`."""
+"""The text and figures of `lcbayes glints`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from lcbayes.inversion.glints.directions import CHI2_90, Direction
 from lcbayes.physics.bodies.facets import across
 
 REFUSED = "no direction found"
-MOST = 4  # stretches that are drawn: those with the strongest glints
-LISTED = 12  # glints in the text
+MOST = 4  # stretches drawn: those with the strongest glints
+LISTED = 12  # glints listed in the text
 
 
 def wire_like(result: Glints, i: int) -> bool:
@@ -27,7 +27,7 @@ def wire_like(result: Glints, i: int) -> bool:
 
 
 def words(result: Glints, curve: LightCurve) -> list[str]:
-    """The result in lines for a reader, without the verdict."""
+    """The result as lines of text, without the verdict."""
     units = "; heights in baselines, directions of bisectors" if result.glints else ""
     lines = [f"{len(result.glints)} glint(s) in {curve.n_obs} points{units}"]
     if result.glints:
@@ -78,7 +78,7 @@ def _table(result: Glints, curve: LightCurve) -> list[str]:
 
 
 def _time(one: Glint, curve: LightCurve) -> str:
-    """Of the peak, UTC where it is known, to the first digit of its error."""
+    """Time of the peak, in UTC if known, to the first digit of its error."""
     decimals = min(max(digits(one.t, one.t_error) - 1, 0), 3)
     if curve.epoch_jd is None:
         return f"t = {one.t:.{decimals}f} s"
@@ -95,7 +95,7 @@ def _where(d: Direction) -> str:
 
 
 def draw(result: Glints, gallery: Gallery) -> None:
-    """The light curve with its glints, the directions on the sky, the offsets of a panel."""
+    """The light curve with its glints, the directions on the sky, and the offsets of a panel."""
     draw_curve(result, gallery)
     if result.panel is not None:
         draw_panel(result, gallery)
@@ -104,7 +104,7 @@ def draw(result: Glints, gallery: Gallery) -> None:
 
 
 def draw_curve(result: Glints, gallery: Gallery) -> None:
-    """Stretches with the strongest glints, the baseline, and numbered peaks."""
+    """Stretches with the strongest glints, with the baseline and numbered peaks."""
     level = result.baseline
     strongest = sorted(result.glints, key=lambda g: -g.significance)
     chosen = sorted(dict.fromkeys(g.stretch for g in strongest))[:MOST] or [0]
@@ -177,7 +177,7 @@ def draw_sky(result: Glints, gallery: Gallery) -> None:
 
 
 def draw_panel(result: Glints, gallery: Gallery) -> None:
-    """The offset from glint to glint, and the height against the season."""
+    """The offset of the panel at each glint, and the height of the glints against the season."""
     p = result.panel
     assert p is not None
     figure = gallery.figure(7.0, 2.8)

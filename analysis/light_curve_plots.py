@@ -1,4 +1,4 @@
-"""The light curve and its prediction by night or pass, folded, and its residuals."""
+"""Plots of the light curve with its prediction, by night or pass and folded, and residuals."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from lcbayes.data.segments import Gap, split
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
 PANEL = Gap(1800.0, 30.0)  # between the panels of a figure
-CONNECTED = Gap(0.0, 10.0)  # across which no band is drawn
-SPARSE = 3600.0  # s; points farther apart are not joined
-FARTHEST = 6.0  # σ; residuals beyond are shown as arrows at the edge
+CONNECTED = Gap(0.0, 10.0)  # gap across which no band is drawn
+SPARSE = 3600.0  # s; points farther apart are not connected
+FARTHEST = 6.0  # σ; larger residuals are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Points of one curve and site without a long gap: a night, a pass."""
+    """Points of one curve and site without a long gap, such as a night or a pass."""
 
     points: NDArray[np.int64]
     curve: int
@@ -32,7 +32,7 @@ class Segment:
 
 
 def segments(results: Results) -> list[Segment]:
-    """Split the light curve by `curve`, site and at long gaps; lone points stay together."""
+    """Split the light curve by `curve`, site and long gaps; isolated points form one segment."""
     whole, panels = [], []
     sites = results.labels.get("site", np.full(results.t.size, ""))
     for c, site in sorted(set(zip(results.curve.tolist(), sites.tolist(), strict=True))):
@@ -46,15 +46,15 @@ def segments(results: Results) -> list[Segment]:
 
 
 def bands(mode: Mode) -> Floats | None:
-    """Quantiles `BAND` of the predicted brightness, (5, T); None without enough draws."""
+    """Quantiles `BAND` of the predicted brightness, (5, T); None if there are too few draws."""
     if len(mode.predicted) < 20:
         return None
     return np.quantile(mode.predicted, BAND, axis=0)
 
 
 def sigmas(results: Results, best: Mode) -> Floats:
-    """Standard deviation of each point: from the file, with what is inferred beyond it and what the
-    points of its pass share, else the inferred one, else NaN.
+    """Standard deviation of each point: the error in the file, combined with inferred scatter and
+    offsets per pass; without an error in the file, the inferred level; otherwise NaN.
 
     An inferred level is relative to the mean of the curve for fluxes
     (see `lcbayes.modelling.likelihood`).
@@ -68,7 +68,7 @@ def sigmas(results: Results, best: Mode) -> Floats:
             unit[here] = np.mean(np.abs(results.brightness[here]))
     if "sigma" in best.draws and best.draws["sigma"].ndim == 2:
         level = np.full(sigma.size, float(best.draws["sigma"].mean()))
-        if "noise" in best.draws:  # each curve has its own
+        if "noise" in best.draws:  # one level per curve
             level = best.draws["noise"].mean(("chain", "draw")).to_numpy()[results.curve]
         level = level * unit
         sigma = np.where(unknown, level, np.hypot(sigma, level))
@@ -85,7 +85,7 @@ def _time_unit(span: float) -> tuple[str, float]:
 
 
 def _label(results: Results) -> tuple[str, float]:
-    """Words for the axis of brightness, and the power of ten taken out of its numbers."""
+    """Label of the axis of brightness, and the power of ten factored out of its numbers."""
     if results.is_magnitude:
         return "magnitude", 1.0
     words, unit = "flux at unit distance", ""
@@ -100,12 +100,12 @@ def _label(results: Results) -> tuple[str, float]:
 
 
 def runs(x: Floats) -> list[NDArray[np.int64]]:
-    """Index runs without a gap, over which a continuous band may be drawn."""
+    """Runs of indices without a gap, over which a continuous band may be drawn."""
     return split(x, np.zeros(x.size, int), CONNECTED)
 
 
 def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
-    """One figure per segment, for the most informative dozen at most, and a note on the rest."""
+    """One figure per segment, for at most the dozen most informative, and a note on the rest."""
     parts = segments(results)
     note = ""
     if len(parts) > MOST_PANELS:
@@ -135,7 +135,7 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
 
 
 def _signal(results: Results, part: Segment) -> float:
-    """Relative variation times the root of the number of points."""
+    """Relative variation times the square root of the number of points."""
     y = results.brightness[part.points]
     scale = 1.0 if results.is_magnitude else max(abs(float(np.mean(y))), 1e-300)
     return float(np.sqrt(y.size) * np.std(y) / scale)
@@ -148,7 +148,7 @@ def _draw_segment(
     quantiles: list[tuple[Mode, Floats | None]],
     sigma: Floats,
 ) -> None:
-    """One segment with its predicted bands; below it the residuals of the best solution."""
+    """One segment with its predicted bands, and below it the residuals of the best solution."""
     grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     top = figure.add_subplot(grid[0])
     at = part.points
@@ -157,7 +157,7 @@ def _draw_segment(
     x, y = (results.t[at] - results.t[at[0]]) / size, results.brightness[at] / power
     drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
     low = figure.add_subplot(grid[1], sharex=top) if drawn else None
-    # between single points days apart nothing is predicted
+    # there is no prediction between single points days apart
     sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
     for rank, (mode, q) in enumerate(drawn):
         draw = _draw_band if rank == 0 else _draw_median
@@ -192,7 +192,7 @@ def _draw_band(axes: Any, x: Floats, q: Floats, hue: str, sparse: bool) -> None:
 
 
 def _draw_median(axes: Any, x: Floats, q: Floats, hue: str, sparse: bool) -> None:
-    """The median prediction of a further solution."""
+    """The median prediction of another solution."""
     if sparse:
         axes.plot(x, q[2], "_", color=hue, ms=6)
         return
@@ -209,7 +209,7 @@ def _draw_segment_residuals(
     is_magnitude: bool,
     power: float,
 ) -> None:
-    """Residuals, in units of ``sigma`` where that is known; arrows mark those off the axes."""
+    """Residuals, in units of ``sigma`` if known; arrows mark those outside the axes."""
     scaled = np.isfinite(sigma).all()
     residual = residual / (sigma if scaled else power)
     axes.axhline(0, color=FAINT, lw=0.7)
@@ -230,7 +230,7 @@ def _draw_segment_residuals(
 
 
 def _segment_title(results: Results, part: Segment) -> str:
-    """Curve, site, date and number of points, as far as they distinguish segments."""
+    """Curve, site, date and number of points, where they distinguish segments."""
     title = f"{part.points.size} points"
     if epoch := results.attrs.get("epoch_jd"):
         title = f"{date(float(epoch) + float(results.t[part.points[0]]) / 86400)} · {title}"
@@ -242,7 +242,7 @@ def _segment_title(results: Results, part: Segment) -> str:
 
 
 def draw_folded(results: Results, gallery: Gallery) -> Image | None:
-    """All points against the rotational phase, each curve scaled to the same mean."""
+    """All points against rotational phase, each curve scaled to the same mean."""
     best = results.modes[0]
     if "period_h" not in best.draws or results.t.size < 50:
         return None

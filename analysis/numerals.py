@@ -1,4 +1,4 @@
-"""Numbers as people read them: the uncertainty decides the digits."""
+"""Formatting of numbers; the uncertainty determines the number of digits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def digits(value: float, spread: float) -> int:
-    """Decimals to show, so that two digits of ``spread`` are seen (may be negative)."""
+    """Decimals that show two digits of ``spread`` (may be negative)."""
     if math.isfinite(spread) and spread > 0:
         return 1 - math.floor(math.log10(spread))
     if math.isfinite(value) and value != 0:
@@ -18,9 +18,9 @@ def digits(value: float, spread: float) -> int:
 
 
 def show(value: float | None, spread: float = math.nan) -> str:
-    """A number with as many digits as its uncertainty ``spread`` allows; “–” if there is none.
+    """A number with the digits that its uncertainty ``spread`` justifies; “–” if there is no value.
 
-    Without a spread four digits are shown. Very large and very small ones get a power of ten.
+    Without a spread four digits are shown. Very large and very small numbers get a power of ten.
     """
     if value is None or not math.isfinite(value):
         return "–"
@@ -48,7 +48,7 @@ def percent(fraction: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A length of time in the unit people would use."""
+    """A duration in a convenient unit."""
     year = 365.25 * 86400
     for unit, size in (("years", year), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2 * size:
@@ -57,6 +57,6 @@ def duration(seconds: float) -> str:
 
 
 def date(julian: float, clock: bool = False) -> str:
-    """Calendar date of a Julian date, with hours and minutes if asked."""
+    """Calendar date of a Julian date, with hours and minutes if ``clock`` is true."""
     moment = datetime.datetime(2000, 1, 1, 12) + datetime.timedelta(days=julian - 2451545.0)
     return moment.strftime("%Y-%m-%d %H:%M" if clock else "%Y-%m-%d")

@@ -22,9 +22,9 @@ def write_page(found: Findings, content: Mapping[str, Any], folder: Path, comman
 
     Parameters
     ----------
-    content : of `observability.json`
-    folder : where they go
-    command : what to type for the same numbers
+    content : content of `observability.json`
+    folder : folder to write to
+    command : command line that gives the same numbers
     """
     figures = folder / "figures"
     figures.mkdir()
@@ -94,7 +94,7 @@ def _schedule(plan: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def scene(found: Findings) -> dict[str, Any]:
-    """The sphere of observers for the viewer: its colour is the information from there."""
+    """The sphere of observers for the viewer, coloured by the information from each direction."""
     from matplotlib import colormaps
 
     patches, middles = plots.sphere_patches()

@@ -1,4 +1,4 @@
-"""Figures of `lcbayes observability`: light curve and information, maps, bounds, trades, plan."""
+"""Figures of `lcbayes observability`: light curve, information, maps, bounds, trades, plan."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.simulation.observability.summary import Findings
 
 Floats = NDArray[np.float64]
-MOST_PARAMETERS = 36  # drawn one by one; of larger bodies those with the best and worst bounds
-DECADES = 4.0  # of information that a map's colours span
+MOST_PARAMETERS = 36  # parameters drawn; of more, those with the best and worst bounds
+DECADES = 4.0  # range of information spanned by the colours of a map
 CMAP = "viridis"
-FAINT_ERROR = 0.5  # mag: fainter points have an error for a flux, but none for a magnitude
+FAINT_ERROR = 0.5  # mag: larger errors are meaningful in flux only, so such points are omitted
 
 
 def draw(found: Findings, gallery: Gallery) -> dict[str, Image]:
-    """Every figure that there is something to show on, by name."""
+    """All figures that have content, by name."""
     made = {
         "information": draw_information(found, gallery),
         "hemisphere": draw_hemisphere(found, gallery),
@@ -43,7 +43,7 @@ def _sites(found: Findings) -> list[tuple[str, NDArray[np.bool_], str]]:
 
 
 def _time(found: Findings) -> tuple[Floats, str]:
-    """Times in a fitting unit, and the label of the axis."""
+    """Times in a suitable unit, and the label of the axis."""
     t = found.measured.curve.t
     span = float(np.ptp(t))
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
@@ -100,7 +100,7 @@ def draw_information(found: Findings, gallery: Gallery) -> Image:
 
 
 def sphere_patches(step_deg: float = 5.0) -> tuple[list[Floats], Floats]:
-    """Corners of patches that cover the sphere, near squares, and their middles (G, 3)."""
+    """Corners of nearly square patches that cover the sphere, and their centres (G, 3)."""
     edges = np.radians(np.arange(-90.0, 90.0 + 1e-9, step_deg))
     patches, middles = [], []
     for low, high in pairwise(edges):
@@ -118,7 +118,8 @@ def _point(lon: float, lat: float) -> tuple[float, float, float]:
 
 
 def levels(information: Floats) -> Floats:
-    """Information as a share of `DECADES` below the largest, 0 … 1; NaN where there is none."""
+    """log₁₀ of information, scaled from `DECADES` below the largest (0) to the largest (1); NaN
+    where there is none."""
     top = np.max(information)
     with np.errstate(divide="ignore"):
         depth = np.log10(information / top) / DECADES + 1.0
@@ -126,7 +127,7 @@ def levels(information: Floats) -> Floats:
 
 
 def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
-    """The information of a measurement from each direction of the body frame."""
+    """The information of a measurement from each direction in the body frame."""
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
     lon, lat = np.linspace(-180.0, 180.0, 241), np.linspace(-90.0, 90.0, 121)
@@ -185,7 +186,7 @@ def _mark_directions(axes: Any, found: Findings) -> None:
 
 
 def draw_seen(found: Findings, gallery: Gallery) -> Image:
-    """The axis each measurement sees, and for the best one the two that it does not."""
+    """The axis to which each measurement is sensitive, and for the best one the two others."""
     m, i = found.measured, found.most_informative
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)

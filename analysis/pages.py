@@ -1,4 +1,4 @@
-"""Where pages get their templates from."""
+"""The templates of pages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def command(record: Mapping[str, Any], options: type[Options]) -> str:
-    """What to type for the same numbers.
+    """The command line that gives the same numbers.
 
     Parameters
     ----------
     record : content of ``run.toml``
-    options : of its task; every other option is one of the model's
+    options : options of its task; all others are options of the model
     """
     words = ["lcbayes", record["task"], record.get("curve", "CURVE")]
     declared = declared_options(options)
@@ -39,7 +39,7 @@ def command(record: Mapping[str, Any], options: type[Options]) -> str:
 
 
 def environment() -> Any:
-    """Jinja with the project's templates; a name that is not given is an error."""
+    """The Jinja environment with the project's templates; an undefined name is an error."""
     import jinja2
 
     return jinja2.Environment(

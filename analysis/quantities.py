@@ -1,4 +1,4 @@
-"""The numbers of a report: parameters with their diagnostics, and the most important ones."""
+"""The numbers in a report: parameters with their diagnostics, and a choice of the main ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lcbayes.modelling.variables import label, reported
 
 Floats = NDArray[np.float64]
 
-# name: (words, unit, period of the circle it lives on)
+# name: (description, unit, period of a circular quantity)
 KNOWN: dict[str, tuple[str, str, float]] = {
     "albedo_area": ("albedo-area α", "m²", 0.0),
     "phi": ("azimuth φ of the normal", "rad", 2 * np.pi),
@@ -68,13 +68,13 @@ IMPORTANT = (
 
 
 def _shown(draws: xr.Dataset) -> list[str]:
-    """Variables of a reader's interest that are not one for each epoch."""
+    """Variables of interest to a reader, without those that have a value per epoch."""
     return [n for n in reported(list(map(str, draws.data_vars))) if "time" not in draws[n].dims]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One scalar, its draws by chain (chain, draw), unwrapped if it lives on a circle."""
+    """One scalar with its draws (chain, draw), unwrapped if it is circular."""
 
     name: str
     words: str
@@ -107,9 +107,9 @@ class Row:
 
 
 def readable(q: Quantity) -> tuple[float, float, str]:
-    """Centre and power of ten to take off, so that an axis has short numbers; and its words.
+    """Centre to subtract and power of ten to factor out for short axis numbers, and the label.
 
-    A period known to a millionth of itself is drawn as the distance from its mean.
+    A period with a relative error of 10⁻⁶ is drawn as its difference from the mean.
     """
     unit = "" if q.unit == "relative" else q.unit
     spread = q.sd
@@ -130,12 +130,12 @@ def readable(q: Quantity) -> tuple[float, float, str]:
 
 
 def area_unit(results: Results) -> str:
-    """m², or nothing where the brightness has no absolute scale."""
+    """m², or empty if the brightness has no absolute scale."""
     return "relative" if results.is_relative else "m²"
 
 
 def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
-    """Every scalar of a solution, in the order stored; arrays by element."""
+    """Every scalar of a solution, in stored order; arrays by element."""
     for name in _shown(mode.draws):
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
         if name == "albedo_area":
@@ -156,14 +156,14 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
 
 
 def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
-    """R-hat and effective sample sizes of each, from summary.json, else by ArviZ."""
+    """Rows with R-hat and effective sample sizes, from summary.json or else from ArviZ."""
     if not all_of_them:
         return []
     known = mode.summary.get("parameters") or {}
     if all(q.name in known for q in all_of_them):
         keys = ("rhat", "ess_bulk", "ess_tail")
         rows = [[known[q.name].get(k) for k in keys] for q in all_of_them]
-        figures = np.array(rows, dtype=float).T  # null, which is no number, becomes NaN
+        figures = np.array(rows, dtype=float).T  # null becomes NaN
     else:
         figures = _diagnostics(np.stack([q.values for q in all_of_them]))
     stack = np.stack([q.values for q in all_of_them])
@@ -192,13 +192,13 @@ def _diagnostics(stack: Floats) -> Floats:
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
-    """The most important parameters; of many facets, the brightest."""
+    """The most important parameters; if there are many facets, the brightest ones."""
     rank = {name: i for i, name in enumerate(IMPORTANT)}
     all_of_them = [q for q in all_of_them if np.ptp(q.values) > 0]
     known = [q for q in all_of_them if _base(q.name) in rank]
     scalars = [q for q in known if "[" not in q.name]
     arrays = [q for q in known if q not in scalars]
-    if len(arrays) > 60:  # a grid of facets: no single one means much
+    if len(arrays) > 60:  # a grid of facets: single ones are of little interest
         arrays = []
     areas = sorted((q for q in arrays if q.name.startswith("albedo_area")), key=lambda q: -q.mean)
     rest = [q for q in arrays if q not in areas]
@@ -210,7 +210,7 @@ def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:
 
 
 def _base(name: str) -> str:
-    """The variable that an element belongs to."""
+    """The variable to which an element belongs."""
     return "omega" if name.startswith("omega_") else name.split("[")[0]
 
 
@@ -249,12 +249,12 @@ def facet_normals(mode: Mode) -> Floats | None:
 
 @dataclass(frozen=True)
 class Facet:
-    """One facet of a solution: its albedo-area, and where its normal points (body frame)."""
+    """One facet of a solution: its albedo-area and the direction of its normal (body frame)."""
 
     area: Quantity
-    azimuth: float  # deg, of the mean direction; NaN where the pole lies within the uncertainty
+    azimuth: float  # deg, of the mean direction; NaN if the pole is within the uncertainty
     polar: float  # deg, of the mean direction
-    radius: float  # deg, about the mean direction, that holds 90 % of the draws
+    radius: float  # deg, about the mean direction, containing 90 % of the draws
 
 
 def facets(results: Results, mode: Mode) -> list[Facet]:

@@ -1,4 +1,4 @@
-"""The report: the contents of a results folder on one self-contained page."""
+"""The report of a fit: the contents of a results folder on one self-contained page."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_page(folder: Path, results: Results) -> None:
 
 
 def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
-    """The heaviest solution is `shape.obj`, the others `shape-2.obj` and so on."""
+    """Write the heaviest solution as `shape.obj`, and the others as `shape-2.obj` and so on."""
     for shape in shapes:
         if shape.body is not None:
             tail = "" if shape is shapes[0] else f"-{shape.mode.index + 1}"
@@ -103,7 +103,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
 
 
 def _verdict(results: Results) -> dict[str, Any]:
-    """What to think of the result, in words, before any number."""
+    """The verdict on the result in words, which precedes all numbers."""
     summary, count = results.summary, len(results.modes)
     reasons = [reason.text for reason in stored(summary)]
     if not summary["trusted"]:
@@ -135,7 +135,7 @@ def _count(number: int, noun: str) -> str:
 
 
 def _observed(results: Results) -> list[tuple[str, str]]:
-    """What went in, as pairs of words."""
+    """The input data, as pairs of label and text."""
     angle = results.phase_angle_deg
     count = np.unique(results.curve).size
     kind = "apparent magnitudes" if results.is_magnitude else "fluxes"
@@ -184,7 +184,7 @@ def _assumptions(results: Results) -> list[str]:
 
 
 def _coverage(results: Results) -> str:
-    """How well the prediction agrees with the data, in a sentence."""
+    """A sentence on the agreement of the prediction with the data."""
     parts = []
     q = light_curve_plots.bands(results.modes[0])
     if q is not None:
@@ -216,7 +216,7 @@ def _coverage(results: Results) -> str:
 
 
 def _legend(results: Results) -> dict[str, Any]:
-    """Colours of the light-curve panels; the bands belong to the solution of largest weight."""
+    """Colours of the light-curve panels; the bands are those of the heaviest solution."""
     shown = [m for m in results.modes if light_curve_plots.bands(m) is not None]
     sigma = light_curve_plots.sigmas(results, results.modes[0])
     return {

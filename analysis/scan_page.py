@@ -1,4 +1,4 @@
-"""What `lcbayes scan` draws: figures, the body, and one page that needs nothing else."""
+"""The self-contained page of `lcbayes scan`, with its figures and the body."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def write_page(
     run: Mapping[str, Any],
     options: type[Options],
 ) -> None:
-    """Write ``report.html``, ``figures/`` and, of smooth bodies, ``shape.obj`` into a folder.
+    """Write ``report.html``, ``figures/`` and, for smooth bodies, ``shape.obj`` into a folder.
 
     Parameters
     ----------
     summary : content of ``summary.json``
     run : content of ``run.toml``
-    options : of the task
+    options : options of the task
     """
     figures = folder / "figures"
     figures.mkdir()
@@ -82,7 +82,7 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 
 def body_of(found: Found) -> Polyhedron | None:
-    """The convex body of the best solution, where its facets close."""
+    """The convex body of the best solution, if its facets close."""
     best = found.solutions[0]
     if best.coefficients is None:
         return None  # facets of unknown albedos do not close

@@ -1,4 +1,4 @@
-"""Figures of an attitude scan: χ² over the sky and over period, the fit, the body."""
+"""Figures of an attitude scan: χ² over the sky and over period, the fit and the body."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-SHOWN = 6  # solutions with a number of their own, and light curves that are folded
-WIDE = 3.0  # longest over shortest trial period from which their axis is logarithmic
-GAP = 0.15  # of a panel
-CEILING = 4.0  # residuals over the least of a solution up to which it has a number
-LEVELS = 65  # of residuals between which colours change evenly
-MARGIN = 0.08  # of the range of periods on either side, for searches that went beyond
+SHOWN = 6  # number of solutions that are labelled, and of light curves that are folded
+WIDE = 3.0  # ratio of longest to shortest trial period above which the axis is logarithmic
+GAP = 0.15  # fraction of a panel's width
+CEILING = 4.0  # residuals, relative to the best solution, up to which a solution is labelled
+LEVELS = 65  # residual levels between which colours change evenly
+MARGIN = 0.08  # fraction of the range of periods added on either side, for searches that left it
 
 
 def draw_sky(found: Found, gallery: Gallery) -> Image | None:
@@ -37,7 +37,7 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     axes.set_axisbelow(False)
     axes.grid(color="white", lw=0.5, alpha=0.5)
     lon_edges, lat_edges, pixels = nearest_pixels(poles)
-    # each quarter of the sky has a quarter of the colours, however far apart its residuals are
+    # colours by rank: each quarter of the sky gets a quarter of the colours
     steps = np.unique(np.append(1.0, np.quantile(worse, np.linspace(0.0, 1.0, LEVELS))))
     shade = np.interp(worse, steps, np.linspace(0.0, 1.0, len(steps)))
     picture = axes.pcolormesh(
@@ -56,7 +56,7 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     bar.set_ticks(ticks, labels=[f"{x:.3g}" for x in values])
     for i, s in _spins(found):
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
-            continue  # of another period than the map
+            continue  # its period differs from that of the map
         assert s.pole is not None
         x, y = place(*map(np.array, lon_lat_deg(s.pole)))
         _ring(axes, float(x), float(y), str(i + 1))
@@ -82,12 +82,12 @@ def _ring(axes: Any, x: float, y: float, text: str) -> None:
 
 
 def _spins(found: Found) -> list[tuple[int, Solution]]:
-    """Constant spins among the first solutions, with their places."""
+    """Constant spins among the first solutions, with their ranks."""
     return [(i, s) for i, s in enumerate(found.solutions[:SHOWN]) if s.pole is not None]
 
 
 def draw_periods(found: Found, gallery: Gallery) -> Image | None:
-    """Residuals against the period that each search reached, and the best per trial period."""
+    """Residuals against the final period of each search, and the best per trial period."""
     table = found.screened
     if table is None or found.n_periods < 3:
         return None
@@ -143,7 +143,7 @@ def _set_log_ticks(axes: Any, low: float, high: float) -> None:
 
 
 def _least_near(tried: Floats, frequency: Floats, worse: Floats) -> NDArray[np.integer]:
-    """Which search has the least residuals of those that ended nearest to each frequency."""
+    """Index of the search with the smallest residuals among those ending nearest each frequency."""
     cell = np.searchsorted(0.5 * (tried[1:] + tried[:-1]), frequency)
     order = np.lexsort((worse, cell))
     return order[np.unique(cell[order], return_index=True)[1]]
@@ -152,7 +152,7 @@ def _least_near(tried: Floats, frequency: Floats, worse: Floats) -> NDArray[np.i
 def _numbers(
     found: Found, reached: Floats, worse: Floats, shown: tuple[float, float]
 ) -> list[tuple[float, float, str]]:
-    """Where (h, residuals) to write which numbers of solutions, those of one place together."""
+    """Positions (h, residuals) and labels of solutions; solutions at one position share a label."""
     places: list[list[Any]] = []
     reach = 0.02 * (shown[1] - shown[0])
     for i, s in _spins(found):
@@ -169,7 +169,7 @@ def _numbers(
 
 
 def draw_laws(found: Found, gallery: Gallery) -> Image | None:
-    """Residuals under each law, the best first."""
+    """Residuals under each law, best first."""
     if not found.n_laws:
         return None
     shown = found.solutions[:25]
@@ -193,7 +193,7 @@ def _period(s: Solution) -> tuple[float, str]:
 
 
 def draw_fit(found: Found, gallery: Gallery) -> Image:
-    """The curves with most points, observed and fitted: against rotational phase or time."""
+    """The curves with most points, observed and fitted, against rotational phase or time."""
     best = found.solutions[0]
     counts = np.bincount(found.curve)
     chosen = np.sort(np.argsort(-counts, kind="stable")[:SHOWN])

@@ -1,4 +1,4 @@
-"""The words and figures of `lcbayes shape-match`."""
+"""The text and figures of `lcbayes shape-match`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PANELS = 8
 
 
 def assumptions(result: ShapeMatch) -> str:
-    """What a rejection holds for."""
+    """The assumptions under which a rejection is valid."""
     surface = result.surface
     return (
         "rejected are shapes with this surface on all facets (diffuse "
@@ -22,7 +22,7 @@ def assumptions(result: ShapeMatch) -> str:
 
 
 def words(result: ShapeMatch) -> list[str]:
-    """The result in lines for a reader, without the verdict."""
+    """The result as lines of text, without the verdict."""
     faint = f", {result.n_faint} below their noise left out" if result.n_faint else ""
     taken = f", one in {result.stride} taken" if result.stride > 1 else ""
     lines = [
@@ -49,7 +49,7 @@ def words(result: ShapeMatch) -> list[str]:
 
 
 def draw(result: ShapeMatch, gallery: Gallery) -> None:
-    """The observations over the distribution of each candidate."""
+    """The observations on top of the distribution of each candidate."""
     shown = [m for m in result.matches if len(m.phase)][:PANELS]
     columns = min(4, len(shown))
     rows = -(-len(shown) // columns)

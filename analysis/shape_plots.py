@@ -1,4 +1,4 @@
-"""The shape: a convex polyhedron where the facets close, else each facet as a disc on a sphere."""
+"""The shape: a convex polyhedron if the facets close, else each facet as a disc on a sphere."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-CLOSED = 0.1  # gap |Σ A n|/Σ A up to which facets are taken to be those of a closed body
+CLOSED = 0.1  # maximum gap |Σ A n|/Σ A of a closed body
 STONE = (0.80, 0.81, 0.83)
-LIGHT = np.array([-0.35, 0.45, 0.82])  # in the axes of the picture: right, up, to the reader
+LIGHT = np.array([-0.35, 0.45, 0.82])  # in image axes: right, up, towards the reader
 
 
 @dataclass(frozen=True)
 class Shape:
-    """``scene`` is for the viewer, as JSON; ``image`` is for print."""
+    """``scene`` is JSON for the viewer; ``image`` is for print."""
 
     mode: Mode
     image: Image
@@ -78,7 +78,7 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
 
 
 def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]:
-    """The body, or in words why there is none."""
+    """The body, or the reason in words why there is none."""
     if len(areas) < 4:
         return None, f"{len(areas)} facet{'s' * (len(areas) > 1)} cannot enclose a body."
     gap = closure(normals, areas)
@@ -119,7 +119,7 @@ def _turns(mode: Mode) -> bool:
 
 
 def _axis(mode: Mode) -> list[float]:
-    """Spin axis in the body frame: z for a pole, ω at t = 0 otherwise (there A is the identity)."""
+    """Spin axis in the body frame: z for a pole, else ω at t = 0, where A is the identity."""
     if "omega" in mode.draws:
         omega = mode.draws["omega"].mean(("chain", "draw")).to_numpy()
         return np.round(omega / max(float(np.linalg.norm(omega)), 1e-300), 4).tolist()
@@ -127,7 +127,7 @@ def _axis(mode: Mode) -> list[float]:
 
 
 def _view(lon: float, lat: float) -> Floats:
-    """Rows: right, up and towards the reader, of a reader at this longitude and latitude."""
+    """Unit vectors (rows) right, up and towards a reader at this longitude and latitude."""
     a, b = np.radians([lon, lat])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
     towards = unit_vector(a, b)
@@ -143,10 +143,10 @@ def draw_views(
     caption: str = "",
     labels: Sequence[Sequence[float]] = (),
 ) -> Image:
-    """Three views, two along the equator and one from the pole, all with the same light.
+    """Three views, two from the equator and one from the pole, all with the same light.
 
-    Faces within the unit sphere are those of a solid body; with ``labels``, a place for each face's
-    number, they are discs, all of them in sight.
+    Faces within the unit sphere are those of a solid body. With ``labels``, the positions of the
+    face numbers, the faces are discs, all of which are visible.
     """
     from matplotlib import patheffects
     from matplotlib.collections import PolyCollection

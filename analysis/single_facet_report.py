@@ -1,4 +1,4 @@
-"""The words and figures of `lcbayes single-facet`."""
+"""The text and figures of `lcbayes single-facet`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
 
-SIDES = {  # of laws whose z is at nadir and whose x is along the flight
+SIDES = {  # of laws with z towards nadir and x along the direction of flight
     "forward": [1, 0, 0],
     "aft": [-1, 0, 0],
     "nadir": [0, 0, 1],
@@ -24,7 +24,7 @@ FLYING = ("lvlh", "velocity", "ram", "ground-track")
 
 
 def words(result: SingleFacet) -> list[str]:
-    """The result in lines for a reader, without the verdict."""
+    """The result as lines of text, without the verdict."""
     lines = [
         f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
         f"chi2 {result.chi2:.1f} for {result.dof} degrees of freedom; an edge by chance: "
@@ -80,7 +80,7 @@ def draw(result: SingleFacet, gallery: Gallery) -> None:
 
 
 def draw_edges(result: SingleFacet, gallery: Gallery) -> None:
-    """Flux at unit distance with the best fit, its part without the facet, and the edges."""
+    """Flux at unit distance with the best fit, the fit without the facet, and the edges."""
     seen = result.seen
     passes = np.unique(seen.one_pass)[:6]
     figure = gallery.figure(6.6, 3.2)
@@ -91,7 +91,7 @@ def draw_edges(result: SingleFacet, gallery: Gallery) -> None:
         first = seen.t[seen.one_pass == i].min() if apart else start
         _draw_pass(axes, result, i, first, size, colour(k))
     drawn = seen.flux[np.isin(seen.one_pass, passes)] / size
-    margin = 0.1 * np.ptp(drawn) or 1.0  # the part without the facet may lie far outside
+    margin = 0.1 * np.ptp(drawn) or 1.0  # the fit without the facet may lie far outside
     axes.set_ylim(drawn.min() - margin, drawn.max() + margin)
     axes.plot([], [], "o", ms=2.8, mfc=FAINT, mec=DATA, mew=0.5, label="observed")
     axes.plot([], [], lw=0.9, ls="--", color=FAINT, label="without the facet")
@@ -133,7 +133,7 @@ def _draw_pass(
 
 
 def draw_region(result: SingleFacet, gallery: Gallery) -> None:
-    """Where the facet's normal may point, in the body axes of the law."""
+    """The region of the facet's normal, in the body axes of the law."""
     figure = gallery.figure(5.8, 3.2)
     axes = mollweide(figure)
     cloud = result.normals[result.region]

@@ -40,7 +40,7 @@ def mollweide(figure: Any, position: Any = 111) -> Any:
 
 
 def place(lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
-    """Degrees to the map's radians, longitude in [−π, π)."""
+    """Degrees converted to the map's radians, longitude in [−π, π)."""
     return np.radians((np.asarray(lon) + 180.0) % 360.0 - 180.0), np.radians(lat)
 
 
@@ -52,13 +52,13 @@ def draw_line(axes: Any, vectors: Floats, **how: Any) -> None:
 
 
 def _some(array: Floats) -> Floats:
-    """At most `CLOUD` draws, evenly taken, chains joined: (S, ...)."""
+    """About `CLOUD` draws at most, evenly spaced, chains concatenated: (S, ...)."""
     flat = array.reshape(-1, *array.shape[2:])
     return flat[:: max(1, len(flat) // CLOUD)]
 
 
 def draw_facets(results: Results, mode: Mode, gallery: Gallery) -> list[Image]:
-    """Where the facets face, with their uncertainty; a colour map where the grid is fixed."""
+    """Directions of the facet normals with uncertainty, or a colour map for a fixed grid."""
     if "albedo_area" not in mode.draws:
         return []
     areas = mode.draws["albedo_area"].transpose("chain", "draw", ...).to_numpy()
@@ -159,7 +159,7 @@ def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) ->
 
 
 def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
-    """Spin axes of all solutions on one map of the sky, and each of them enlarged."""
+    """Spin axes of all solutions on one map of the sky, and each solution enlarged."""
     clouds = []
     for mode in results.modes:
         known = {q.name: q for q in spin(results, mode)}
@@ -201,7 +201,7 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
 def _enlarge(
     gallery: Gallery, several: bool, mode: Mode, lon: Any, lat: Any, known: dict[str, Any]
 ) -> Image:
-    """The cloud of one solution, with its rotation rate."""
+    """The draws of one solution, with its rotation rate."""
     figure = gallery.figure(5.4, 2.7)
     left, right = figure.subplots(1, 2)
     figure.get_layout_engine().set(wspace=0.09)

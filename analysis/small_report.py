@@ -1,4 +1,4 @@
-"""The page of a result without a posterior: verdict, words and figures."""
+"""The page of a result without a posterior: verdict, text and figures."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def write_page(
 
     Parameters
     ----------
-    folder : where the numbers are
-    draw : puts its figures into the gallery it is given
-    refused : heading of the reasons, where there are some
+    folder : folder that holds the data
+    draw : function that adds its figures to the given gallery
+    refused : heading of the reasons, if there are any
     """
     figures = folder / "figures"
     figures.mkdir()

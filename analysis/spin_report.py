@@ -1,4 +1,4 @@
-"""The words and figures of `lcbayes spin`."""
+"""The text and figures of `lcbayes spin`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lcbayes.inversion.spin.pole import azimuths
 from lcbayes.inversion.spin.sidereal import Spin
 
 REFUSED = "no pole and no sidereal period"
-MOST_PASSES, MOST_SOLUTIONS = 6, 6  # in the figure; in the text
+MOST_PASSES, MOST_SOLUTIONS = 6, 6  # passes in the figure; solutions in the text
 
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
@@ -60,7 +60,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
 
 
 def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
-    """Periodogram, synodic period along the passes, and the pole on the sky."""
+    """Periodogram, synodic period along the passes, and pole on the sky."""
     draw_periodogram(result, gallery)
     if result.windows is not None and result.windows.t.size:
         draw_synodic(result, gallery)
@@ -69,7 +69,7 @@ def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
 
 
 def draw_periodogram(result: Spin, gallery: Gallery) -> None:
-    """Power against frequency, with the base and its harmonics."""
+    """Power against frequency, with the base frequency and its harmonics."""
     figure = gallery.figure(6.4, 2.6)
     axes = figure.subplots()
     axes.plot(result.grid, result.power, color=colour(0), lw=0.8)
@@ -92,7 +92,7 @@ def draw_periodogram(result: Spin, gallery: Gallery) -> None:
 
 
 def draw_synodic(result: Spin, gallery: Gallery) -> None:
-    """Synodic period along each pass, measured and for the best solution."""
+    """Synodic period along each pass, measured and predicted by the best solution."""
     windows = result.windows
     assert windows is not None
     shown = np.unique(windows.which)[:MOST_PASSES]
@@ -130,7 +130,7 @@ def draw_synodic(result: Spin, gallery: Gallery) -> None:
 
 
 def _draw_predicted(axes: Any, best: Any, one: Any) -> None:
-    """Synodic period along a pass for a solution, and its sidereal period."""
+    """Predicted synodic period of a solution along a pass, and its sidereal period."""
     angle = azimuths(best.pole[None], one.sun + one.obs)[0]
     if np.all(np.diff(one.t) > 0):
         rate = np.gradient(angle, one.t, edge_order=1)
@@ -143,7 +143,7 @@ def _draw_predicted(axes: Any, best: Any, one: Any) -> None:
 
 
 def draw_sky(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
-    """Where the pole may point: the 90 % region, and the solutions as rings."""
+    """The 90 % region of the pole, and the solutions as rings."""
     sky = result.sky
     assert sky is not None
     figure = gallery.figure(6.4, 3.4)

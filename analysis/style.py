@@ -1,4 +1,4 @@
-"""How figures look, and how they get into a page: vector images without any outside file."""
+"""The style of figures, and their inclusion in a page as vector images without external files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 from lcbayes.core.files import write_atomic
 
-# Okabe & Ito 2008, without the yellow, which is invisible on white; safe for colour-blind readers.
+# Okabe & Ito 2008, safe for colour-blind readers, without yellow, which is invisible on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
 
@@ -40,7 +40,7 @@ RC: dict[str, Any] = {
     "axes.facecolor": "white",
     "legend.frameon": False,
     "legend.fontsize": 8.5,
-    "svg.hashsalt": "lcbayes",  # the same result gives the same file
+    "svg.hashsalt": "lcbayes",  # identical results give identical files
     "svg.fonttype": "path",
 }
 
@@ -51,7 +51,7 @@ def colour(index: int) -> str:
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Figures that are made meanwhile look as ours do."""
+    """Apply the package's style to figures made in this context."""
     import matplotlib
 
     with matplotlib.rc_context(RC), warnings.catch_warnings():
@@ -73,7 +73,7 @@ class Image:
 
 @dataclass
 class Gallery:
-    """Collects the figures of a report and writes each into ``folder`` as SVG."""
+    """Collects the figures of a report and writes each to ``folder`` as SVG."""
 
     folder: Path
     images: list[Image] = field(default_factory=list)
@@ -91,7 +91,7 @@ class Gallery:
         """Save the figure as ``name``.svg and return it as an image for the page."""
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", dpi=170, metadata={"Date": None, "Creator": None})
-        # the XML head is of no use inside a page; single spaces make it a quarter smaller
+        # the XML header is not needed in a page; single spaces make the text a quarter smaller
         text = buffer.getvalue()
         text = re.sub(r"\n\s*", "\n", text[text.index("<svg") :])
         head = '<?xml version="1.0" encoding="utf-8"?>\n'
@@ -111,7 +111,7 @@ class Gallery:
 
 
 class Sketchbook(Gallery):
-    """Collects figures as they are, to be shown rather than written."""
+    """Collects figures without writing them, so that they can be shown."""
 
     def __init__(self) -> None:
         super().__init__(Path())
@@ -133,7 +133,7 @@ def figures(draw: Callable[[Gallery], object]) -> list[Any]:
 def picture(
     folder: Path, name: str, draw: Callable[[Gallery], Any], alt: str, caption: str
 ) -> Image:
-    """The one figure of a page: written to ``figures/name.png`` of the folder, and returned."""
+    """The single figure of a page: written to ``figures/name.png`` in the folder, and returned."""
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
     with drawing(), tempfile.TemporaryDirectory() as scratch:

@@ -1,4 +1,4 @@
-"""The tables of a report, as text ready to be shown."""
+"""The tables of a report, as formatted text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
 
-LONG = 24  # rows from which a group is folded away
+LONG = 24  # rows from which a group is collapsed
 
 
 def weight(mode: Mode) -> str:
@@ -26,12 +26,12 @@ def weight(mode: Mode) -> str:
 
 
 def three(value: float) -> str:
-    """A number whose own size sets its digits: three of them."""
+    """A number with three significant digits."""
     return show(value, abs(value) / 10)
 
 
 def key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
-    """Rows of the short table; one pair of cells, mean and 90 % interval, for each solution."""
+    """Rows of the short table, with two cells per solution: mean and 90 % interval."""
     by_mode = [{q.words: q for q in quantities.key_results(results, m)} for m in drawn]
     names = list(dict.fromkeys(name for one in by_mode for name in one))
     rows = []
@@ -50,7 +50,7 @@ def key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
 
 
 def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:
-    """A row for each facet: albedo-area with its interval, and where the normal points."""
+    """A row for each facet: albedo-area with its interval, and direction of the normal."""
     found = quantities.facets(results, mode)
     if not found:
         return None
@@ -66,7 +66,7 @@ def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:
 
 
 def parameter_table(listed: list[quantities.Quantity], mode: Mode) -> list[dict[str, Any]]:
-    """Groups of rows by variable; a long group is folded away on the page."""
+    """Groups of rows by variable; a long group is collapsed on the page."""
     groups: dict[str, list[list[str]]] = {}
     worst: dict[str, tuple[float, float]] = {}
     meaning: dict[str, tuple[str, str]] = {}
@@ -97,7 +97,7 @@ def parameter_table(listed: list[quantities.Quantity], mode: Mode) -> list[dict[
 
 
 def curve_table(results: Results) -> list[list[str]]:
-    """Each stretch of data with the scatter of its residuals and its share in the 90 % band."""
+    """Each stretch of data with the scatter of its residuals and its fraction in the 90 % band."""
     q = bands(results.modes[0])
     angle = results.phase_angle_deg
     epoch = results.attrs.get("epoch_jd")
@@ -117,8 +117,8 @@ def curve_table(results: Results) -> list[list[str]]:
 
 
 def outlier_table(results: Results) -> list[list[str]]:
-    """A row for each stretch of points that are outliers more likely than not: curve, when it
-    begins, points, mean residual, least probability."""
+    """A row for each stretch of points that are more likely than not outliers: curve, start,
+    number of points, mean residual, lowest probability."""
     rows: list[list[dict[str, Any]]] = []
     for one in results.summary.get("outliers") or []:
         last = rows[-1][-1] if rows else None

@@ -25,7 +25,7 @@ from lcbayes.simulation.simulate import simulate
 
 HERE = Path(__file__).parent
 DATA = Path(os.environ.get("LCBAYES_DATA", HERE.parents[1] / "shared" / "data"))
-WIDEN = 2.0  # starts lie this many posterior widths about the mode
+WIDEN = 2.0  # sd of the starting points about the mode, in posterior widths
 NOISE_SEED = 1
 
 
@@ -36,7 +36,7 @@ class Posterior:
     Attributes
     ----------
     potential_z, fisher_z : (z (D,), data) → U, and information plus prior precision (D, D)
-    data : what both are given, so that no program has it built in
+    data : argument of both, so that it is not compiled into a program
     """
 
     potential_z: Callable[[jax.Array, Any], jax.Array]
@@ -59,7 +59,7 @@ class Posterior:
         return whitening.factor.T @ self.fisher_z(whitening(y), data) @ whitening.factor
 
     def starts(self, n: int, seed: int) -> jax.Array:
-        """n draws (n, D) from the Gaussian at the mode, widened; of finite density all."""
+        """n draws (n, D) of finite density from the widened Gaussian at the mode."""
         y = WIDEN * np.random.default_rng(seed).standard_normal((8 * n, self.dim))
         return jnp.asarray(y[np.isfinite(_potentials(self, jnp.asarray(y), self.args))][:n])
 
@@ -74,7 +74,7 @@ def _potentials(post: Posterior, y: jax.Array, args: tuple[Whitening, Any]) -> j
 
 
 def banana() -> Posterior:
-    """x ~ N(0, 1), y ~ N(0.4 (x² − 1), 0.6²), as in the tests of invariance."""
+    """x ~ N(0, 1), y ~ N(0.4 (x² − 1), 0.6²), as in the invariance tests."""
 
     def residuals(z: jax.Array) -> jax.Array:
         return jnp.stack([z[0], (z[1] - 0.4 * (z[0] ** 2 - 1.0)) / 0.6])
@@ -107,7 +107,7 @@ def glint() -> Posterior:
 
 
 def _simulated(what: scenario.Scenario, model: str, options: dict[str, Any]) -> Posterior:
-    """The posterior of a simulated curve, at the solution next to the truth."""
+    """The posterior of a simulated curve, at the solution closest to the truth."""
     curve, truth = simulate(what, NOISE_SEED)
     data = Epochs.of(curve)
     problem = Problem(registry.find(model).bind(options), data)
@@ -126,7 +126,7 @@ def _simulated(what: scenario.Scenario, model: str, options: dict[str, Any]) -> 
 
 
 def ariadne() -> Posterior:
-    """43 Ariadne by `convex-grid`, at the published pole and period, as `lcbayes.fit` has it."""
+    """43 Ariadne by `convex-grid` at the published pole and period, as in `lcbayes.fit`."""
     path = DATA / "damit" / "43_Ariadne_rel.lcs"
     if not path.is_file():
         sys.exit(f"{path} is not there; set LCBAYES_DATA to the folder that holds damit/")
@@ -153,7 +153,7 @@ def ariadne() -> Posterior:
 
 
 def _climb(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
-    """The mode that Fisher scoring reaches from z."""
+    """The mode reached by Fisher scoring from z."""
     return jnp.asarray(search.advance(problem, data, search.init(z[None]), 300).z[0])
 
 
@@ -162,7 +162,7 @@ def _at(problem: Problem, z: jax.Array, data: Epochs) -> Posterior:
     return Posterior(problem.potential, problem.fisher, data, whitening)
 
 
-# name on the command line: title, and how it is made
+# name on the command line: title, and function that makes it
 POSTERIORS: dict[str, tuple[str, Callable[[], Posterior]]] = {
     "one-facet": ("one facet, two passes", one_facet),
     "two-facets": ("two facets and ω", two_facets),

@@ -20,7 +20,7 @@ def table(columns: list[str], rows: list[list[str]]) -> str:
 
 
 def write_section(title: str, command: str, text: str, results: Path = RESULTS) -> None:
-    """Put a section under its title, in place of an earlier one, with command, cores and date."""
+    """Write a section under its title, replacing an earlier one, with command, cores and date."""
     when = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     stamp = f"`{command}` · {os.cpu_count()} cores · {when}"
     section = f"## {title}\n{stamp}\n\n{text.strip()}\n"

@@ -1,4 +1,4 @@
-"""The samplers of samplers.py, each run as its own users run it, timed without compilation."""
+"""The samplers of samplers.py, each used as recommended and timed without compilation."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from lcbayes.samplers.kernels.adaptation import INFORM_EVERY
 Floats = NDArray[np.float64]
 
 N_CHAINS = 4
-FISHER = 3.0  # gradients that one Fisher matrix counts as
-DENSITY = 1.0 / 3.0  # and one density without its gradient
-THIN = 5  # steps of emcee from one kept state of the walkers to the next
+FISHER = 3.0  # gradient-equivalents of one Fisher matrix
+DENSITY = 1.0 / 3.0  # gradient-equivalents of one density without its gradient
+THIN = 5  # emcee steps between kept states of the walkers
 
 
 class Length(NamedTuple):
@@ -39,10 +39,10 @@ class Length(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One seed: warm-up first, draws second in each pair."""
+    """The run of one seed; in each pair, warm-up is first and draws second."""
 
-    y: Floats  # (C, S, D), of the draws
-    gradients: tuple[float, float]  # gradient-equivalents of all chains
+    y: Floats  # (C, S, D), the draws
+    gradients: tuple[float, float]  # gradient-equivalents, all chains
     seconds: tuple[float, float]
     chosen: str = ""
 
@@ -51,7 +51,7 @@ type Runner = Callable[[int], Run]  # of a seed
 
 
 def numpyro_kernel(make: Callable[[Posterior], MCMCKernel], post: Posterior, n: Length) -> Runner:
-    """Chains of one NumPyro kernel, side by side on the cores as `lcbayes.fit` runs them."""
+    """Chains of one NumPyro kernel, in parallel on the cores, as in `lcbayes.fit`."""
     kernel = make(post)
 
     def advance(length: int, state, args):
@@ -67,7 +67,7 @@ def numpyro_kernel(make: Callable[[Posterior], MCMCKernel], post: Posterior, n: 
     warm = jax.jit(partial(advance, n.warmup)).lower(state, post.args).compile()
     draw = jax.jit(partial(advance, n.draws)).lower(state, post.args).compile()
     informed = isinstance(kernel, kernels.AHMC | kernels.RMHMC)
-    own = FISHER * (1 + -(-n.warmup // INFORM_EVERY)) if informed else 0.0  # of the warm-up itself
+    own = FISHER * (1 + -(-n.warmup // INFORM_EVERY)) if informed else 0.0  # those of the warm-up
 
     def one(key: jax.Array, y: jax.Array):
         before = time.perf_counter()
@@ -90,7 +90,7 @@ def _cost(num_steps: Any, num_metric: Any) -> float:
 
 
 def _chosen(kernel: MCMCKernel, state: Any) -> str:
-    """δ, L and ε of one chain, from the words of the kernel."""
+    """δ, L and ε of one chain, from the kernel's own text."""
     if not isinstance(kernel, kernels.AHMC | kernels.RMHMC):
         return ""
     words = kernel.describe(state)
@@ -103,14 +103,14 @@ def _chosen(kernel: MCMCKernel, state: Any) -> str:
 
 
 def _side_by_side(one: Callable, post: Posterior, seed: int):
-    """Draws, cost and seconds of N_CHAINS chains on the cores, and what else each returns."""
+    """Draws, cost and seconds of N_CHAINS chains on the cores, and other output of each."""
     keys = jax.random.split(jax.random.key(seed), N_CHAINS)
     starts = post.starts(N_CHAINS, seed)
     begun = time.perf_counter()
     with ThreadPoolExecutor(min(os.cpu_count() or 1, N_CHAINS)) as pool:
         y, costs, times, rest = zip(*pool.map(one, keys, starts), strict=True)
     total = time.perf_counter() - begun
-    # Chains wait for a core, so the wall time is shared out by what each stretch took.
+    # Chains wait for a core, so the wall time is divided in proportion to the time of each stage.
     took = np.sum([np.diff(t) for t in times], axis=0)
     seconds = total * took / took.sum()
     cost = np.sum(costs, axis=0)
@@ -130,12 +130,12 @@ def _of_dict(f: Callable[..., jax.Array]) -> Callable[..., jax.Array]:
 
 
 def nuts(post: Posterior, *, dense: bool) -> MCMCKernel:
-    """NumPyro's own, with its defaults."""
+    """NumPyro's NUTS with its defaults."""
 
     def model(whitening: Any, data: Any) -> None:
         flat = dist.ImproperUniform(constraints.real_vector, (), (post.dim,))
         y = jnp.asarray(numpyro.sample("y", flat))
-        with handlers.block():  # the sites within are not this model's
+        with handlers.block():  # its sites do not belong to this model
             density = -post.potential(y, whitening, data)
         numpyro.factor("posterior", density)
 
@@ -184,7 +184,7 @@ def blackjax_nuts(post: Posterior, n: Length) -> Runner:
 
 
 def emcee(post: Posterior, n: Length) -> Runner:
-    """Goodman & Weare's ensemble with its default move; its walkers count as chains."""
+    """Goodman & Weare's ensemble sampler with its default move; walkers count as chains."""
     module = _imported("emcee")
     walkers = max(32, 4 * post.dim)
     density = jax.jit(jax.vmap(lambda y, *args: -post.potential(y, *args), (0, None, None)))
@@ -193,12 +193,12 @@ def emcee(post: Posterior, n: Length) -> Runner:
         found = np.asarray(density(jnp.asarray(y), *post.args))
         return np.where(np.isnan(found), -np.inf, found)
 
-    for size in (walkers, walkers // 2):  # the two shapes that it asks for
+    for size in (walkers, walkers // 2):  # the two shapes that emcee evaluates
         log_prob(np.zeros((size, post.dim)))
 
     def run(seed: int) -> Run:
         sampler = module.EnsembleSampler(walkers, post.dim, log_prob, vectorize=True)
-        random = np.random.RandomState(seed).get_state()  # what emcee takes
+        random = np.random.RandomState(seed).get_state()  # the form that emcee requires
         state = module.State(np.asarray(post.starts(walkers, seed)), random_state=random)
         before = time.perf_counter()
         state = sampler.run_mcmc(state, n.warmup)
@@ -217,14 +217,14 @@ def emcee(post: Posterior, n: Length) -> Runner:
 
 
 def _imported(name: str) -> Any:
-    """A module that only this benchmark needs."""
+    """Import a module that only this benchmark needs."""
     try:
         return __import__(name)
     except ImportError:
         sys.exit(f"{name} is not installed; pip install 'lcbayes[bench]'")
 
 
-# name: how it is compiled for a posterior
+# name: function that compiles it for a posterior
 SAMPLERS: dict[str, Callable[[Posterior, Length], Runner]] = {
     "AHMC exact": partial(numpyro_kernel, ahmc),
     "NUTS diagonal": partial(numpyro_kernel, partial(nuts, dense=False)),
@@ -236,7 +236,7 @@ SAMPLERS: dict[str, Callable[[Posterior, Length], Runner]] = {
 
 
 def per_gradient(post: Posterior) -> float:
-    """Time of one Fisher matrix in gradients, each taken over and over in one compiled loop."""
+    """Time of one Fisher matrix over that of one gradient, each repeated in a compiled loop."""
 
     def many(f: Callable[..., Any]) -> Callable[..., jax.Array]:
         def body(y, args, shift):

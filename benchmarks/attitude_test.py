@@ -1,4 +1,4 @@
-"""`lcbayes attitude-test` on simulated passes: false alarms of the true law, power against others.
+"""`lcbayes attitude-test` on simulated passes: false rejections, and power against other laws.
 
 python benchmarks/attitude_test.py [--cases 100]
 """
@@ -29,7 +29,7 @@ POINTS = 1000
 
 
 def geometries() -> dict[str, LightCurve]:
-    """1,000 points each, spread over the passes of four weeks from three sites."""
+    """Geometries of 1,000 points each, over the passes of four weeks from three sites."""
     found = {
         "Sun-synchronous, 690 km": passes(days=28, step=20.0),
         "inclined 53°, 550 km": passes(550.0, 53.0, days=28, step=20.0),
@@ -41,7 +41,7 @@ def geometries() -> dict[str, LightCurve]:
 
 
 def strange(rng: np.random.Generator, articulated: bool) -> ensemble.Bodies:
-    """A body that the nulls do not hold: built-in shapes with mirror-like lobes."""
+    """A body outside the null ensemble: built-in shapes with mirror-like lobes."""
     made = shapes.box_wing() if rng.random() < 0.5 or articulated else shapes.rocket_body()
     n = len(made.areas)
     one = np.ones((1, n))

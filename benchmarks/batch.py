@@ -1,7 +1,7 @@
-"""A batch of simulated objects on local Dask processes: one file damaged, one worker killed.
+"""A batch of simulated objects on local Dask processes, with a damaged file and a killed worker.
 
-python benchmarks/batch.py second        what a second object of one shape costs in one process
-python benchmarks/batch.py workers       objects per hour by threads and by processes
+python benchmarks/batch.py second        cost of further objects of the same array shapes
+python benchmarks/batch.py workers       objects per hour with threads and with processes
 python benchmarks/batch.py               300 objects on as many processes as cores
 """
 
@@ -41,7 +41,7 @@ OBJECTS = f"{N_FACETS} facet, spin none, {N_OBS} points, two chains of 100 + 500
 
 
 def simulated(seed: int) -> LightCurve:
-    """A facet that does not turn, seen over a minute from all over a hemisphere."""
+    """A facet that does not rotate, seen for a minute from directions all over a hemisphere."""
     rng = np.random.default_rng(seed)
     v = np.array([0.4, 0.75, 0.55]) + 0.45 * rng.standard_normal((2, N_OBS, 3))
     sun, obs = v / np.linalg.norm(v, axis=-1, keepdims=True)
@@ -58,7 +58,8 @@ def simulated(seed: int) -> LightCurve:
 
 
 def second() -> None:
-    """Seconds of the first and of later objects, of the same numbers of points and of others."""
+    """Seconds of the first and of later objects, with equal and with different numbers of
+    points."""
     rows = []
     for name, points in (
         ("first", 40),
@@ -85,13 +86,13 @@ def second() -> None:
 
 
 class Killer(Console):
-    """Progress that kills a worker once a number of objects are done."""
+    """Progress that kills a worker after a number of objects."""
 
     def __init__(self) -> None:
         self.killed: int | None = None
 
     def watch(self, folder: Path) -> None:
-        """Wait for the objects, then kill one of this process's workers."""
+        """Wait for `KILL_AFTER` objects, then kill one of this process's workers."""
         while len(list(folder.glob("objects/*/object.json"))) < KILL_AFTER:
             time.sleep(1.0)
         self.killed = workers_of(os.getpid())[0]
@@ -114,7 +115,7 @@ def workers_of(parent: int) -> list[int]:
 
 
 def workers(n: int = 30) -> None:
-    """Objects per hour, the first objects of each worker, which compile, left out."""
+    """Objects per hour, without the first objects of each worker, which compile."""
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         curves = Path(scratch) / "curves"

@@ -1,9 +1,9 @@
-"""Moves of particles while BLAS has threads of its own, and while it has not.
+"""Speed of particle moves with and without BLAS multithreading.
 
 python benchmarks/blas_threads.py        into RESULTS.md
 
-256 particles of the prior make one move each (`lcbayes.samplers.moves`) on two threads, first as
-`concurrent.futures` gives them, then as `lcbayes.core.threads` does.
+256 particles from the prior make one move each (`lcbayes.samplers.moves`) on two threads, first
+with `concurrent.futures`, then with `lcbayes.core.threads`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def measured(n_facets: int) -> list[str]:
     def each_us(pool_of: AbstractContextManager[Executor]) -> float:
         took = []
         with pool_of as pool:
-            for _ in range(REPEATS + 1):  # the first compiles
+            for _ in range(REPEATS + 1):  # the first one compiles
                 begun = time.perf_counter()
                 list(pool.map(move, range(2)))
                 took.append(time.perf_counter() - begun)

@@ -1,10 +1,11 @@
-"""Laboratory BRDFs of a satellite's surfaces against the reflectance laws of this package.
+"""Laboratory BRDFs of a satellite's surfaces compared with the reflectance laws of this package.
 
     python benchmarks/brdf_tables.py         $LCBAYES_DATA or ../shared/data; table and figure
 
-The tables hold f_r in the plane of incidence at 532 nm, for four angles of incidence. Each law is
-fitted to ln f_r, every direction alike, because a light curve is in magnitudes; and to three angles
-of incidence to predict the fourth, because a law with more parameters must earn them.
+The tables give f_r in the plane of incidence at 532 nm, for four angles of incidence. Each law is
+fitted to ln f_r with equal weight for every direction, because a light curve is in magnitudes. As a
+test of laws with more parameters, each is also fitted to three angles of incidence to predict the
+fourth.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from lcbayes.physics.reflectance import LAWS, geometry
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("LCBAYES_DATA", ROOT.parent / "shared" / "data"))
 TABLES = {"chassis": "chassis_brdf.csv", "solar array": "solar_array_brdf.csv"}
-NOTHING = 1e-4  # what the tables have where nothing was measured
+NOTHING = 1e-4  # placeholder in the tables for directions without a measurement
 STARTS = 16
 MAG = 2.5 / np.log(10.0)
-# Where the search for each parameter begins and ends; all but a slope are searched by logarithm.
+# Range of the search for each parameter; all but a slope are searched in the logarithm.
 RANGE = {
     "r_diff": (1e-4, 1.0),
     "r_spec": (1e-4, 1.0),
@@ -43,7 +44,7 @@ RANGE = {
 
 
 def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angle of incidence and of view (deg, positive where a mirror sends the light) and f_r."""
+    """Angles of incidence and of view (deg, positive on the specular side) and f_r."""
     incidence, azimuth, view, other, value = np.loadtxt(path).T
     assert np.all(azimuth == -180.0)
     assert np.all(other == 0.0)
@@ -52,8 +53,8 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def law_of(name: str, incidence: np.ndarray, view: np.ndarray):
-    """ln f_r of a law in those directions, as a function of what is searched; its derivative; the
-    parameters' names and bounds."""
+    """ln f_r of a law in the given directions, as a function of the search variables; its
+    derivative; the parameters' names and bounds."""
     i, o = np.radians(incidence), np.radians(view)
     sun = jnp.asarray(np.stack([-np.sin(i), 0 * i, np.cos(i)], 1))
     obs = jnp.asarray(np.stack([np.sin(o), 0 * o, np.cos(o)], 1))
@@ -76,7 +77,7 @@ def law_of(name: str, incidence: np.ndarray, view: np.ndarray):
 
 
 def fitted(law: tuple, target: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The best of many starts on those rows of the table, in the coordinates of `law_of`."""
+    """The best fit of many starts to the given rows of the table, in the variables of `law_of`."""
     log_brdf, slope, _, (low, high) = law
     best = None
     for u in qmc.Sobol(len(low), rng=1).random(STARTS):
@@ -93,7 +94,7 @@ def fitted(law: tuple, target: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def compared(table_of: tuple) -> dict[str, dict]:
-    """Each law with its residuals, what it predicts of angles left out, and its parameters."""
+    """Each law with its residuals, its prediction of left-out angles, and its parameters."""
     incidence, view, value = table_of
     every = np.ones(incidence.size, bool)
     target = np.log(value)
@@ -122,7 +123,7 @@ def compared(table_of: tuple) -> dict[str, dict]:
 
 
 def figure(found: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
-    """The tables and the two best laws, an angle of incidence a panel."""
+    """The tables and the two best laws, one panel per angle of incidence."""
     import matplotlib
 
     from lcbayes.analysis import style

@@ -1,12 +1,12 @@
-"""Speed of brightness and of brightness with gradient, in facet-epochs per second.
+"""Speed of the brightness and of the brightness with gradient, in facet-epochs per second.
 
-    python benchmarks/brightness.py            all of it, into RESULTS.md
-    python benchmarks/brightness.py --memory   the peak memory of one large gradient, alone
+    python benchmarks/brightness.py            all parts, into RESULTS.md
+    python benchmarks/brightness.py --memory   only the peak memory of one large gradient
 
-Each rate is taken inside one jitted loop whose input changes from step to step, so that nothing is
-hoisted out of it; double precision; best of several repetitions. The gradient is that of a sum of
-squares by normals, albedo-areas and both directions. Where other work runs on the machine, the
-processor time of the gradients that a sampler takes says more than the clock.
+Each rate is measured inside one jitted loop whose input changes from step to step, so that nothing
+is hoisted out of the loop; double precision; best of several repetitions. The gradient is that of a
+sum of squares with respect to normals, albedo-areas and both directions. If the machine is busy,
+the processor time of the sampler's gradients is more reliable than the wall time.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def rates(epochs: int, facets: int, repetitions: int = 7) -> tuple[float, float]
 
 
 def numpy_rates(epochs: int, facets: int, repetitions: int = 5) -> tuple[float, float]:
-    """The same in plain NumPy, the gradient written by hand."""
+    """The same in plain NumPy, with the gradient written by hand."""
     sun, obs, normals, alpha, data = problem(epochs, facets)
     c = 0.1
 
@@ -128,13 +128,13 @@ def seconds(epochs: int, facets: int) -> tuple[float, float]:
 
 
 def both_clocks(run: Callable[[], object], count: int) -> list[str]:
-    """Time and processor time, µs, of each of ``count`` evaluations in one run."""
+    """Wall and processor time, µs, per evaluation, for ``count`` evaluations in one run."""
     clocks = (time.perf_counter, time.process_time)
     return [f"{1e6 * best(run, 7, clock) / count:.3g}" for clock in clocks]
 
 
 def sampler_gradient(epochs: int, facets: int, law: str, chains: int) -> list[str]:
-    """`both_clocks` of the gradient a sampler takes of each of its chains: the normals stay."""
+    """`both_clocks` of the gradient that a sampler needs for each chain, with fixed normals."""
     sun, obs, normals, alpha, data = (jnp.asarray(x) for x in problem(epochs, facets))
     steps = max(1, int(1.5e7 / (epochs * facets * chains)))
 
@@ -151,7 +151,7 @@ def sampler_gradient(epochs: int, facets: int, law: str, chains: int) -> list[st
 
 
 def jacobian_by_shape(epochs: int, facets: int, columns: int) -> list[str]:
-    """`both_clocks` of the Jacobian by coefficients of the logarithms of the areas."""
+    """`both_clocks` of the Jacobian with respect to coefficients of the log areas."""
     sun, obs, normals, alpha, _ = (jnp.asarray(x) for x in problem(epochs, facets))
     basis = jnp.asarray(np.random.default_rng(1).normal(size=(facets, columns)))
 
@@ -163,7 +163,7 @@ def jacobian_by_shape(epochs: int, facets: int, columns: int) -> list[str]:
 
 
 def sampler_costs() -> list[list[str]]:
-    """Rows of the table of what inference asks for."""
+    """Rows of the table of evaluations needed in inference."""
     rows = []
     for epochs, facets, law in (
         (1541, 300, "lommel-seeliger-lambert"),

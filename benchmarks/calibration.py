@@ -1,14 +1,15 @@
-"""Calibration of the particles: 100 problems drawn from the prior, and what their posteriors hold.
+"""Simulation-based calibration of tempered particles: 100 problems drawn from the prior.
 
 python benchmarks/calibration.py         into RESULTS.md and docs/figures/calibration.png
 
-Bodies of one to four facets, 25 each, with their spin, are drawn from the prior of `faceted`, light
-curves from them, and the posterior of each by two runs of particles whose solutions are weighed as
-in fits. The rank of the truth among the posterior's draws is uniform if all is right: model,
-sampler, weights of the solutions (Talts et al. 2018, arXiv:1804.06788). Facets have no names, so
-the quantities are those of the body: its smallest and largest albedo-area, their sum, the direction
-of the largest facet, the spin. Two passes of 30 epochs; the noise is one for all, a thirtieth of
-the median flux of the prior's bodies.
+Bodies of one to four facets, 25 each, and their spins are drawn from the prior of `faceted`, and
+light curves are simulated from them. The posterior of each is sampled by two runs of particles,
+whose solutions are weighted as in fits. The rank of the truth among the posterior's draws is
+uniform if model, sampler and weights of the solutions are correct (Talts et al. 2018,
+arXiv:1804.06788). Facets can be exchanged, so the quantities are those of the body: its smallest
+and largest albedo-area, their sum, the direction of the largest facet, and the spin. Each curve has
+two passes of 30 epochs. The noise is the same for all: 1/30 of the median flux of bodies from the
+prior.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ NAMES = {
 
 
 def geometry() -> LightCurve:
-    """Two passes whose planes differ, with nothing seen yet."""
+    """Two passes in different planes, without measurements."""
     u = np.linspace(0.0, 1.0, 30)
     t = np.concatenate([120.0 * u, 300.0 + 120.0 * u])
     angles = (0.3 + 0.5 * u, -0.8 + 2.2 * u)
@@ -85,12 +86,12 @@ def quantities(sites: dict[str, jax.Array]) -> jax.Array:
 
 
 class Placed(NamedTuple):
-    """Where the truths of bodies of one number of facets stand, problem by problem."""
+    """Ranks of the truth in each problem, for bodies of one number of facets."""
 
     ranks: np.ndarray  # (P, Q)
-    agreed: np.ndarray  # (P,) whether the runs agree, as fits ask for it
-    spread: np.ndarray  # (P,) of ln Z of the way between the runs
-    took: float  # seconds a problem
+    agreed: np.ndarray  # (P,) whether the runs agree, by the criterion of fits
+    spread: np.ndarray  # (P,) scatter between the runs of ln Z from tempering
+    took: float  # seconds per problem
 
 
 def main() -> None:
@@ -126,8 +127,8 @@ def placed(n: int) -> Placed:
 
 
 def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
-    """n draws as fits have them, a solution by its weight, then a particle of any run there; and
-    whether the runs agree on the weights."""
+    """n draws as in fits (a solution by its weight, then a particle of any run in it), and whether
+    the runs agree on the weights."""
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
     _, label, z, weighed = basins.measure(problem, data, found.runs, order)
     told = weighed.reasons or any(r.reasons for r in found.runs)
@@ -176,7 +177,7 @@ def covered(ranks: np.ndarray) -> str:
 
 
 def draw(ranks: np.ndarray) -> None:
-    """Histograms of the ranks, with the band that holds 99 % of the bars."""
+    """Histograms of the ranks, with the band that contains 99 % of the bars."""
     with matplotlib.rc_context(cast(Any, style.RC)):
         figure = Figure(figsize=(10.0, 4.6), layout="constrained")
         axes = figure.subplots(2, 4, sharex=True, sharey=True)

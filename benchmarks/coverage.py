@@ -1,11 +1,11 @@
-"""Do 90 % intervals hold the truth? One diffuse facet, two passes, 20 noise seeds.
+"""Coverage of 90 % intervals: one diffuse facet, two passes, 20 noise seeds.
 
-    python benchmarks/coverage.py            20 whole fits, into RESULTS.md
+    python benchmarks/coverage.py            20 complete fits, into RESULTS.md
 
-Each seed is a whole `lcbayes.fit` with its defaults, as a user gets it. With honest intervals the
-number of 20 that hold the truth is binomial: 16 to 20 in 95.7 % of trials, so that one of three
-parameters falls short in every eighth benchmark. What the exact posterior does, by quadrature, is
-given beside it, for the same seeds and for 200.
+Each seed is a complete `lcbayes.fit` with its defaults. If the intervals are correct, the number of
+20 that contain the truth is binomial: 16 to 20 in 95.7 % of trials. At least one of three
+parameters therefore falls below this range in one of eight benchmarks. The coverage of the exact
+posterior, by quadrature, is also given, for the same seeds and for 200.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NAMES = {"albedo_area": "albedo_area_m2", "phi": "phi", "g": "g"}
 
 
 def exact() -> dict[str, np.ndarray]:
-    """Whether the exact 90 % interval of each seed of `MORE` holds the truth, by parameter."""
+    """Whether the exact 90 % interval contains the truth for each seed of `MORE`, by parameter."""
     from tests.helpers import one_facet_posterior
 
     what = scenario.load("one-facet")

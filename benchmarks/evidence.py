@@ -1,4 +1,4 @@
-"""Evidence from tempered particles beside nested sampling and, for one facet, quadrature.
+"""Evidence from tempered particles compared with nested sampling and, for one facet, quadrature.
 
 python benchmarks/evidence.py            all parts, into RESULTS.md; needs blackjax (extra bench)
 python benchmarks/evidence.py three      one of: one, two, two-spin, three

@@ -1,12 +1,12 @@
-"""How many facets: `lcbayes.compare` on bodies whose number is known.
+"""`lcbayes.compare` on bodies with a known number of facets.
 
 python benchmarks/facet_count.py             1, 2, 3 and 5 facets, 5 seeds each, into RESULTS.md
 python benchmarks/facet_count.py timed       1 to 8 facets on one curve of 300 epochs, timed
 
-The bodies do not turn. Three passes of 40 epochs, Sun and observer turning in three planes, so that
-every facet is lit; SNR 30. Normals at random, 40 degrees apart at least, albedo-areas log-uniform
-from 1 to 4 m². The true number is compared with its neighbours, one fewer and one more. The timed
-curve is that of four facets and a spin of four-facets.toml with 300 epochs.
+The bodies do not rotate. In three passes of 40 epochs, Sun and observer move in three planes, so
+that every facet is lit; SNR 30. Normals are random with separations of at least 40 degrees, and
+albedo-areas are log-uniform from 1 to 4 m². The true number is compared with one fewer and one
+more. The timed curve has four facets and the spin of four-facets.toml, with 300 epochs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SNR, EPOCHS, APART = 30.0, 40, np.radians(40.0)
 
 
 def passes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (T,) and directions of Sun and observer (T, 3): the same arc in three planes."""
+    """Times (T,) and directions to Sun and observer (T, 3): the same arc in three planes."""
     u = np.linspace(0.0, 1.0, EPOCHS)
     sun, obs = 0.3 + 2 * np.pi * u, -0.5 + 4 * np.pi * u
     flat = [np.stack([np.cos(a), np.sin(a), 0 * a], axis=1) for a in (sun, obs)]
@@ -84,7 +84,7 @@ def study() -> None:
                 num_runs=RUNS,
                 spin="none",
             )
-            jax.clear_caches()  # programs of 16 comparisons left LLVM no room
+            jax.clear_caches()  # the programs of 16 comparisons exhaust LLVM's memory
             by = {c["n_facets"]: c for c in found.content["candidates"]}
             top = max(by, key=lambda k: by[k]["log_evidence"])
             gap = by[top]["log_evidence"] - by[n]["log_evidence"]

@@ -1,10 +1,10 @@
-"""What a Fisher matrix costs beside a gradient of the posterior.
+"""Cost of a Fisher matrix relative to a gradient of the posterior.
 
     python benchmarks/fisher.py            into RESULTS.md
 
-Facets that turn, seen at 300 epochs, and the posteriors of samplers.py; each function over and over
-in one compiled loop, so that nothing but the work itself is timed. The dense figure is what one
-would write without structure: forward mode through the whole model, a column for every parameter.
+Rotating facets observed at 300 epochs, and the posteriors of samplers.py. Each function is repeated
+in one compiled loop, so that only the computation is timed. The dense matrix does not exploit
+structure: it uses forward mode through the whole model, with a column for every parameter.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ REPEATED, TIMED = 200, 7
 
 
 def curve() -> LightCurve:
-    """Directions that turn about, a sine for a brightness: what it is does not matter here."""
+    """Rotating directions and a sinusoidal brightness, whose values do not matter here."""
     t = np.linspace(0.0, 600.0, EPOCHS)
 
     def directions(rate: float, tilt: float) -> np.ndarray:
@@ -47,7 +47,7 @@ def curve() -> LightCurve:
 
 
 def microseconds(f: Callable[..., Any], z: jax.Array, *args: Any) -> float:
-    """Of one evaluation, the median of several loops after one to compile."""
+    """Time of one evaluation (µs), the median of several loops after one to compile."""
 
     def body(_: Any, z: jax.Array) -> jax.Array:
         return z + 1e-12 * sum(jnp.sum(x) for x in jax.tree.leaves(f(z, *args)))

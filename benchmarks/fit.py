@@ -1,6 +1,6 @@
-"""Whole fits from the command line: the demo the second time, and asteroids with a known spin.
+"""Complete fits from the command line: the demo problem, and asteroids with a known spin.
 
-python benchmarks/fit.py demo            the demo problem, twice; the second counts
+python benchmarks/fit.py demo            the demo problem, twice; the second run counts
 python benchmarks/fit.py asteroids       Ariadne and Hertha from $LCBAYES_DATA or ../shared/data
 """
 
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 SCENARIOS = ROOT / "lcbayes" / "simulation" / "scenarios"
 DATA = Path(os.environ.get("LCBAYES_DATA", ROOT.parent / "shared" / "data"))
 DEMO = ["box-wing.csv", "--tle", "box-wing.tle", "--n-facets", "6", "--seed", "1"]
-# name: file, period given (h), published pole (deg, ecliptic J2000) and period (h)
+# name: file, given period (h), published pole (deg, ecliptic J2000) and period (h)
 ASTEROIDS = {
     "Ariadne": ("43_Ariadne_rel.lcs", "5.762", "(253.2, −17.2), mirror (70.3, −16.1)", "5.761980"),
     "Hertha": ("135_Hertha.lcs", "8.4006", "(272, +52.2), mirror (88-96, +53-58)", "8.400599"),
@@ -29,7 +29,7 @@ ASTEROIDS = {
 
 
 def fit(arguments: list[str], where: Path) -> tuple[dict[str, Any], float, int]:
-    """Summary, wall-clock seconds and exit code of `lcbayes fit` in a folder of its own."""
+    """Summary, wall-clock seconds and exit code of `lcbayes fit` in a separate folder."""
     environment = dict(os.environ)
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), environment.get("PYTHONPATH", "")])
     begun = time.monotonic()

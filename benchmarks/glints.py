@@ -1,9 +1,9 @@
-"""Facets, wires and panels from glints, against the truth of simulated light curves.
+"""Facets, wires and panels from glints, compared with the truth of simulated light curves.
 
     python benchmarks/glints.py            into RESULTS.md (a minute; --cases N for more)
 
-Facets and wires on bodies that spin once in 60 to 120 s, in passes of low orbits, spin known;
-panels of geostationary satellites over four nights, weeks from an equinox.
+Facets and wires are on bodies with known spin periods of 60 to 120 s, in passes of low orbits.
+Panels are on geostationary satellites, seen over four nights, weeks from an equinox.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
-os.environ["OMP_NUM_THREADS"] = "1"  # a case per core
+os.environ["OMP_NUM_THREADS"] = "1"  # one case per core
 
 import numpy as np
 from _results import table, write_section
@@ -26,9 +26,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from lcbayes.inversion.glints import analyse
 from tests.helpers.simulated_glints import facet_flashes, no_flashes, panel_flashes, wire_flashes
 
-NOISES = (10.0, 50.0)  # median flux over the noise of a point
+NOISES = (10.0, 50.0)  # median flux over the noise of one point
 LEVEL_90 = 1.645
-Case = tuple[float, bool] | None  # error in degrees, whether the 90 % region holds the truth
+Case = tuple[float, bool] | None  # error in degrees, whether the 90 % region contains the truth
 
 
 def facet(seed: int, snr: float) -> tuple[Case, float]:
@@ -65,7 +65,7 @@ def panel(seed: int, snr: float) -> tuple[Case, float]:
 
 
 def alarm(seed: int, snr: float) -> tuple[bool, bool]:
-    """Whether a box without a glint has one, and whether it is given a direction."""
+    """Whether a glint, and a direction, is reported for a box without a glint."""
     found = analyse(no_flashes(seed, snr))
     return bool(found.glints), not found.reasons
 

@@ -1,12 +1,12 @@
-"""Maps of information, and whether a posterior reaches the bound that was told beforehand.
+"""Maps of information, and comparison of posteriors with their predicted bounds.
 
     python benchmarks/observability.py map        10⁶ geometries of three bodies
     python benchmarks/observability.py bound      posterior sd over bound, SNR 10 to 1000
 
-The bound is that of `lcbayes observability` at the truth, without any prior. The posterior is that
-of `lcbayes fit`'s model, priors included, given noisy data, sampled by the exact Fisher-adaptive
-kernel from many chains that start at draws from the Gaussian of the bound: the mode at the truth,
-which is what the bound speaks of. Standard errors are those between chains.
+The bound is that of `lcbayes observability` at the truth, without a prior. The posterior is that of
+the model of `lcbayes fit`, priors included, given noisy data. It is sampled by many chains of the
+exact Fisher-adaptive kernel, which start at draws from the Gaussian of the bound, because the bound
+applies to the mode at the truth. Standard errors are those between chains.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def maps() -> None:
 
 
 class Case:
-    """A scenario at one noise level: the bound, and the posterior of noisy data beside it."""
+    """A scenario at one noise level: the bound, and the posterior of noisy data."""
 
     def __init__(self, name: str, n_facets: int, snr: float) -> None:
         self.what = replace(scenario.load(name), noise=Noise("snr", snr))
@@ -116,7 +116,7 @@ class Case:
                     found[f"omega_{axis}"] = s["omega"][k] - omega[k]
             return jnp.stack([found[name] for name in self.names])
 
-        # The posterior's peak lies a noise away from the truth: two Newton steps find it.
+        # Noise shifts the posterior's peak from the truth; two Newton steps reach it.
         centre = problem.ravel(sites(np.zeros(len(self.names))))
         slope = jax.jit(jax.grad(problem.potential))
         for _ in range(4):
@@ -149,7 +149,7 @@ class Case:
 
 
 def bound_row(label: str, snr: float) -> list[str]:
-    """A line of the table: one case at one noise level."""
+    """A row of the table: one case at one noise level."""
     case = Case(*CASES[label], snr)
     found = [case.ratios(seed) for seed in SEEDS]
     ratio, error = (np.array([f[k] for f in found]) for k in (0, 1))

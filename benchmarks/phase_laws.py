@@ -1,4 +1,4 @@
-"""A satellite without attitude or shape: one brightness and a law of the phase angle."""
+"""A model without attitude or shape: one brightness and a phase law."""
 
 from typing import Literal
 

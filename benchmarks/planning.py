@@ -1,17 +1,18 @@
-"""Does planning pay? Fifty simulated campaigns, planned and at equal steps.
+"""The benefit of planning: fifty simulated campaigns, planned and at equal steps.
 
     python benchmarks/planning.py evening     4.5 hours of a high satellite, into RESULTS.md
     python benchmarks/planning.py transit     six minutes of a low one
 
 A body of three diffuse facets tumbles on an orbit seen from two sites. A first visit, 40
 measurements at equal steps in the first part of the window, is fitted. The rest of the window is
-then measured at equal steps, 64 times, or as an observer would plan it, with fewer or as many: plan
-all of them from draws of what the fit knows, take those of the next third of the window, fit again,
-plan what is left again, and so on. Nothing in a plan knows the truth; only the first fit begins
-there, where a search that finds the right solution would end. Every fit has several starts, and the
-last of each schedule, even or planned, which measures its error, one at the truth as well: it takes
-what fits best. Which number of planned measurements leaves the error that 64 at equal steps leave?
-Campaigns whose first visit leaves pole or normal worse than 10 deg (bound) are drawn anew.
+then measured 64 times at equal steps, or at most as often by a plan. All planned measurements are
+chosen from draws of the fit's posterior; those of the next third of the window are taken and
+fitted; the remaining ones are planned again, and so on. A plan does not use the truth. Only the
+first fit starts there, where a search that finds the right solution would end. Every fit has
+several starts. The last fit of each schedule, even or planned, measures its error and also starts
+at the truth; the best fit is used. The result is the number of planned measurements with the same
+error as 64 at equal steps. A campaign is drawn again if the bound on pole or normal after its first
+visit exceeds 10 deg.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ CAMPAIGNS, NOISES, SEED = 50, 4, 1
 FACETS, SNR, FIRST, EVEN, WORST_DEG = 3, 20.0, 40, 64, 10.0
 PLANNED = (16, 32, 64)
 TARGETS = ("pole", "normal:0")
-DRAWS, STARTS, STEPS = 8, 6, 50  # of what a fit knows; of each fit; of least squares
+DRAWS, STARTS, STEPS = 8, 6, 50  # posterior draws; starts of each fit; least-squares steps
 DRAW_STEPS = 10
 BASE = scenario.load("box-wing")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Epochs of a window, the same for all campaigns; the first visit, and when plans are made."""
+    """Epochs of a window, equal for all campaigns; the first visit, and the times of planning."""
 
     t: Floats
     sun: Floats
@@ -90,14 +91,14 @@ class Setting:
 
 
 def transit() -> Setting:
-    """The bundled scenario's: six minutes, the first third of it a first visit."""
+    """The window of the bundled scenario: six minutes, the first third of it a first visit."""
     assert isinstance(BASE.geometry, Orbit)
     passes = tuple(replace(one, step=1.0) for one in BASE.geometry.passes)
     return Setting.of(replace(BASE.geometry, passes=passes), 1.0 / 3.0, (0.01, 0.04))
 
 
 def evening() -> Setting:
-    """Four and a half hours of a satellite 17,000 km up, which turns in 5 to 25 minutes."""
+    """4.5 hours of a satellite at 17,000 km altitude with a spin period of 5 to 25 minutes."""
     lines = (
         "1 99002U 26002A   26105.50000000  .00000000  00000-0  00000-0 0  999",
         "2 99002   7.0000 060.0000 0003000 090.0000   0.0000  2.50000000   12",
@@ -133,7 +134,7 @@ PRECISION = np.array([p.prior_sd for p in PARAMETERS]) ** -2.0
 
 
 def predicted(theta, truth, arrays):
-    """Flux for deviations θ from a body and a spin that may be traced, (T,)."""
+    """Flux for deviations θ from a body and a spin, which JAX may trace, (T,)."""
     normals, areas, omega = truth
     t, sun, obs, dilution = arrays
     axes: Any = _axes(normals)
@@ -153,14 +154,14 @@ def directions(theta, truth):
 
 
 def tangents(theta, truth):
-    """What the two targets are made of: angles across the two directions, deg, (2, 2)."""
+    """Components of the two targets: angles perpendicular to the two directions, deg, (2, 2)."""
     pole, normal = directions(theta, truth)
     sites = {"omega": pole, "normals": normal[None]}
     return jnp.stack([of_sites(sites, name)[0] for name in TARGETS])
 
 
 def least_squares(residuals, start, steps):
-    """Levenberg-Marquardt: the end, and the sum of squares there."""
+    """Levenberg–Marquardt: the final point, and the sum of squares there."""
 
     def step(_, state):
         theta, now, damping = state
@@ -182,11 +183,11 @@ def least_squares(residuals, start, steps):
 
 @jax.jit
 def fitted(starts, truth, y, weight, rows, arrays, key):
-    """For every noise: the best of the fits from its starts, and draws of what it knows.
+    """For every noise realisation: the best fit from its starts, and posterior draws.
 
     starts (R, S, P), y, weight and rows (R, n); θ (R, P) and draws (R, K, P). A draw is the best
-    fit to data and prior that are both disturbed by as much as they are uncertain (randomised
-    maximum likelihood), the prior wide and about the fit.
+    fit to data and prior perturbed by their uncertainties (randomised maximum likelihood), with a
+    wide prior centred on the fit.
     """
 
     def one(starts, y, weight, rows, key):
@@ -219,7 +220,7 @@ _target_slopes = jax.jit(jax.vmap(jax.jacfwd(tangents), in_axes=(0, None)))
 
 @jax.jit
 def errors(theta, truth):
-    """Angles (deg) between estimates (R, P) and truth of pole and first normal, (R, 2)."""
+    """Angles (deg) between estimates (R, P) and truth for pole and first normal, (R, 2)."""
     true = directions(jnp.zeros(len(NAMES)), truth)
     found = jax.vmap(directions, in_axes=(0, None))(theta, truth)
     across = jnp.linalg.norm(jnp.cross(found, true), axis=-1)
@@ -250,7 +251,7 @@ class Campaign:
         self.first = self.fit(jnp.zeros((NOISES, STARTS, len(NAMES))), visited)
 
     def bound(self, rows: Rows, k: int) -> float:
-        """Bound on the error of a target with those measurements, deg; prior included."""
+        """Bound on the error of a target with these measurements, deg; prior included."""
         seen = np.concatenate([self.slope[rows], np.diag(np.sqrt(PRECISION))])
         if not np.all(np.isfinite(bound(self.slope[rows]))):
             return np.inf
@@ -261,7 +262,7 @@ class Campaign:
         )
 
     def fit(self, starts, rows: list[Rows]) -> tuple[jax.Array, jax.Array]:
-        """θ and draws from each noise's own measurements, filled up to one size."""
+        """θ and draws from the measurements of each noise realisation, padded to one size."""
         used = np.zeros((NOISES, FIRST + EVEN), int)
         weight = np.zeros(used.shape)
         for i, mine in enumerate(rows):
@@ -271,10 +272,10 @@ class Campaign:
         return fitted(starts, self.truth, y, weight, used, self.arrays, key)
 
     def starts(self, theta, draws, last: bool):
-        """Of the next fit: the last one, some of its draws and of the first one's.
+        """Starts of the next fit: the last fit, some of its draws and some of the first fit's.
 
-        The last fit of a schedule, which only measures its error, also starts at the truth, as a
-        search that misses no solution would come by it; what fits best is taken.
+        The last fit of a schedule, which only measures its error, also starts at the truth, as an
+        exhaustive search would; the best fit is used.
         """
         early = self.first[1][:, : STARTS - 3]
         if last:
@@ -290,7 +291,7 @@ class Campaign:
         )
 
     def planned(self, n: int, k: int) -> float:
-        """The same of one target after n measurements as planned."""
+        """Median error (deg) of one target after n planned measurements."""
         theta, draws = self.first
         rows, left = [self.setting.first] * NOISES, [n] * NOISES
         for now, then in zip(self.setting.plans, [*self.setting.plans[1:], np.inf], strict=True):
@@ -304,12 +305,12 @@ class Campaign:
         return float(np.median(errors(theta, self.truth)[:, k]))
 
     def _plan(self, draws, used: Rows, now: float, n: int, k: int) -> Rows:
-        """n epochs from now on, from the draws of what is known now."""
+        """n epochs after ``now``, planned from the current posterior draws."""
         slopes = np.asarray(_slopes(draws, self.truth, self.arrays)) / self.sigma
         seen = slopes[:, used]
         root = roots(np.swapaxes(seen, 1, 2) @ seen + np.diag(PRECISION))
         targets = np.asarray(_target_slopes(draws, self.truth))[:, k] @ root
-        ahead = (self.setting.t >= now)[:, None]  # what is past tells nothing more
+        ahead = (self.setting.t >= now)[:, None]  # past epochs are unavailable
         measured = (slopes @ root * ahead)[:, self.rest, None]
         return self.rest[planning.best(measured, targets, n).visits]
 
@@ -324,10 +325,10 @@ def _body(rng: np.random.Generator, rates: tuple[float, float]):
 
 
 def needed(even: float, planned: Floats) -> float:
-    """Planned measurements that reach an error; ∞ if none of those tried.
+    """Number of planned measurements that reaches an error; ∞ if no trial number reaches it.
 
-    The errors tried, each of few noises, are first made to fall with their number (least squares
-    of the logarithm), then interpolated between logarithms.
+    The errors come from few noise realisations. They are first fitted by a decreasing function of
+    the number (least squares in the logarithm), then interpolated in logarithms.
     """
     best = isotonic_regression(np.log(planned), increasing=False).x
     reached = np.flatnonzero(best <= np.log(even))

@@ -1,4 +1,4 @@
-"""Starlink v1.5 as Pomenis saw it: fitted on one random half of the points, predicting the other.
+"""Starlink v1.5 observed by Pomenis: a fit to a random half of the points predicts the other half.
 
 python benchmarks/pomenis.py [--facets 2] [--halves 10] [--num-samples 3000] [--compare FOLDER]
                              [--keep FILE]
@@ -28,7 +28,7 @@ def data() -> Path:
 
 
 def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) -> dict:
-    """Of one division: residuals and coverage of the half that was not fitted."""
+    """Residuals and coverage of the half that was not fitted, for one division."""
     first = np.random.default_rng(seed).permutation(curve.n_obs) < curve.n_obs // 2
     fitted, other = curve.select(first), curve.select(~first)
     begun = time.perf_counter()

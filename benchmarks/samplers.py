@@ -1,35 +1,37 @@
-"""AHMC beside the samplers in common use: effective draws per gradient and per second.
+"""AHMC compared with common samplers: effective draws per gradient and per second.
 
     python benchmarks/samplers.py                        everything, into RESULTS.md
     python benchmarks/samplers.py glint banana           these posteriors, into RESULTS.md
-    python benchmarks/samplers.py --quick one-facet      one seed, shorter; printed, not kept
+    python benchmarks/samplers.py --quick one-facet      one seed, shorter; printed, not saved
 
 needs ``pip install 'lcbayes[bench]'``, and for ``ariadne`` the data ($LCBAYES_DATA or
 ../shared/data).
 
-Posteriors, coordinates, starts. All samplers see the same density of y, z = mode + W y with W Wᵀ
-the inverse of the Fisher information (prior counted) at the mode: *whitened*, as `lcbayes.fit`
-whitens for whichever sampler it runs. So a diagonal metric is already a good one, and no sampler
-wins by scales or correlations alone. All start from the same draws of N(0, 2² I) in y, the Gaussian
-at the mode widened by two. On Ariadne the mode is that at the published pole and period, and the
-coordinates are those of the model's hook; emcee and RMHMC are left out there, the one because
-stretch moves fail in so many dimensions, the other because every step would take a dozen
-information matrices and the derivative of one; so is RMHMC on the glint, where its steps came out
-at a thousandth of a posterior width and its chains did not mix in two minutes a seed.
+Posteriors, coordinates, starts. All samplers see the same density of y, where z = mode + W y and
+W Wᵀ is the inverse of the Fisher information (prior included) at the mode. These are the *whitened*
+coordinates that `lcbayes.fit` uses with all samplers. A diagonal metric is therefore already a good
+one, and no sampler has an advantage from scales or correlations alone. All start from the same
+draws of N(0, 2² I) in y, the Gaussian at the mode widened by two. For Ariadne the mode is that at
+the published pole and period, and the coordinates are those of the model's hook. emcee and RMHMC
+are omitted for Ariadne: stretch moves fail in this number of dimensions, and every RMHMC step would
+need a dozen information matrices and the derivative of one. RMHMC is also omitted for the glint,
+where its step size was a thousandth of a posterior width and its chains did not mix in two minutes
+per seed.
 
-What is measured. The effective size of a run is the smallest over all coordinates of z, the model's
-unconstrained parameters, of two: bulk ESS (Vehtari et al. 2021) and the ESS of squares about the
-mean. It is divided by gradient-equivalents and by wall time, those of the draws alone and those of
-warm-up and draws. A gradient with its density counts 1, a Fisher matrix 3, a density alone 1/3; for
-RMHMC also the derivative of the metric along a direction counts as a Fisher matrix. NUTS's search
-for its first step size is not counted, AHMC's matrices for its warm-up are. Compilation is excluded
-throughout. A run with any R-hat above 1.05 has not converged and its ESS is not used.
+Measures. The effective size of a run is the smaller of the bulk ESS (Vehtari et al. 2021) and the
+ESS of squares about the mean, minimised over all coordinates of z, the model's unconstrained
+parameters. It is divided by gradient-equivalents and by wall time, for the draws alone and for
+warm-up and draws. A gradient with its density counts as 1, a Fisher matrix as 3, a density alone as
+1/3; for RMHMC the derivative of the metric along a direction also counts as a Fisher matrix. The
+search of NUTS for its first step size is not counted; the matrices of AHMC's warm-up are.
+Compilation is always excluded. A run with any R-hat above 1.05 has not converged and its ESS is not
+used.
 
-How each is run. Gradient-based samplers: 4 chains, each a compiled program, side by side on the
-cores (as `lcbayes.fit` does; in lock-step, vectorised, NUTS would wait for its longest tree).
-emcee: one ensemble of max(32, 4 D) walkers with a vectorised density; walkers count as chains.
-Warm-ups and lengths are equal for all but emcee and RMHMC (`LENGTHS`); all else is each sampler's
-default.
+Settings. Gradient-based samplers: 4 chains, each a compiled program, in parallel on the cores (as
+in `lcbayes.fit`; with vectorised chains in lock-step, NUTS would wait for its longest tree). emcee:
+one ensemble of max(32, 4 D) walkers with a vectorised density; walkers count as chains. Warm-ups
+and lengths are equal for all but emcee and RMHMC (`LENGTHS`); all other settings are the defaults
+of each sampler.
 """
 
 from __future__ import annotations
@@ -48,9 +50,9 @@ MAX_RHAT = 1.05
 SEEDS = range(5)
 USUAL = Length(600, 1000)
 LENGTHS = {"emcee": Length(3000, 6000), "RMHMC": Length(300, 500)}
-SHORTER = {"ariadne": 4}  # divides the lengths there
+SHORTER = {"ariadne": 4}  # divisor of the lengths
 LEFT_OUT = {"ariadne": ("emcee", "RMHMC"), "glint": ("RMHMC",)}
-QUICK = 2  # divides them in a quick run
+QUICK = 2  # divisor of the lengths in a quick run
 MEASURES = ("per 1000 gradients", "with warm-up", "per second", "with warm-up")
 AHMC = "AHMC exact"
 
@@ -83,7 +85,7 @@ def score(post: Posterior, run: Run) -> Score:
 
 
 def measure(name: str, post: Posterior, quick: bool) -> dict[str, list[Score]]:
-    """All samplers on one posterior, seed by seed."""
+    """Scores of all samplers on one posterior, for each seed."""
     scores = {}
     divisor = SHORTER.get(name, 1) * (QUICK if quick else 1)
     for sampler, compile_for in SAMPLERS.items():
@@ -112,7 +114,7 @@ def spread(values: Floats) -> str:
 
 
 def medians(scores: list[Score]) -> Floats | None:
-    """Of the four measures over the runs that converged, where more than half did."""
+    """Medians of the four measures over converged runs, if more than half converged."""
     good = [s.measures for s in scores if s.converged]
     return np.median(good, axis=0) if 2 * len(good) > len(scores) else None
 
@@ -143,7 +145,7 @@ def report(post: Posterior, cost: float, scores: dict[str, list[Score]]) -> str:
 
 
 def ratios(scores: dict[str, list[Score]]) -> tuple[Floats, list[str]] | None:
-    """AHMC over the best of the others, measure by measure, and who that was."""
+    """Ratio of AHMC to the best other sampler for each measure, and the names of the latter."""
     own = medians(scores[AHMC])
     others = {k: m for k, v in scores.items() if k != AHMC and (m := medians(v)) is not None}
     if own is None or not others:

@@ -3,8 +3,8 @@
     python benchmarks/scan.py [ariadne] [periods] [hertha] [workers] [cost]     into RESULTS.md
 
 Needs 43_Ariadne_rel.lcs and 135_Hertha.lcs of DAMIT in $LCBAYES_DATA/damit or
-../shared/data/damit. The public C program for the same task takes 29 ms an iteration and 6.8 s a
-trial period on this kind of machine, and runs to 0.3533 on 43 Ariadne.
+../shared/data/damit. The public C program for the same task takes 29 ms per iteration and 6.8 s per
+trial period on this kind of machine, and converges to 0.3533 on 43 Ariadne.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LAW = "lommel-seeliger-lambert"
 ARIADNE, HERTHA = (253.2, -17.2), (272.0, 52.0)
 PERIOD, RANGE = 5.76198, (5.75, 5.775)
 NOTHING = Checkpoint(None, {})
-UNIT = 0.02  # of relative errors where data carry none
+UNIT = 0.02  # relative error of data without errors
 
 
 def data(name: str) -> LightCurve:
@@ -60,8 +60,8 @@ def degrees_off(pole: np.ndarray, lon: float, lat: float) -> float:
 
 
 def by_curve_mean(points: Points, body: SmoothBody, ends: Ends) -> float:
-    """Σ (observed/mean − model/mean)² with the model's own mean of each curve, as the C program
-    has it, instead of the factor that fits best."""
+    """Σ (observed/mean − model/mean)² with the model's own mean of each curve, as in the C program,
+    instead of the best-fitting factor."""
     model = np.asarray(points.flux) - search.residuals(points, body, ends)[0]
     member = np.asarray(points.scale)
     mean = member @ (member.T @ model / member.sum(axis=0))
@@ -76,7 +76,7 @@ def ariadne() -> None:
         body = SmoothBody.of(500, 6, LAW, dtype=kind)
         starts = spheres(body, facets.grid(12), np.full(12, frequency))
         each, took = [], []
-        for i in range(-1, 12):  # the first only compiles
+        for i in range(-1, 12):  # the first one only compiles
             one = jax.tree.map(lambda x, i=i: x[max(i, 0) : max(i, 0) + 1], starts)
             begun = time.perf_counter()
             found = Ends(*map(np.asarray, solve(body, points, one, np.array(FREE), 300, 0.01)))
@@ -269,7 +269,7 @@ def told(same: bool) -> str:
 
 
 class Killer(Silent):
-    """Progress that kills a process once so many hypotheses are done."""
+    """Progress that kills a process after a given number of hypotheses."""
 
     def __init__(self, pid: int, after: int) -> None:
         self.pid, self.after, self.count, self.done = pid, after, 0, False
@@ -304,7 +304,7 @@ def cost() -> None:
 
     def work(points: Points, body: SmoothBody, count: int) -> Callable[[], object]:
         starts = spheres(body, facets.grid(count), np.full(count, 1.0 / (HOUR_S * 5.7551)))
-        # no tolerance: every hypothesis takes all its iterations
+        # no tolerance, so every hypothesis uses all its iterations
         return lambda: jax.block_until_ready(solve(body, points, starts, np.array(FREE), 10, -1.0))
 
     def some(n: int) -> Points:

@@ -1,8 +1,8 @@
-"""Starlink V2 mini as MMT-9 saw it: one hierarchical model, each pass predicted from the others.
+"""Starlink V2 mini observed by MMT-9: a hierarchical model, each pass predicted from the others.
 
 python benchmarks/score.py --keep FOLDER [--only NAME] [--refits 12]
 
-Each fit is kept in the folder, so that a run goes on where it stopped.
+Each fit is saved in the folder, so that an interrupted run can resume.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from lcbayes.samplers.settings import Settings
 
 FILE = Path("starlink-v2mini-score") / "v2mini.csv"
 SITE = "MMT9"
-WRONG = ("STARLINK-30112", 2365.0)  # the wrong match of 2023-06-30T19:52, and its least range, km
-ERROR = 0.02  # mag; the file says 0.1, and the scatter within passes, which is inferred, is less
+WRONG = ("STARLINK-30112", 2365.0)  # the wrong match of 2023-06-30T19:52, and its minimum range, km
+ERROR = 0.02  # mag; the file has 0.1, but the inferred scatter within passes is smaller
 PHASE_LAWS = str(Path(__file__).with_name("phase_laws.py"))
 SETTINGS: dict[str, Any] = {"num_samples": 1000, "num_starts": 48, "max_modes": 2}
 LINES = "stabilised"
@@ -66,17 +66,17 @@ def curve_of(folder: Path) -> lcbayes.LightCurve:
 
 @dataclass
 class Kept:
-    """A fit as it was written."""
+    """A saved fit."""
 
     posterior: xr.Dataset
-    log_likelihood: np.ndarray  # (S, T), each point given the earlier ones of its pass
+    log_likelihood: np.ndarray  # (S, T), each point given the earlier points of its pass
     outlier: np.ndarray  # (T,)
     summary: dict[str, Any]
     seconds: float
 
 
 def fitted(name: str, curve: lcbayes.LightCurve, folder: Path) -> Kept:
-    """Of the folder, or made and put there."""
+    """The fit saved in the folder, or a new one, which is then saved."""
     model, options = CANDIDATES[name]
     out = folder / name.replace(": ", "-").replace(" ", "-")
     clock = out / "seconds.json"
@@ -98,19 +98,19 @@ def fitted(name: str, curve: lcbayes.LightCurve, folder: Path) -> Kept:
 
 @dataclass
 class Predicted:
-    """Of each point, from all passes but its own, (T,)."""
+    """The prediction of each point from all passes except its own, (T,)."""
 
     mean: np.ndarray
     log_density: np.ndarray
-    rank: np.ndarray  # share of the prediction below what was seen
-    joint: np.ndarray  # (P,) log density of each whole pass
+    rank: np.ndarray  # fraction of the prediction below the observed value
+    joint: np.ndarray  # (P,) joint log density of each pass
     khat: np.ndarray  # (P,) of the importance weights
     refitted: int
 
 
 def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> Predicted:
-    """Each pass predicted from the others: by importance weights, or where these cannot be relied
-    on (Pareto k over 0.7) by a fit without it, the worst first."""
+    """Each pass predicted from the others: by importance weights, or, if these are unreliable
+    (Pareto k over 0.7), by a fit without the pass, the worst first."""
     model, options = CANDIDATES[name]
     entry = registry.find(model)
     data = Epochs.of(curve)
@@ -138,7 +138,7 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
 
 
 def _moments(problem, z: np.ndarray, data: Epochs) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sd (S, T) of each point by itself."""
+    """Mean and sd (S, T) of each point on its own."""
     alone = data.without_passes()
     found = jax.jit(lambda rows: jax.lax.map(lambda row: problem.moments(row, alone), rows))(z)
     return np.asarray(found.mean), np.asarray(found.sd)
@@ -167,7 +167,7 @@ def _predicted(
 
 
 def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) -> None:
-    """Chains from which the points of a pass are left out, in place of the weights."""
+    """Predict a pass from chains fitted without its points, instead of importance weights."""
     here = number == p
     without = replace(data, information=jnp.where(here, 0.0, power))
     settings = Settings(seed=1, num_warmup=200, num_samples=200)
@@ -202,7 +202,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
 
 
 def scored(curve: lcbayes.LightCurve, kept: Kept, found: Predicted) -> dict[str, Any]:
-    """Of one model; means over passes have a standard error over passes."""
+    """Scores of one model; means over passes have a standard error over passes."""
     number = segments.pass_numbers(curve)
     wrong = wrong_match(curve)
     right = ~np.isin(number, number[wrong])
@@ -238,7 +238,7 @@ def wrong_match(curve: lcbayes.LightCurve) -> np.ndarray:
 
 
 def difference(one: dict[str, Any], other: dict[str, Any], key: str) -> tuple[float, float]:
-    """Mean over points of what one has more than the other, and its standard error over passes."""
+    """Mean over points of one model minus the other, and its standard error over passes."""
     weight = one["weight"] / one["weight"].mean()
     each = (one[key] - other[key]) * (1.0 if key == "joint" else weight)
     return float(each.mean()), float(each.std(ddof=1) / np.sqrt(each.size))
@@ -321,7 +321,7 @@ def report(curve: lcbayes.LightCurve, fits: dict[str, Kept], scores: dict[str, A
 
 
 def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
-    """Largest ln likelihood of phase laws without individuals, one point of each pass."""
+    """Largest ln likelihood of phase laws without individuals, for one point per pass."""
     assert curve.range_km is not None
     number = segments.pass_numbers(curve)
     light = np.asarray(Epochs.of(curve).sunlight)

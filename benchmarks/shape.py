@@ -2,8 +2,8 @@
 
     taskset -c 0 python benchmarks/shape.py            into RESULTS.md
 
-Lambertian bodies, each epoch with Sun and observer in random directions, 1 % noise of the mean
-flux; attitude known. The shape is that of the few facets which explain the light curve.
+Lambertian bodies of known attitude, with Sun and observer in random directions at each epoch, and
+noise of 1 % of the mean flux. The shape is that of the few facets that explain the light curve.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def curve(normals: np.ndarray, areas: np.ndarray, epochs: int, seed: int) -> Lig
 
 
 def many_faced(seed: int, n: int = 38) -> tuple[np.ndarray, np.ndarray, float]:
-    """Normals, areas and volume of a body cut from random planes that touch an ellipsoid."""
+    """Normals, areas and volume of a body bounded by random tangent planes of an ellipsoid."""
     rng = np.random.default_rng(100 + seed)
     while True:
         normals = directions(rng, n)
@@ -106,7 +106,7 @@ def bodies(
 
 
 def polygon_areas(body: Polyhedron, n: int) -> np.ndarray:
-    """Areas of the faces from their vertices alone."""
+    """Areas of the faces, computed from their vertices alone."""
     out = np.zeros(n)
     for face, facet in zip(body.faces, body.facet, strict=True):
         p = body.vertices[face]
@@ -148,7 +148,7 @@ def solvers() -> list[list[str]]:
         seen = Observed.of(curve(brick.normals, brick.areas, epochs, 0), Fixed())
         normals, which = grid(n)
         matrix = columns(seen, normals, which)
-        # a smooth body has most normals in use: the hard case for active sets
+        # a smooth body has most normals active: the hard case for active sets
         for body, truth in (("brick", None), ("sphere", matrix.sum(axis=1))):
             data = seen
             if truth is not None:

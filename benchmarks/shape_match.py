@@ -1,4 +1,4 @@
-"""`lcbayes shape-match` on 500 simulated objects at two noise levels, and on spinning ones.
+"""`lcbayes shape-match` on 500 simulated objects at two noise levels, and on moving objects.
 
 python benchmarks/shape_match.py [--objects 500]
 """
@@ -37,7 +37,7 @@ def noisy(t, flux, sun, obs, noise: float, rng: np.random.Generator) -> LightCur
 
 
 def at_random(name: str, noise: float, seed: int) -> LightCurve:
-    """Every point in an orientation of its own, phase angles 20 to 140 degrees."""
+    """A light curve with a random orientation at every point, phase angles 20 to 140 degrees."""
     rng = np.random.default_rng(seed)
     sun, obs = turned(np.radians(rng.uniform(20.0, 140.0, POINTS)), rng)
     return noisy(
@@ -51,7 +51,7 @@ def at_random(name: str, noise: float, seed: int) -> LightCurve:
 
 
 def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve:
-    """About an axis that no axis of the body is, 5 to 60 s a turn, on real geometry."""
+    """A body spinning about an axis other than its own axes, 5 to 60 s per turn, real geometry."""
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     axis *= 2 * np.pi / rng.uniform(5.0, 60.0) / np.linalg.norm(axis)
@@ -71,7 +71,7 @@ def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightC
 
 
 def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve:
-    """Stabilised, nadir pointing."""
+    """A stabilised body, nadir pointing."""
     rng = np.random.default_rng(seed)
     body = np.asarray(frames(catalogue.find("lvlh"), geometry).body)
     turn = Rotation.from_matrix(body) * Rotation.random(None, rng)
@@ -90,7 +90,7 @@ def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve
 
 
 def confusion(objects: int, noise: float, took: list[float]) -> tuple[str, str]:
-    """The table of true against nearest shape, and the rates beside it."""
+    """The table of true against nearest shape, and the rates."""
     names = list(candidates())
     count = np.zeros((len(names), len(names)), int)
     alarms, kept = {"kolmogorov": [], "energy": []}, []
@@ -121,7 +121,7 @@ def confusion(objects: int, noise: float, took: list[float]) -> tuple[str, str]:
 
 
 def moving(cases: int) -> list[list[str]]:
-    """Objects that turn as objects do, on passes of four weeks."""
+    """Rows for objects with realistic rotation, on passes of four weeks."""
     names = list(candidates())
     whole = passes(550.0, 53.0, days=28, step=30.0)
     geometry = whole.select(np.linspace(0, whole.n_obs - 1, 300).astype(int))

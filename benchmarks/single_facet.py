@@ -31,7 +31,7 @@ from tests.helpers.single_facet_passes import (
 
 LVLH = catalogue.find("lvlh")
 NOISE = (0.01, 0.05)
-POINTS = 200  # of two sites together
+POINTS = 200  # points of both sites together
 
 
 def apart_deg(a: np.ndarray, b: np.ndarray) -> float:
@@ -45,7 +45,7 @@ def sites(curve: LightCurve, both: bool) -> LightCurve:
 
 
 def kind_of(curve: LightCurve, normal: np.ndarray) -> str:
-    """What changes in truth."""
+    """The true kind of the change."""
     sun, obs = body_directions(curve, LVLH)
     lit, seen = sun @ normal > 0, obs @ normal > 0
     found = set()
@@ -60,7 +60,7 @@ def kind_of(curve: LightCurve, normal: np.ndarray) -> str:
 
 
 def holds(found: SingleFacet, normal: np.ndarray) -> bool:
-    """Whether a cell of the region is nearer to the normal than a cell is wide."""
+    """Whether a cell of the region is within one cell width of the normal."""
     cells = found.normals[found.region]
     return apart_deg(cells[np.argmax(cells @ normal)], normal) < 1.5 * np.degrees(
         np.sqrt(found.cell)
@@ -68,7 +68,7 @@ def holds(found: SingleFacet, normal: np.ndarray) -> bool:
 
 
 def with_edge(cases: int) -> list[tuple[int, np.ndarray]]:
-    """Seeds of passes in which some facet's edge is crossed, and the normal of one."""
+    """Seeds of passes with an edge of some facet, and the normal of one such facet."""
     found, seed = [], 0
     while len(found) < cases:
         with suppress(LookupError):
@@ -78,7 +78,7 @@ def with_edge(cases: int) -> list[tuple[int, np.ndarray]]:
 
 
 def edges(cases: int, took: list[float]) -> list[list[str]]:
-    """Facets whose edge is crossed: error, coverage, kinds, refusals."""
+    """Facets with an edge in the pass: error, coverage, kinds, refusals."""
     rows, drawn = [], with_edge(cases)
     for both in (False, True):
         for noise in NOISE:
@@ -116,7 +116,7 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
 
 
 def nothing(cases: int) -> list[list[str]]:
-    """What is no single facet: an answer is a false alarm."""
+    """Curves without a single-facet signature, for which any result is a false alarm."""
     box = shapes.box(1.0, 1.4, 2.0)
     rows = []
     for what in ("a sphere alone", "a box of three sizes of side"):

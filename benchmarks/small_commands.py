@@ -1,10 +1,11 @@
-"""Time that each of the commands without an inversion takes on a light curve of 1,000 points.
+"""Run time of each of the commands without an inversion on a light curve of 1,000 points.
 
 python benchmarks/small_commands.py
 
-Whole processes with their defaults, start-up, compilation, figures and page included. Passes over
-four weeks of a satellite held in LVLH for `attitude-test` and `shape-match`; one pass over two
-sites for `single-facet`; flashes of a wire for `glints`; six passes of a cylinder for `spin`.
+Complete processes with their defaults, including start-up, compilation, figures and page. The data
+are passes over four weeks of a satellite fixed in LVLH axes for `attitude-test` and `shape-match`,
+one pass over two sites for `single-facet`, flashes of a wire for `glints`, and six passes of a
+cylinder for `spin`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tempered particles: evidence against quadrature, mirror images, four facets that turn.
+"""Tempered particles: evidence against quadrature, mirror images, four rotating facets.
 
 python benchmarks/smc.py                 all parts, into RESULTS.md
 python benchmarks/smc.py four            one of: one, mirror, four, agreement
@@ -37,7 +37,7 @@ HEADS = ["seed", "ln Z of the way", "ln Z of the particles", "steps", "gradients
 class Run(NamedTuple):
     result: smc.Result
     took: float
-    ended: float  # ln Z from where the particles ended
+    ended: float  # ln Z from the final particles
 
 
 def posed(what: str | Path, **options: Any) -> tuple[Problem, Epochs]:
@@ -48,7 +48,7 @@ def posed(what: str | Path, **options: Any) -> tuple[Problem, Epochs]:
 def measured(
     problem: Problem, data: Epochs, n_particles: int, seeds: range, **options: Any
 ) -> list[Run]:
-    """A run for every seed with its wall time; the first has to be compiled."""
+    """A run for every seed with its wall time; the first includes compilation."""
     found = []
     for seed in seeds:
         begun = time.monotonic()
@@ -162,7 +162,7 @@ def _four(problem: Problem, data: Epochs, omega: np.ndarray, n_particles: int) -
 
 
 def agreement() -> None:
-    """Eight populations of one fit: what each gives every solution that is told apart."""
+    """Eight populations of one fit: the weight that each gives to every distinct solution."""
     curve = simulate(scenario.load(HERE / "four-facets.toml"), NOISE_SEED)[0]
     begun = time.monotonic()
     found = lcbayes.fit(

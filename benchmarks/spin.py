@@ -1,10 +1,11 @@
-"""Pole and sidereal period from periods alone, against the truth of simulated passes.
+"""Pole and sidereal period from periods alone, compared with the truth of simulated passes.
 
     python benchmarks/spin.py            into RESULTS.md (four minutes; --cases N for more)
 
-Boxes about an axis within some degrees of one of their own, and cylinders end over end, diffuse or
-with a lobe, poles anywhere, periods from 10 to 50 s, on low orbits over one site. The observations
-of asteroids are read from $LCBAYES_DATA, else ../shared/data.
+Boxes spin about an axis a few degrees from one of their own axes, and cylinders end over end; they
+are diffuse or have a lobe. Poles are random, periods are from 10 to 50 s, and the orbits are low
+and seen from one site. The observations of asteroids are read from $LCBAYES_DATA, else
+../shared/data.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import time
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
-os.environ["OMP_NUM_THREADS"] = "1"  # a case per core
+os.environ["OMP_NUM_THREADS"] = "1"  # one case per core
 
 import numpy as np
 from _results import table, write_section
@@ -33,12 +34,12 @@ from lcbayes.inversion.spin.sidereal import MEASURABLE, REPEATS  # noqa: E402
 from tests.helpers.low_earth_orbit import spinner, steady  # noqa: E402
 
 PASSES = (2, 4, 6)
-NOISES = (20.0, 100.0)  # signal over noise of a point, of the mean flux
+NOISES = (20.0, 100.0)  # signal-to-noise ratio of a point, at the mean flux
 SHUFFLES = 99
 
 
 def judged(found: Spin, truth: dict) -> dict:
-    """Errors of the heaviest solution and of the nearest; whether the region holds the truth."""
+    """Errors of the heaviest and the nearest solution; whether the region contains the truth."""
     cosine = found.sky.poles @ truth["pole"]  # pyright: ignore[reportOptionalMemberAccess]
     near = int(np.argmax(cosine))
     inside = bool(found.sky.region()[near]) and cosine[near] > np.cos(np.radians(3.0))  # pyright: ignore[reportOptionalMemberAccess]
@@ -55,7 +56,7 @@ def judged(found: Spin, truth: dict) -> dict:
 
 
 def case(kind: str, snr: float, count: int, i: int) -> tuple[dict | None, float]:
-    """One simulated object: what is wrong with its pole, None where it is refused; s per 1,000."""
+    """Errors of the pole of one simulated object, None if refused; seconds per 1,000 points."""
     curve, truth = spinner(100_000 + 1000 * PASSES.index(count) + i, count, snr, kind)
     begun = time.perf_counter()
     found = estimate(curve, n_shuffles=SHUFFLES, seed=i)
@@ -96,14 +97,14 @@ def _row(kind: str, snr: float, count: int, cases: int, good: list[dict]) -> lis
 
 
 def alarm(snr: float, i: int, spinning: bool) -> bool | None:
-    """Whether noise has a period, or a spin that nothing moves about a difference of periods."""
+    """Whether a period is found in noise, or a difference of periods under constant geometry."""
     found = estimate(steady(i, snr, spinning), n_shuffles=SHUFFLES, seed=i)
     met = {c.name: c.met for c in found.conditions}
     return met.get(MEASURABLE) if spinning else met[REPEATS]
 
 
 def alarms(cases: int, pool: Executor) -> list[list[str]]:
-    """How often nothing is taken for something."""
+    """Rates of false detections."""
     words = {False: "noise alone: a period", True: "spin under constant geometry: a difference"}
     rows = []
     for snr in NOISES:
@@ -115,7 +116,7 @@ def alarms(cases: int, pool: Executor) -> list[list[str]]:
 
 
 def repeating(rng: np.random.Generator, drift: float, correlation_s: float) -> tuple[Pass, float]:
-    """One pass of 300 s and period 44.33 s, 10 points a second, and its mean frequency, Hz."""
+    """One pass of 300 s with period 44.33 s, 10 points per second, and its mean frequency, Hz."""
     t = np.linspace(0.0, 300.0, 3000)
     x = t / 150.0 - 1.0
     cycles = (t + drift * 37.5 * (x**2 + (x**3 - 0.6 * x) / 1.5)) / 44.33
@@ -131,7 +132,7 @@ def repeating(rng: np.random.Generator, drift: float, correlation_s: float) -> t
 
 
 def stated_errors(cases: int) -> list[list[str]]:
-    """How far mean periods lie from the truth, over their stated errors."""
+    """Deviations of mean periods from the truth, divided by their stated errors."""
     rows = []
     for drift, correlation_s in ((0.0, 0.0), (0.01, 0.0), (0.0, 1.0), (0.01, 3.0)):
         rng = np.random.default_rng(0)

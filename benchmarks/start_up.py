@@ -1,9 +1,9 @@
-"""Time from the command to an answer, before anything heavy is needed.
+"""Start-up time of the command line and of the import.
 
 python benchmarks/start_up.py
 
-Whole processes, the best and the median of 21, after one that is not counted: `lcbayes --help`, and
-`import lcbayes` with the interpreter's own start beside it.
+Complete processes, best and median of 21, after one that is not counted: `lcbayes --help`, and
+`import lcbayes` compared with the start of the interpreter alone.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""What a tumbling attitude costs in closed form and by an integrator, with its derivatives.
+"""Cost of a tumbling attitude and its derivatives, in closed form and by an integrator.
 
     python benchmarks/torque_free.py            into RESULTS.md
 
-The median of bodies and motions from the prior of `lcbayes fit --spin torque-free`, each function
-over and over in one compiled loop. The integrator is what one would write otherwise: Runge-Kutta of
-fourth order in one compiled scan, its steps halved until the worst body is right to 10⁻⁶ rad, and
-differentiated by JAX.
+Median over bodies and motions from the prior of `lcbayes fit --spin torque-free`, with each
+function repeated in one compiled loop. The integrator is the usual alternative: fourth-order
+Runge–Kutta in one compiled scan, differentiated by JAX, with steps halved until the error of the
+worst body is at most 10⁻⁶ rad.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ TIMES = np.linspace(0.0, SPAN, EPOCHS)
 
 
 def bodies() -> list[jax.Array]:
-    """ω over its prior's sd, and the five components of S, (8,) each."""
+    """Bodies as ω over its prior's sd and the five components of S, (8,) each."""
     return [jnp.asarray(x) for x in np.random.default_rng(0).standard_normal((BODIES, 8))]
 
 
 def tensor(x: jax.Array) -> jax.Array:
-    """As `lcbayes.modelling.priors.inertia` has it, from five components of S."""
+    """Inertia tensor from five components of S, as in `lcbayes.modelling.priors.inertia`."""
     a, b, c, d, e = x[3:]
     s = jnp.array([[a, c, d], [c, b, e], [d, e, -a - b]])
     values, axes = jnp.linalg.eigh(0.7 * s)
@@ -51,7 +51,7 @@ def closed(x: jax.Array) -> jax.Array:
 
 
 def integrated(x: jax.Array, steps: int) -> jax.Array:
-    """Quaternion and body rates by ``steps`` steps of Runge and Kutta between two epochs."""
+    """Quaternion and body rates by ``steps`` Runge–Kutta steps between two epochs."""
     inertia = tensor(x)
     inverse = jnp.linalg.inv(inertia)
 
@@ -86,7 +86,7 @@ def integrated(x: jax.Array, steps: int) -> jax.Array:
 
 
 def enough() -> int:
-    """Steps between two epochs at which the worst body is right."""
+    """Steps between two epochs at which the worst body reaches the required accuracy."""
     steps = 1
     while True:
         off = max(float(jnp.abs(jax.jit(closed)(x) - _run(x, steps)).max()) for x in bodies())

@@ -1,11 +1,11 @@
-"""Pole, rate and inertia of tumbling bodies from three passes: does the fit find them, honestly?
+"""Accuracy and coverage of pole, rate and inertia of tumbling bodies from three passes.
 
-    python benchmarks/tumbling.py [DIR]      20 bodies drawn from the prior, 20 whole fits
+    python benchmarks/tumbling.py [DIR]      20 bodies drawn from the prior, 20 complete fits
 
-Each seed draws a body and its motion from the prior of the model, three facets that are seen, and
-noise of 2 %; the curves are fitted by `lcbayes.batch`, which goes on where it stopped if DIR is
-given twice. Over draws from the prior 90 % intervals hold the truth in 90 % of cases: of 20, 16 to
-20 in 95.7 % of trials.
+Each seed draws a body of three visible facets and its motion from the prior of the model, and noise
+of 2 %. The curves are fitted by `lcbayes.batch`, which resumes an interrupted run if the same DIR
+is given again. Over draws from the prior, 90 % intervals contain the truth in 90 % of cases: 16 to
+20 of 20 in 95.7 % of trials.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ OPTIONS = {
     "max_modes": 3,
     "num_starts": 12000,
 }
-PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a site of its own
-POINTS = 40  # of a pass
+PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a different site
+POINTS = 40  # per pass
 ASKED = {k: OPTIONS[k] for k in ("n_facets", "spin", "omega_sd")}
 
 
@@ -83,9 +83,8 @@ def geometry(rng: np.random.Generator) -> LightCurve:
 
 
 def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
-    """A light curve and its truth, all of it from the prior; bodies of which a facet is never lit
-    and seen, which the prior forbids, and those that are dark for over half the time are drawn
-    again."""
+    """A light curve and its truth, drawn from the prior. A body is drawn again if one of its facets
+    is never lit and seen, which the prior excludes, or if it is dark over half the time."""
     rng = np.random.default_rng(seed)
     entry = registry.find("faceted")
     while True:
@@ -112,7 +111,8 @@ def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 
 def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[float, float, bool]]:
-    """Of each quantity: error of the posterior's mean, its sd, whether 90 % hold the truth."""
+    """For each quantity: error of the posterior mean, sd, and whether the 90 % interval contains
+    the truth."""
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
         draws = lcbayes.weighted_draws(tree["posterior"].to_dataset())
     flat = {k: draws[k].to_numpy().reshape(-1, *draws[k].shape[2:]) for k in truth}

@@ -1,4 +1,4 @@
-"""What every figure script shares: its command line, and how a figure is written."""
+"""The common parts of the figure scripts: the command line and the output of figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from lcbayes.analysis import style
 
 
 def parser(doc: str, draws: int | None = None) -> argparse.ArgumentParser:
-    """Options -o and --seed (and --draws), an example in --help; ``doc`` is the script's own."""
+    """Options -o and --seed (and --draws), with an example in --help; ``doc`` is the script's
+    docstring."""
     name = Path(sys.argv[0]).name
     made = argparse.ArgumentParser(
         description=doc,
@@ -32,7 +33,7 @@ def parser(doc: str, draws: int | None = None) -> argparse.ArgumentParser:
 
 
 def figure(width: float, height: float) -> Any:
-    """A figure in the style of the reports, size in inches, drawn without a display."""
+    """A figure in the style of the reports, with size in inches, drawn without a display."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -43,7 +44,7 @@ def figure(width: float, height: float) -> Any:
 
 
 def save(made: Any, folder: Path, name: str) -> None:
-    """Write ``name``.png and ``name``.svg into the folder and say where they are."""
+    """Write ``name``.png and ``name``.svg to the folder and print their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
         made.savefig(folder / f"{name}.{ending}", dpi=200, metadata=metadata)

@@ -1,10 +1,10 @@
-"""A figure of our own: how far off the published kernel is, with the exact kernel beside it.
+"""An additional figure: the bias of the published kernel, compared with the exact kernel.
 
-One facet, two passes; the exact mean and sd of log α, φ and g come from a grid. Left: against the
-number of leapfrog steps at one step size; right: against the step size with one step. The error
+One facet, two passes; the exact mean and sd of log α, φ and g come from a grid. Left: bias against
+the number of leapfrog steps at one step size; right: against the step size with one step. The error
 of a mean is in posterior standard deviations; bars are one Monte-Carlo standard error. The kernels
-run without warm-up, with the same step size, number of steps and fallback covariance. The published
-rule's error does not vanish with the step: as it goes to zero another density is sampled.
+run without warm-up, with the same step size, number of steps and fallback covariance. The bias of
+the published rule does not vanish with the step size: in this limit it samples a different density.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers.kernels import AHMC
 from lcbayes.simulation.simulate import simulate
 
-SIGMA, STEP = 0.7, 10.0  # m², s: noisy enough that the posterior is no Gaussian
+SIGMA, STEP = 0.7, 10.0  # m², s: noisy enough that the posterior is not Gaussian
 STEP_SIZE, STEPS = 0.4, (1, 2, 3, 5, 7, 10, 15, 20)
 STEP_SIZES = (0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2)
 DELTA = 1.0
@@ -33,13 +33,13 @@ CHAINS = 400
 
 
 class Experiment:
-    """The posterior, its exact moments, and kernels run on it in the paper's coordinates."""
+    """The posterior, its exact moments, and kernels applied to it in the paper's coordinates."""
 
     def __init__(self, seed: int) -> None:
         what = one_facet.experiment(2, truth=Truth(g=0.15), sigma=SIGMA, step=STEP)
         data = Epochs.of(simulate(what, seed)[0])
         problem = one_facet.posed(data)
-        self.seeds = count(1000 * seed)  # every run its own: what is seen in two is no accident
+        self.seeds = count(1000 * seed)  # one per run, so that runs are independent
         self.grid = Quadrature.of(data)
         self.potential_fn = partial(one_facet.potential, problem, data=data)
         self.fisher_fn = partial(one_facet.fisher, problem, data=data)
@@ -47,9 +47,9 @@ class Experiment:
         self.covariance = np.cov(self.grid.draws(20_000, np.random.default_rng(0)).T)
 
     def run(self, exact: bool, step_size: float, num_steps: int, draws: int) -> Moments:
-        """Moments from chains that start at draws from the posterior itself."""
+        """Moments from chains that start at draws from the posterior."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that the published rule is biased
+            warnings.simplefilter("ignore", UserWarning)  # the published rule is biased
             kernel = AHMC(
                 potential_fn=self.potential_fn,
                 fisher_fn=self.fisher_fn,
@@ -59,7 +59,7 @@ class Experiment:
                 covariance=self.covariance,
                 **({"proposal_scale": DELTA} if exact else {}),
             )
-        # A small step takes long to forget where it began: as a random walk, 1/ε² transitions.
+        # With a small step the chain is a random walk, with a burn-in of about 1/ε² transitions.
         burn = int(min(20 + 10 / (step_size * num_steps) ** 2, 1000))
         return many_chains.run(
             kernel,

@@ -1,8 +1,8 @@
-"""Sec. VI of Linares & Crassidis as it is written: chains burn in under the squared-L1 prior.
+"""Sec. VI of Linares & Crassidis as published: burn-in of chains under the squared-L1 prior.
 
-The chains are of the exact kernel and begin at draws from the prior. `lcbayes compare --sparse`
-sends tempered particles along the same path, which costs more and does not hang on where it began;
-which facets remain is counted by the same `lcbayes.inference.sparse`.
+The chains use the exact kernel and start at draws from the prior. `lcbayes compare --sparse` moves
+tempered particles along the same path, which costs more but does not depend on the start. Both
+count the remaining facets with `lcbayes.inference.sparse`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from lcbayes.samplers.kernels import AHMC
 
 Floats = NDArray[np.float64]
 
-TRANSITIONS = 400  # sec. VII has 1000; χ² of the cube has settled after 70
-STEPS = 8  # leapfrog steps of each
+TRANSITIONS = 400  # 1000 in sec. VII; χ² of the cube has converged after 70
+STEPS = 8  # leapfrog steps per transition
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class BurnIn:
 
     @property
     def best(self) -> int:
-        """The chain whose last tenth fits best."""
+        """Index of the chain whose last tenth fits best."""
         return int(np.argmin(self.ends.mean(axis=1)))
 
     @property
@@ -48,7 +48,7 @@ class BurnIn:
         return self.chi2[:, -max(1, self.chi2.shape[1] // 10) :]
 
     def path(self, chain: int, sites: tuple[str, ...]) -> sparse.SparsePath:
-        """What remains of the facets in the last tenth of a chain."""
+        """The remaining facets in the last tenth of a chain."""
         z = self.z[chain, -self.ends.shape[1] :]
         error = np.asarray(self.data.error)
         norm = -np.sum(np.log(np.sqrt(2 * np.pi) * error))
@@ -59,7 +59,7 @@ class BurnIn:
 def run(
     problem: Problem, data: Epochs, weight: float, chains: int, transitions: int, seed: int
 ) -> BurnIn:
-    """All of the burn-in is kept: the kernel finds its settings meanwhile."""
+    """Run the burn-in, during which the kernel adapts; all transitions are kept."""
     begun = time.monotonic()
     mcmc = MCMC(
         AHMC(problem.model, num_steps=STEPS),

@@ -1,11 +1,12 @@
 """Figure 2 of Linares & Crassidis: the target density of one facet, for one pass and for two.
 
-Left: over the direction of the facet (φ, g), the albedo-area integrated out. Right: over
-albedo-area and g, φ integrated out. Colours: depth below the peak in units of log density, on a
-logarithmic scale, as the paper's "log(log π)" has it. Lines: the regions that hold 50 and 90 % of
+Left: over the direction of the facet (φ, g), with the albedo-area integrated out. Right: over
+albedo-area and g, with φ integrated out. Colours: depth below the peak in units of log density, on
+a logarithmic scale, as in the paper's "log(log π)". Lines: the regions that contain 50 and 90 % of
 the posterior.
-Computed on a grid; nothing is sampled. The facet is at g = 0, in the plane of the first pass: one
-pass leaves g free up to its sign and lets the area make up for it, and the second settles both.
+The densities are computed on a grid, without sampling. The facet is at g = 0, in the plane of the
+first pass. One pass does not determine the sign of g, and |g| and the area are degenerate; the
+second pass determines both.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from lcbayes.analysis import style
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.simulation.simulate import simulate
 
-# One window for both rows, so that what the second pass does can be seen; in α it reaches beyond
-# what is shown, because the left panels integrate over it.
+# One window for both rows, so that the effect of the second pass is visible. In α it is wider than
+# the plot, because the left panels integrate over α.
 WINDOW = {"log_albedo_area": (np.log(8.0), np.log(60.0)), "phi": (0.72, 0.88), "g": (-0.7, 0.7)}
 SHOWN_AREA = (8.0, 20.0)
 SHAPE = (800, 120, 280)
@@ -28,10 +29,10 @@ LEVELS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0
 
 
 def mass_levels(mass: Floats, density: Floats, held: tuple[float, ...] = (0.9, 0.5)) -> list[float]:
-    """Densities whose highest-density regions hold the given shares of all, increasing.
+    """Densities at the edges of the highest-density regions of the given probabilities, increasing.
 
-    ``mass`` is the probability of each cell and ``density`` that per unit of the plot's axes; they
-    differ where cells are not of one size.
+    ``mass`` is the probability of each cell and ``density`` the probability per unit of the plot's
+    axes; they are not proportional if cells differ in size.
     """
     falling = np.argsort(density.ravel())[::-1]
     total = np.cumsum(mass.ravel()[falling]) / mass.sum()
@@ -39,20 +40,20 @@ def mass_levels(mass: Floats, density: Floats, held: tuple[float, ...] = (0.9, 0
 
 
 def log_marginal(grid: Quadrature, over: int) -> Floats:
-    """log ∫ π along one axis, kept as a logarithm far into the tails."""
+    """log ∫ π along one axis, computed in logarithms, so that it is valid far into the tails."""
     peak = grid.log_density.max(axis=over)
     return peak + np.log(np.exp(grid.log_density - np.expand_dims(peak, over)).sum(axis=over))
 
 
 def outline(axes, x: Floats, y: Floats, mass: Floats) -> None:
-    """The regions that hold 50 and 90 % of the probability of cells (x, y)."""
+    """Outline the regions that contain 50 and 90 % of the probability of cells (x, y)."""
     density = mass / np.outer(np.gradient(x), np.gradient(y))
     levels = mass_levels(mass, density)
     axes.contour(x, y, density.T, levels=levels, colors=style.PALETTE[1], linewidths=(0.9, 1.4))
 
 
 def draw(axes, x: Floats, y: Floats, log_mass: Floats):
-    """Filled depth of the density below its peak, and the 50 and 90 % regions; cells (x, y)."""
+    """Depth of the density below its peak in colour, and the 50 and 90 % regions; cells (x, y)."""
     from matplotlib.colors import BoundaryNorm
 
     log_density = log_mass - np.log(np.outer(np.gradient(x), np.gradient(y)))
@@ -71,7 +72,7 @@ def draw(axes, x: Floats, y: Floats, log_mass: Floats):
 
 
 def enlarge(left, right, grid: Quadrature) -> None:
-    """Insets that show what is too small in the common window."""
+    """Insets that enlarge details too small for the common window."""
     log_alpha, phi, g = grid.axes
     flat = (log_marginal(grid, 0), log_marginal(grid, 1))
     xs, truths = (phi, np.exp(log_alpha)), (TRUTH.phi, TRUTH.albedo_area)

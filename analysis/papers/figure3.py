@@ -1,9 +1,9 @@
-"""Figure 3 of Linares & Crassidis: draws of the exact Fisher-adaptive kernel over the target.
+"""Figure 3 of Linares & Crassidis: draws of the exact Fisher-adaptive kernel and the target.
 
 Rows: one pass, two passes. Left: every 20th draw over (φ, g) and (α, g), with the regions that
-hold 50 and 90 % of the exact posterior. Right: histograms, and the exact densities as lines.
-As in sec. VII.B, chains begin at draws from the prior and the first 1000 transitions are dropped;
-here these are also the warm-up in which the kernel finds its own settings.
+contain 50 and 90 % of the exact posterior. Right: histograms, and the exact densities as lines.
+As in sec. VII.B, chains start at draws from the prior and the first 1000 transitions are dropped;
+here these are also the warm-up in which the kernel adapts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lcbayes.samplers.kernels import AHMC
 from lcbayes.simulation.simulate import simulate
 
 CHAINS, WARMUP = 8, 1000
-THINNING = 20  # one pass leaves a thin, bent ridge, along which a chain needs many transitions
+THINNING = 20  # the posterior of one pass is a thin, curved ridge that chains traverse slowly
 SHAPE = (800, 120, 200)
 
 
@@ -45,7 +45,7 @@ def sample(data: Epochs, draws: int, seed: int) -> dict[str, Floats]:
 
 
 def density(axes, draws: Floats, x: Floats, exact: Floats, truth: float) -> None:
-    """A histogram of draws, and the exact density on the points x."""
+    """A histogram of draws, and the exact density at the points x."""
     axes.hist(draws, bins=60, density=True, color=style.PALETTE[0], alpha=0.35)
     axes.plot(x, exact / np.trapezoid(exact, x), color=style.PALETTE[1], lw=1.2)
     axes.axvline(truth, color=style.INK, lw=0.8, ls=":")
@@ -83,7 +83,7 @@ def main() -> None:
         density(of_g, found["g"], g, grid.marginal("g"), TRUTH.g)
         by_area = grid.marginal("log_albedo_area") / alpha
         density(of_area, found["albedo_area"], alpha, by_area, TRUTH.albedo_area)
-        # the window of the draws: the grid reaches far into the tails
+        # the range of the draws: the grid extends far into the tails
         low, high = np.quantile(found["albedo_area"], [0.0, 0.999])
         for axes in (middle, of_area):
             axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))

@@ -1,8 +1,8 @@
-"""Figure 4 of Linares & Crassidis: predicted measurements, with the band of the predictions.
+"""Figure 4 of Linares & Crassidis: measurements and their posterior prediction.
 
-Left: the pass that was fitted. Right, beyond the paper: the second pass, predicted from the first
-alone and after both were fitted. The bands hold 50 and 90 % of the measurements that the posterior
-predicts, noise included; below, the same with the mean prediction taken off, in units of σ.
+Left: the fitted pass. Right, in addition to the paper: the second pass, predicted from the first
+alone and from both. The bands contain 50 and 90 % of the predicted measurements, noise included;
+below, the same minus the mean prediction, in units of σ.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ QUANTILES = (0.05, 0.25, 0.75, 0.95)
 
 
 def predict(fitted: LightCurve, at: LightCurve, draws: int, seed: int) -> Floats:
-    """Measurements that the posterior given ``fitted`` predicts at epochs ``at``, (draws, T)."""
+    """Measurements predicted at epochs ``at`` by the posterior given ``fitted``, (draws, T)."""
     data = Epochs.of(fitted)
     mcmc = MCMC(
         AHMC(MODEL),
@@ -49,7 +49,7 @@ def predict(fitted: LightCurve, at: LightCurve, draws: int, seed: int) -> Floats
 
 
 def band(axes, t: Floats, drawn: Floats, off: Floats, unit: float, colour: str, label: str) -> None:
-    """The 50 and 90 % bands of ``drawn`` (draws, T), less ``off``."""
+    """The 50 and 90 % bands of ``drawn`` (draws, T), minus ``off``."""
     q = (np.quantile(drawn, QUANTILES, axis=0) - off) / unit
     axes.fill_between(t, q[0], q[3], color=colour, alpha=0.22, lw=0, label=label)
     axes.fill_between(t, q[1], q[2], color=colour, alpha=0.32, lw=0)

@@ -1,10 +1,10 @@
-"""Figure 5 of Linares & Crassidis: the burn-in from ten facets, of which six are true.
+"""Figure 5 of Linares & Crassidis: burn-in with ten facets for a body of six.
 
-First printed: which facets of eq. (32) are lit and seen in the paper's one pass, and in the three
-of `six_facets`. Left: the ten albedo-areas of the chain that ends with the best fit, against the
-transition, under the squared-L1 prior; right: where its facets face at the end, their areas as
-those of the rings, with the sides of the cube as crosses. Below: χ² of all chains, which the paper
-does not show.
+Printed first: which facets of eq. (32) are lit and seen in the paper's one pass, and in the three
+passes of `six_facets`. Left: the ten albedo-areas of the chain that ends with the best fit, against
+the transition, under the squared-L1 prior; right: the directions of its facets at the end, as rings
+whose area is proportional to the facet's, with the sides of the cube as crosses. Below: χ² of all
+chains, which the paper does not show.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CHAINS = 4
 
 
 def lit() -> None:
-    """Say what the paper's geometry cannot light."""
+    """Print which facets cannot be lit in the paper's geometry."""
     for n, what in ((1, "the paper's pass, in x-y"), (3, "three passes, in x-y, y-z and z-x")):
         made = six_facets.experiment(0, n)
         seen = [f"{s} {b:.2f}" for s, b in zip(_names(made.normals), made.best_seen(), strict=True)]
@@ -34,7 +34,7 @@ def _names(normals: np.ndarray) -> list[str]:
 
 
 def _across(lon: float) -> float:
-    """Place on the map, in [−π, π): its edge at 225°, where no side of the cube faces."""
+    """Longitude on the map, in [−π, π); its edge is at 225°, away from all sides of the cube."""
     return (lon - 0.25 * np.pi + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -65,7 +65,7 @@ def main() -> None:
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
     above, below = left.subplots(2, 1, sharex=True)
     order = np.argsort(-areas[-1])
-    # the six that are largest at the end in colour, over the others
+    # the six largest at the end in colour, on top of the others
     hues = [style.colour(i) if i < len(SIDES) else style.FAINT for i in range(args.facets)]
     for hue, k in reversed(list(zip(hues, order, strict=True))):
         above.plot(areas[:, k], lw=0.6 if hue == style.FAINT else 1.1, color=hue)

@@ -1,9 +1,9 @@
 """Figure 6 of Linares & Crassidis: the posterior of six facets under the log-normal prior.
 
-By tempered particles from the prior, with the number of facets at which the sparse path of figure 5
-ends. Rows: albedo-area, azimuth and g of each facet, named by the side of the cube next to its
-normal. The paper shows one chain that began where its burn-in ended. For ±z the azimuth means
-nothing; their direction is drawn as the two components that are small.
+The posterior is sampled by tempered particles from the prior, with the number of facets at which
+the sparse path of figure 5 ends. Rows: albedo-area, azimuth and g of each facet, named after the
+side of the cube closest to its normal. The paper shows one chain, which starts at the end of its
+burn-in. For ±z the azimuth is undefined, so the two small components of the normal are shown.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ACROSS = ((1, 2), (2, 0), (0, 1))  # the components of a normal that vanish, for
 
 
 def by_side(areas: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """Facets (S, N), (S, N, 3) in the order of `SIDES`, matched to them by least distance."""
+    """Facets (S, N), (S, N, 3) in the order of `SIDES`, matched by minimum distance."""
     areas, normals = areas.copy(), normals.copy()
     for i, n in enumerate(normals):
         order = linear_sum_assignment(-AXES @ n.T)[1]

@@ -1,7 +1,7 @@
-"""Figure 7 of Linares & Crassidis: measurements that the posterior of six facets predicts.
+"""Figure 7 of Linares & Crassidis: measurements predicted by the posterior of six facets.
 
-The bands hold 50 and 90 % of the measurements, noise included; below, the same with the mean taken
-off, in units of σ. Printed: the share of the measurements inside each band.
+The bands contain 50 and 90 % of the predicted measurements, noise included; below, the same minus
+the mean, in units of σ. Printed: the fraction of the measurements inside each band.
 """
 
 from __future__ import annotations

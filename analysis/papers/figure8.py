@@ -1,10 +1,11 @@
 """Figure 8 of Linares & Crassidis: a glint of a geosynchronous satellite, and its prediction.
 
-Facets of Ashikhmin-Shirley's law, the body does not turn. The paper says neither what is true nor
-when it was seen; here a panel and two sides of a bus, in two nights, the second out of the plane of
-the first. Printed: how many facets remain of ten after a burn-in under the squared-L1 prior, as the
-paper counts them. Drawn: the posterior of three facets under the log-normal prior, by tempered
-particles; the bands hold 50 and 90 % of the measurements, noise included.
+The facets follow the Ashikhmin–Shirley law and the body does not rotate. The paper gives neither
+the true facets nor the epochs; here a panel and two sides of a bus are seen on two nights, the
+second out of the plane of the first. Printed: the number of facets, of ten, that remain after a
+burn-in under the squared-L1 prior, counted as in the paper. Drawn: the prediction of three facets
+under the log-normal prior, by tempered particles; the bands contain 50 and 90 % of the predicted
+measurements, noise included.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
 
 
 def glossy(problem: Problem, data: Epochs, z: np.ndarray, panel: np.ndarray) -> None:
-    """Say what is known of the facet nearest to the panel, the first of the true ones."""
+    """Print the posterior of the facet nearest to the panel, which is the first true facet."""
     sites = jax.jit(jax.vmap(lambda row: problem.constrain(row, data)))(jnp.asarray(z))
     cosines = np.asarray(sites["normals"]) @ panel
     nearest = np.argmax(cosines, axis=1)

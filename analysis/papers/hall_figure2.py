@@ -1,10 +1,10 @@
 """Figure 2 of Hall et al. 2007: signatures of a single facet in a low orbit, from two sites.
 
-A facet of 1 m² that reflects 30 % as Lambert's law has it, held in LVLH axes, over Maui and Kauai.
+A facet of 1 m² with a Lambertian albedo of 30 %, fixed in LVLH axes, passes over Maui and Kauai.
 Left: sunlight reaches it during the pass, and both sites see it brighten at once. Right: it comes
-into view, from one site after the other. Magnitudes at 1,000 km. The paper gives neither orbit nor
-normals; those here are the first of a grid that show each case alone and well within the pass.
-Printed: the times of the edges, and what `lcbayes single-facet` makes of the two curves with noise.
+into view of one site after the other. Magnitudes are at 1,000 km. The paper gives neither orbit nor
+normals; those used here are the first of a grid that show each case alone and well within the pass.
+Printed: the times of the edges, and the results of `lcbayes single-facet` for both noisy curves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CASES = ("illumination", "visibility")
 
 
 def normal_of(case: str, curve: LightCurve, law: scenario.Attitude) -> np.ndarray:
-    """A normal whose facet appears by this change alone, from every site, well within the pass."""
+    """A normal whose facet appears by this change alone, for every site, well within the pass."""
     turn = np.asarray(frames(law, curve).body)
     sun, obs = (np.einsum("tij,ti->tj", turn, v) for v in (curve.sun, curve.obs))
     best, found = 0.0, None

@@ -1,9 +1,9 @@
 """Figure 3 of Hall et al. 2007: brightness over phase angle of cube, tetrahedron and cylinder.
 
-Every point is one random orientation and illumination; each body just fits into a sphere of 1 m
-diameter, reflects 30 % as Lambert's law has it and 30 % in a lobe (Blinn-Phong, exponent 100: the
-paper names no lobe). Phase angles are those of directions to Sun and observer that are independent
-and uniform. Magnitudes at 1,000 km.
+Every point is one random orientation and illumination. Each body has a circumscribed sphere of 1 m
+diameter and reflects 30 % by Lambert's law and 30 % in a lobe (Blinn-Phong, exponent 100: the paper
+does not specify the lobe). Directions to Sun and observer are independent and uniform. Magnitudes
+are at 1,000 km.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lcbayes.physics.bodies import shapes
 
 RANGE_M = 1e6
 DIAMETER = 1.0
-HEIGHT = DIAMETER * 3.0 / np.sqrt(10.0)  # of a cylinder three times as long as wide
+HEIGHT = DIAMETER * 3.0 / np.sqrt(10.0)  # of a cylinder with length three times its diameter
 BODIES = {
     "cube": shapes.cube(DIAMETER / np.sqrt(3.0)),
     "tetrahedron": shapes.tetrahedron(DIAMETER * np.sqrt(2.0 / 3.0)),

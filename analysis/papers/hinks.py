@@ -1,10 +1,12 @@
 """Figures 2 to 6 of Hinks, Linares & Crassidis 2013: one facet around its glint, and a small table.
 
-The facet's normal is moved about the half vector; the axes are its projections on the plane across
-it (pitch and roll, in degrees). Magnitude (fig. 2), information of one measurement (fig. 3), size
-of the magnitude's slope by attitude (fig. 4), and slopes by R_spec (fig. 5) and by n_uv (fig. 6).
-Drawn along the pitch axis, maps beside. The paper gives neither R_spec, R_diff, area, phase angle
-nor σ: here 0.5, 0.5, 10 m², 40 deg, 0.1 mag; n_u = n_v = 1000 and a distance near GEO as there.
+The facet's normal is moved about the half vector; the axes are the projections of the normal on the
+plane perpendicular to it (pitch and roll, in degrees). Shown are the magnitude (fig. 2), the
+information of one measurement (fig. 3), and the derivatives of the magnitude: its norm with respect
+to attitude (fig. 4), and those with respect to R_spec (fig. 5) and n_uv (fig. 6). Each is drawn
+along the pitch axis, next to a map. The paper does not give R_spec, R_diff, area, phase angle or σ;
+here they are 0.5, 0.5, 10 m², 40 deg and 0.1 mag. n_u = n_v = 1000 and a distance near GEO are from
+the paper.
 """
 
 from __future__ import annotations
@@ -29,18 +31,19 @@ NEAR_DEG = 10.0  # half width of figs. 4 to 6
 
 
 class Facet:
-    """Magnitude and its slopes with the normal at pitch and roll (deg) from the half vector."""
+    """Magnitude and its derivatives with the normal at pitch and roll (deg) from the half
+    vector."""
 
     def __init__(self, pitch: Floats, roll: Floats) -> None:
         p, r = np.sin(np.radians(pitch)), np.sin(np.radians(roll))
         up = np.sqrt(np.maximum(1.0 - p**2 - r**2, 0.0))
         normals = np.stack([p, r, up], axis=-1).reshape(-1, 3)
         half = np.radians(PHASE_DEG) / 2.0
-        # pitch is the turn in the plane of Sun and observer, half vector along z
+        # pitch is the rotation in the plane of Sun and observer; the half vector is along z
         sun = jnp.array([[np.sin(half), 0.0, np.cos(half)]])
         obs = sun * jnp.array([-1.0, 1.0, 1.0])
         shape = np.shape(pitch)
-        # Sun and observer stay, so that each normal is a facet, a case of its own
+        # Sun and observer are fixed, and each normal is a separate facet
         found = closed_form(
             sun, obs, jnp.asarray(normals), jnp.full(len(normals), AREA), LAW, SURFACE
         )
@@ -62,7 +65,7 @@ class Facet:
 
 
 def _each(sun, obs, normals: Floats) -> Floats:
-    """∂flux/∂δα of every facet by itself, (N, 3)."""
+    """∂flux/∂δα of each single facet, (N, 3)."""
 
     def one(normal):
         return closed_form(sun, obs, normal[None], jnp.array([AREA]), LAW, SURFACE).attitude[0]
@@ -71,7 +74,7 @@ def _each(sun, obs, normals: Floats) -> Floats:
 
 
 def numbers() -> list[tuple[str, str]]:
-    """What the figures show, as rows of a table."""
+    """The main numbers of the figures, as rows of a table."""
     pitch = np.linspace(-90.0, 90.0, 360_001)
     cut = Facet(pitch, np.zeros_like(pitch))
     at_glint = int(np.argmin(np.abs(pitch)))
@@ -122,7 +125,7 @@ def numbers() -> list[tuple[str, str]]:
 
 
 def write_table(rows: list[tuple[str, str]], folder: Path, name: str) -> None:
-    """Print the table and keep it beside the figure."""
+    """Print the table and save it next to the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([("quantity", "value"), *rows])

@@ -1,7 +1,7 @@
-"""Means and variances from many short chains at once, each with an honest standard error.
+"""Means and variances from many short chains at once, each with a reliable standard error.
 
-Chains are independent of one another, so the scatter of their averages gives the Monte-Carlo error
-of the grand mean without any estimate of autocorrelations. All chains advance in one compiled loop.
+The chains are independent, so the scatter of their averages gives the Monte-Carlo error of the
+overall mean without an estimate of autocorrelations. All chains advance in one compiled loop.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Moments:
-    """What the chains say of Q quantities whose exact mean and sd are known.
+    """Moments from chains of Q quantities whose exact mean and sd are known.
 
     Attributes
     ----------
     mean, sd : (Q,) the exact values
-    first, second : (C, Q) average of f − mean and of (f − mean)², chain by chain
-    accept_prob : over all chains and draws
+    first, second : (C, Q) averages of f − mean and of (f − mean)² in each chain
+    accept_prob : mean over all chains and draws
     """
 
     mean: Floats
@@ -57,13 +57,13 @@ class Moments:
 
     @property
     def z(self) -> Floats:
-        """Errors of mean and sd in their Monte-Carlo standard errors, (2 Q,)."""
+        """Errors of mean and sd in units of their Monte-Carlo standard errors, (2 Q,)."""
         variance = (self.second.mean(axis=0) - self.sd**2) / _error(self.second)
         return np.concatenate([self.bias / self.bias_error, variance])
 
     @property
     def effective_draws(self) -> float:
-        """Independent draws that would give the least well known mean as well."""
+        """Number of independent draws that would give the same error of the least precise mean."""
         return float(np.min(self.bias_error**-2))
 
 
@@ -81,15 +81,15 @@ def run(
     burn: int,
     seed: int,
 ) -> Moments:
-    """Chains of a kernel without warm-up: its step size, number of steps and covariance are given.
+    """Run chains of a kernel without warm-up, with given step size, number of steps and covariance.
 
     Parameters
     ----------
-    kernel : of a ``potential_fn`` over flat vectors
-    start : (C, D), where the chains begin
+    kernel : kernel with a ``potential_fn`` of flat vectors
+    start : (C, D) starting points of the chains
     quantities : z (D,) → (Q,)
     exact : mean and sd (Q,) of the quantities
-    draws, burn : of each chain; the first ``burn`` are not counted
+    draws, burn : number of draws per chain; the first ``burn`` are discarded
     """
     mean, sd = exact
 

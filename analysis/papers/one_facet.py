@@ -1,14 +1,15 @@
-"""The one-facet experiment of Linares & Crassidis, secs. VII.A and B, and its posterior exactly.
+"""The one-facet experiment of Linares & Crassidis, secs. VII.A and B, with its exact posterior.
 
-Parameters are θ = (log α, φ, g). The paper has α itself under a log-normal prior; its logarithm is
-the same posterior, without an edge at zero. The geometry is eq. (31): Sun and observer turn in the
-x-y plane, and in the second pass the observer turns in the y-z plane. (The text says that the
-second pass is *not* in the y-z plane, and a few lines later that it is; it has to be out of the
-x-y plane, or it tells nothing new of g.) The paper gives no rates and no phases: those of the
-bundled scenario ``one-facet`` are used.
+The parameters are θ = (log α, φ, g). The paper uses α with a log-normal prior; log α gives the same
+posterior without a boundary at zero. The geometry is eq. (31): Sun and observer move in the x-y
+plane, and in the second pass the observer moves in the y-z plane. (The paper's text states that the
+second pass is *not* in the y-z plane, and a few lines later that it is. It must be out of the x-y
+plane, because otherwise it adds no information on g.) The paper gives no rates or phases; those of
+the bundled scenario ``one-facet`` are used.
 
-The flux is linear in α, so two sums over the epochs hold all that the data say of a direction, and
-the posterior over (log α, φ, g) is computed on a grid without any sampling: see `Quadrature`.
+The flux is linear in α, so two sums over the epochs contain all the information of the data on a
+direction, and the posterior over (log α, φ, g) is computed on a grid without sampling; see
+`Quadrature`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from lcbayes.simulation.scenarios.viewing import Planar
 
 Floats = NDArray[np.float64]
 
-# The package's own model with one facet on a body that does not turn.
+# The package's own model with one facet on a body that does not rotate.
 MODEL = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
 NAMES = ("log_albedo_area", "phi", "g")
 LABELS = {
@@ -62,9 +63,9 @@ def experiment(
     n_passes : 1 or 2
     truth : Truth
     sigma : m²
-        Noise of the flux at unit distance; sec. VII has 0.1, where the peak is 3.
+        Noise of the flux at unit distance; 0.1 in sec. VII, where the peak is 3.
     step : s
-        Between points.
+        Time between points.
     """
     base = scenario.load("one-facet")
     assert isinstance(base.geometry, Planar)
@@ -84,15 +85,15 @@ def posed(data: Epochs) -> Problem:
 
 
 def to_model(theta: jax.Array) -> dict[str, jax.Array]:
-    """The model's sites at θ; the vector that carries the direction has length one."""
+    """The model's sites at θ; the carrier vector of the direction has length one."""
     return {"log_albedo_area": theta[:1], "normals_base": facets.normal(theta[1:2], theta[2:3])}
 
 
 def potential(problem: Problem, theta: jax.Array, data: Epochs) -> jax.Array:
-    """−log p(θ | y) in the paper's own coordinates, up to a constant; +∞ for |g| ≥ 1.
+    """−log p(θ | y) in the paper's coordinates, up to a constant; +∞ for |g| ≥ 1.
 
-    The prior of the carrier b splits into p(φ) p(g) p(|b|), the first two uniform: at |b| = 1 the
-    model's density of b is that of (φ, g) times a constant.
+    The prior of the carrier b factorises into p(φ) p(g) p(|b|), where the first two are uniform, so
+    at |b| = 1 the model's density of b is that of (φ, g) times a constant.
     """
     inside = jnp.abs(theta[2]) < 1.0
     safe = theta.at[2].set(jnp.where(inside, theta[2], 0.0))
@@ -100,7 +101,7 @@ def potential(problem: Problem, theta: jax.Array, data: Epochs) -> jax.Array:
 
 
 def fisher(problem: Problem, theta: jax.Array, data: Epochs) -> jax.Array:
-    """Information of the data on θ, eq. (28), plus the precision of the prior of log α; (3, 3)."""
+    """Fisher information on θ, eq. (28), plus the precision of the prior of log α; (3, 3)."""
     safe = theta.at[2].set(jnp.clip(theta[2], -0.999, 0.999))
 
     def mean(theta: jax.Array) -> jax.Array:
@@ -127,18 +128,18 @@ def _sums(phi: jax.Array, g: jax.Array, data: Epochs):
 
 @dataclass(frozen=True)
 class Quadrature:
-    """The posterior on a grid of (log α, φ, g), cells of equal volume.
+    """The posterior on a grid of (log α, φ, g) with cells of equal volume.
 
-    log π = −½ (log α)² + α Σ y k/σ² − ½ α² Σ k²/σ² + log p(φ, g) + const, with k(φ, g; t) the flux
-    of a facet of unit albedo-area. For densities that vanish at the ends of the grid the midpoint
-    rule converges faster than any power of the step.
+    log π = −½ (log α)² + α Σ y k/σ² − ½ α² Σ k²/σ² + log p(φ, g) + const, where k(φ, g; t) is the
+    flux of a facet of unit albedo-area. For densities that vanish at the edges of the grid, the
+    midpoint rule converges faster than any power of the step.
 
     Attributes
     ----------
     axes : three arrays
         Centres of the cells along each of `NAMES`.
     log_density : (n_log_alpha, n_phi, n_g)
-        Unnormalised, its maximum 0.
+        Unnormalised, with maximum 0.
     """
 
     axes: tuple[Floats, Floats, Floats]
@@ -148,7 +149,7 @@ class Quadrature:
     def over(
         cls, data: Epochs, bounds: tuple[tuple[float, float], ...], shape: tuple[int, int, int]
     ) -> Quadrature:
-        """On a given box: ``bounds`` of log α, φ and g."""
+        """The grid on a given box: ``bounds`` of log α, φ and g."""
         axes = tuple(
             low + (high - low) * (np.arange(n) + 0.5) / n
             for (low, high), n in zip(bounds, shape, strict=True)
@@ -169,15 +170,15 @@ class Quadrature:
     def of(
         cls, data: Epochs, shape: tuple[int, int, int] = (200, 160, 160), depth: float = 35.0
     ) -> Quadrature:
-        """On the smallest box that holds all with a density of e^−depth of the largest.
+        """The grid on the smallest box of all densities above e^−depth of the maximum.
 
-        e^−35 of the peak is left out, far below the error of any sampler here. The box is found
-        by halving down from the whole of parameter space.
+        Densities below e^−35 of the peak are omitted, which is far below the error of any sampler
+        here. The box is found by repeated refinement of the whole parameter space.
         """
         bounds = ((-4.0, 7.0), (0.0, 2.0 * np.pi), (-1.0, 1.0))
         for _ in range(8):
             coarse = cls.over(data, bounds, (120, 100, 100))
-            # a coarse grid can miss the peak of a sharp ridge: be generous until it has settled
+            # a coarse grid can miss the peak of a sharp ridge: use a wide margin until convergence
             kept = np.nonzero(coarse.log_density > -20.0 * depth)
             steps = [axis[1] - axis[0] for axis in coarse.axes]
             new = tuple(
@@ -212,13 +213,13 @@ class Quadrature:
         return mean, np.sqrt(np.array(second))
 
     def marginal(self, *which: str) -> Floats:
-        """Probability over the cells of one or two of `NAMES`, in that order."""
+        """Marginal probability of the cells of one or two of `NAMES`, in that order."""
         index = [NAMES.index(name) for name in which]
         p = self.weights.sum(axis=tuple(i for i in range(3) if i not in index))
         return p if index == sorted(index) else p.T
 
     def draws(self, n: int, rng: np.random.Generator) -> Floats:
-        """n draws from the piecewise constant density, (n, 3)."""
+        """n draws from the piecewise-constant density, (n, 3)."""
         cell = rng.choice(self.log_density.size, size=n, p=self.weights.ravel())
         at = np.stack(np.unravel_index(cell, self.log_density.shape), axis=1)
         steps = np.array([axis[1] - axis[0] for axis in self.axes])

@@ -1,12 +1,13 @@
-"""Sec. VII.C of Linares & Crassidis: a cube of six diffuse facets, and ten to begin with.
+"""Sec. VII.C of Linares & Crassidis: a cube of six diffuse facets, and ten facets at the start.
 
-Eq. (32) has six facets of 10 m² along ±x, ±y and ±z on a body that does not turn; eq. (31) has Sun
-and observer in the x-y plane throughout. Those along ±z are never lit: their flux is zero, the
-prior (8) forbids them, and nothing that is measured tells of them. So the same pass is taken three
-times here, with Sun *and* observer turned from x-y into y-z and z-x: each facet is lit in two.
+Eq. (32) has six facets of 10 m² along ±x, ±y and ±z on a body that does not rotate; in eq. (31) Sun
+and observer are always in the x-y plane. The facets along ±z are then never lit: their flux is
+zero, the prior (8) excludes them, and the data contain no information on them. The same pass is
+therefore repeated three times here, with Sun *and* observer moved from x-y to y-z and z-x, so that
+each facet is lit in two passes.
 
-The paper gives neither rates nor phases. Here the Sun goes around once in a pass, the observer
-twice.
+The paper gives neither rates nor phases. Here the Sun makes one revolution per pass, and the
+observer two.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ Floats = NDArray[np.float64]
 
 SCENARIO = Path(__file__).with_name("six-facets.toml")
 UPPER_BOUND = 10
-AREA = 10.0  # m², of each facet
+AREA = 10.0  # m² per facet
 PAUSE = 5.0  # s, between passes
 ENTRY = registry.find("faceted")
 SIDES = ("+x", "+y", "+z", "−x", "−y", "−z")
-PARTICLES, RUNS = 150, 2  # of the six facets of figures 6 and 7
+PARTICLES, RUNS = 150, 2  # for the six facets of figures 6 and 7
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A light curve of the cube, without noise beside it."""
+    """A light curve of the cube, and the same without noise."""
 
     curve: LightCurve
     clean: Floats
@@ -55,13 +56,13 @@ class Experiment:
         return Epochs.of(self.curve)
 
     def best_seen(self) -> Floats:
-        """maxₜ min(μ₀, μ) of each facet, (6,): lit and seen where it is above zero."""
+        """maxₜ min(μ₀, μ) of each facet, (6,): positive if the facet is ever lit and seen."""
         both = np.minimum(self.normals @ self.curve.sun.T, self.normals @ self.curve.obs.T)
         return both.max(axis=1)
 
 
 def experiment(seed: int, n_passes: int = 3) -> Experiment:
-    """One pass is the paper's; each further one has the axes rolled on by one."""
+    """The experiment; one pass as in the paper, and each further one with the axes permuted."""
     what = scenario.load(SCENARIO)
     base = epochs(what.geometry)
     length = base.t[-1] - base.t[0] + PAUSE
@@ -84,7 +85,7 @@ def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
 def sample(
     problem: Problem, data: Epochs, seed: int, n_particles: int, n_runs: int, name: str, out: Path
 ) -> list[smc.Result]:
-    """Runs of tempered particles; kept beside the figures, so that the next figure has them."""
+    """Runs of tempered particles, saved with the figures for use by the next figure."""
     identity = {
         "name": name,
         "seed": seed,
@@ -104,19 +105,19 @@ def sample(
 
 
 def sample_six(data: Epochs, seed: int, out: Path) -> tuple[Problem, list[smc.Result]]:
-    """The posterior of as many facets as the cube has."""
+    """The posterior of six facets, the true number."""
     problem = posed(len(SIDES), data)
     return problem, sample(problem, data, seed, PARTICLES, RUNS, "six", out)
 
 
 def sparse_problem(data: Epochs, n_facets: int, area: float) -> tuple[Problem, float]:
-    """The squared-L1 prior of sec. VI, and its weight."""
+    """The problem with the squared-L1 prior of sec. VI, and the weight of that prior."""
     weight = sparse.weight(area)
     return posed(n_facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD), weight
 
 
 def facets(problem: Problem, data: Epochs, z: Floats) -> tuple[Floats, Floats]:
-    """Areas (S, N) and normals (S, N, 3) of vectors z (S, D), facets by falling area."""
+    """Areas (S, N) and normals (S, N, 3) of vectors z (S, D), facets by decreasing area."""
 
     def one(row: jax.Array) -> tuple[jax.Array, jax.Array]:
         sites = problem.constrain(row, data)
@@ -137,7 +138,7 @@ def misfit(problem: Problem, data: Epochs, z: Floats) -> Floats:
 
 
 def pooled(runs: list[smc.Result], n: int) -> Floats:
-    """n draws (n, D) at most: each run counts by its evidence, which is unbiased."""
+    """At most n draws (n, D); each run is weighted by its evidence, which is unbiased."""
     log_z = np.array([r.log_evidence for r in runs])
     share = np.exp(log_z - np.logaddexp.reduce(log_z))
     counts = np.floor(share * min(n, min(len(r.z) for r in runs) / share.max())).astype(int)

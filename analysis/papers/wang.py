@@ -1,10 +1,11 @@
 """Figures 3 to 7 of Wang et al. 2025: observability of attitude over the observer's hemisphere.
 
-One facet of 1 m² with R_s = R_d = 0.5 and r = 1000, its normal upwards, the Sun at azimuth 0. The
-observability is |∂E/∂δα| of the irradiance at unit distance under unit irradiance. Figures 3 to 6:
-the diffuse part with the Sun 5, 30, 48 and 90 deg high; figure 7: the specular part, 55 deg. Below:
-the best elevation of the observer for every elevation of the Sun. The paper's figure 5 has the
-peak at 48 deg; over both elevations it is at the pair (41, 56) deg and its mirror.
+One facet of 1 m² with R_s = R_d = 0.5 and r = 1000 has its normal upwards and the Sun at azimuth 0.
+The observability is |∂E/∂δα| of the irradiance at unit distance under unit irradiance. Figures 3 to
+6: the diffuse part with the Sun at elevations of 5, 30, 48 and 90 deg; figure 7: the specular part
+at 55 deg. Below: the best elevation of the observer for every elevation of the Sun. The paper's
+figure 5 has the peak at 48 deg; over both elevations it is at (41, 56) deg and at the mirrored
+pair.
 """
 
 from __future__ import annotations
@@ -26,16 +27,15 @@ SUNS, SPECULAR_SUN = (5.0, 30.0, 48.0, 90.0), 55.0
 
 
 def direction(elevation_deg: Floats | float, azimuth_deg: Floats | float = 0.0) -> Floats:
-    """Unit vectors from elevation over the facet and azimuth from the Sun's."""
+    """Unit vectors from elevation above the facet and azimuth relative to the Sun."""
     e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
     return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
 
 
 def observability(sun: Floats, obs: Floats, part: str) -> Floats:
-    """|∂E/∂δα| (1/rad) of the diffuse or the specular part, by directions (..., 3).
+    """|∂E/∂δα| (1/rad) of the diffuse or the specular part, for directions (..., 3).
 
-    The diffuse part carries the factor (1 − R_s) of (6) with the lobe switched off; the specular
-    part has R_d = 0.
+    The diffuse part has the factor (1 − R_s) of (6) and no lobe; the specular part has R_d = 0.
     """
     sun, obs = np.broadcast_arrays(sun, obs)
     s, o = jnp.asarray(sun.reshape(-1, 3)), jnp.asarray(obs.reshape(-1, 3))
@@ -49,12 +49,12 @@ def observability(sun: Floats, obs: Floats, part: str) -> Floats:
 
 
 def in_plane(sun_deg: float, obs_deg: float) -> float:
-    """Diffuse, observer on the Sun's side of the facet's normal."""
+    """Diffuse observability, with the observer on the Sun's side of the facet's normal."""
     return float(observability(direction(sun_deg), direction(obs_deg), "diffuse"))
 
 
 def best_observer(sun_deg: float) -> tuple[float, float]:
-    """Elevation of the observer (deg) that sees most of the diffuse part, and how much."""
+    """Elevation of the observer (deg) with the largest diffuse observability, and its value."""
     found = minimize_scalar(
         lambda e: -in_plane(sun_deg, float(e)),
         bounds=(1.0, 90.0),
@@ -65,7 +65,8 @@ def best_observer(sun_deg: float) -> tuple[float, float]:
 
 
 def best_pair(start: tuple[float, float]) -> tuple[Floats, float]:
-    """Elevations (deg) of Sun and observer with the largest diffuse observability of all."""
+    """Elevations (deg) of Sun and observer with the largest diffuse observability, and its
+    value."""
     found = minimize(
         lambda e: -in_plane(*e),
         start,
@@ -76,7 +77,7 @@ def best_pair(start: tuple[float, float]) -> tuple[Floats, float]:
 
 
 def ring() -> dict[str, float]:
-    """The specular part's ring: its centre, where along it the peak is, and its width, degrees."""
+    """The ring of the specular part: its centre, the position of its peak, and its width (deg)."""
     sun = direction(SPECULAR_SUN)
 
     def value(e: Floats) -> float:

@@ -1,4 +1,4 @@
-"""The command `lcbayes`: subcommands, exit status, and faults in one line."""
+"""The command `lcbayes`: subcommands, exit status, and one-line error messages."""
 
 from __future__ import annotations
 
@@ -78,15 +78,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit status."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # closed by whoever called: nobody wants to hear it
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
-        elif isinstance(stream, io.TextIOWrapper):  # a name may hold what a terminal cannot show
+        if stream is None:  # closed by the caller, so output is discarded
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - stays open
+        elif isinstance(stream, io.TextIOWrapper):  # a terminal may not show all characters
             stream.reconfigure(errors="backslashreplace")
     parser = _parser()
     try:
         words = join_negative_values(sys.argv[1:] if argv is None else argv)
         args = parser.parse_args(words)
-    except SystemExit as stop:  # argparse has said what is wrong
+    except SystemExit as stop:  # argparse has printed the error
         return int(stop.code or 0)
     if args.version:
         from lcbayes.core.version import installed_version
@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     try:
         status = args.run(args)
-        sys.stdout.flush()  # here, where it may fail in a line
+        sys.stdout.flush()  # here, so that a failure gives a one-line message
         return status
     except InputError as fault:
         print(f"lcbayes {args.command}: {fault}", file=sys.stderr)
@@ -106,10 +106,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nlcbayes: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone
+    except BrokenPipeError:  # the reader has closed the pipe
         _drop_output()
         return EXIT_INTERRUPTED
-    except OSError as fault:  # a disk that is full, a folder that was taken away
+    except OSError as fault:  # a full disk, a folder that was removed
         said = f"{fault.filename}: {fault.strerror}" if fault.filename else str(fault)
         print(
             f"lcbayes {args.command}: {' '.join(said.split())}; what was there before is as it "
@@ -118,13 +118,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         try:
             sys.stdout.flush()
-        except OSError:  # it is the output that is full
+        except OSError:  # the disk of standard output is full
             _drop_output()
         return EXIT_BAD_INPUT
 
 
 def _drop_output() -> None:
-    """What is still to be written to standard output goes nowhere, lest Python fail at its end."""
+    """Discard pending standard output, so that Python does not fail when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

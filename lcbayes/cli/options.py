@@ -11,7 +11,7 @@ from lcbayes.core.options import Option, Options, declared_options
 
 
 def add_options(parser: ArgumentParser, options: type[Options]) -> None:
-    """Add a flag for every option; its absence leaves the default to the options."""
+    """Add a flag for every option; without the flag, the default of the options applies."""
     for name, declared in declared_options(options).items():
         if declared.declared.positional:
             nargs = None if declared.required else "?"
@@ -34,14 +34,14 @@ def _keywords(declared: Option) -> dict[str, Any]:
 
 
 def options_from(args: Namespace, options: type[Options]) -> dict[str, Any]:
-    """The options that were given, as text."""
+    """The given options, as text."""
     return {name: vars(args)[name] for name in declared_options(options) if name in args}
 
 
 def join_negative_values(argv: Sequence[str]) -> list[str]:
     """``--site -47.06,15.49,490`` as ``--site=-47.06,15.49,490``.
 
-    A value that begins with a minus sign and a digit would be taken for an option.
+    Otherwise a value that begins with a minus sign and a digit would be read as an option.
     """
     joined: list[str] = []
     for word in argv:

@@ -1,4 +1,4 @@
-"""A task as a command: its arguments, its run, and what is printed."""
+"""A task as a command: arguments, run and printed output."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: ArgumentParser, task: Task) -> None:
-    """Add the source of a task, its options, what it writes, and what to print."""
+    """Add the arguments for the source of a task, its options, its files and its output."""
     again = task.source == CURVE and task.out in (FOLDER, REQUIRED_FOLDER)
     if task.source:
         nargs = "?" if again or task.listing else None
@@ -69,7 +69,7 @@ def run(args: Namespace, task: Task) -> int:
     options |= options_from(args, task.options)
     if task.has_model_options:
         options |= _pairs(args.set)
-    checked = task.options.of(options)  # before a file is read
+    checked = task.options.of(options)  # before any file is read
     source = source_from(args, task, record)
     module = import_module(f"lcbayes.tasks.{task.function}.run")
     if task.out == TEXT:
@@ -111,7 +111,7 @@ def _print(args: Namespace, task: Task, result: Result) -> None:
 
 
 def wrapped(line: str, width: int) -> str:
-    """A line within the width; what is carried over is indented by two more than its start."""
+    """A line wrapped to the width; continuation lines are indented by two more than its start."""
     hanging = " " * (len(line) - len(line.lstrip()) + 2)
     return textwrap.fill(
         line, width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
@@ -130,7 +130,7 @@ def _pairs(given: list[str]) -> dict[str, str]:
 
 
 def _record(args: Namespace, task: Task) -> Record | None:
-    """The run to do again, whose inputs are as they were."""
+    """The record of the run to repeat, after a check that its inputs are unchanged."""
     if getattr(args, "config", None) is None:
         return None
     from lcbayes.results.record import read_record
@@ -142,7 +142,7 @@ def _record(args: Namespace, task: Task) -> Record | None:
         )
     given = options_from(args, task.options)
     if "model" in record.options and "model" in given:
-        if "model" in record.inputs:  # a file: only the one that was used gives the same numbers
+        if "model" in record.inputs:  # a file: only the one that was used gives the same result
             record.model(given["model"])
     elif "model" in record.options:
         record.model(None)
@@ -152,8 +152,7 @@ def _record(args: Namespace, task: Task) -> Record | None:
 
 
 def source_from(args: Namespace, task: Task, record: Record | None = None) -> Any:
-    """The light curve of the command line or of an earlier run, the path that a task takes, or
-    None."""
+    """The source from the command line or an earlier run: a light curve, a path, or None."""
     if task.source != CURVE:
         return args.source if task.source else None
     from lcbayes.data.read import read

@@ -1,1 +1,1 @@
-"""The store: results folders, the posterior file, summaries and verdicts."""
+"""Results folders, the posterior file, summaries and verdicts."""

@@ -1,4 +1,4 @@
-"""The table of a batch, and its content as a summary."""
+"""The table of a batch, and its summary."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ LAST = ("seconds", "curve", "reasons")
 
 
 def heads(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The columns: those that every fit has, then those that any of these has."""
+    """The columns: those common to all fits, and those of the spin that occur in these rows."""
     spins = [k for name in SPIN for k in (name, f"{name}_sd") if any(k in r for r in rows)]
     return [*ROW, *spins, *LAST]
 
 
 def cells(row: Mapping[str, Any]) -> dict[str, Any]:
-    """An object as a line of the table: numbers as they are, empty where there is none."""
+    """An object as a row of the table; missing values are empty."""
     texts = {
         "curve": printable(row.get("curve", "")),
         "reasons": "; ".join(reason["text"] for reason in row["reasons"]),
@@ -54,7 +54,7 @@ def summarise(
     seconds: float,
     who: str,
 ) -> tuple[dict[str, Any], list[Finding]]:
-    """What ``summary.json`` holds beside the verdict, and what speaks against the result."""
+    """The content of ``summary.json`` besides the verdict, and the findings against the result."""
     count = Counter(row["status"] for row in rows)
     new = len(rows) - reused
     against = []

@@ -1,4 +1,4 @@
-"""A comparison of numbers of facets in words: what it says, whether to trust it, its table."""
+"""The text of a comparison of numbers of facets: conclusion, verdict and table."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lcbayes.inference.loo import BAD_K, Stacked, stacking
 from lcbayes.inference.odds import facets
 from lcbayes.results.reasons import reasons
 
-CLEANER = 1.5  # information per point of the best particle, over what was used: too timid
-ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number
-LOST = 20.0  # nats below the best, error aside, from which a poor run does not matter
+CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
+ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number of facets
+LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor run is ignored
 
-# Columns of tables/candidates.csv, of each row of `candidates`, and what they are.
+# Columns of tables/candidates.csv and of each row of `candidates`, with their descriptions.
 COLUMNS = {
     "n_facets": "number of facets",
     "n_parameters": "number of inferred parameters",
@@ -47,7 +47,7 @@ COLUMNS = {
 def summarise(
     found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
 ) -> tuple[dict[str, Any], list[Reason]]:
-    """What ``summary.json`` holds beside the verdict, and the reasons against the result."""
+    """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
     candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
     n_runs = len(candidates[0].log_evidences)
     errors = odds.moderated(np.array([c.se for c in candidates]))
@@ -95,7 +95,7 @@ def summarise(
 def _rows(
     found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
 ) -> list[dict[str, Any]]:
-    """The candidates, with what they weigh against each other."""
+    """The candidates, with their probabilities and stacking weights."""
     worth = found.information
     rows = []
     for k, c in enumerate(found.candidates):
@@ -113,7 +113,7 @@ def _rows(
                 "probability_q05": chances.low[k],
                 "probability_q95": chances.high[k],
                 "elpd_loo": elpd.sum(),
-                # of points that follow each other, fewer are independent
+                # fewer of the points are independent where consecutive points are correlated
                 "elpd_se": np.sqrt(elpd.size * elpd.var() / worth),
                 "elpd_diff": stacked.diff[k],
                 "elpd_diff_se": stacked.diff_se[k] / np.sqrt(worth),
@@ -155,7 +155,7 @@ TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "
 
 
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of the table that people read."""
+    """Heads and rows of the printed table."""
     heads = [
         "facets",
         "ln Z (nat)",
@@ -200,7 +200,7 @@ def _per_dof(row: Mapping[str, Any]) -> str:
 
 
 def notes(summary: Mapping[str, Any]) -> list[str]:
-    """What has to be known to read the table."""
+    """Notes on the table."""
     said = []
     worth = summary["information_per_point"]
     if worth < 1.0:
@@ -230,7 +230,7 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def table(summary: Mapping[str, Any]) -> list[str]:
-    """The table, its notes and the conclusion, for a terminal: of the columns, what it holds."""
+    """The table, its notes and the conclusion, with the columns that fit on a terminal."""
     heads, rows = cells(summary)
     shown = [heads.index(name) for name in TOLD]
     told = [[line[i] for i in shown] for line in (heads, *rows)]

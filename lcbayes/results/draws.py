@@ -1,4 +1,4 @@
-"""Equally weighted draws of a posterior whose chains stand for solutions of unequal weight."""
+"""Equally weighted draws of a posterior whose chains belong to solutions of unequal weight."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ def weighted_draws[Drawn: (xr.Dataset, xr.DataTree)](
     """Equally weighted draws of a posterior.
 
     The group ``posterior`` of a fit holds the chains of every solution as they were sampled. Its
-    coordinate ``weight`` (chain) is the share of the posterior that each chain stands for, so a
-    plain mean over ``posterior`` is wrong where there are several solutions. Here solution k gives
-    round(n wₖ) draws, taken evenly from its own chains.
+    coordinate ``weight`` (chain) is the share of the posterior that each chain represents, so a
+    plain mean over ``posterior`` is wrong if there are several solutions. Here solution k
+    contributes round(n wₖ) draws, taken evenly from its own chains.
 
     Parameters
     ----------
     source : xarray.DataTree or xarray.Dataset
         ``posterior.nc`` (or `lcbayes.Fit.tree`), or its group ``posterior``.
     n : int, optional
-        Number of draws. Default: all draws of a single solution; of several, as many as the
-        solution with most chains has.
+        Number of draws. Default: all draws of a single solution; for several solutions, the
+        number of draws of the one with most chains.
     seed : int
-        Of the random order in which the draws of several solutions are mixed.
+        Seed of the random order in which the draws of several solutions are mixed.
 
     Returns
     -------
     xarray.DataTree or xarray.Dataset
-        As ``source``, with one chain of n draws and the coordinate ``solution`` (draw). Of a tree
-        every group with a row for each draw is reduced alike, so that ``az.loo`` of it is that of
-        the whole posterior. One chain has no R-hat: convergence is to be judged on ``source``.
+        As ``source``, with one chain of n draws and the coordinate ``solution`` (draw). In a tree
+        the same draws are taken from every group with a row for each draw, so ``az.loo`` applies
+        to the whole posterior. One chain has no R-hat: assess convergence on ``source``.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def weighted_draws[Drawn: (xr.Dataset, xr.DataTree)](
 
 
 def weighted_rows(posterior: xr.Dataset, n: int | None = None, seed: int = 0) -> NDArray[np.int64]:
-    """Which draws, by their index among those of all chains end to end, (n,)."""
+    """Indices of the selected draws among those of all chains, concatenated, (n,)."""
     chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
     every = np.arange(chains * draws).reshape(chains, draws)
     solution = posterior.coords.get("solution", np.zeros(chains, int))
@@ -79,7 +79,7 @@ def _evenly(rows: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 
 
 def _picked(group: xr.Dataset, rows: NDArray[np.int64], draws: int) -> xr.Dataset:
-    """The rows of every variable that has chains and draws, as one chain."""
+    """The given rows of every variable that has chains and draws, as one chain."""
     names = [k for k, v in group.data_vars.items() if {"chain", "draw"} <= set(v.dims)]
     at = {"chain": xr.DataArray(rows // draws, dims="draw")}
     at["draw"] = xr.DataArray(rows % draws, dims="draw")
@@ -90,7 +90,7 @@ def _picked(group: xr.Dataset, rows: NDArray[np.int64], draws: int) -> xr.Datase
 
 
 def pointwise(tree: xr.DataTree) -> xr.DataArray:
-    """ln p(yᵢ|z) of every epoch, dark ones too, (chain, draw, time) in the order of the curve."""
+    """ln p(yᵢ|z) of every epoch, including dark ones, (chain, draw, time) in the curve's order."""
     lit = tree[LOG_LIKELIHOOD].to_dataset()["brightness"]
     if DARK not in tree:
         return lit.transpose("chain", "draw", "time")

@@ -1,4 +1,4 @@
-"""The light curve of a fit within its results, complete and in double precision."""
+"""The light curve stored with the results of a fit, complete and in double precision."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import ORBIT, LightCurve
 from lcbayes.modelling.likelihood import OBSERVED
 
-EXTRA = "extra_column_"  # variables named so hold `LightCurve.extra`, their attribute the name
+EXTRA = "extra_column_"  # prefix of variables that hold `LightCurve.extra`, named by an attribute
 COLUMN = "column"
 SOURCE = "source"  # attribute: JSON of `LightCurve.source`
 
 
 def light_curve_variables(curve: LightCurve) -> xr.Dataset:
-    """Everything of a light curve but its brightness, for the group ``constant_data``.
+    """All of a light curve except its brightness, for the group ``constant_data``.
 
-    ``error`` is NaN where the curve carries no errors; ``range_km``, ``position_km``,
-    ``velocity_km_s``, ``band`` and ``site`` are there only where they are known.
+    ``error`` is NaN if the curve has no errors; ``range_km``, ``position_km``, ``velocity_km_s``,
+    ``band`` and ``site`` are present only if they are known.
     """
     time = ("time",)
     error = np.full(curve.n_obs, np.nan) if curve.error is None else curve.error
@@ -52,13 +52,13 @@ def light_curve_variables(curve: LightCurve) -> xr.Dataset:
 
 
 def light_curve_attributes(curve: LightCurve) -> dict[str, Any]:
-    """What is one value for the whole curve, for the attributes of the file."""
+    """Values that apply to the whole curve, for the attributes of the file."""
     epoch = {} if curve.epoch_jd is None else {"epoch_jd": curve.epoch_jd}
     return epoch | {"kind": curve.kind, "frame": curve.frame}
 
 
 def load_light_curve(tree: xr.DataTree) -> LightCurve:
-    """The light curve that was fitted, from ``posterior.nc`` alone.
+    """The fitted light curve, from ``posterior.nc`` alone.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def load_light_curve(tree: xr.DataTree) -> LightCurve:
     Raises
     ------
     InputError
-        The tree does not hold a whole light curve.
+        The tree does not hold a complete light curve.
 
     Examples
     --------
@@ -128,5 +128,5 @@ def _curve(constant: xr.Dataset, brightness: np.ndarray, attrs: Mapping[Any, Any
 
 
 def _plain(values: np.ndarray) -> np.ndarray:
-    """Strings come back from a file as objects."""
+    """The values, with strings that a file returns as objects converted back."""
     return values.astype(str) if values.dtype.kind == "O" else values

@@ -1,4 +1,4 @@
-"""The files of a results folder read again; every fault in them is an InputError."""
+"""Read the files of a results folder; any fault in them raises an InputError."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is none, it is damaged, or another version wrote it.
+        It is missing or damaged, or another version wrote it.
     """
     path = folder / SUMMARY
     found = read_json(path, KINDS)
@@ -44,7 +44,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
-    """A JSON object whose values, where they are there, are of those kinds.
+    """A JSON object whose values, where present, have the given types.
 
     Raises
     ------
@@ -70,12 +70,12 @@ def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
 
 @contextmanager
 def open_posterior(folder: Path) -> Iterator[xr.DataTree]:
-    """The ``posterior.nc`` of a fit. What is read of it may fail here or later, as it is lazy.
+    """The ``posterior.nc`` of a fit. It is read lazily, so a fault may appear here or later.
 
     Raises
     ------
     InputError
-        There is none, or it is damaged.
+        It is missing or damaged.
     """
     import xarray as xr
 

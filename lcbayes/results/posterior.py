@@ -1,4 +1,4 @@
-"""A fit in files: the posterior as an ArviZ DataTree, the summary, and what it takes to rerun."""
+"""The files of a fit: the posterior as an ArviZ DataTree, the summary, and the record."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ STATS = {
     "diverging": "diverging",
     "energy": "energy",
 }
-FACTORS = "factors"  # of a prior, beside the densities of its sites
+FACTORS = "factors"  # ln of the factors of a prior, besides the densities of its sites
 METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
     "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
@@ -102,31 +102,31 @@ def tree(
     Groups
     ------
     posterior, sample_stats, log_prior, log_likelihood, posterior_predictive
-        A row for each draw. The chains of all solutions stand one after the other along ``chain``,
-        as they were sampled, so that R-hat shows chains that disagree and solutions that do not
-        mix. Where some solutions have more draws, their last ones are in ``modes/k`` only. The
-        coordinates ``solution`` and ``weight`` (chain) say to which solution a chain belongs and
-        what share of the posterior it stands for; `lcbayes.weighted_draws` gives equally weighted
-        draws, also of these groups together.
+        A row for each draw. The chains of all solutions follow one another along ``chain``, as
+        they were sampled, so R-hat shows chains that disagree and solutions that do not mix.
+        If some solutions have more draws than others, their last draws are in ``modes/k`` only.
+        The coordinates ``solution`` and ``weight`` (chain) give the solution to which a chain
+        belongs and the share of the posterior it represents. `lcbayes.weighted_draws` gives
+        equally weighted draws, also of all these groups together.
     log_likelihood, log_likelihood_dark
-        ln p(yᵢ|z), each point taken whole, with ``time`` the row of the point. An epoch at which
-        the body is dark has the same likelihood in every draw, or in every draw of the tail that
-        PSIS smooths, and ArviZ raises an error there. Such epochs are in ``log_likelihood_dark``,
-        along ``dark_time``, all others in ``log_likelihood``; what asks for epochs in other groups
-        as well, such as ``az.loo_pit``, takes ``tree.sel(time=tree.log_likelihood.time)``.
-        Attributes of ``log_likelihood``: ``elpd_loo`` and
-        ``elpd_loo_se`` of all epochs by `lcbayes.inference.loo`, ``elpd_loo_dark``, the part of
-        the dark ones, and ``information_per_point``, the power p of the likelihood in the
-        posterior. ``az.loo(lcbayes.weighted_draws(tree)).elpd + elpd_loo_dark`` is ``elpd_loo``
-        where p = 1; ArviZ knows of no other p.
+        ln p(yᵢ|z) to the power of one for each point, with ``time`` the row of the point. At an
+        epoch at which the body is dark, the likelihood is the same in every draw, or in every draw
+        of the tail that PSIS smooths, and ArviZ raises an error. Such epochs are in
+        ``log_likelihood_dark``, along ``dark_time``; all others are in ``log_likelihood``.
+        Functions that also use epochs of other groups, such as ``az.loo_pit``, need
+        ``tree.sel(time=tree.log_likelihood.time)``. Attributes of ``log_likelihood``: ``elpd_loo``
+        and ``elpd_loo_se`` of all epochs by `lcbayes.inference.loo`; ``elpd_loo_dark``, the part
+        from dark epochs; and ``information_per_point``, the power p of the likelihood in the
+        posterior. ``az.loo(lcbayes.weighted_draws(tree)).elpd + elpd_loo_dark`` equals
+        ``elpd_loo`` if p = 1; ArviZ does not support any other p.
     log_prior
         ln of the prior density of each site, in the model's own units, and of the ``factors``.
     prior
-        From the prior with all its factors; the attribute ``factors`` says how.
+        Draws from the prior with all its factors; the attribute ``factors`` describes how.
     observed_data, constant_data
-        The light curve, complete: `lcbayes.load_light_curve`.
+        The complete light curve: `lcbayes.load_light_curve`.
     modes/k
-        ``posterior`` and ``sample_stats`` of each solution, all its draws.
+        ``posterior`` and ``sample_stats`` of each solution, with all its draws.
     """
     problem, data = posterior.problem, posterior.data
     modes = posterior.modes
@@ -162,7 +162,7 @@ def tree(
 
 
 def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:
-    """Coordinates of the chains of all solutions: to which each belongs, and its weight."""
+    """Coordinates of the chains of all solutions: the solution of each chain, and its weight."""
     each = [len(m.z) for m in modes]
     weight = np.array([m.weight for m in modes]) / sum(m.weight for m in modes)
     return {
@@ -172,7 +172,7 @@ def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:
 
 
 def _stacked(parts: Sequence[xr.Dataset], length: int) -> xr.Dataset:
-    """The first draws of the chains of each solution, one after the other along ``chain``."""
+    """The first draws of the chains of all solutions, concatenated along ``chain``."""
     short = [part.isel(draw=slice(length)) for part in parts]
     names = [k for k in short[0].data_vars if all(k in one for one in short)]
     whole = xr.concat(
@@ -198,7 +198,7 @@ def _stats(mode: Mode) -> xr.Dataset:
 
 
 def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
-    """How chains were sampled, as attributes: numbers of each chain where they differ."""
+    """Sampler settings as attributes: one value, or one for each chain where they differ."""
     asked, timing = posterior.settings, posterior.timing
     found: dict[str, Any] = {
         "inference_library": "lcbayes",
@@ -238,7 +238,7 @@ def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs)
 def _log_likelihood(
     points: xr.Dataset, rows: NDArray[np.int64], data: Epochs
 ) -> dict[str, xr.Dataset]:
-    """The groups `log_likelihood` and, where there are dark epochs, `log_likelihood_dark`."""
+    """The groups `log_likelihood` and, if there are dark epochs, `log_likelihood_dark`."""
     flat = points[OBSERVED].to_numpy().reshape(-1, points.sizes["time"])
     power = float(data.information)
     elpd, khat = loo(flat[rows], power)
@@ -275,7 +275,7 @@ def _log_priors(problem: Problem, rows: jax.Array, data: Epochs) -> Sites:
 def _outliers(
     problem: Problem, z: Floats, data: Epochs, chosen: NDArray[np.int64]
 ) -> Floats | None:
-    """Probability that each point is an outlier, (T,), where the noise knows of any."""
+    """Probability that each point is an outlier, (T,); None if the noise law has no outliers."""
     rows = jnp.asarray(z.reshape(-1, z.shape[-1])[chosen])
     if OUTLIER not in jax.eval_shape(problem.constrain, rows[0], data):
         return None
@@ -301,7 +301,8 @@ def _constants(
 
 
 def save_tree(found: xr.DataTree, path: Path) -> None:
-    """Write netCDF, large variables compressed; what has draws and epochs in single precision."""
+    """Write netCDF. Large variables are compressed; those by draw and epoch are in single
+    precision."""
     encoding: dict[str, dict[str, Any]] = {}
     for node in found.subtree:
         for name, variable in node.data_vars.items():
@@ -314,14 +315,14 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
                     "shuffle": True,
                     "dtype": kind,
                 }
-    # made in memory: HDF5 crashes the process where the disk fills while it writes
+    # built in memory, because HDF5 crashes the process if the disk fills while it writes
     with _without_cluster():
         content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
     write_atomic(path, lambda p: p.write_bytes(content))
 
 
 def _without_cluster() -> AbstractContextManager[Any]:
-    """On a Dask worker xarray would lock what it writes for the whole cluster, by its name; a file
-    in memory has none."""
+    """Disable the lock by file name that xarray takes across the cluster on a Dask worker; a file
+    in memory has no name."""
     dask = sys.modules.get("dask")
     return nullcontext() if dask is None else dask.config.set(scheduler="threads")

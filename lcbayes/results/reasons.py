@@ -1,4 +1,4 @@
-"""The sentence of every code by which a fit, a comparison, a scan or a batch is not trusted."""
+"""The sentence for each code of a reason not to trust a fit, a comparison, a scan or a batch."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def reason(finding: Finding) -> Reason:
 
 
 def reasons(findings: Iterable[Finding]) -> list[Reason]:
-    """The reasons in the order of the findings, each once."""
+    """The reasons in the order of the findings, without duplicates."""
     return list(dict.fromkeys(map(reason, findings)))
 
 
@@ -85,7 +85,7 @@ def stored(content: Mapping[str, Any]) -> list[Reason]:
 
 
 def agreement(weights: Sequence[float]) -> str:
-    """What a trusted fit says first, from the weights of its solutions."""
+    """The first sentence about a trusted fit, from the weights of its solutions."""
     if len(weights) == 1:
         return "One solution explains the data; the chains agree on it."
     if max(weights) > 0.99:

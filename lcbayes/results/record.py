@@ -1,4 +1,4 @@
-"""The record of a run: what it takes to run it again, and the hash of every file it read."""
+"""The record of a run: what is needed to repeat it, and the hash of every file it read."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ CURVE = "curve"
 
 
 def record_of(task: str, options: Options, source: str, value: Any) -> dict[str, Any]:
-    """What ``run.toml`` holds of a run.
+    """The content of ``run.toml`` for a run.
 
     Parameters
     ----------
-    options : of the task; those that are None are left out
+    options : options of the task; those that are None are omitted
     source : name of the task's first argument
-    value : the light curve, whose ``source`` says where it came from and how it was read; or a path
+    value : the light curve, whose ``source`` records its origin and how it was read; or a path
 
     Returns
     -------
     dict
-        ``task``, ``version``, the source's path and the tables ``options``, ``reading`` and, of
+        ``task``, ``version``, the source's path and the tables ``options``, ``reading`` and, for
         every file that was read, ``input.NAME`` (path and SHA-256).
     """
     record: dict[str, Any] = {"task": task, "version": installed_version()}
@@ -74,12 +74,12 @@ def _plain(value: Any) -> Any:
 
 
 def input_file(path: str | Path) -> dict[str, str]:
-    """Path and SHA-256 of a file that a task has read, for a table ``input.NAME``."""
+    """Path and SHA-256 of a file that a task has read, for the table ``input.NAME``."""
     return {"path": os.path.abspath(path), "sha256": sha256(path)}
 
 
 def sha256(path: str | Path) -> str:
-    """Of a file, in hexadecimal digits.
+    """SHA-256 of a file, in hexadecimal digits.
 
     Raises
     ------
@@ -91,14 +91,14 @@ def sha256(path: str | Path) -> str:
 
 @dataclass(frozen=True)
 class Record:
-    """A ``run.toml`` that was read.
+    """The content of a ``run.toml``.
 
     Attributes
     ----------
-    path : of the file
+    path : path of the file
     task : name of the task
-    options : as given, to be checked by the task
-    reading : how the light curve was read; checked
+    options : as given; the task checks them
+    reading : options with which the light curve was read, already checked
     inputs : name -> (path, SHA-256) of every file that the run read
     content : the whole file
     """
@@ -116,7 +116,7 @@ class Record:
         Raises
         ------
         InputError
-            The run took it from memory.
+            The run had it in memory.
         """
         value = self.content.get(name)
         if not isinstance(value, str) or not value or "\0" in value:
@@ -124,7 +124,7 @@ class Record:
         return value
 
     def check_inputs(self, *left_out: str) -> None:
-        """An InputError where a file that the run read is gone or has changed."""
+        """Raise an InputError if a file that the run read is missing or has changed."""
         for name, (path, digest) in self.inputs.items():
             if name in left_out:
                 continue
@@ -140,15 +140,15 @@ class Record:
                 )
 
     def model(self, given: str | None) -> str:
-        """The model of the run: a name, or a file that the caller names and whose hash is right.
+        """The model of the run: a name, or a file that the caller gives and whose hash matches.
 
-        A results folder may come from someone else, so that the model file which it names is never
-        run on its own word.
+        A results folder may come from someone else, so a model file is never run only because the
+        folder names it.
 
         Raises
         ------
         InputError
-            The model is a file and none is given, or the file given is another one.
+            The model is a file and none is given, or a different file is given.
         """
         from lcbayes.modelling.registry import BUILT_IN
 
@@ -174,12 +174,12 @@ class Record:
 
 
 def read_record(path: Path) -> Record:
-    """A ``run.toml``.
+    """Read a ``run.toml``.
 
     Raises
     ------
     InputError
-        There is none, another version wrote it, or a part of it has another type.
+        It is missing, another version wrote it, or a part of it has the wrong type.
     """
     root = read_toml(path)
     if root.values.get("schema") != SCHEMA:

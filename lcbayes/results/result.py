@@ -1,4 +1,4 @@
-"""What every task returns: a verdict, a table, the data behind it, and how it is written."""
+"""The result that every task returns: a verdict, a table, the data, and methods to write them."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ DO_NOT_TRUST = "DO NOT TRUST THIS RESULT:"
 
 
 class Result(ABC):
-    """A result of a task.
+    """The result of a task.
 
     Parameters
     ----------
     content : mapping
-        What ``summary.json`` holds beside the verdict.
-    reasons : of the verdict; empty where the result is trusted
+        Content of ``summary.json`` besides the verdict.
+    reasons : reasons not to trust the result; empty if it is trusted
     record : mapping
-        What ``run.toml`` holds: how to run it again, and the hashes of what was read.
+        Content of ``run.toml``: what is needed to repeat the run, and hashes of the files read.
 
     Attributes
     ----------
     task : name of the task on the command line
-    folder : where the result was written or loaded from; None before
+    folder : the folder to which the result was written or from which it was loaded; None before
     """
 
     task: ClassVar[str]
@@ -48,12 +48,12 @@ class Result(ABC):
 
     @property
     def trusted(self) -> bool:
-        """Whether no reason against the result was found."""
+        """Whether there is no reason against the result."""
         return not self.reasons
 
     @property
     def content(self) -> dict[str, Any]:
-        """What ``summary.json`` holds."""
+        """The content of ``summary.json``."""
         verdict = {
             "schema": store.SCHEMA,
             "task": self.task,
@@ -64,12 +64,12 @@ class Result(ABC):
 
     @property
     def data(self) -> Any:
-        """The numbers behind the summary: a DataTree of draws, or what the task computed."""
+        """The data behind the summary: a DataTree of draws, or what the task computed."""
         return self._content
 
     @abstractmethod
     def summary(self) -> pd.DataFrame:
-        """The result as a table: one row a quantity or a solution, with units in the columns."""
+        """The result as a table: one row per quantity or solution, with units in the columns."""
 
     @abstractmethod
     def lines(self) -> list[str]:
@@ -80,19 +80,19 @@ class Result(ABC):
         return {}
 
     def write_files(self, folder: Path) -> None:  # noqa: B027 - most tasks add no files
-        """Write what belongs to the numbers beside the summary, such as draws and shapes."""
+        """Write the data files besides the summary, such as draws and shapes."""
 
     @abstractmethod
     def write_page(self, folder: Path) -> None:
         """Write ``report.html`` and ``figures/`` into a folder that holds the numbers."""
 
     def text(self) -> str:
-        """The verdict, where it is against the result, and the lines."""
+        """The verdict if it is against the result, and the lines."""
         verdict = [DO_NOT_TRUST, *(f"  - {reason}" for reason in self.reasons)]
         return "\n".join([*(verdict if self.reasons else []), *self.lines()])
 
     def save(self, folder: str | Path) -> Path:
-        """Write the numbers: ``summary.json``, ``run.toml``, ``tables/`` and what the task adds.
+        """Write the data: ``summary.json``, ``run.toml``, ``tables/`` and files of the task.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class Result(ABC):
         return Path(folder)
 
     def report(self, folder: str | Path) -> Path:
-        """Write what `save` does, the figures and ``report.html``, whose path is returned."""
+        """Write the files of `save`, the figures and ``report.html``; returns its path."""
         with store.results_folder(folder, self.task) as opened:
             self.write(opened, report=True)
         return Path(folder) / "report.html"
@@ -124,7 +124,7 @@ class Result(ABC):
         self.folder = folder.path
 
     def write_report(self) -> Path:
-        """Write the report again into the folder of the result; the numbers stay as they are."""
+        """Write the report again into the folder of the result; the data do not change."""
         if self.folder is None:
             raise InputError("the result is in no folder yet; give one to its method report")
         with (

@@ -1,4 +1,4 @@
-"""A scan in a file: everything that its report draws."""
+"""The file of a scan, with everything that its report shows."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from lcbayes.core.files import write_atomic
 from lcbayes.inversion.attitude_scan.engine import Settings
 from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
 
-ABOUT = "about"  # attribute: JSON of what is no array
+ABOUT = "about"  # attribute: JSON of everything that is not an array
 ARRAYS = ("residual", "normals", "areas", "pole", "coefficients")
-AXES = {  # none has the name of its variable, which would make that a coordinate
+AXES = {  # no axis has the name of its variable, which would make that variable a coordinate
     "residual": "time",
     "normals": "facet",
     "areas": "facet",
@@ -28,7 +28,7 @@ SCREENED = ("start", "tried", "pole", "frequency", "chi2", "steps")
 
 
 def save_scan(found: Found, path: Path) -> None:
-    """Write netCDF: ``light_curve``, ``screened``, ``sky`` and ``solutions/0``, the best, …"""
+    """Write netCDF: ``light_curve``, ``screened``, ``sky`` and ``solutions/0`` (the best), …"""
     groups = {
         "/": xr.Dataset(attrs={ABOUT: json.dumps(_plain(found))}),
         "light_curve": xr.Dataset({k: ("time", getattr(found, k)) for k in ("t", "curve", "flux")}),
@@ -59,12 +59,12 @@ def _plain(found: Found) -> dict[str, Any]:
 
 
 def load_scan(path: Path) -> Found:
-    """What `save_scan` wrote.
+    """Read a file of `save_scan`.
 
     Raises
     ------
     InputError
-        There is none, or it is damaged.
+        It is missing or damaged.
     """
     if not path.is_file():
         raise InputError(f"{path} is missing; run `lcbayes scan` again")

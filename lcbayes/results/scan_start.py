@@ -1,4 +1,4 @@
-"""The spins that a scan found, for a fit to start from."""
+"""The spins found by a scan, as starting points of a fit."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lcbayes.results.store import task_of
 
 
 def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
-    """The spins that a scan of this light curve found as good as the best, from its folder.
+    """The spins that fit this light curve as well as the best one, from the folder of a scan.
 
     Raises
     ------
     InputError
-        The folder holds no scan, one of another light curve, or one without constant spins.
+        The folder holds no scan, a scan of another light curve, or one without constant spins.
     """
     folder = Path(folder)
     if task_of(folder) != "scan":
@@ -38,7 +38,7 @@ def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
 
 
 def _spin(solution: object) -> bool:
-    """Whether it is a constant spin, with all that a scan says of one."""
+    """Whether a solution is a constant spin with all the entries that a scan writes for one."""
     if not isinstance(solution, dict):
         return False
     return all(

@@ -1,9 +1,9 @@
-"""Results folders: one lock, one staging folder, one way to publish and to guard a folder.
+"""Results folders: locking, staging and publication.
 
-A folder holds the result of one task. What a task writes is made in a staging folder within it and
-put in place file by file when it is complete, so that a run that is killed leaves the earlier
-result as it was. ``run.toml`` records the task, its options, the version, and every input file with
-its hash.
+A folder holds the result of one task. A task writes into a staging folder within it. When the
+result is complete, the files are moved into place one by one, so a run that is killed leaves the
+earlier result unchanged. ``run.toml`` records the task, its options, the version, and every input
+file with its hash.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lcbayes.core.toml import to_toml
 SCHEMA = 2
 RECORD, SUMMARY, LOCK, CHECKPOINT = "run.toml", "summary.json", ".lock", "checkpoint"
 STAGING = ".new-"  # prefix of staging folders
-# What tasks write. Of an earlier result of the same task all of it is removed.
+# Files that tasks write. All those of an earlier result of the same task are removed.
 PAGE = ("report.html", "figures", "shape.*", "shape-[0-9]*.*")
 WRITTEN = (
     *PAGE,
@@ -54,13 +54,13 @@ class ResultsFolder:
     task: str
 
     def checkpoint(self, identity: dict[str, Any], say: Callable[[str], None]) -> Checkpoint:
-        """What an earlier run of the same identity left to go on from."""
+        """The checkpoint from which a run of this identity can resume."""
         return Checkpoint(self.path / CHECKPOINT, identity, say)
 
     @contextlib.contextmanager
     def staging(self, replaces: tuple[str, ...] = WRITTEN) -> Iterator[Path]:
-        """A folder to write a result into, which replaces those files of the earlier result when
-        the block ends."""
+        """A folder to write a result into. At the end of the block its files replace those of the
+        earlier result that match ``replaces``."""
         scratch = Path(tempfile.mkdtemp(prefix=STAGING, dir=self.path))
         try:
             yield scratch
@@ -70,7 +70,7 @@ class ResultsFolder:
 
     def _publish(self, scratch: Path, replaces: tuple[str, ...]) -> None:
         made = {path.name for path in scratch.iterdir()}
-        if (self.path / RECORD).exists():  # otherwise files of these names are the user's own
+        if (self.path / RECORD).exists():  # otherwise files of these names belong to the user
             for old in [path for pattern in replaces for path in self.path.glob(pattern)]:
                 if old.name not in made or old.is_dir():
                     _remove(old)
@@ -80,12 +80,12 @@ class ResultsFolder:
 
 @contextlib.contextmanager
 def results_folder(out: str | Path, task: str) -> Iterator[ResultsFolder]:
-    """The folder, made if need be, locked, and cleared of what a killed run left unfinished.
+    """The folder, created if necessary, locked, and cleared of the remains of a killed run.
 
     Raises
     ------
     InputError
-        It cannot be written, another run is writing into it, or it holds results of another task.
+        It cannot be written, another run is writing to it, or it holds results of another task.
     """
     fresh = not Path(out).exists()
     path = _made(out)
@@ -98,7 +98,7 @@ def results_folder(out: str | Path, task: str) -> Iterator[ResultsFolder]:
                 f"another run is writing into {path}; wait for it or choose another folder with -o"
             ) from None
         lock.truncate(0)
-        lock.write(task)  # whose checkpoint it is, until a record says so
+        lock.write(task)  # the task of the checkpoint, until there is a record
         lock.flush()
         for unfinished in path.glob(f"{STAGING}*"):
             _remove(unfinished)
@@ -111,7 +111,7 @@ def results_folder(out: str | Path, task: str) -> Iterator[ResultsFolder]:
 
 
 def task_of(folder: Path) -> str | None:
-    """The task whose results a folder holds; None where it holds none."""
+    """The task whose results a folder holds; None if it holds no results."""
     try:
         content = tomllib.loads((folder / RECORD).read_text(encoding="utf-8"))
     except OSError:
@@ -123,7 +123,7 @@ def task_of(folder: Path) -> str | None:
 
 
 def check_task(folder: Path, task: str) -> None:
-    """An InputError where a folder holds the results of another task."""
+    """Raise an InputError if a folder holds the results of another task."""
     held = task_of(folder) or _interrupted(folder)
     if held is not None and held != task:
         raise InputError(
@@ -132,7 +132,7 @@ def check_task(folder: Path, task: str) -> None:
 
 
 def _interrupted(folder: Path) -> str | None:
-    """The task of a run that was stopped and can go on."""
+    """The task of an interrupted run that can resume."""
     if not any((folder / CHECKPOINT).glob("*.npz")):
         return None
     return (folder / LOCK).read_text(encoding="utf-8") or None if (folder / LOCK).exists() else None
@@ -159,7 +159,7 @@ def _remove(path: Path) -> None:
 
 
 def _has_work(path: Path) -> bool:
-    """Whether a run has left more there than it begins with."""
+    """Whether a run has left more in a folder than it creates at its start."""
     return any(p.is_file() and p.name not in (LOCK, IDENTITY) for p in path.rglob("*"))
 
 

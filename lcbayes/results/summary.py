@@ -1,4 +1,4 @@
-"""The summary of a fit: numbers per parameter and mode, and whether to trust them, in words."""
+"""The summary of a fit: numbers per parameter and mode, and the reasons not to trust them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from lcbayes.samplers.settings import PUBLISHED
 
 Floats = NDArray[np.float64]
 
-# Bounds of what is trusted, beside those of `enough`
-MAX_APART = 1.05  # R-hat between runs that started apart
-LIKELY = 0.5  # probability from which a point is called an outlier
+# Limits of what is trusted, besides those of `enough`
+MAX_APART = 1.05  # R-hat between independent runs
+LIKELY = 0.5  # probability above which a point counts as an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
 def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
-    """Mean, sd, quantiles, R-hat and effective sizes of each scalar, by ``name`` or ``name[i]``."""
+    """Mean, sd, quantiles, R-hat and ESS of each scalar, by ``name`` or ``name[i]``."""
     import arviz as az
 
     shown = {k: np.asarray(draws[k], float) for k in reported(draws)}
@@ -42,7 +42,7 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
         shown[name] = unwrapped(shown[name], CIRCLES[name], axis=(0, 1))
     data = dataset(shown)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # constant draws give NaN, which the caller reads
+        warnings.simplefilter("ignore")  # constant draws give NaN, which the caller handles
         rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
     found = {}
     for name, values in shown.items():
@@ -69,7 +69,7 @@ def summarise(
     identity: Mapping[str, Any],
     seed: int,
 ) -> tuple[dict[str, Any], list[Reason]]:
-    """What ``summary.json`` holds beside the verdict, and the reasons against the result."""
+    """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
     modes = []
     for i, mode in enumerate(posterior.modes):
         draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
@@ -106,7 +106,7 @@ def summarise(
         "min_ess_bulk": min(m["min_ess_bulk"] for m in modes),
         "min_ess_tail": min(m["min_ess_tail"] for m in modes),
         "divergences": sum(m["divergences"] for m in modes),
-        # of the heaviest mode: a mean across solutions would describe none of them
+        # those of the heaviest mode: a mean over several solutions would describe none of them
         "parameters": modes[0]["parameters"],
         "modes": modes,
         "fit": fit,
@@ -131,8 +131,8 @@ def _extreme(table, key: str, pick) -> float:
 
 
 def _misfit(posterior: Posterior) -> Misfit:
-    """Of the heaviest solution: of its most probable draw or, where that fits better, of the mean
-    of its draws, which for many parameters is nearer the optimum than any draw comes."""
+    """Misfit of the heaviest solution: of its most probable draw or, if that fits better, of the
+    mean of its draws, which for many parameters is closer to the optimum than any draw."""
     best = posterior.modes[0]
     draws = best.z.reshape(-1, best.z.shape[-1])
     top = draws[np.argmin(best.stats["potential_energy"])]
@@ -160,7 +160,7 @@ def _fit(
 
 
 def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
-    """Points that are outliers more likely than not, where the noise law knows of any."""
+    """Points with a probability above `LIKELY` of being outliers, if the noise law has outliers."""
     predicted = found["posterior_predictive"]
     if OUTLIER not in predicted:
         return {}
@@ -192,12 +192,12 @@ def _findings(
 ) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
-        # A solution without weight is shown, but the result does not stand or fall with it.
+        # A solution of negligible weight is shown, but does not affect the verdict.
         if mode.weight < 1e-3 and i:
             continue
         about = f"solution {i + 1}" if len(modes) > 1 else ""
         draws = mode.stats["diverging"].size
-        alone = mode.run_weights is not None and len(mode.z) == 1  # `population` tells of it
+        alone = mode.run_weights is not None and len(mode.z) == 1  # `population` covers this case
         if not entry["max_rhat"] <= MAX_RHAT and not alone:
             values = {"rhat": entry["max_rhat"], "limit": MAX_RHAT}
             yield Finding("chains-disagree", values, about)

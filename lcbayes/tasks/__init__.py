@@ -1,1 +1,1 @@
-"""One folder a command: what `lcbayes.fit`, `lcbayes.scan` and the others do."""
+"""The tasks `lcbayes.fit`, `lcbayes.scan` and others, one folder per command."""

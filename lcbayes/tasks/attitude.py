@@ -1,4 +1,4 @@
-"""The options of tasks that take the attitude of the object as known."""
+"""The options of tasks that assume a known attitude of the object."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AttitudeOptions(Options):
-    """The attitude: one of fixed axes, a constant angular velocity, and a pole with a period.
+    """The attitude: fixed axes, a constant angular velocity, or a pole with a period.
 
     Attributes
     ----------
-    attitude_required : whether one must be given; otherwise the axes are fixed by default
+    attitude_required : whether an attitude must be given; if not, the default is fixed axes
     """
 
     attitude_required: ClassVar[bool] = True
@@ -53,9 +53,9 @@ class AttitudeOptions(Options):
             raise InputError("a spin needs both --pole LON,LAT and --period HOURS")
 
     def known_attitude(self, curve: LightCurve) -> Attitude:
-        """The attitude; fixed axes where none is given and none is required.
+        """The attitude; fixed axes if none is given and none is required.
 
-        The phase of a spin counts from the middle of the data.
+        The phase of a spin is zero at the middle of the data.
         """
         from lcbayes.physics.attitude.laws import ConstantRate, Fixed, PrincipalAxis
 
@@ -68,7 +68,7 @@ class AttitudeOptions(Options):
         return PrincipalAxis(lon, lat, HOUR_S * self.period, t0_s=middle)
 
     def attitude_settings(self) -> dict[str, Any]:
-        """The attitude as ``summary.json`` has it."""
+        """The attitude as stored in ``summary.json``."""
         if self.omega is not None:
             return {"omega": self.omega}
         if self.pole is None:

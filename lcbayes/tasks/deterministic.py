@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 class DeterministicResult(Result):
-    """Result of a method that draws no posterior.
+    """Result of a method that does not sample a posterior.
 
     Parameters
     ----------
-    data : what the method returns
-    content : of ``summary.json``, beside the verdict
+    data : output of the method
+    content : content of ``summary.json`` besides the verdict
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class DeterministicResult(Result):
 
     @property
     def data(self) -> Any:
-        """What the method returns, as arrays."""
+        """The output of the method, as arrays."""
         return self._data
 
     @abstractmethod
@@ -52,7 +52,7 @@ class DeterministicResult(Result):
 
 
 def about(curve: LightCurve) -> dict[str, Any]:
-    """What ``summary.json`` says of the light curve."""
+    """The entries of ``summary.json`` about the light curve."""
     return {
         "curve": curve.source.get("file", ""),
         "frame": curve.frame,

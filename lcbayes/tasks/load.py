@@ -1,4 +1,4 @@
-"""`lcbayes.load`: the result of a results folder."""
+"""`lcbayes.load`: load the result in a results folder."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ CLASSES = {"fit": "Fit", "compare": "Comparison", "scan": "Scan", "batch": "Batc
 
 
 def load(folder: str | Path) -> Result:
-    """The result of a results folder.
+    """Load the result in a results folder.
 
-    Nothing outside the folder is read, and no code that the folder names is run.
+    Nothing outside the folder is read, and no code named in the folder is run.
 
     Parameters
     ----------
     folder : path
-        What a task wrote with ``out`` or ``-o``.
+        A folder that a task wrote with ``out`` or ``-o``.
 
     Returns
     -------
     Result
-        `Fit`, `Comparison`, `Scan`, `Batch`, or for the other tasks a `SavedResult`, which has the
+        `Fit`, `Comparison`, `Scan` or `Batch`; for the other tasks a `SavedResult`, which has the
         content and the tables.
 
     Raises
     ------
     InputError
-        The folder holds no results, those of another version, or what is there is damaged.
+        The folder holds no results, results of another version, or damaged results.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def load(folder: str | Path) -> Result:
 
 
 class SavedResult(Result):
-    """A result that was loaded without the arrays behind it: content and tables."""
+    """A result loaded with its content and tables, but without its arrays."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class SavedResult(Result):
     def from_folder(
         cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> SavedResult:
-        """The result of any results folder."""
+        """The result in any results folder."""
         import pandas as pd
 
         files = sorted((folder / "tables").glob("*.csv"))
@@ -111,8 +111,8 @@ class SavedResult(Result):
         return dict(self._tables)
 
     def summary(self) -> pd.DataFrame:
-        """The table ``solutions`` where there is one, or the first; without tables the numbers and
-        texts of ``summary.json``."""
+        """The table ``solutions`` if there is one, else the first table; without tables, the
+        numbers and texts of ``summary.json``."""
         import pandas as pd
 
         if self._tables:

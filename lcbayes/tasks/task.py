@@ -1,8 +1,8 @@
-"""One shape for every task: a declaration, from which shell and Python take names and defaults.
+"""The common structure of tasks: a declaration gives names and defaults to shell and Python.
 
-``tasks/NAME/options.py`` declares the options and a `Task`; it is light, so that the command line
-starts quickly. ``tasks/NAME/run.py`` defines the function that `task_function` makes public;
-``tasks/NAME/result.py`` what it returns.
+``tasks/NAME/options.py`` declares the options and a `Task`; it imports little, so that the command
+line starts quickly. ``tasks/NAME/run.py`` defines the function that `task_function` makes public,
+and ``tasks/NAME/result.py`` defines its result.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
-# what a task writes; text goes to standard output, and the results of SOURCE stay where they are
+# what a task writes: TEXT goes to standard output, results of SOURCE stay in the source's folder
 FOLDER, REQUIRED_FOLDER, FILE, SOURCE, TEXT = "folder", "required", "file", "source", "text"
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task as the command line and the documentation name it.
+    """A task, as named on the command line and in the documentation.
 
     Attributes
     ----------
-    name : on the command line, such as "attitude-test"
-    summary : one line, without a capital and a full stop
-    details : what `--help` says below the options: examples, conditions, files written
+    name : name on the command line, such as "attitude-test"
+    summary : one line without an initial capital or a full stop
+    details : text of `--help` below the options: examples, conditions, files written
     options : the dataclass of its options
-    source : name of its first argument: "curve", "scenario", "folder", "catalogue", or none: ""
-    source_help : one line about it
-    fully_lit : whether points in the Earth's penumbra are left out before the task starts
+    source : name of its first argument: "curve", "scenario", "folder" or "catalogue"; "" if none
+    source_help : one line about the source
+    fully_lit : whether points in the Earth's penumbra are removed before the task starts
     out : what it writes: `FOLDER`, `REQUIRED_FOLDER` (in Python too), `FILE`, `SOURCE` or `TEXT`
-    out_help : one line about it
-    listing : what ``--list`` prints, where the task has that flag
+    out_help : one line about the output
+    listing : what ``--list`` prints, if the task has that flag
     """
 
     name: str
@@ -63,22 +63,22 @@ class Task:
 
     @property
     def has_model_options(self) -> bool:
-        """Whether it takes options of models, too."""
+        """Whether it also takes options of models."""
         return issubclass(self.options, ModelOptions)
 
     @property
     def function(self) -> str:
-        """Name of the function in Python."""
+        """Name of its function in Python."""
         return self.name.replace("-", "_")
 
 
 @dataclass
 class Context:
-    """What a task needs to know of the run it is in.
+    """The context of a run, for its task.
 
     Attributes
     ----------
-    progress : where to report progress
+    progress : object that reports progress
     folder : the results folder, locked for this run, or None
     """
 
@@ -87,7 +87,7 @@ class Context:
     _checkpoint: Checkpoint | None = field(default=None, repr=False)
 
     def checkpoint(self, identity: dict[str, Any]) -> Checkpoint:
-        """The checkpoint of this run; ``identity`` is everything that decides its numbers."""
+        """The checkpoint of this run; ``identity`` is everything that determines its numbers."""
         from lcbayes.core.checkpoint import Checkpoint
 
         if self.folder is None:
@@ -96,7 +96,7 @@ class Context:
         return self._checkpoint
 
     def finish(self) -> None:
-        """The result is written: remove what the run left to go on from."""
+        """Remove the checkpoint of the run once the result is written."""
         if self._checkpoint is not None:
             self._checkpoint.finish()
 
@@ -106,8 +106,8 @@ def task_function(task: Task) -> Callable[[Callable[..., R]], Callable[..., R]]:
 
     The function takes the source, then the options of the task by keyword, then ``out`` (a results
     folder), ``report`` (whether to write the page there too) and ``progress``. A path may be given
-    in place of a light curve. Its docstring has a section on parameters that is made from the
-    declaration in place of a line ``{parameters}``.
+    instead of a light curve. In its docstring, a section on parameters generated from the
+    declaration replaces a line ``{parameters}``.
     """
 
     def decorate(run: Callable[..., R]) -> Callable[..., R]:
@@ -128,7 +128,7 @@ def task_function(task: Task) -> Callable[[Callable[..., R]], Callable[..., R]]:
 
 
 def _bound(task: Task, args: tuple[Any, ...], given: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """The source, and everything else by its name."""
+    """The source, and all other arguments by name."""
     options = declared_options(task.options)
     names = [task.source, *(n for n, o in options.items() if o.declared.positional)]
     if len(args) > len(names):
@@ -151,7 +151,7 @@ def execute(
     report: bool = True,
     progress: Silent | None = None,
 ) -> Any:
-    """Run a task and write its result where ``out`` says; arguments as of its public function."""
+    """Run a task and write its result to ``out``; arguments as for its public function."""
     value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
     context = Context(progress or Silent())
     if task.out == REQUIRED_FOLDER and out is None:
@@ -173,7 +173,7 @@ def execute(
 
 
 def recorded(task: Task, result: Result, options: Options, value: Any) -> Result:
-    """The result with the record of its run; what the task itself records is kept."""
+    """The result with the record of its run; entries that the task itself records are kept."""
     from lcbayes.results.record import record_of
 
     if task.out != SOURCE:
@@ -182,8 +182,8 @@ def recorded(task: Task, result: Result, options: Options, value: Any) -> Result
 
 
 def light_curve(source: Any, task: Task) -> LightCurve:
-    """The light curve itself, that of a file or of a fit, without penumbral points where the task
-    asks."""
+    """The light curve, given directly or as a file or a fit, without penumbral points if the task
+    requires it."""
     from lcbayes.data.earth_shadow import fully_lit
     from lcbayes.data.lightcurve import LightCurve
     from lcbayes.data.read import read
@@ -206,12 +206,12 @@ def path_like(source: Any, task: Task) -> Any:
 
 
 def fitted_curve(folder: Path) -> LightCurve:
-    """The light curve of a fit, as its results folder holds it.
+    """The light curve stored in the results folder of a fit.
 
     Raises
     ------
     InputError
-        The folder holds no fit, or one without its light curve.
+        The folder holds no fit, or a fit without its light curve.
     """
     from lcbayes.results.light_curve import load_light_curve
     from lcbayes.results.load import open_posterior
@@ -239,7 +239,7 @@ def signature(task: Task, run: Callable[..., Any]) -> Signature:
 
 
 def documented(task: Task, doc: str) -> str:
-    """The docstring with its section on parameters, which the declaration makes."""
+    """The docstring with its section on parameters, generated from the declaration."""
     lines = ["Parameters", "----------", f"{task.source} : {_source_type(task)}"]
     lines.append(f"    {_capital(task.source_help)}.")
     for declared in declared_options(task.options).values():
@@ -266,7 +266,7 @@ _DESCRIBED = {
 
 
 def _writing(task: Task) -> dict[str, Any]:
-    """The parameters that say where results are written, with their defaults."""
+    """The parameters that determine where results are written, with their defaults."""
     out = {} if task.out == SOURCE else {"out": None}
     report = {} if task.out in (FILE, SOURCE) else {"report": True}
     return {**out, **report, "progress": None}

@@ -1,4 +1,4 @@
-"""What `lcbayes.albedo_area` returns."""
+"""Result of `lcbayes.albedo_area`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FACETS = {
 
 
 class AlbedoAreaResult(DeterministicResult):
-    """Facets of known attitude, shape cues, and the convex body where the facets close.
+    """Facets for a known attitude, shape cues, and the convex body if the facets close.
 
     Attributes
     ----------
@@ -54,11 +54,11 @@ class AlbedoAreaResult(DeterministicResult):
 
     @property
     def _unit(self) -> str:
-        """End of the name of a column of areas."""
+        """Suffix of the names of columns of areas."""
         return "_m2" if self.content["calibrated"] else "_relative"
 
     def summary(self) -> pd.DataFrame:
-        """One row a facet, largest first: normal (deg, body frame) and albedo-area (m²)."""
+        """One row per facet, largest first: normal (deg, body frame) and albedo-area (m²)."""
         import pandas as pd
 
         names = {
@@ -87,7 +87,7 @@ class AlbedoAreaResult(DeterministicResult):
         }
 
     def write_files(self, folder: Path) -> None:
-        """Write ``shape.obj`` and ``shape.ply``, vertices in m, where there is a shape."""
+        """Write ``shape.obj`` and ``shape.ply``, vertices in m, if there is a shape."""
         if self.data.shape is not None:
             comment = "convex body of one albedo, lcbayes albedo-area"
             write_text(self.data.shape.obj(comment), folder / "shape.obj")
@@ -97,7 +97,7 @@ class AlbedoAreaResult(DeterministicResult):
         albedo_area_plots.draw(self.data, gallery)
 
     def plot_distribution(self) -> Figure:
-        """Map of the body frame: the albedo-area that faces each direction, and the facets."""
+        """Map of the body frame: the albedo-area facing each direction, and the facets."""
         return figure_of(albedo_area_plots.draw_map, self.data)
 
     def plot_fit(self) -> Figure:
@@ -105,12 +105,12 @@ class AlbedoAreaResult(DeterministicResult):
         return figure_of(albedo_area_plots.draw_fit, self.data)
 
     def plot_shape(self) -> Figure:
-        """The convex body from three sides, where there is one."""
+        """The convex body from three sides, if there is one."""
         return figure_of(albedo_area_plots.draw_shape, self.data)
 
 
 def _numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
-    """What ``summary.json`` holds: m², m³, m and degrees, body frame."""
+    """Content of ``summary.json``: m², m³, m and degrees, body frame."""
     seen, best, found = result.seen, result.best, result.on_grid
     calibrated = not np.all(seen.free)
     return {

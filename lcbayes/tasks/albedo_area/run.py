@@ -16,9 +16,10 @@ def albedo_area(
 ) -> AlbedoAreaResult:
     """Albedo-area distribution, shape cues and convex shape of an object of known attitude.
 
-    The flux is linear in the albedo-areas α of facets of fixed normals, f(t) = Σ αᵢ kᵢ(t), and is
-    solved by non-negative least squares on a grid of normals; areas that close,
-    |Σ α n| ≪ Σ α, have one convex body (Minkowski). Exact for a convex body of one albedo.
+    The flux is linear in the albedo-areas α of facets of fixed normals, f(t) = Σ αᵢ kᵢ(t). The
+    albedo-areas are obtained by non-negative least squares on a grid of normals. Areas that close,
+    |Σ α n| ≪ Σ α, determine one convex body (Minkowski). The method is exact for a convex body of
+    uniform albedo.
 
     {parameters}
 
@@ -26,12 +27,12 @@ def albedo_area(
     -------
     AlbedoAreaResult
         ``data`` is a `lcbayes.inversion.albedo_area.inversion.Inversion`: normals (N, 3) in the
-        body frame, albedo-areas (N,) in m². ``summary()`` has one row a facet, in degrees and m².
+        body frame, albedo-areas (N,) in m². ``summary()`` has one row per facet, in degrees and m².
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault, or no or several attitudes are given.
+        The light curve or an option is invalid, or not exactly one attitude is given.
 
     References
     ----------

@@ -1,1 +1,1 @@
-"""`lcbayes attitude-test`: which attitude laws the measurements allow, without a shape."""
+"""`lcbayes attitude-test`: attitude laws consistent with the measurements, without a shape."""

@@ -44,7 +44,7 @@ class AttitudeTestOptions(Options):
 
 
 def laws() -> str:
-    """The laws of the catalogue with their titles, a line each."""
+    """The laws of the catalogue with their titles, one per line."""
     from lcbayes.physics.attitude import catalogue
 
     return "\n".join(f"{law.name:20s} {law.title}" for law in catalogue.LAWS.values())

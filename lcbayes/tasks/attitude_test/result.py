@@ -1,4 +1,4 @@
-"""What `lcbayes.attitude_test` returns."""
+"""Result of `lcbayes.attitude_test`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class AttitudeTestResult(DeterministicResult):
         super().__init__(found, content, found.reasons)
 
     def summary(self) -> pd.DataFrame:
-        """One row a law, highest p-value first."""
+        """One row per law, highest p-value first."""
         import pandas as pd
 
         rows = [
@@ -83,11 +83,11 @@ class AttitudeTestResult(DeterministicResult):
         attitude_test_report.draw(self.data, gallery)
 
     def plot_laws(self) -> Figure:
-        """The p-value of each law that was tested."""
+        """The p-value of each tested law."""
         return figure_of(attitude_test_report.draw_laws, self.data)
 
     def plot_pairs(self) -> Figure:
-        """Differences of flux within the pairs of the best law and of the worst."""
+        """Differences of flux within the pairs of the best and the worst law."""
         return figure_of(attitude_test_report.draw_pairs, self.data)
 
 

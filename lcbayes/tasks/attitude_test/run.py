@@ -14,10 +14,10 @@ from lcbayes.tasks.task import Context, task_function
 def attitude_test(
     curve: LightCurve, options: AttitudeTestOptions, context: Context
 ) -> AttitudeTestResult:
-    """Attitude laws tested by pairs of measurements with equal geometry, without a shape.
+    """Test attitude laws with pairs of measurements of equal geometry, without a shape.
 
-    If a law holds, two measurements whose directions to Sun and observer are equal in body axes
-    have equal brightness, whatever the body. The differences within pairs are ranked among those of
+    If a law is true, two measurements with the same directions to Sun and observer in body axes
+    have equal brightness for any body. The differences within pairs are ranked among those of
     random bodies under the law.
 
     {parameters}
@@ -26,12 +26,12 @@ def attitude_test(
     -------
     AttitudeTestResult
         ``data`` is a `lcbayes.inversion.separated.attitude_test.AttitudeTest`; ``summary()`` has
-        one row a law, with its p-value.
+        one row per law, with its p-value.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault, or no p-value can be below the level.
+        The light curve or an option is invalid, or no p-value can be below the level.
 
     References
     ----------

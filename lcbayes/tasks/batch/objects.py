@@ -1,4 +1,4 @@
-"""What a batch is asked to do: objects with their light curves, from a catalogue or a folder."""
+"""The objects of a batch with their light curves, from a catalogue or a folder."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lcbayes.core.toml import read_toml
 from lcbayes.data.options import ReadOptions
 from lcbayes.tasks.fit.options import FitOptions
 
-PATHS = ("tle", "start_from")  # from the folder of the catalogue, as the light curves
+PATHS = ("tle", "start_from")  # relative to the catalogue's folder, as are light curves
 CURVES = {".csv", ".ecsv", ".lcs", ".txt", ".dat"}
 
 
 @dataclass(frozen=True)
 class Object:
-    """One object: its light curve, and how that is read and fitted."""
+    """One object: its light curve, and the options to read and to fit it."""
 
     name: str
     curve: str
@@ -36,15 +36,15 @@ def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> l
     """The objects of a catalogue, a folder of light curves, or a pattern such as ``'night/*.csv'``.
 
     A catalogue is a CSV file with a column ``curve``, or a TOML file with tables ``[[objects]]``
-    that have a key ``curve`` and a table ``[defaults]`` for all of them. Further columns or keys:
-    ``name``; the options of `lcbayes.read` and of `lcbayes.fit`; every other is an option of the
-    model. Paths are taken from the catalogue's folder. What an object does not say
-    is taken from ``common``.
+    with a key ``curve``, and a table ``[defaults]`` for all objects. Further columns or keys:
+    ``name`` and the options of `lcbayes.read` and of `lcbayes.fit`; any other is an option of the
+    model. Paths are relative to the catalogue's folder. Options that an object does not set are
+    taken from ``common``.
 
     Raises
     ------
     InputError
-        There are no objects, two have one name, or a value is not of its kind.
+        There are no objects, two objects have the same name, or a value has the wrong type.
     """
     path = Path(catalogue)
     if path.is_dir():
@@ -92,7 +92,7 @@ def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _rows(file: TextFile, kept: list[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of each row."""
+    """Line number and cells of each row."""
     table, begun = csv.reader(line for _, line in kept), 0
     try:
         for cells in table:
@@ -115,7 +115,7 @@ def _toml(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _beside(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with its paths taken from the catalogue's folder."""
+    """The row with its paths resolved relative to the catalogue's folder."""
     at = {k: str(path.parent / str(row[k])) for k in ("curve", *PATHS) if k in row}
     if str(row.get("model", "")).endswith(".py"):
         at["model"] = str(path.parent / str(row["model"]))
@@ -129,7 +129,7 @@ def _object(where: str, row: dict[str, Any]) -> Object:
     name = re.sub(r"[^\w.+-]+", "_", str(row.pop("name", Path(curve).stem))).strip("._")
     if not name:
         raise InputError(f"{where}: the object's name has no letter or digit; give another")
-    row |= {k: os.path.abspath(row[k]) for k in PATHS if k in row}  # who does it may be elsewhere
+    row |= {k: os.path.abspath(row[k]) for k in PATHS if k in row}  # a worker may run elsewhere
     if str(row.get("model", "")).endswith(".py"):
         row["model"] = os.path.abspath(row["model"])
     names = declared_options(ReadOptions)

@@ -12,8 +12,8 @@ from lcbayes.tasks.task import REQUIRED_FOLDER, Task
 
 @dataclass(frozen=True)
 class BatchOptions(ReadOptions, FitOptions):
-    """Options of `lcbayes.batch`: those of `lcbayes.read` and `lcbayes.fit`, for objects that do
-    not say otherwise, and how the work is shared."""
+    """Options of `lcbayes.batch`: those of `lcbayes.read` and `lcbayes.fit`, as defaults of the
+    objects, and the distribution of the work."""
 
     reports: bool = option(False, help="write the page of every object too")
     scheduler: str | None = option(None, metavar="ADDRESS", help="a Dask cluster: tcp://…")

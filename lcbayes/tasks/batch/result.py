@@ -1,4 +1,4 @@
-"""What `lcbayes.batch` returns."""
+"""Result of `lcbayes.batch`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Batch(Result):
-    """The results of many objects, of which each has a results folder ``objects/NAME``."""
+    """The results of many objects, each with a results folder ``objects/NAME``."""
 
     task = "batch"
 
@@ -26,16 +26,16 @@ class Batch(Result):
     def from_folder(
         cls, _: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> Batch:
-        """The batch of a results folder."""
+        """The batch in a results folder."""
         return cls(content, reasons, record.content)
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """One for each object, in the order of the catalogue."""
+        """The row of each object, in the order of the catalogue."""
         return self.content["objects"]
 
     def summary(self) -> pd.DataFrame:
-        """One row an object: status, goodness of fit, spin and size of its heaviest solution."""
+        """One row per object: status, goodness of fit, spin and size of its heaviest solution."""
         import pandas as pd
 
         return pd.DataFrame(map(cells, self.rows), columns=heads(self.rows), dtype=object)

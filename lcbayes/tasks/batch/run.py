@@ -20,28 +20,28 @@ from lcbayes.tasks.batch.options import TASK, BatchOptions
 from lcbayes.tasks.batch.result import Batch
 from lcbayes.tasks.task import Context, recorded, task_function
 
-DEATHS = 3  # workers that may die of one object
+DEATHS = 3  # workers that one object may crash
 
 
 @task_function(TASK)
 def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Batch:
-    """Fit every object of a catalogue, each into a folder of its own under ``out/objects``.
+    """Fit every object of a catalogue, each in a separate folder under ``out/objects``.
 
-    An object that fails is named with its reason, and the others are done. Objects that an earlier
-    run did with the same files and options are not done again; one that was cut off goes on from
-    its checkpoint; one that failed is tried again.
+    If an object fails, it is listed with the reason and the other objects are still fitted. Objects
+    already fitted with the same files and options are not fitted again, an interrupted fit resumes
+    from its checkpoint, and a failed one is repeated.
 
     {parameters}
 
     Returns
     -------
     Batch
-        ``summary()`` has one row an object.
+        ``summary()`` has one row per object.
 
     Raises
     ------
     InputError
-        The catalogue or an option is at fault.
+        The catalogue or an option is invalid.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Bat
                     i = left[k]
                     rows[i] = _dead(asked[i], row) if isinstance(row, BaseException) else row
                     track.advance(1, f"{rows[i]['name']} {rows[i]['status']}")
-    except BaseException:  # interrupted: what is done is kept
+    except BaseException:  # interrupted: finished objects are kept
         if rows:
             recorded(TASK, result(), options, catalogue).write(context.folder, report=False)
         raise
@@ -92,14 +92,14 @@ def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Bat
 
 
 def _common(options: BatchOptions) -> dict[str, Any]:
-    """What every object takes that does not say otherwise."""
+    """The default options of all objects."""
     own = ("reports", "scheduler", "workers")
     given = {name: value for name, value in options.as_dict().items() if name not in own}
     return {k: str(v) if isinstance(v, Path) else v for k, v in given.items()}
 
 
 def _check(asked: Sequence[Object]) -> None:
-    """Options and settings of all objects, before the first is begun."""
+    """Check the options and settings of all objects before the first fit."""
     for one in asked:
         entry = registry.find(one.options.model)
         given = dict(one.options.for_model)

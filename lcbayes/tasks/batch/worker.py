@@ -1,4 +1,4 @@
-"""One object of a batch, from its files to its row of the table."""
+"""The fit of one object of a batch, from its files to its row of the table."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from lcbayes.tasks.task import execute
 if TYPE_CHECKING:
     from lcbayes.tasks.fit.result import Fit
 
-MARK = "object.json"  # in an object's folder: its row, and what made it
+MARK = "object.json"  # in an object's folder: its row and its identity
 
 
 def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
-    """The row of an object that was done with the same files and options."""
+    """The row of an object that was already fitted with the same files and options."""
     try:
         mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
         same = mark["identity"] == identity(one) and (folder / "summary.json").is_file()
@@ -36,7 +36,7 @@ def done_before(folder: Path, one: Object) -> dict[str, Any] | None:
 
 
 def identity(one: Object) -> str:
-    """What decides an object's numbers."""
+    """The identity of everything that determines an object's result."""
     named = {**one.reading.files(), **one.options.files()}
     given = [{k: str(v) for k, v in o.as_dict().items()} for o in (one.reading, one.options)]
     found = hashlib.sha256(json.dumps([*given, installed_version()], sort_keys=True).encode())
@@ -46,7 +46,7 @@ def identity(one: Object) -> str:
 
 
 def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
-    """Fit one object into its own folder of a batch; its row, whatever happens."""
+    """Fit one object in its own folder of a batch; always returns its row."""
     from lcbayes.data.read import read
     from lcbayes.tasks.fit.run import fit
 
@@ -58,7 +58,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         found = execute(TASK, fit.__wrapped__, curve, one.options, folder, with_report)
     except InputError as fault:
         return failed(one, str(fault), time.monotonic() - begun)
-    except Exception as fault:  # whatever ails one object, the others are to be done
+    except Exception as fault:  # a fault in one object must not stop the others
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
         told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
@@ -81,7 +81,7 @@ def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, 
 
 
 def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
-    """What the table says of a fit: numbers of its heaviest solution."""
+    """The row of a fit, with numbers of its heaviest solution."""
     summary = found.content
     parameters = summary["parameters"]
     row = {

@@ -1,4 +1,4 @@
-"""Whether intervals hold the truth as often as they say: simulation-based calibration."""
+"""Simulation-based calibration: test whether intervals have their nominal coverage."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ SETTINGS = ("sampler", "num_warmup", "num_samples", "num_chains", "num_starts", 
 
 
 class Calibration(NamedTuple):
-    """What the posteriors of simulated curves say of the truths behind them.
+    """Ranks of the true values in the posteriors of simulated curves.
 
     Attributes
     ----------
     names : tuple of str
         Quantities; the last is the log-likelihood.
     places : (n, Q)
-        Share of the draws that lie below the truth, half of those equal to it: uniform in [0, 1]
-        where all is right.
+        Fraction of the draws below the true value, plus half of those equal to it: uniform in
+        [0, 1] if everything is correct.
     trusted : (n,) bool
         Whether the fit passed its own diagnostics.
     """
@@ -46,11 +46,11 @@ class Calibration(NamedTuple):
     trusted: NDArray[np.bool_]
 
     def coverage(self, level: float) -> Floats:
-        """Share of central intervals of this level that hold the truth, (Q,)."""
+        """Fraction of central intervals of this level that contain the true value, (Q,)."""
         return np.mean(np.abs(self.places - 0.5) < 0.5 * level, axis=0)
 
     def p_values(self) -> Floats:
-        """Of uniform places, by Kolmogorov and Smirnov's exact test, (Q,)."""
+        """p-values of uniform places by the exact Kolmogorov–Smirnov test, (Q,)."""
         from scipy.stats import kstest
 
         return np.array([kstest(column, "uniform").pvalue for column in self.places.T])
@@ -68,27 +68,27 @@ def calibrate(
 ) -> Calibration:
     """Fit n light curves simulated from the prior, with the geometry and the errors of one curve.
 
-    A truth θ comes from the prior, data y from the model at θ, draws from the posterior that
-    `lcbayes.fit` gives for y, search, solutions and weights included. The place of f(θ) among the
-    draws of f is uniform for every function f if prior, likelihood, sampler and weights agree
-    (Cook, Gelman & Rubin 2006; Talts et al. 2018). The log-likelihood is one of the f, since
-    without a function of the data a posterior that ignores them would pass (Modrák et al. 2023).
-    Factors of a model, such as that of facets being seen, are at most one, and are honoured by
-    rejection.
+    A true value θ is drawn from the prior and data y from the model at θ. `lcbayes.fit` then gives
+    draws from the posterior for y, including the search, the solutions and their weights. The place
+    of f(θ) among the draws of f is uniform for every function f if prior, likelihood, sampler and
+    weights are consistent (Cook, Gelman & Rubin 2006; Talts et al. 2018). The log-likelihood is one
+    of these functions: without a function of the data, a posterior that ignores the data would pass
+    (Modrák et al. 2023). Factors of a model, such as the visibility of facets, are at most one and
+    are applied by rejection.
 
     Parameters
     ----------
     curve : LightCurve
-        Times, geometry, errors, bands; its brightness does not matter. Errors must be given, or
-        the brightness be magnitudes of known scale: a scale or an error to be found has a prior
-        that is told from the brightness, and that is no prior to draw from.
+        Times, geometry, errors and bands; its brightness is not used. The errors must be given, or
+        the brightness must be magnitudes of known scale: the prior of an inferred scale or error
+        depends on the brightness, so it cannot be sampled beforehand.
     model, **asked
         As for `lcbayes.fit`: a model, its options, the sampler and its settings.
     n : int
-        Simulated curves.
+        Number of simulated curves.
     quantities : callable, optional
-        From {name: draws (S, ...)} to {name: (S,)}. Without it, every scalar that a summary
-        shows, which is right only where no facets may change places.
+        Function from {name: draws (S, ...)} to {name: (S,)}. Default: every scalar in a summary,
+        which is correct only if facets cannot be exchanged.
 
     Returns
     -------
@@ -97,8 +97,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If the curve has an unknown scale or error, the model infers scatter in units that are told
-        from the brightness, or the prior's factors leave hardly any draw.
+        The curve has an unknown scale or error, the model infers scatter in units derived from the
+        brightness, or the prior's factors reject nearly all draws.
 
     References
     ----------
@@ -151,7 +151,7 @@ def calibrate(
 
 
 def _check_noise(problem: Problem, truth: jax.Array, asked: Epochs, seen: Epochs) -> None:
-    """Whether the noise at a truth is what it was when the curve was drawn."""
+    """Check that the noise at the true values equals that with which the curve was simulated."""
     from lcbayes.modelling.problem import compiled
 
     before, after = (compiled(problem.moments)(truth, data).sd for data in (asked, seen))
@@ -163,7 +163,7 @@ def _check_noise(problem: Problem, truth: jax.Array, asked: Epochs, seen: Epochs
 
 
 def scalars(sites: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Every scalar a summary shows, (S,) each."""
+    """Every scalar in a summary, (S,) each."""
     return {
         names.label(name, index): sites[name][(slice(None), *index)]
         for name in names.reported(sorted(sites))

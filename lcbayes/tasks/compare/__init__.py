@@ -1,1 +1,1 @@
-"""`lcbayes compare`: how many facets."""
+"""`lcbayes compare`: the number of facets."""

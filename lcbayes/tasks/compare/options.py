@@ -12,7 +12,7 @@ from lcbayes.modelling.options import ModelOptions
 from lcbayes.tasks.fit.options import MODEL, model_file
 from lcbayes.tasks.task import Task
 
-MOST = 50  # facets; a guard against slips, far beyond what data tell
+MOST = 50  # facets; a guard against typing errors, far above what data can resolve
 
 
 def numbers(text: str) -> tuple[int, ...]:
@@ -44,7 +44,7 @@ class CompareOptions(ModelOptions):
         aliases=("--facets",),
         help="numbers of facets to compare: 1-8 or 1,2,4",
     )
-    facets: None = None  # of known normals: their number is not asked
+    facets: None = None  # facets of known normals have a known number
     model: str = MODEL
     seed: int = option(0, low=0, help="seed of all random numbers")
     num_particles: int = option(100, low=10, help="particles that move, in each run")

@@ -1,4 +1,4 @@
-"""What `lcbayes.compare` returns."""
+"""Result of `lcbayes.compare`."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ class Comparison(Result):
     def from_folder(
         cls, _: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> Comparison:
-        """The comparison of a results folder."""
+        """The comparison in a results folder."""
         return cls(content, reasons, record.content)
 
     @property
     def conclusion(self) -> str:
-        """One sentence."""
+        """The conclusion in one sentence."""
         return self.content["conclusion"]
 
     @property
     def probability(self) -> dict[int, float]:
-        """Of each number of facets."""
+        """Posterior probability of each number of facets."""
         return {row["n_facets"]: float(row["probability"]) for row in self._rows()}
 
     def summary(self) -> pd.DataFrame:
-        """One row a number of facets; what the columns are, `results.comparison.COLUMNS` says."""
+        """One row per number of facets; `results.comparison.COLUMNS` describes the columns."""
         import pandas as pd
 
         return pd.DataFrame(self._rows(), columns=list(COLUMNS))
@@ -50,7 +50,7 @@ class Comparison(Result):
         return {"candidates": self.summary()}
 
     def lines(self) -> list[str]:
-        """The numbers, the notes they need and the conclusion."""
+        """The table, its notes and the conclusion."""
         return table(self.content)
 
     def write_page(self, folder: Path) -> None:

@@ -21,23 +21,23 @@ from lcbayes.tasks.task import Context, task_function
 
 @task_function(TASK)
 def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Comparison:
-    """How many facets a light curve asks for.
+    """Compare numbers of facets for a light curve.
 
-    For each number, independent runs of tempered particles go from the prior to the posterior and
-    find its evidence; the runs' spread is its error. Beside it stand the predictive densities of
-    epochs left out, which ask another question: not which number is true, but which predicts best.
+    For each number, independent runs of tempered particles from the prior to the posterior give the
+    evidence; the scatter between runs gives its error. The predictive densities of left-out epochs
+    are also given. They answer a different question: which number predicts best, not which is true.
 
     {parameters}
 
     Returns
     -------
     Comparison
-        ``summary()`` has one row a number of facets.
+        ``summary()`` has one row per number of facets.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault.
+        The light curve or an option is invalid.
 
     References
     ----------
@@ -77,7 +77,7 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
 
 
 def _check_model(entry: Entry, sparse: int | None, counts: Sequence[int]) -> None:
-    """That the model can be asked what is asked."""
+    """Check that the model supports the comparison."""
     if "n_facets" not in entry.options or entry.hook("starts") is not None:
         raise InputError(
             f"--model {entry.name} has no number of facets to compare; available: faceted, "

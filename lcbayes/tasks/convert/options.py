@@ -1,4 +1,4 @@
-"""Options of `lcbayes convert`; in Python it is `lcbayes.write` of what `lcbayes.read` gives."""
+"""Options of `lcbayes convert`; in Python, use `lcbayes.read` and `lcbayes.write`."""
 
 from __future__ import annotations
 

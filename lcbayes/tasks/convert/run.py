@@ -11,7 +11,7 @@ from lcbayes.tasks.convert.options import ConvertOptions
 
 
 def command(curve: LightCurve, options: ConvertOptions) -> int:
-    """Write the light curve, and print what was read and what was left out."""
+    """Write the light curve, and print what was read and what was omitted."""
     if options.output.resolve() == Path(curve.source["file"]).resolve():
         raise InputError(f"OUT is the input, {options.output}; give another name")
     write(curve, options.output)

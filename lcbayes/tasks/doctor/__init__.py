@@ -1,1 +1,1 @@
-"""`lcbayes doctor`: whether this machine can run the package, and what to do where it cannot."""
+"""`lcbayes doctor`: check whether this machine can run the package, with remedies."""

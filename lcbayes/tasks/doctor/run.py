@@ -20,7 +20,7 @@ MIN_MEMORY_GIB = 2.0
 
 
 class Check(NamedTuple):
-    """One line of the answer; `remedy` is empty where all is well."""
+    """One line of the output; `remedy` is empty if the check passed."""
 
     name: str
     found: str
@@ -28,7 +28,7 @@ class Check(NamedTuple):
 
 
 def command(_source: None, options: DoctorOptions) -> int:
-    """Print every check; the exit status is 2 where one of them needs attention."""
+    """Print every check; the exit status is 2 if any of them needs attention."""
     checks = list(examine())
     wrong = [check for check in checks if check.remedy]
     if options.json:
@@ -59,10 +59,10 @@ def examine() -> Iterator[Check]:
 
 
 def _packages() -> Iterator[Check]:
-    """Every dependency of the installed package, against the version it asks for."""
+    """Every dependency of the installed package, compared with the required version."""
     try:
         from packaging.requirements import Requirement
-    except ImportError:  # astropy and xarray bring it
+    except ImportError:  # installed with astropy and xarray
         yield Check("packaging", "missing", "run: pip install --force-reinstall lcbayes")
         return
     try:
@@ -90,7 +90,7 @@ def _jax() -> Iterator[Check]:
         from lcbayes.core.jax_setup import cache_dir, jax, jnp
 
         devices = ", ".join(f"{d.platform}:{d.device_kind}" for d in jax.devices())
-    except Exception as fault:  # whatever keeps JAX from starting is what the user must see
+    except Exception as fault:  # the user must see any fault that prevents JAX from starting
         yield Check(
             "jax devices",
             f"JAX does not start: {fault}".splitlines()[0],
@@ -122,7 +122,7 @@ def _cache(folder: Path | None) -> Check:
 
 
 def _cores() -> int:
-    """Cores this process may use."""
+    """Number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -136,7 +136,7 @@ def _memory() -> Check:
 
 
 def _data() -> Check:
-    """Real observations for the tests: good to have, never needed."""
+    """Real observations for the tests; optional."""
     chosen = os.environ.get("LCBAYES_DATA")
     if not chosen:
         return Check("observations for tests", "LCBAYES_DATA is not set (only tests use it)")

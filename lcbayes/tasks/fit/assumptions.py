@@ -1,4 +1,4 @@
-"""What the numbers of a fit rest on, in sentences."""
+"""The assumptions of a fit, in sentences."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ NOISE = {
     "student-t": "Noise follows Student's t of 4 degrees of freedom: outliers weigh less.",
     "mixture": "Some points are outliers, which scatter more widely; how many is inferred.",
 }
-UNSURE_DEG = 1.0  # of the direction of flight, 1 sd, from which on it is said
+UNSURE_DEG = 1.0  # 1 sd of the direction of flight above which it is reported
 
 
 def assumptions(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> list[str]:
-    """Of the body, the spin and the noise of a fit."""
+    """Assumptions about the body, the spin and the noise of a fit."""
     return [*_of_body(curve, entry, options), *_of_data(curve, entry, options)]
 
 

@@ -48,7 +48,7 @@ class FitOptions(ModelOptions):
 
 
 def model_file(model: str) -> dict[str, Path]:
-    """The file of a model that is not built in, as `Options.files` has it."""
+    """The file of a model that is not built in, in the form of `Options.files`."""
     path = Path(model)
     return {"model": path} if path.suffix == ".py" or path.is_file() else {}
 

@@ -1,4 +1,4 @@
-"""What `lcbayes.fit` returns."""
+"""Result of `lcbayes.fit`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Fit(Result):
     Attributes
     ----------
     tree : xarray.DataTree
-        Groups as ArviZ names them, and ``modes/0``, ``modes/1``, … with each solution's chains.
+        Groups with ArviZ's names, and ``modes/0``, ``modes/1``, … with each solution's chains.
     """
 
     task = "fit"
@@ -61,7 +61,7 @@ class Fit(Result):
     def from_folder(
         cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> Fit:
-        """The fit of a results folder."""
+        """The fit in a results folder."""
         with open_posterior(folder) as tree:
             return cls(tree.load(), content, reasons, record.content)
 
@@ -72,17 +72,17 @@ class Fit(Result):
 
     @property
     def posterior(self) -> xr.Dataset:
-        """The chains of all solutions as sampled; where there are several,
-        `lcbayes.weighted_draws` weighs them."""
+        """The chains of all solutions as sampled; if there are several, use
+        `lcbayes.weighted_draws` for draws of the posterior."""
         return self.tree["posterior"].to_dataset()
 
     @property
     def light_curve(self) -> LightCurve:
-        """The light curve that was fitted."""
+        """The fitted light curve."""
         return load_light_curve(self.tree)
 
     def summary(self) -> pd.DataFrame:
-        """One row a parameter of each solution: weight, unit, mean, sd, quantiles, diagnostics."""
+        """One row per parameter of each solution: weight, unit, mean, sd, quantiles, R-hat, ESS."""
         import pandas as pd
 
         rows = [
@@ -119,7 +119,7 @@ class Fit(Result):
             if not name.startswith(("coefficients", "scale", "log_"))
         }
         entries = Counter(name.partition("[")[0] for name in rows)
-        # areas on a grid and offsets of many satellites are too many to read
+        # areas on a grid and offsets of many satellites are too many to list
         short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]
         for name in short:
             row = rows[name]
@@ -143,7 +143,7 @@ class Fit(Result):
         page.write_page(folder, contents.read(folder if saved else self.folder or folder))
 
     def plot_light_curve(self) -> list[Figure]:
-        """Brightness with its posterior prediction, one figure a solution or pass."""
+        """Brightness with its posterior prediction, one figure per solution or pass."""
         return style.figures(lambda g: light_curve_plots.draw_panels(self._contents(), g))
 
     def plot_residuals(self) -> list[Figure]:
@@ -151,7 +151,7 @@ class Fit(Result):
         return style.figures(lambda g: light_curve_plots.draw_residuals(self._contents(), g))
 
     def plot_parameters(self) -> list[Figure]:
-        """Pairs of the most important quantities, one figure a solution."""
+        """Pairs of the most important quantities, one figure per solution."""
 
         def draw(gallery: style.Gallery) -> None:
             for mode, few in self._important():
@@ -160,7 +160,7 @@ class Fit(Result):
         return style.figures(draw)
 
     def plot_trace(self) -> list[Figure]:
-        """Chains of the most important quantities, one figure a solution."""
+        """Chains of the most important quantities, one figure per solution."""
 
         def draw(gallery: style.Gallery) -> None:
             for mode, few in self._important():
@@ -180,7 +180,7 @@ class Fit(Result):
         return style.figures(draw)
 
     def plot_body(self) -> list[Figure]:
-        """The body of each solution, where its facets close."""
+        """The body of each solution whose facets close."""
         results = self._contents()
 
         def draw(gallery: style.Gallery) -> None:

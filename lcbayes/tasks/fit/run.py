@@ -35,21 +35,21 @@ from lcbayes.tasks.task import Context, execute, task_function
 def fit(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     """Posterior over shape, spin and surface from a light curve.
 
-    A search from many starts finds the solutions; each is sampled by its own chains; their weights
-    are their shares of the evidence.
+    A search from many starts finds the solutions. Each solution is sampled by its own chains, and
+    its weight is its share of the evidence.
 
     {parameters}
 
     Returns
     -------
     Fit
-        ``data`` is the DataTree of ``posterior.nc``; ``summary()`` has one row a parameter of each
-        solution.
+        ``data`` is the DataTree of ``posterior.nc``; ``summary()`` has one row per parameter of
+        each solution.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault.
+        The light curve or an option is invalid.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def fit(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
 
 @dataclass(frozen=True)
 class KernelOptions(FitOptions):
-    """Options of `fit_with_kernel`: those of `lcbayes.fit` with every kernel."""
+    """Options of `fit_with_kernel`: those of `lcbayes.fit`, with all kernels."""
 
     sampler: str = option("nuts", choices=tuple(WARMUP), help="name of the kernel")
 
@@ -87,11 +87,11 @@ def fit_with_kernel(
     progress: Silent | None = None,
     **given: Any,
 ) -> Fit:
-    """`lcbayes.fit` with a kernel that is there for comparison.
+    """`lcbayes.fit` with a kernel provided for comparison.
 
-    ``hmc``, ``rmhmc`` and ``mh`` are exact and slower than those that `lcbayes.fit` offers;
-    ``ahmc-paper`` follows the published rule, which does not leave the posterior invariant, so
-    that its result is never trusted. The kernels themselves are in `lcbayes.samplers.kernels`, for
+    ``hmc``, ``rmhmc`` and ``mh`` are exact and slower than the kernels of `lcbayes.fit`.
+    ``ahmc-paper`` follows the published rule, which does not leave the posterior invariant, so its
+    result is never trusted. The kernels are in `lcbayes.samplers.kernels`, for
     `numpyro.infer.MCMC`.
 
     Parameters
@@ -99,7 +99,7 @@ def fit_with_kernel(
     curve : LightCurve
     sampler : {"nuts", "ahmc", "ahmc-paper", "hmc", "rmhmc", "mh", "smc"}
     out, report, progress, **given
-        As of `lcbayes.fit`.
+        As for `lcbayes.fit`.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
 
 
 def check_curve(curve: LightCurve) -> None:
-    """An InputError where there is nothing to fit."""
+    """Raise an InputError if there is nothing to fit."""
     if curve.geometry_only:
         raise InputError("the curve has no brightness to fit; add a column flux or mag")
     if curve.n_obs < 3:
@@ -151,7 +151,7 @@ def check_curve(curve: LightCurve) -> None:
 
 
 def _check_level(curve: LightCurve) -> None:
-    """An InputError where fluxes have no level to be in units of."""
+    """Raise an InputError if the fluxes have no level that can serve as a unit."""
     near = 1.0 if curve.range_km is None else curve.range_km**2
     for i, name in enumerate(curve.curve_names):
         here = curve.curve == i

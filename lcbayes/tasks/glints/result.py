@@ -1,4 +1,4 @@
-"""What `lcbayes.glints` returns."""
+"""Result of `lcbayes.glints`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ DIRECTIONS = (
 
 
 class GlintsResult(DeterministicResult):
-    """Glints, and the directions of what makes them.
+    """Glints, and the directions of the reflecting facets, cylinders or panels.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class GlintsResult(DeterministicResult):
         self._curve = curve
 
     def summary(self) -> pd.DataFrame:
-        """One row a facet, cylinder or panel that several glints fix; angles in degrees."""
+        """One row per facet, cylinder or panel determined by several glints; angles in degrees."""
         import pandas as pd
 
         rows = [_row("facet", d) for d in self.data.facets]
@@ -110,7 +110,7 @@ class GlintsResult(DeterministicResult):
 
 
 def _numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
-    """What ``summary.json`` holds: times in s, flux as in the data, body axes, degrees."""
+    """Content of ``summary.json``: times in s, flux as in the data, body axes, degrees."""
     rows = []
     for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
         lon, lat = lon_lat_deg(seen.bisector)

@@ -11,11 +11,11 @@ from lcbayes.tasks.task import Context, task_function
 
 @task_function(TASK)
 def glints(curve: LightCurve, options: GlintsOptions, context: Context) -> GlintsResult:  # noqa: ARG001
-    """Glints of a light curve, and the facets, cylinder or panel whose reflections they are.
+    """Glints of a light curve, and the facets, cylinder or panel that reflect them.
 
-    A glint is seen when the phase-angle bisector passes a facet's normal, b = n, or lies across the
-    axis of a cylinder, c · b = 0. Several glints that meet one condition fix the direction. Exact
-    for mirror-like facets and a known attitude.
+    A glint is seen when the phase-angle bisector passes a facet's normal, b = n, or is
+    perpendicular to the axis of a cylinder, c · b = 0. Several glints that satisfy one condition
+    determine the direction. The method is exact for mirror-like facets and a known attitude.
 
     {parameters}
 
@@ -23,12 +23,12 @@ def glints(curve: LightCurve, options: GlintsOptions, context: Context) -> Glint
     -------
     GlintsResult
         ``data`` is a `lcbayes.inversion.glints.attitude.Glints`: unit vectors (3,) in body axes,
-        times in s. ``summary()`` has one row a direction, in degrees.
+        times in s. ``summary()`` has one row per direction, in degrees.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault, or no pass has 30 points.
+        The light curve or an option is invalid, or no pass has 30 points.
 
     References
     ----------

@@ -10,7 +10,7 @@ from lcbayes.tasks.models.options import ModelsOptions
 
 
 def command(_source: None, options: ModelsOptions) -> int:
-    """Print the models, the options of one, or what a model file must define."""
+    """Print the models, the options of one model, or the requirements of a model file."""
     if options.contract:
         print(registry.__doc__)
     elif options.name is None:

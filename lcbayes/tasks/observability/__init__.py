@@ -1,1 +1,1 @@
-"""`lcbayes observability`: what a campaign can tell."""
+"""`lcbayes observability`: what a campaign can determine."""

@@ -1,15 +1,15 @@
-"""What an earlier fit knows, for a plan: what is learnt if one of its draws is the truth.
+"""A plan from the posterior of an earlier fit: the information gained at each of its draws.
 
-At a draw θₖ of the posterior the information gathered so far is F(θₖ), prior included, and a
-measurement to come adds ∇f ∇fᵀ/σ² there. A plan minimises what is left on average over the draws.
-Everything is taken where the draw lies: a phase that is lost between passes costs nothing here,
-because the measurements in between will find it again; a straight line through all draws at once
-would instead see no slope at all in those epochs, and avoid the most telling ones.
+At a draw θₖ of the posterior, the information so far is F(θₖ), prior included, and a future
+measurement adds ∇f ∇fᵀ/σ². A plan minimises the remaining uncertainty, averaged over the draws. All
+derivatives are local to a draw. The loss of the rotational phase between passes therefore costs
+nothing, because the measurements in between recover the phase. A linear fit over all draws would
+have no slope at those epochs, and the plan would avoid the most informative ones.
 
 References
 ----------
-Chaloner & Verdinelli 1995, Statist. Sci. 10, 273, sec. 5: local criteria averaged over what is
-known.
+Chaloner & Verdinelli 1995, Statist. Sci. 10, 273, sec. 5: local criteria averaged over the
+posterior.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from lcbayes.tasks.predict.run import load_fit
 
 Floats = NDArray[np.float64]
 DRAWS = 24
-_FLAT = 1e-10  # of the scaled information's largest eigenvalue: less than that is nothing known
+_FLAT = 1e-10  # eigenvalues below this fraction of the largest (scaled information) count as zero
 
 
 def from_fit(
     folder: Path, measured: Measurements, target: str, model: str | None = None
 ) -> tuple[Floats, Target, list[str]]:
-    """Factors of measurements and target by the draws of a fit; the noise is the scenario's.
+    """Factors of measurements and target at the draws of a fit, with the noise of the scenario.
 
-    ``model`` is the model file, where the model of the fit is a file.
+    ``model`` is the model file, if the model of the fit is a file.
 
     Returns
     -------
     factor : (K, T, S)
     target : Target
-    notes : of the prediction
+    notes : notes of the prediction
 
     Raises
     ------
     InputError
-        The folder holds no fit, or one that does not say how bright the epochs to come are.
+        The folder holds no fit, or a fit that does not predict the brightness at future epochs.
     """
     fit = load_fit(folder, model)
     fitted = fit.curve
@@ -78,7 +78,7 @@ def at_draws(
     Parameters
     ----------
     sd : (T,)
-        Noise of the epochs wanted, in the unit of the fitted curve; NaN where nothing is seen.
+        Noise at the wanted epochs, in the unit of the fitted curve; NaN where nothing is seen.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def at_draws(
     fisher, slopes = (np.asarray(x) for x in jax.jit(lambda z: jax.lax.map(known, z))(z))
     root = roots(fisher)
     rows = slopes @ root
-    if unit == "":  # parts of several units together: in shares of the error each has so far
+    if unit == "":  # parts of different units: each relative to its present error
         error = np.sqrt(np.mean(np.sum(rows**2, axis=2), axis=0))
         rows, unit = rows / np.where(error > 0.0, error, 1.0)[:, None], "1"
     parts = []
@@ -119,7 +119,7 @@ def at_draws(
 
 
 def roots(information: Floats) -> Floats:
-    """L (K, D, D) with L Lᵀ = F⁻¹, of matrices whose units may differ by much."""
+    """L (K, D, D) with L Lᵀ = F⁻¹, for matrices whose units may differ greatly."""
     diagonal = np.einsum("kii->ki", information)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(information * scale[:, :, None] * scale[:, None, :])

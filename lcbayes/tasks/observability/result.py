@@ -1,4 +1,4 @@
-"""What `lcbayes.observability` returns."""
+"""Result of `lcbayes.observability`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MEASUREMENTS = {
 
 
 class Observability(Result):
-    """Information, bounds and undetermined combinations of a scenario, and a plan if asked for.
+    """Information, bounds and undetermined combinations of a scenario, and a plan if requested.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Observability(Result):
         return self._found
 
     def summary(self) -> pd.DataFrame:
-        """One row an unknown: its unit, the width of its prior, and its bounds in that unit."""
+        """One row per unknown: its unit, the width of its prior, and its bounds in that unit."""
         import pandas as pd
 
         c = self._numbers["campaign"]
@@ -110,15 +110,15 @@ class Observability(Result):
         return shlex.join([*words, "-o", "DIR"])
 
     def plot_information(self) -> Figure:
-        """Magnitude of every measurement, and how well it alone determines the attitude."""
+        """Magnitude of every measurement, and the attitude error from it alone."""
         return figure_of(observability_plots.draw_information, self._found)
 
     def plot_hemisphere(self) -> Figure:
-        """Information of a measurement from each direction of the body frame."""
+        """Information of a measurement from each direction in the body frame."""
         return figure_of(observability_plots.draw_hemisphere, self._found)
 
     def plot_seen(self) -> Figure:
-        """The axes about which each measurement sees a turn of the body."""
+        """The axis about which each measurement is sensitive to a rotation of the body."""
         return figure_of(observability_plots.draw_seen, self._found)
 
     def plot_bounds(self) -> Figure:

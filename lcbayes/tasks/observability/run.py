@@ -25,11 +25,11 @@ from lcbayes.tasks.task import Context, task_function
 def observability(
     scenario: str | Path | Scenario, options: ObservabilityOptions, context: Context
 ) -> Observability:
-    """What the measurements of a scenario determine before they are taken, and which to take.
+    """Predict what the measurements of a scenario will determine, and plan which to take.
 
     The Fisher information F = Σ ∇f ∇fᵀ/σ² of all measurements gives the Cramér-Rao bounds
-    √(F⁻¹)ᵢᵢ of the unknowns, and the combinations that stay undetermined. Exact where the
-    brightness is linear in the unknowns; ``nonlinearity`` says by how much it is not.
+    √(F⁻¹)ᵢᵢ of the unknowns, and the combinations that remain undetermined. The bounds are exact
+    if the brightness is linear in the unknowns; ``nonlinearity`` measures the deviation.
 
     {parameters}
 
@@ -43,7 +43,7 @@ def observability(
     Raises
     ------
     InputError
-        The scenario or an option is at fault, or nothing can be observed.
+        The scenario or an option is invalid, or nothing can be observed.
 
     References
     ----------
@@ -72,7 +72,7 @@ def observability(
 
 
 def _findings(scenario: Scenario, options: ObservabilityOptions, context: Context) -> Findings:
-    """The information of the measurements, what they leave open, and the plan."""
+    """The information of the measurements, what they leave undetermined, and the plan."""
     scenario, skipped = campaign_plan.usable(scenario)
     notes = list(skipped)
     steps = 4 if options.plan is None else 5

@@ -1,4 +1,4 @@
-"""Brightness that a posterior gives at other epochs and geometries."""
+"""Brightness predicted by a posterior at other epochs and geometries."""
 
 from __future__ import annotations
 
@@ -33,41 +33,41 @@ def predicted(
     options: Mapping[str, Any],
     seed: int = 0,
 ) -> tuple[dict[str, Floats], list[str]]:
-    """Mean and central 50 % and 90 % intervals of the brightness to be recorded.
+    """Mean and central 50 % and 90 % intervals of the brightness that would be recorded.
 
     Parameters
     ----------
     posterior : xarray.Dataset
-        Group ``posterior`` of a fit; of several solutions, equally weighted draws of it
+        Group ``posterior`` of a fit; for several solutions, equally weighted draws of it
         (`lcbayes.weighted_draws`).
     fitted : LightCurve
-        The curve it was fitted to; it fixes the origin of time and the unit of brightness.
+        The fitted curve; it sets the origin of time and the unit of brightness.
     wanted : LightCurve
-        Epochs and geometry; its brightness is not looked at. Where it names no band, that of the
-        fitted curve holds.
+        Epochs and geometry; its brightness is not used. Where it names no band, the band of the
+        fitted curve applies.
     model, options
-        As fitted.
+        As in the fit.
     seed : int
-        Of the noise in the intervals.
+        Seed of the noise in the intervals.
 
     Returns
     -------
     columns : dict
         ``mag_mean``, ``mag_q05`` … or the same with ``flux_``, each (T,).
     notes : list of str
-        What a reader of the numbers must know.
+        Notes for the reader of the numbers.
 
     Notes
     -----
-    Where errors were given, the noise is that of ``wanted.error`` if it is of the same kind of
-    brightness, or the fitted curve's median error; where they were inferred, ``sigma``; where both,
-    the two together. Its law is that of the fit. Where points of a pass share an offset it is that
-    of a pass not seen yet. A curve of unknown scale is predicted with the scale of the fitted curve
-    of the same name; without one, relative to its own mean.
+    If the fit had given errors, the noise is ``wanted.error`` if it is of the same kind of
+    brightness, else the fitted curve's median error. If the noise was inferred, it is ``sigma``; if
+    both apply, they are combined. The noise law is that of the fit. If points of a pass share an
+    offset, the offset is drawn for a new pass. A curve of unknown scale is predicted with the scale
+    of the fitted curve of the same name, or, if there is none, relative to its own mean.
     """
     mean, pick, own_level, notes = noise_free(posterior, fitted, wanted, model, options)
     sd = _noise(posterior, fitted, wanted, pick, mean.shape, own_level)
-    if PASS_SPREADS[0] in posterior:  # the passes that are predicted are others
+    if PASS_SPREADS[0] in posterior:  # the predicted passes are new ones
         level, drift = (posterior[k].values.reshape(-1)[pick][:, None] for k in PASS_SPREADS)
         elapsed = np.asarray(Epochs.of(wanted, fitted).passes.elapsed)
         shared = np.hypot(level, drift * elapsed) * _noise_unit(fitted, wanted, own_level)
@@ -98,12 +98,12 @@ def noise_free(
     -------
     mean : (S, T)
     pick : (S,)
-        Which draws of the posterior, chains joined, these are: all, or `MOST_DRAWS` evenly taken.
+        Indices of the draws, chains concatenated: all, or `MOST_DRAWS` evenly spaced.
     relative : (C,) bool
-        Which curves of ``wanted`` are relative to their own mean, for want of a known scale.
+        Which curves of ``wanted`` are relative to their own mean because their scale is unknown.
     notes : list of str
     """
-    wanted = with_velocity(wanted)  # of neighbours, which may be in another chunk
+    wanted = with_velocity(wanted)  # from neighbouring points, which may be in another chunk
     wanted = _in_band(wanted, fitted)
     ready = Foretold.of(posterior, fitted, wanted, model, options)
     scale, own_level = ready.scales(posterior), ready.own_level
@@ -127,18 +127,18 @@ def noise_free(
 
 @dataclass(frozen=True)
 class Foretold:
-    """What brightness at other epochs is worked out from.
+    """The quantities needed to predict brightness at other epochs.
 
     Attributes
     ----------
     problem : Problem
-        Of the fitted curve, whose `Epochs` are ``data``.
+        Problem of the fitted curve, whose `Epochs` are ``data``.
     sites : values of the model's sites at the draws, (S, …) each
     pick : (S,)
-        Which draws of the posterior, chains joined, these are.
+        Indices of the draws of the posterior, chains concatenated.
     source : (C,) int
-        The fitted curve whose scale holds for each curve that is wanted; −1: its flux is absolute
-        or, where `own_level`, relative to its own mean.
+        The fitted curve whose scale applies to each wanted curve; −1: the flux is absolute or, if
+        `own_level`, relative to its own mean.
     own_level : (C,) bool
     notes : list of str
     """
@@ -161,12 +161,12 @@ class Foretold:
         options: Mapping[str, Any],
         most: int = MOST_DRAWS,
     ) -> Foretold:
-        """Arguments as of `predicted`; at most so many draws, evenly taken.
+        """Arguments as for `predicted`; at most ``most`` draws, evenly spaced.
 
         Raises
         ------
         InputError
-            The two curves do not go together.
+            The two curves are not compatible.
         """
         if (fitted.range_km is None) != (wanted.range_km is None):
             raise InputError(
@@ -192,7 +192,7 @@ class Foretold:
         return cls(problem, data, sites, pick, *_sources(fitted, wanted))
 
     def scales(self, posterior: xr.Dataset) -> Floats:
-        """Factor on the flux per draw and curve that is wanted, (S, C)."""
+        """Factor on the flux for each draw and wanted curve, (S, C)."""
         if np.all(self.source < 0):
             return np.ones((len(self.pick), len(self.source)))
         known = posterior["scale"].values.reshape(-1, len(self.data.level))[self.pick]
@@ -202,7 +202,7 @@ class Foretold:
     def brightness(self, z: jax.Array, wanted: Epochs, curve: NDArray[np.intp]) -> jax.Array:
         """Noise-free brightness at one unconstrained vector of the problem, (T,); differentiable.
 
-        ``wanted`` from `epochs_of_known_scale`, ``curve`` (T,) the curve each epoch belongs to.
+        ``wanted`` is from `epochs_of_known_scale`; ``curve`` (T,) is the curve of each epoch.
         """
         sites = self.problem.constrain(z, self.data)
         scale = jnp.ones(len(self.source))
@@ -228,8 +228,8 @@ def _means(
 
 
 def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
-    """One curve per epoch, of known scale and errors: the scales of the draws are put in as they
-    are, and the noise levels of the fitted curves, which have another number, do not enter."""
+    """Epochs with one curve each, of known scale and errors. The scales of the draws are inserted
+    directly, and the noise levels of the fitted curves, which differ in number, are not used."""
     each = jnp.ones(wanted.n_obs)
     return replace(
         Epochs.of(wanted, fitted),
@@ -243,7 +243,7 @@ def epochs_of_known_scale(wanted: LightCurve, fitted: LightCurve) -> Epochs:
 
 
 def _in_band(wanted: LightCurve, fitted: LightCurve) -> LightCurve:
-    """Epochs that name no band are predicted in that of the fitted curve."""
+    """The epochs, with the band of the fitted curve where they name none."""
     bands, unnamed = sorted(set(map(str, fitted.band))), wanted.band == ""
     if fitted.kind == "flux" or "" in bands or not unnamed.any():
         return wanted
@@ -268,7 +268,7 @@ def _sources(
         i = names.get(name)
         if i is not None and (fitted.n_curves > 1 or wanted.n_curves == 1):
             source[j] = i
-        elif np.all(fitted.free_scale):  # a calibrated curve would fix the body's size
+        elif np.all(fitted.free_scale):  # a calibrated curve would determine the body's size
             own[j] = True
             missing.append(name)
     notes = []
@@ -279,7 +279,7 @@ def _sources(
 
 
 def _relative(mean: Floats, wanted: LightCurve, own, kind: str) -> Floats:
-    """Curves of unknown scale against their own mean: fluxes over it, magnitudes less it."""
+    """Curves of unknown scale relative to their mean: fluxes divided by it, magnitudes minus it."""
     mean = mean.copy()
     for j in np.flatnonzero(own):
         here = wanted.curve == j
@@ -303,10 +303,10 @@ def _unit_noise(law: str, posterior, pick, shape, rng: np.random.Generator) -> F
 
 
 def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) -> Floats:
-    """Standard deviation of what would be recorded, (S, T).
+    """Standard deviation of the recorded brightness, (S, T).
 
-    The noise level of a fit is relative to the mean of the curve it was seen in; it is the same
-    at every epoch, the dark ones too.
+    The noise level of a fit is relative to the mean of its curve; it is the same at every epoch,
+    including dark ones.
     """
     given = None
     if wanted.error is not None and wanted.kind == fitted.kind:
@@ -320,7 +320,7 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
         return given
     names = {n: i for i, n in enumerate(fitted.curve_names)}
     sigma = posterior["sigma"].values.reshape(-1)[pick][:, None]
-    if "noise" in posterior:  # a curve that was fitted has a level of its own
+    if "noise" in posterior:  # each fitted curve has its own level
         noise = posterior["noise"].values.reshape(-1, fitted.n_curves)[pick]
         known = [names.get(n) for n in wanted.curve_names]
         columns = [sigma[:, 0] if i is None else noise[:, i] for i in known]
@@ -330,8 +330,8 @@ def _noise(posterior, fitted: LightCurve, wanted: LightCurve, pick, shape, own) 
 
 
 def _noise_unit(fitted: LightCurve, wanted: LightCurve, own: NDArray[np.bool_]) -> Floats:
-    """What noise is relative to at each epoch, (T,): 1 for magnitudes and for curves relative to
-    their own mean, else the mean of the fitted curve of that name, or of all."""
+    """The unit of the noise at each epoch, (T,): 1 for magnitudes and for curves relative to their
+    own mean, else the mean of the fitted curve of that name, or of all."""
     unit = np.asarray(Epochs.of(fitted).noise_unit)
     known = dict(zip(fitted.curve_names, unit, strict=True))
     each = [known.get(name, unit.mean()) for name in wanted.curve_names]

@@ -1,4 +1,4 @@
-"""What `lcbayes.predict` returns."""
+"""Result of `lcbayes.predict`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Prediction(Result):
     """Predicted brightness: mean and central 50 % and 90 % intervals at each epoch.
 
-    It is trusted where the fit is; ``notes`` say what a reader of the numbers must know.
+    It is trusted if the fit is trusted; ``notes`` explain the numbers.
     """
 
     task = "predict"
@@ -43,7 +43,7 @@ class Prediction(Result):
         return self._columns
 
     def summary(self) -> pd.DataFrame:
-        """One row an epoch: time (JD or s), curve, brightness (mag or W/m²), trusted."""
+        """One row per epoch: time (JD or s), curve, brightness (mag or W/m²), trusted."""
         import pandas as pd
 
         return pd.DataFrame(self._columns).assign(trusted=self.trusted)
@@ -59,12 +59,12 @@ class Prediction(Result):
         ]
 
     def save(self, folder: str | Path) -> Path:
-        """Write the table as a CSV file of that path."""
+        """Write the table as a CSV file with this path."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self._columns)
         cells = [column.tolist() for column in self._columns.values()]
-        writer.writerows(zip(*cells, strict=True))  # a float by repr: its shortest exact form
+        writer.writerows(zip(*cells, strict=True))  # floats as repr, the shortest exact form
         write_text(text.getvalue(), folder)
         return Path(folder)
 

@@ -24,15 +24,15 @@ from lcbayes.tasks.task import Context, task_function
 
 
 class Fitted(NamedTuple):
-    """What a results folder holds of a fit, to predict from.
+    """The content of a results folder that a prediction needs.
 
     Attributes
     ----------
     posterior : equally weighted draws
-    curve : the light curve that was fitted
-    model : a name, or the path of a file that the caller named
-    options : of the model, checked
-    reasons : against the fit; empty where it is trusted
+    curve : the fitted light curve
+    model : a name, or the path of a file that the caller gave
+    options : options of the model, already checked
+    reasons : reasons not to trust the fit; empty if it is trusted
     """
 
     posterior: xr.Dataset
@@ -46,20 +46,20 @@ class Fitted(NamedTuple):
 def predict(folder: str | Path, options: PredictOptions, _: Context) -> Prediction:
     """Brightness that a fit predicts for other epochs and geometries.
 
-    The folder of the fit holds all that is needed: the light curve is not read again.
+    The folder of the fit contains everything needed; the light curve is not read again.
 
     {parameters}
 
     Returns
     -------
     Prediction
-        ``summary()`` has one row an epoch; it is trusted where the fit is.
+        ``summary()`` has one row per epoch; it is trusted if the fit is trusted.
 
     Raises
     ------
     InputError
-        The folder holds no fit, the two curves do not go together, or the model of the fit is a
-        file and was not given, or has changed.
+        The folder holds no fit, the two curves are not compatible, or the model of the fit is a
+        file that was not given or has changed.
 
     Examples
     --------
@@ -87,17 +87,16 @@ def predict(folder: str | Path, options: PredictOptions, _: Context) -> Predicti
 
 
 def load_fit(folder: Path, model: str | None = None) -> Fitted:
-    """A fit from its folder alone.
+    """Load a fit from its folder alone.
 
     Parameters
     ----------
-    model : the model file, where the fit's model is a file: none that the folder names is run
+    model : the model file, if the fit's model is a file; a file named in the folder is never run
 
     Raises
     ------
     InputError
-        The folder holds no fit, what `lcbayes fit` wrote there cannot be read, or the model file
-        is missing or is another one.
+        The folder holds no fit or cannot be read, or the model file is missing or a different one.
     """
     with open_posterior(folder) as tree:
         seed = int(tree.attrs.get("seed", 0))

@@ -1,1 +1,1 @@
-"""`lcbayes report`: the report of a results folder again."""
+"""`lcbayes report`: write the report of a results folder again."""

@@ -14,15 +14,15 @@ from lcbayes.tasks.task import Context, task_function
 def report(folder: str | Path, _: ReportOptions, __: Context) -> Result:
     """Write the report of a results folder again, from the folder alone.
 
-    The numbers in the folder stay as they are; ``report.html``, ``figures/`` and the shape files
-    are replaced.
+    The data in the folder do not change; ``report.html``, ``figures/`` and the shape files are
+    replaced.
 
     {parameters}
 
     Returns
     -------
     Result
-        What `lcbayes.load` returns.
+        As from `lcbayes.load`.
 
     Raises
     ------

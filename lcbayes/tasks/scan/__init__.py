@@ -1,1 +1,1 @@
-"""`lcbayes scan`: poles, periods and laws of attitude."""
+"""`lcbayes scan`: poles, periods and attitude laws."""

@@ -12,7 +12,7 @@ UNITS = {"s": 1.0 / 3600.0, "min": 1.0 / 60.0, "h": 1.0, "d": 24.0}
 
 
 def hours(text: str) -> float:
-    """A length of time in hours, from a number of hours or one with a unit.
+    """A duration in hours, from a number of hours or a number with a unit.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def hours(text: str) -> float:
 
 
 def between(text: str) -> tuple[float, ...]:
-    """Two lengths of time in hours, from "FROM,TO".
+    """Two durations in hours, from "FROM,TO".
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What `lcbayes.scan` returns."""
+"""Result of `lcbayes.scan`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 class Scan(Result):
-    """Solutions of an attitude scan, the best first."""
+    """Solutions of an attitude scan, best first."""
 
     task = "scan"
 
@@ -50,7 +50,7 @@ class Scan(Result):
     def from_folder(
         cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> Scan:
-        """The scan of a results folder."""
+        """The scan in a results folder."""
         return cls(load_scan(folder / FILE), content, reasons, record.content)
 
     @property
@@ -60,11 +60,11 @@ class Scan(Result):
 
     @property
     def solutions(self) -> list[dict[str, Any]]:
-        """The best first: pole and period or law, chi2, rms, and how it is related to the best."""
+        """Solutions, best first: pole and period or law, chi2, rms, and relation to the best."""
         return self.content["solutions"]
 
     def summary(self) -> pd.DataFrame:
-        """One row a solution: law, pole (deg), sidereal period (h), chi2, rms, relation."""
+        """One row per solution: law, pole (deg), sidereal period (h), chi2, rms, relation."""
         import pandas as pd
 
         return pd.DataFrame(self.solutions).reindex(columns=list(COLUMNS)).rename(columns=COLUMNS)
@@ -103,22 +103,22 @@ class Scan(Result):
         scan_page.write_page(folder, self._found, self.content, self.record, ScanOptions)
 
     def plot_light_curve(self) -> list[Figure]:
-        """Brightness with that of the best solution."""
+        """Observed brightness with the best solution."""
         return style.figures(lambda g: scan_plots.draw_fit(self._found, g))
 
     def plot_sky(self) -> list[Figure]:
-        """How well poles all over the sky fit at the best period."""
+        """Goodness of fit of poles over the whole sky at the best period."""
         return style.figures(lambda g: scan_plots.draw_sky(self._found, g))
 
     def plot_periods(self) -> list[Figure]:
-        """How well the periods tried fit."""
+        """Goodness of fit of the trial periods."""
         return style.figures(lambda g: scan_plots.draw_periods(self._found, g))
 
     def plot_laws(self) -> list[Figure]:
-        """How well the stabilised attitudes fit."""
+        """Goodness of fit of the stabilised attitudes."""
         return style.figures(lambda g: scan_plots.draw_laws(self._found, g))
 
     def plot_body(self) -> list[Figure]:
-        """The body of the best solution, where its facets close."""
+        """The body of the best solution, if its facets close."""
         body = scan_page.body_of(self._found)
         return [] if body is None else style.figures(lambda g: scan_plots.draw_shape(body, g))

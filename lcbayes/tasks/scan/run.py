@@ -18,23 +18,23 @@ ASTEROID, SATELLITE = "lommel-seeliger-lambert", "non-lambertian"
 
 @task_function(TASK)
 def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
-    """Hypotheses of attitude, each with its best body, ranked and the best refined.
+    """Rank attitude hypotheses, each with its best-fitting body, and refine the best ones.
 
-    Constant spins: every pole of a grid with every period of a range, each followed by
-    Levenberg-Marquardt over pole, period and a smooth convex body. Laws: stabilised attitudes of
-    the catalogue, each with the facets on a grid that fit best. Nothing is drawn at random.
+    Constant spins: every pole of a grid is combined with every period of a range, and each pair is
+    refined by Levenberg-Marquardt over pole, period and a smooth convex body. Laws: each stabilised
+    attitude of the catalogue is fitted with facets on a grid. The scan is deterministic.
 
     {parameters}
 
     Returns
     -------
     Scan
-        ``data`` holds every hypothesis; ``summary()`` has one row a solution.
+        ``data`` holds every hypothesis; ``summary()`` has one row per solution.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault.
+        The light curve or an option is invalid.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""What `lcbayes.shape_match` returns."""
+"""Result of `lcbayes.shape_match`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ShapeMatchResult(DeterministicResult):
         super().__init__(found, content, found.reasons)
 
     def summary(self) -> pd.DataFrame:
-        """One row a candidate, highest p-value first."""
+        """One row per candidate, highest p-value first."""
         import pandas as pd
 
         rows = pd.DataFrame(self.content["candidates"], columns=list(CANDIDATES))
@@ -59,7 +59,7 @@ class ShapeMatchResult(DeterministicResult):
         shape_match_report.draw(self.data, gallery)
 
     def plot_distributions(self) -> Figure:
-        """Brightness over phase angle, observed and of each candidate."""
+        """Brightness against phase angle, observed and for each candidate."""
         return figure_of(shape_match_report.draw, self.data)
 
 

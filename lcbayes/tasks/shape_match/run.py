@@ -19,12 +19,12 @@ from lcbayes.tasks.task import Context, task_function
 def shape_match(
     curve: LightCurve, options: ShapeMatchOptions, context: Context
 ) -> ShapeMatchResult:
-    """The distribution of brightness over phase angle, compared with those of candidate shapes.
+    """Compare the distribution of brightness with phase angle with those of candidate shapes.
 
-    Each candidate is turned at random at the phase angles observed. Kolmogorov and Smirnov's
+    Each candidate is oriented at random at the observed phase angles. The Kolmogorov–Smirnov
     distance of the magnitudes and the energy distance in the plane of phase angle and magnitude are
-    ranked among samples of the candidate; the p-value is that of both tests together (Bonferroni).
-    Exact where orientations are random and independent.
+    ranked among samples of the candidate; the p-value combines both tests (Bonferroni). The test is
+    exact if orientations are random and independent.
 
     {parameters}
 
@@ -32,13 +32,13 @@ def shape_match(
     -------
     ShapeMatchResult
         ``data`` is a `lcbayes.inversion.separated.shape_match.ShapeMatch`: ``phase`` (n,) in rad,
-        ``magnitude`` (n,) at unit distance against the median. ``summary()`` has one row a
+        ``magnitude`` (n,) at unit distance relative to the median. ``summary()`` has one row a
         candidate.
 
     Raises
     ------
     InputError
-        The light curve, a shape or an option is at fault.
+        The light curve, a shape or an option is invalid.
 
     References
     ----------
@@ -69,7 +69,7 @@ def shape_match(
 
 
 def _candidates(options: ShapeMatchOptions) -> tuple[dict[str, shapes.Body], dict[str, Any]]:
-    """The bodies by name, and the files of those that came from files, for the record."""
+    """The bodies by name, and for the record the files of those read from files."""
     known = method.candidates()
     bodies, inputs = {}, {}
     for name in options.shape or known:

@@ -1,1 +1,1 @@
-"""`lcbayes simulate`: a light curve from a scenario, and the truth beside it."""
+"""`lcbayes simulate`: a light curve from a scenario, with the truth."""

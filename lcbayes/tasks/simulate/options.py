@@ -17,7 +17,7 @@ class SimulateOptions(Options):
 
 
 def scenarios() -> str:
-    """The bundled scenarios with their titles, a line each."""
+    """The bundled scenarios with their titles, one per line."""
     from lcbayes.simulation.scenarios import bundled
 
     titles = {

@@ -1,4 +1,4 @@
-"""What `lcbayes.simulate` returns."""
+"""Result of `lcbayes.simulate`."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ SUFFIXES = (".csv", ".ecsv")
 
 
 class Simulation(Result):
-    """A simulated light curve and the truth behind it.
+    """A simulated light curve and the truth from which it was generated.
 
     Attributes
     ----------
     data : LightCurve
     truth : dict
-        What a perfect fit finds; see `lcbayes.simulation.simulate.truth`.
+        Values that a perfect fit recovers; see `lcbayes.simulation.simulate.truth`.
     """
 
     task = "simulate"
@@ -42,7 +42,7 @@ class Simulation(Result):
         return self._curve
 
     def summary(self) -> pd.DataFrame:
-        """One row a point: time (s), brightness and its standard deviation."""
+        """One row per point: time (s), brightness and its standard deviation."""
         import pandas as pd
 
         curve = self._curve
@@ -60,7 +60,7 @@ class Simulation(Result):
         return [f"{self._file}: {points}; truth: {sidecar(self._file)}"]
 
     def save(self, folder: str | Path) -> Path:
-        """Write the light curve into a file, .csv or .ecsv, and the truth beside it.
+        """Write the light curve to a .csv or .ecsv file, and the truth to a file next to it.
 
         Raises
         ------

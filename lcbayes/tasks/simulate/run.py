@@ -18,23 +18,23 @@ def simulate(
     options: SimulateOptions,
     context: Context,  # noqa: ARG001
 ) -> Simulation:
-    """A noisy light curve of a scenario, and the truth behind it.
+    """A noisy light curve of a scenario, with the truth from which it was generated.
 
-    The flux is the sum over the facets that are lit and seen, dimmed in the Earth's penumbra where
-    the scenario has an orbit; the noise is Gaussian.
+    The flux is the sum over the facets that are lit and seen, dimmed in the Earth's penumbra if the
+    scenario has an orbit; the noise is Gaussian.
 
     {parameters}
 
     Returns
     -------
     Simulation
-        ``data`` is a `LightCurve` of T points: flux in W/m² where ranges are known, otherwise in m²
-        at unit distance and irradiance, or magnitudes. ``truth`` holds what a perfect fit finds.
+        ``data`` is a `LightCurve` of T points: flux in W/m² if ranges are known, otherwise in m² at
+        unit distance and irradiance, or magnitudes. ``truth`` holds what a perfect fit recovers.
 
     Raises
     ------
     InputError
-        The scenario or an option is at fault, or the body is dark at all epochs.
+        The scenario or an option is invalid, or the body is dark at all epochs.
 
     References
     ----------

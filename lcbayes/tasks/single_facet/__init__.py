@@ -1,1 +1,1 @@
-"""`lcbayes single-facet`: orientation of one large facet from the crossing of its edge."""
+"""`lcbayes single-facet`: orientation of one large facet from its appearance or disappearance."""

@@ -1,4 +1,4 @@
-"""What `lcbayes.single_facet` returns."""
+"""Result of `lcbayes.single_facet`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ EDGES = {
 
 
 class SingleFacetResult(DeterministicResult):
-    """The normal of a facet with its 90 % region, and the edges that give it.
+    """The normal of a facet with its 90 % region, and the edges that determine it.
 
     Attributes
     ----------
@@ -78,16 +78,16 @@ class SingleFacetResult(DeterministicResult):
         single_facet_report.draw(self.data, gallery)
 
     def plot_edges(self) -> Figure:
-        """The light curve with the best fit, its part without the facet, and the edges."""
+        """The light curve with the best fit, the fit without the facet, and the edges."""
         return figure_of(single_facet_report.draw_edges, self.data)
 
     def plot_normal(self) -> Figure:
-        """The 90 % region of the normal on the sphere of the body."""
+        """The 90 % region of the normal on the sphere in body axes."""
         return figure_of(single_facet_report.draw_region, self.data)
 
 
 def _numbers(result: SingleFacet) -> dict[str, Any]:
-    """What ``summary.json`` holds: body axes of the law, degrees, s, m²."""
+    """Content of ``summary.json``: body axes of the law, degrees, s, m²."""
     lon, lat = lon_lat_deg(result.normal[None])
     return {
         "n_obs": len(result.seen.t),

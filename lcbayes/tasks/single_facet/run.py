@@ -16,10 +16,11 @@ def single_facet(
     options: SingleFacetOptions,
     context: Context,  # noqa: ARG001
 ) -> SingleFacetResult:
-    """Orientation of one large facet, from the brightening or dimming where its edge is crossed.
+    """Orientation of one large facet, from the brightening or dimming as it appears or disappears.
 
-    The facet with normal n is lit and seen while n · s > 0 and n · o > 0; over a smooth remainder
-    it adds α (n · s)(n · o)/π. The likelihood of n on a grid of the sphere gives its 90 % region.
+    The facet with normal n is lit and seen while n · s > 0 and n · o > 0. It then adds
+    α (n · s)(n · o)/π to a smooth remainder. The likelihood of n on a grid over the sphere gives
+    its 90 % region.
 
     {parameters}
 
@@ -32,8 +33,8 @@ def single_facet(
     Raises
     ------
     InputError
-        The light curve or an option is at fault: no errors, no pass of enough points, or no orbit
-        where the law needs one.
+        The light curve or an option is invalid: no errors, no pass with enough points, or no orbit
+        although the law needs one.
 
     References
     ----------

@@ -1,1 +1,1 @@
-"""`lcbayes spin`: sidereal period and pole from how the synodic period varies."""
+"""`lcbayes spin`: sidereal period and pole from the variation of the synodic period."""

@@ -1,4 +1,4 @@
-"""What `lcbayes.spin` returns."""
+"""Result of `lcbayes.spin`."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class SpinResult(DeterministicResult):
         self._curve = curve
 
     def summary(self) -> pd.DataFrame:
-        """One row a solution: weight, pole and its radius (deg), sidereal period (s)."""
+        """One row per solution: weight, pole and its radius (deg), sidereal period (s)."""
         import pandas as pd
 
         rows = pd.DataFrame(self.content["solutions"], columns=list(COLUMNS))
@@ -80,7 +80,7 @@ class SpinResult(DeterministicResult):
 
 
 def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
-    """What `summary.json` holds beside the verdict."""
+    """The content of `summary.json` besides the verdict."""
     base, sky, windows = result.base, result.sky, result.windows
     return {
         "n_obs": curve.n_obs,
@@ -110,7 +110,7 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
             "pass": windows.which,
         },
         "solutions": [_solution(s) for s in result.solutions],
-        # of the fit, where one was made: not to be read as an answer where a condition fails
+        # from the fit, if there is one; not a result if a condition fails
         "sky_fraction": None if sky is None else sky.area,
         "symmetry": None if sky is None else sky.symmetry,
         "shape_shift_deg": None if sky is None else sky.shape_deg,

@@ -13,20 +13,20 @@ from lcbayes.tasks.task import Context, task_function
 def spin(curve: LightCurve, options: SpinOptions, context: Context) -> SpinResult:
     """Sidereal period and pole of a spinning object, without a shape.
 
-    The synodic period varies as the phase-angle bisector turns about the pole; fitted along several
-    passes, the variation gives the pole and the sidereal period.
+    The synodic period varies as the phase-angle bisector moves around the pole. A fit to this
+    variation along several passes gives the pole and the sidereal period.
 
     {parameters}
 
     Returns
     -------
     SpinResult
-        ``data`` is a `lcbayes.inversion.spin.Spin`; ``summary()`` has one row a solution.
+        ``data`` is a `lcbayes.inversion.spin.Spin`; ``summary()`` has one row per solution.
 
     Raises
     ------
     InputError
-        The light curve or an option is at fault.
+        The light curve or an option is invalid.
 
     References
     ----------
