@@ -164,6 +164,8 @@ def source_from(args: Namespace, task: Task, record: Record | None = None) -> An
             raise InputError("no light curve was given; give CURVE, or --config run.toml")
         path, reading = record.source(CURVE), record.reading | reading
     if Path(path).is_dir():
+        if not (Path(path) / "posterior.nc").is_file():
+            raise InputError(f"{path} is a folder; give a file, or the folder of a fit")
         return fitted_curve(Path(path))
     curve = read(path, **ReadOptions.of(reading).as_dict())
     if task.fully_lit:

@@ -209,7 +209,10 @@ def test_the_front_door_is_light(module):
 
 @pytest.mark.parametrize(
     "begin",
-    ["import arviz; import lcbayes.modelling.problem", "import lcbayes, arviz; lcbayes.fit"],
+    [
+        "import arviz; import lcbayes.modelling.problem",
+        pytest.param("import lcbayes, arviz; lcbayes.fit", marks=pytest.mark.slow),
+    ],
 )
 def test_arviz_may_be_imported_before(begin):
     """ArviZ loads NumPyro lazily, and NumPyro's submodules do not take that well."""

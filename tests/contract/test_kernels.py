@@ -136,6 +136,7 @@ def dear(kinds: list[Kind], quick: tuple[str, ...]) -> list[Any]:
     ]
 
 
+@pytest.mark.parametrize("kind", dear(KINDS, ("ahmc", "mh")))
 def test_draws(kind):
     y = draws(ran(kind))
     assert y.shape == (2, 40, 2)
@@ -145,6 +146,7 @@ def test_draws(kind):
     assert not np.array_equal(y[0], y[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", dear(KINDS, ("ahmc",)))
 def test_a_chain_is_the_same_alone_and_beside_others(kind):
     """Sequential and vectorised chains differ by rounding, which few transitions leave small.

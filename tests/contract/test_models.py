@@ -18,8 +18,12 @@ NEEDED = {
     "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
     "stabilised": {"law": "inertial"},  # the one that needs no orbit
 }
+QUICK = ("faceted", "convex-grid")  # of the others their own unit tests remain
 OPTIONS = [
-    *[(name, NEEDED.get(name, {})) for name in registry.BUILT_IN],
+    *[
+        pytest.param((name, NEEDED.get(name, {})), marks=() if name in QUICK else pytest.mark.slow)
+        for name in registry.BUILT_IN
+    ],
     ("faceted", {"spin": "none", "sparsity": 0.1, "noise_law": "student-t"}),
     *(
         pytest.param(dear, marks=pytest.mark.slow)

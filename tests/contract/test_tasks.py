@@ -72,6 +72,9 @@ def test_a_task_is_a_function_with_the_options_of_the_command(name):
         )
 
 
+LONG = ("compare", "predict", "batch", "observability")  # their examples sample, or differentiate
+
+
 @pytest.mark.parametrize("name", PUBLIC)
 def test_a_function_is_documented(name):
     task = TASKS[name]
@@ -83,7 +86,10 @@ def test_a_function_is_documented(name):
         assert f"\n{option} : " in doc
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in PUBLIC],
+)
 def test_the_example_of_a_function_runs(name):
     task = TASKS[name]
     function = getattr(lcbayes, task.function)

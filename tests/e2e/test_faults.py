@@ -80,6 +80,7 @@ def assert_told(capsys, *words: str) -> None:
     assert all(word in lines[0] for word in words), lines[0]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
     write(small_curves.curve(40), tmp_path / "curve.csv")
     out = tmp_path / "out"

@@ -99,6 +99,7 @@ def test_a_small_task_is_loaded_with_its_tables(tmp_path):
         lcbayes.report(tmp_path / "s")
 
 
+@pytest.mark.slow
 def test_curves_of_unknown_errors_are_predicted_each_at_its_noise(tmp_path):
     """A fit of two curves without errors; predicted for three others, one of them of its names."""
     curve = small_curves.curve(24)

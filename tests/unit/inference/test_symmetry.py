@@ -71,6 +71,7 @@ def test_mirror_is_found_in_any_plane():
     assert not np.allclose(z @ mirror.T, z)
 
 
+@pytest.mark.slow
 def test_mirror_of_a_body_without_torque_has_the_mirrored_inertia():
     turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
     sun, obs = (v @ turn.T for v in in_plane(9))

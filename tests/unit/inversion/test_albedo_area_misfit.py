@@ -62,6 +62,7 @@ def test_facets_that_stand_for_shading_are_named():
     assert result.facets.areas.min() < 0.3  # no such face on the body
 
 
+@pytest.mark.slow
 @pytest.mark.statistical(false_alarm=EACH)
 def test_residuals_of_a_convex_body_follow_geometry_no_more_often_than_said():
     body, low = shapes.box(2.0, 1.4, 0.8), 0
