@@ -8,10 +8,10 @@ The statistic is the mean over such pairs (i, j) of
 
     ln(1 + (fᵢ − fⱼ)² / (σᵢ² + σⱼ² + κ² f̄ᵢⱼ² dᵢⱼ²)),
 
-Here dᵢⱼ is the larger of the two angles between their directions. κ is the body's roughness: the
-relative change of brightness along a pass per radian of d, which occurs under any law. Pairs
-of points in one pass that stay in each other's neighbourhood match under any law. They do not test
-the law; they determine κ. The p-value is the rank of the statistic among those of random bodies
+where dᵢⱼ is the larger of the two angles between their directions, and κ is the body's roughness:
+the relative change of brightness along a pass per radian of d, which occurs under any law. Pairs of
+points in one pass that stay in each other's neighbourhood match under any law. They do not test the
+law; they determine κ. The p-value is the rank of the statistic among those of random bodies
 with the attitude of the law, observed at the same times with the same relative noise.
 
 The brightness of a spinning body changes faster along a pass than any of these laws allows. κ is
