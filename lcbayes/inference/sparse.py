@@ -59,7 +59,7 @@ def weight(area: float) -> float:
     """The weight that gives the albedo-area of the best fit a penalty of 50 nats, m⁻⁴.
 
     A facet with a fiftieth of the area then costs two nats. The total area, which the data
-    determine to a fraction of a per cent, hardly changes.
+    determine to about a per cent, hardly changes.
     """
     return AREA_COST / area**2
 

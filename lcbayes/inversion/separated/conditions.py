@@ -57,7 +57,7 @@ def stabilised(
     The statistic is the mean absolute magnitude difference of pairs with matching geometry under a
     law, after removal of the trend with phase angle. Its minimum over the laws is ranked among the
     minima for permutations of the points. The ratio is that difference over the mean of the
-    permutations. The brightness of a body that spins about a fixed axis depends only weakly on such
+    permutations. The brightness of a body that spins about a fixed axis depends weakly on its
     geometry, whereas that of a stabilised body repeats. The ratio is 1 if no law has enough pairs.
     """
     left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)

@@ -134,7 +134,7 @@ class ShapeMatch:
     surface : of all candidates
     phase, magnitude : (n,) rad, mag
         Observations used, with magnitudes relative to their median.
-    n_obs, n_faint, stride : number of points; points excluded below 3σ; sampling interval used
+    n_obs, n_faint, stride : number of points; points excluded below 3σ; every stride-th is used
     correlation : number of points per independent point
     reasons : conditions that are not met
     """
