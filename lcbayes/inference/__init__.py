@@ -1,9 +1,9 @@
-"""From a model and a light curve to a posterior: search, chains, particles, evidence.
+"""Posterior inference from a light curve: search, chains, particles and evidence.
 
-Two main jobs: `fit` samples a posterior, `facet_count` compares numbers of facets. A fit begins
-with a multi-start `search`, whose distinct optima are the `solutions`; chains about each give
-`modes`, weighted by bridge sampling. With tempered SMC, `basins` assigns particles to basins of
-attraction and measures their evidence, and `population` makes solutions of them. A comparison runs
-SMC for each number of facets and gives `odds` from the evidences, `loo` beside them, and the
-`sparse` path of Linares & Crassidis.
+There are two main tasks: `fit` samples a posterior, and `facet_count` compares numbers of facets. A
+fit begins with a multi-start `search`, whose distinct optima are the `solutions`. Chains started at
+each solution give the `modes`, which are weighted by bridge sampling. With tempered SMC, `basins`
+assigns particles to basins of attraction and measures their evidence, and `population` turns the
+basins into solutions. A comparison runs SMC for each number of facets. It computes `odds` from the
+evidences, cross-validation scores (`loo`) and the `sparse` path of Linares & Crassidis.
 """

@@ -1,5 +1,5 @@
-"""Where particles lie: near which optimum, with their facets in one order, and how much posterior
-each such region holds."""
+"""Assignment of particles to basins of attraction, with a common order of the facets, and the
+posterior weight of each basin."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ from lcbayes.samplers.tempering import log_sum
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-POINTS = 8  # of each particle's chain that are used
-OPTIMISED = 32  # particles of each run that are optimised
+POINTS = 8  # points used from the chain of each particle
+OPTIMISED = 32  # particles optimised in each run
 MAX_OPTIMA = 24
-MIN_POINTS_PER_PARAMETER = 4  # of a region whose evidence is bridged
+MIN_POINTS_PER_PARAMETER = 4  # in a region whose evidence is bridged
 MIN_MEASURED_SHARE = 0.5  # of all points, in regions whose evidence is bridged
-MAX_BRIDGE_ERROR = 0.3  # standard error of a bridged evidence that is used, nats
-MAX_DEVIATION = 6.0  # of the tempered evidence from the bridged one, in standard errors
-MIN_RUN_SD = 0.5  # of the evidence of one run in that error, nats
+MAX_BRIDGE_ERROR = 0.3  # largest accepted standard error of a bridged evidence, nats
+MAX_DEVIATION = 6.0  # of the tempered from the bridged evidence, in standard errors
+MIN_RUN_SD = 0.5  # lower limit on the evidence error of one run in that comparison, nats
 BATCH = 256  # points evaluated at a time
 
 
 class Basins:
     """A partition of the parameter space by the optima of the posterior.
 
-    A point belongs to the optimum that is nearest in the metric of the Fisher information there,
-    after its facets were matched to those of the optimum. Every body, whatever the order of its
-    facets, is in one region at one point: the regions are disjoint and cover every body once.
+    The facets of a point are first matched to those of each optimum. The point then belongs to the
+    nearest optimum in the metric of the Fisher information at that optimum. Each body, regardless
+    of the order of its facets, corresponds to one point in one region: the regions are disjoint and
+    together cover every body once.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class Basins:
         self.centres = np.stack([s.z for s in optima])
         fisher = compiled(problem.fisher)
         self.metrics = [np.asarray(fisher(jnp.asarray(z), data)) for z in self.centres]
-        self.basin_of = np.arange(len(self.centres))  # the centre whose region each is part of
+        self.basin_of = np.arange(len(self.centres))  # centre of the region that contains each
 
     @classmethod
     def of(
@@ -70,7 +71,7 @@ class Basins:
         known: Sequence[Floats] = (),
         workers: int = 1,
     ) -> Basins:
-        """The partition by optima that are reached from particles or from known points.
+        """The partition by the optima reached from particles or from known points.
 
         Parameters
         ----------
@@ -86,17 +87,17 @@ class Basins:
         return regions
 
     def place(self, z: Floats) -> tuple[Labels, Floats]:
-        """Region of each point (..., D), by the index of its centre, and the points with their
-        facets in that centre's order."""
+        """Index of the region's centre for each point (..., D), and the points with their facets
+        in the order of that centre."""
         nearest, matched = self._nearest(z.reshape(-1, z.shape[-1]))
         label = self.basin_of[nearest]
         rows = matched[label, np.arange(len(label))]
         return label.reshape(z.shape[:-1]), rows.reshape(z.shape)
 
     def join(self, z: Floats) -> None:
-        """Merge regions whose particles, among z (n, D), overlap.
+        """Merge regions whose particles, taken from z (n, D), overlap.
 
-        The optima along one ridge belong to one solution.
+        Optima along the same ridge belong to one solution.
         """
         nearest, matched = self._nearest(z)
         label = self.basin_of[nearest]
@@ -117,7 +118,7 @@ class Basins:
                     break
 
     def _nearest(self, z: Floats) -> tuple[Labels, Floats]:
-        """Nearest centre of each point (n,), the points in the order of each centre (K, n, D)."""
+        """Nearest centre of each point (n,), and the points in each centre's order (K, n, D)."""
         matched = np.stack([self.order.like_all(z, centre) for centre in self.centres])
         distance = [
             np.einsum("ni,ij,nj->n", rows - centre, metric, rows - centre)
@@ -129,18 +130,18 @@ class Basins:
     def evidence(
         self, label: Labels, rows: Floats, n_chains: int, rng: np.random.Generator
     ) -> dict[int, LogEvidence]:
-        """ln ∫ exp(−U) over each region with enough particles, all orders of facets counted.
+        """ln ∫ exp(−U) over each region with enough particles, counting all orders of the facets.
 
-        By bridge sampling. The result depends on the location and shape of the particles in a
-        region and not on their number, so that sampling noise of the tempering path, in the shares
-        of the regions and in the evidence, does not enter.
+        The integral is computed by bridge sampling. It depends on the location and shape of the
+        particle distribution in a region, not on the number of particles. The sampling noise of the
+        tempering path in the region shares and in the evidence therefore does not enter.
 
         Parameters
         ----------
         label, rows : (N,), (N, D)
-            Particles, chain by chain, as `place` has them.
+            Particles, chain by chain, as returned by `place`.
         n_chains : int
-            Of which they are points, equally many each.
+            Number of chains, with equally many points each.
         """
         chain = np.arange(len(rows)) * n_chains // len(rows)
         shuffled = np.argsort(rng.permutation(n_chains)[chain], kind="stable")
@@ -167,20 +168,20 @@ class Basins:
 
 
 class Weighed(NamedTuple):
-    """Weights of regions and their evidence, from particles.
+    """Weights and evidence of regions, estimated from particles.
 
     Attributes
     ----------
     weight, weight_sd : (K,)
-        Of the regions, and its standard error.
+        Weights of the regions and their standard errors.
     log_evidence : LogEvidence
-        Of all together.
+        Total over all regions.
     by_run : (C, K)
-        Weights by each run alone.
+        Weights from each run alone.
     log_evidences : (C,)
-        Of each run.
+        Log evidence of each run.
     reasons : list of Finding
-        Why the result cannot be trusted.
+        Reasons why the result is unreliable.
     """
 
     weight: Floats
@@ -198,7 +199,7 @@ class Measured(NamedTuple):
     ----------
     regions : Basins
     label, z : (C, N), (C, N, D)
-        The points of each run that were used, as `Basins.place` gives them.
+        The points used from each run, as returned by `Basins.place`.
     weighed : Weighed
     """
 
@@ -219,12 +220,12 @@ def measure(
     known: Sequence[Floats] = (),
     workers: int = 1,
 ) -> Measured:
-    """Regions of independent runs of equal size, with weights and evidence.
+    """Regions found in independent runs of equal size, with weights and evidence.
 
     Parameters
     ----------
     seed : int
-        Of bridge sampling.
+        For bridge sampling.
     max_optima, known
         As in `Basins.of`.
     """
@@ -249,17 +250,18 @@ def weigh(
 ) -> Weighed:
     """Weights of regions and the evidence from runs of particles.
 
-    By bridge sampling in each region where that succeeds for all particles together and for those
-    of each run; else by the shares of the particles and the evidence of each tempering path.
+    Bridge sampling is applied to each region, both for all particles together and for those of each
+    run. If it fails, the weights are the shares of the particles, and the evidence is that of the
+    tempering paths.
 
     Parameters
     ----------
     label, z : (C, N), (C, N, D)
-        Particles of each run, chain by chain, as `Basins.place` has them.
+        Particles of each run, chain by chain, as returned by `Basins.place`.
     path : (C,)
         ln Z of each run from its tempering path.
     n_chains : int
-        Of each run.
+        Number of chains in each run.
     """
     n_runs = len(z)
     shares = np.array([[np.mean(row == k) for k in range(len(regions.centres))] for row in label])
@@ -305,7 +307,7 @@ def _bridged(
     shares: Floats,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats, LogEvidence] | None:
-    """Weights, their errors and the total evidence; None where bridges are too imprecise."""
+    """Weights, their errors and the total evidence; None if the bridges are too imprecise."""
     found = regions.evidence(label, z, n_chains, rng)
     measured = np.array(sorted(found), int)
     share = float(shares[measured].sum())
@@ -327,7 +329,7 @@ def _bridged(
 def optima(
     problem: Problem, data: Epochs, rows: Floats, order: FacetOrder, max_optima: int, workers: int
 ) -> list[Solution]:
-    """The different optima near points (n, D), best first."""
+    """The distinct optima near points (n, D), best first."""
     ends = search.polish(problem, data, rows, workers)
     best_first = np.argsort(ends.potential, kind="stable")
     ends = jax.tree.map(lambda x: x[best_first], ends)
@@ -335,12 +337,12 @@ def optima(
 
 
 def evenly(rows: NDArray, n: int) -> NDArray:
-    """n rows at even intervals, repeated where there are fewer."""
+    """n rows at even intervals; rows are repeated if there are fewer than n."""
     return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
 
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
-    """−ln p(y, z) of rows (n, D), (n,); compiled once, however many they are."""
+    """−ln p(y, z) for rows (n, D), as (n,); compiled once for any number of rows."""
     n = len(z)
     padded = np.resize(z, (-(-n // BATCH) * BATCH, z.shape[1]))
     parts = [_potentials(problem, part, data) for part in padded.reshape(-1, BATCH, z.shape[1])]

@@ -1,4 +1,4 @@
-"""Correlation time of residuals, and the power of the likelihood that accounts for it."""
+"""Correlation time of residuals, and the power likelihood that accounts for it."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ SIGNIFICANT = 3.0  # standard errors of a correlation; exceeded by one white cur
 def information_per_point(residuals: NDArray, group: NDArray) -> float:
     """Information per point of a stationary sequence, 1/τ with correlation time τ = 1 + 2 Σ ρₖ.
 
-    The sum runs over the lags k = 1, 2, … within groups as long as ρₖ exceeds 3 of its standard
-    errors, √(τ/nₖ) with nₖ the pairs at lag k and τ the sum so far (Bartlett's formula); so it is 1
-    for white residuals but once in some 700 times, and then near 1.
+    The sum runs over the lags k = 1, 2, … within groups while ρₖ exceeds three standard errors. The
+    standard error is √(τ/nₖ), with nₖ the number of pairs at lag k and τ the current sum
+    (Bartlett's formula). For white residuals the result is exactly 1, except in about one case in
+    700, where it is close to 1.
 
     Parameters
     ----------
     residuals : (T,)
-        Standardised, in order of time within each group.
+        Standardised, in time order within each group.
     group : (T,) int
-        Groups, each in one piece.
+        Group of each point; each group is contiguous.
 
     References
     ----------
-    Sokal 1997, Monte Carlo methods in statistical mechanics, eq. (2.16), the sum cut where the
-    terms are lost in the noise.
+    Sokal 1997, Monte Carlo methods in statistical mechanics, eq. (2.16), with the sum
+    truncated where the terms fall below the noise.
     """
     variance = np.mean(residuals**2)
     tau = 1.0
@@ -48,16 +49,17 @@ def information_per_point(residuals: NDArray, group: NDArray) -> float:
 
 
 def tempered(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
-    """The data with their likelihood raised to the power 1/τ, τ the correlation time at z.
+    """The data with their likelihood raised to the power 1/τ, with τ the correlation time at z.
 
-    Model errors are correlated over times longer than the sampling. If N such points counted as
-    independent, the posterior would be too narrow by √τ and odds of two solutions would be raised
-    to the power τ. The residuals at z give τ (`information_per_point`).
+    Model errors are correlated over times longer than the sampling interval. If the points were
+    treated as independent, the posterior would be too narrow by √τ, and the odds of two solutions
+    would be raised to the power τ. τ is estimated from the residuals at z
+    (`information_per_point`).
 
     References
     ----------
-    Miller & Dunson 2019, JASA 114, 1113 (posteriors robust to small errors of the model, as a
-    power of the likelihood).
+    Miller & Dunson 2019, JASA 114, 1113 (posteriors made robust to small model errors by a
+    power likelihood).
     """
     mean, sd = compiled(problem.moments)(jnp.asarray(z), data)
     residuals = np.asarray((data.brightness - mean) / sd)

@@ -1,4 +1,4 @@
-"""How many facets: the evidence of each number, under one weight of the data for all of them."""
+"""Comparison of numbers of facets by evidence, with the same data weight for every number."""
 
 from __future__ import annotations
 
@@ -40,37 +40,37 @@ from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 
-STARTS = 64  # of the search, for each number of facets
+STARTS = 64  # starts of the search for each number of facets
 LOO_DRAWS = 2000
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A number of facets and what the data say of it.
+    """A number of facets and its evidence, fit and diagnostics.
 
     Attributes
     ----------
     n_facets, n_parameters : int
-        Facets, and parameters in all.
+        Number of facets, and total number of parameters.
     log_evidences : (R,)
-        Of each run, under the prior given that every facet is seen.
+        Log evidence of each run, under the prior conditioned on every facet being seen.
     log_evidence, se : float
-        ln of their mean; its error, with that of the prior's mass.
+        ln of the mean evidence; its error, including that of the prior mass.
     spread : float
         Standard deviation of the runs' ln evidence.
     log_prior_mass : float
-        `lcbayes.inference.prior_mass`; taken off already.
+        `lcbayes.inference.prior_mass`; already subtracted.
     loo : Loo
     misfit : Misfit
-        Of the best fit that is reached from the best particle.
+        Misfit of the best fit reached from the best particle.
     information : float
-        Per point, of the best particle's residuals.
+        Information per point, from the residuals of the best particle.
     best : float
-        ln likelihood of the best particle, each point taken whole.
+        ln likelihood of the best particle, with each point at full weight.
     z_best : (D,)
-        That particle.
+        The best particle.
     reasons : list of Finding
-        Why not to trust it; empty where nothing is wrong.
+        Reasons why the result is unreliable; empty if there are no problems.
     """
 
     n_facets: int
@@ -95,13 +95,13 @@ class Candidate:
 
 @dataclass
 class Compared:
-    """Everything a comparison finds, before it is put into words and files."""
+    """Complete result of a comparison, before it is reported and written to files."""
 
-    candidates: list[Candidate]  # by rising number of facets
-    ruled_out: list[RuledOut]  # likewise
-    failed: list[Finding]  # numbers that could not be followed, and why
-    information: float  # per point, the same for all
-    weighed_at: int  # facets of the fit whose residuals it is from
+    candidates: list[Candidate]  # in order of increasing number of facets
+    ruled_out: list[RuledOut]  # in the same order
+    failed: list[Finding]  # numbers for which sampling failed, with the reason
+    information: float  # per point, the same for all candidates
+    weighed_at: int  # number of facets of the fit whose residuals give it
     path: sparse.SparsePath | None
     search_s: float
 
@@ -116,38 +116,38 @@ def run(
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> Compared:
-    """Evidence and LOO of each number of facets that has a chance, by `smc` from the prior.
+    """Evidence and LOO of each plausible number of facets, by `smc` from the prior.
 
-    The numbers are taken in order of their best fits. One whose best fit is far below an evidence
-    that has been found cannot reach it and is ruled out (`lcbayes.inference.screening`).
+    The numbers are processed in order of their best fits. A number whose largest likelihood lies
+    far below an evidence already computed is ruled out (`lcbayes.inference.screening`).
 
-    The likelihood is raised to the same power for every number, as evidences of different data
-    cannot be compared. The power is that of the residuals of the best fit of all
-    (`lcbayes.inference.correlation`): correlation that the best model leaves is the data's own, and
-    what a poorer model leaves on top of it is its fault, for which it has to pay. If the search
-    misses the best fit the power is too low, and the result too timid rather than too sure; where
-    the particles then find one that fits with cleaner residuals, the candidate says so.
+    The likelihood is raised to the same power for every number, because evidences of different data
+    cannot be compared. The power follows from the residuals of the best fit over all numbers
+    (`lcbayes.inference.correlation`). Correlation that remains in the best model is attributed to
+    the data; any further correlation in a poorer model counts against that model. If the search
+    misses the best fit, the power is too low and the result is conservative. If the particles then
+    find a fit with less correlated residuals, the candidate reports it.
 
     Parameters
     ----------
     counts
         Numbers of facets.
     settings
-        Of sampler "smc".
+        Settings of the sampler "smc".
     upper_bound
-        Facets with which the sparse path begins, or None for no such path. The number at which it
-        ends is compared with the others.
+        Initial number of facets of the sparse path, or None for no such path. The final number is
+        compared with the others.
 
     Raises
     ------
     InputError
-        If no number of facets can be followed from the prior.
+        If sampling from the prior fails for every number of facets.
     """
     data = Epochs.of(curve)
     key_search, key_runs, key_mass, key_path = jax.random.split(jax.random.key(settings.seed), 4)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     plain = dict(options)
-    sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # of the path alone
+    sparsity = plain.pop("sparsity", 0.0) if upper_bound else 0.0  # for the sparse path only
     with entry.blamed():
         problems = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
@@ -179,7 +179,7 @@ def run(
 
 
 class _SparseStart(NamedTuple):
-    """Where the sparse path begins: options of the model, facets, weight of (Σα)²."""
+    """Start of the sparse path: model options, number of facets, weight of (Σα)²."""
 
     options: Mapping[str, Any]
     upper_bound: int
@@ -188,21 +188,21 @@ class _SparseStart(NamedTuple):
 
 @dataclass
 class _Comparison:
-    """A comparison on its way: the problems, and what is known of each so far."""
+    """A comparison in progress: the problems and the results so far."""
 
     entry: Entry
     execution: Execution
     problems: dict[int, Problem]
-    optima: dict[int, Floats]  # z of the best fit of each search
+    optima: dict[int, Floats]  # z of the best fit from each search
     data: Epochs
-    weighed: Epochs  # the same data, likelihood to the power for all numbers
+    weighed: Epochs  # the same data, with the common power of the likelihood
     candidates: dict[int, Candidate] = field(default_factory=dict)
     ruled_out: dict[int, RuledOut] = field(default_factory=dict)
     failed: list[Finding] = field(default_factory=list)
     path: sparse.SparsePath | None = None
 
     def follow_sparse_path(self, start: _SparseStart, key: jax.Array, parts: Parts) -> None:
-        """One run under the sparse prior; the number at which it ends joins the candidates."""
+        """One run under the sparse prior; its final number of facets joins the candidates."""
         with parts.part(_cost(start.upper_bound), "sparse path", 1) as within:
             try:
                 self.path = self._sparse_path(start, key, within)
@@ -229,7 +229,7 @@ class _Comparison:
         return sparse.path(problem, self.weighed, self.entry.facet_sites, found, start.weight)
 
     def measure_all(self, key_runs: jax.Array, key_mass: jax.Array, parts: Parts) -> None:
-        """The evidence of each number, in order of their best fits, or why it is ruled out."""
+        """Evidence of each number in order of the best fits, or the reason it is ruled out."""
         for n in sorted(self.problems, key=lambda n: (-self._best_likelihood(n), n)):
             if out := self._excluded(n):
                 self.ruled_out[n] = out
@@ -265,10 +265,10 @@ class _Comparison:
         return _log_likelihood(self.problems[n], self.optima[n], self.data)
 
     def _excluded(self, n: int) -> RuledOut | None:
-        """The number ruled out by the best of the evidences so far, or None.
+        """The number if it is ruled out by the largest evidence so far, or None.
 
-        A number larger than one that has been measured is never ruled out: a body of more facets
-        fits at least as well, as a facet may be divided in two.
+        A number larger than one already sampled is never ruled out: a body with more facets fits at
+        least as well, because a facet can be divided in two.
         """
         if not self.candidates or min(self.candidates) < n:
             return None
@@ -286,12 +286,12 @@ class _Comparison:
         return RuledOut(n, problem.n_parameters, below, fit)
 
     def result(self, weighed_at: int, search_s: float) -> Compared:
-        """Everything that was found, without the numbers whose particles were lost.
+        """The complete result, without the numbers whose particles missed the posterior.
 
         Raises
         ------
         InputError
-            No number of facets could be followed from the prior.
+            If sampling from the prior failed for every number of facets.
         """
         power = float(self.weighed.information)
         best = {n: c.best for n, c in self.candidates.items()}
@@ -312,7 +312,7 @@ class _Comparison:
 
 
 def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) -> Floats | None:
-    """z of the best end of a search, (D,)."""
+    """z of the best optimum of a search, (D,)."""
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
@@ -359,7 +359,7 @@ def _candidate(
 
 
 def _pooled(runs: Sequence[smc.Result]) -> Floats:
-    """Equally weighted draws of all runs, each run counted by its evidence, which is unbiased."""
+    """Equally weighted draws of all runs; each run is weighted by its evidence (unbiased)."""
     log_z = np.array([r.log_evidence for r in runs])
     share = np.exp(log_z - logsumexp(log_z))
     n = min(LOO_DRAWS, min(len(r.z) for r in runs) / share.max())
@@ -373,13 +373,13 @@ def _best_particle(runs: Sequence[smc.Result]) -> Floats:
 
 
 def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
-    """Of all points, each taken whole."""
+    """ln likelihood of all points, each at full weight."""
     return float(compiled(problem.log_likelihood)(jnp.asarray(z), data).sum())
 
 
 @partial(jax.jit, static_argnums=0)
 def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    """ln likelihood of every point at rows (n, D), (n, T)."""
+    """ln likelihood of every point at rows (n, D), as (n, T)."""
     return jax.lax.map(lambda row: problem.log_likelihood(row, data), rows)
 
 
@@ -388,5 +388,5 @@ def _area(problem: Problem, z: Floats, data: Epochs) -> float:
 
 
 def _cost(n_facets: int) -> float:
-    """Of a number of facets, about: each gradient and the number of temperatures grow with it."""
+    """Approximate cost: each gradient and the number of temperatures grow with the facets."""
     return (1.0 + n_facets) ** 2

@@ -1,4 +1,4 @@
-"""The main job: search, sample each solution, weigh them, and say whether to trust it."""
+"""The main task: search, sampling of each solution, weights, and a check of reliability."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER)
-BRIDGE_ESS = 200.0  # independent draws that those of a solution count as in the error of its weight
+BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
 @dataclass
 class Posterior:
-    """Everything a fit finds, before it is put into words and files."""
+    """Complete result of a fit, before it is reported and written to files."""
 
     problem: Problem  # in the coordinates of z
     data: Epochs
@@ -52,7 +52,7 @@ class Posterior:
     log_evidence: LogEvidence  # of the whole posterior
     n_starts: int
     timing: Timing = field(default_factory=Timing)
-    reasons: list[Finding] = field(default_factory=list)  # of the sampler, why not to trust it
+    reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
     settings: Settings = field(default_factory=Settings)
 
 
@@ -65,7 +65,7 @@ def run(
     progress: Silent,
     spins: Sequence[Mapping[str, Any]] = (),
 ) -> Posterior:
-    """Fit a model to a light curve; ``spins`` of a scan take the place of those of the starts.
+    """Fit a model to a light curve; ``spins`` from a scan replace those of the starts.
 
     Raises
     ------
@@ -94,10 +94,10 @@ def run(
 
 
 class _Found(NamedTuple):
-    """Where to sample, in the plain coordinates, under the data as they weigh."""
+    """Solutions to sample, in the plain coordinates, with the data at their final weight."""
 
     solutions: list[Solution]
-    rest: list[Solution]  # worth sampling, but too many
+    rest: list[Solution]  # plausible solutions beyond the maximum number
     ends: search.SearchState
     data: Epochs
     n_starts: int
@@ -105,7 +105,7 @@ class _Found(NamedTuple):
 
 @dataclass(frozen=True)
 class _Fit:
-    """The parts of one fit, and what they share."""
+    """The stages of one fit and their shared state."""
 
     plain: Problem
     entry: Entry
@@ -122,8 +122,8 @@ class _Fit:
         key: jax.Array,
         spins: Sequence[Mapping[str, Any]],
     ) -> _Found:
-        """Search under the model's pooled form where it has one, and follow what is found to the
-        whole model and to the data as heavy as the misfit lets them be."""
+        """Search with the model's pooled form if it has one, then re-optimise the solutions under
+        the full model and under the data weight that the misfit allows."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
         with entry.blamed():
             pooled = build_problem(entry, dict(options) | entry.pooled, data)[0]
@@ -150,7 +150,7 @@ class _Fit:
             )
         if (mirror := symmetry.plane_mirror(pooled, data)) is not None:
             found = solutions.with_images(pooled, data, found, mirror, order)
-        most = 4 * settings.max_modes  # that are followed to other data or another model
+        most = 4 * settings.max_modes  # re-optimised for other data or another model
         if pooled is not plain:
             found = solutions.select_for_sampling(pooled, data, found)[:most]
             found = solutions.refined(pooled, plain, data, found)
@@ -165,7 +165,7 @@ class _Fit:
         return _Found(sampled, rest, ends, data, len(starts))
 
     def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
-        """Particles from the prior; the search only names centres."""
+        """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
         order = FacetOrder(plain, self.entry.facet_sites)
         modes, log_evidence, reasons = population.sample(
@@ -185,7 +185,7 @@ class _Fit:
         )
 
     def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
-        """Chains about each solution in the coordinates of ``problem``, weighed by bridges."""
+        """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
         order = FacetOrder(problem, self.entry.facet_sites)
         sampler = Sampler(problem, settings, self.workers)
@@ -225,7 +225,7 @@ def _evidence(
     z0: Floats,
     rng: np.random.Generator,
 ) -> LogEvidence:
-    """Of a solution z0 (D,) by its draws z (C, S, D), every order of the facets counted."""
+    """Evidence of a solution z0 (D,) from its draws z (C, S, D), over all facet orders."""
     flat = z.reshape(-1, z.shape[-1])
     y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(flat.shape).T)
     reference = order.like(z0, flat.mean(axis=0))
@@ -236,10 +236,11 @@ def _evidence(
 
 
 def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
-    """Whether the model's own coordinates tell every solution.
+    """Whether the model's sampling coordinates represent every solution.
 
-    They are there to sample well, not to say what the posterior is, and may fail at bodies of an
-    extreme kind: the moments of a brick's areas, nearly all in six places, do not give them back.
+    These coordinates serve efficient sampling and do not define the posterior. They may fail for
+    extreme bodies: the areas of a brick, concentrated in six directions, cannot be recovered from
+    their moments.
     """
     density = compiled(problem.potential)
     at = (_translate(plain, problem, solution.z, data) for solution in found)
@@ -247,7 +248,7 @@ def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epo
 
 
 def digest(curve: LightCurve) -> str:
-    """Of everything in a light curve that decides numbers."""
+    """Digest of everything in a light curve that affects numerical results."""
     found = hashlib.sha256()
     for name in (
         "t",
@@ -271,7 +272,7 @@ def digest(curve: LightCurve) -> str:
 def identity(
     curve: LightCurve, entry: Entry, options: Mapping[str, Any], settings: Settings, version: str
 ) -> dict[str, Any]:
-    """What decides the numbers of a run, for its checkpoint."""
+    """Everything that affects the numerical results of a run, for its checkpoint."""
     code = hashlib.sha256()
     source = entry.module.__file__
     if source is not None:
@@ -305,14 +306,14 @@ def _translate(source: Problem, target: Problem, z: Floats, data: Epochs) -> jax
 def _in_order(
     problem: Problem, order: FacetOrder, z: Floats, centre: Floats, data: Epochs
 ) -> Floats:
-    """Facets of every draw matched to the centre's, then all by falling size."""
+    """Facets of every draw matched to those of the centre, then sorted by decreasing size."""
     if order.n_facets < 2:
         return z
     flat = order.like_all(z.reshape(-1, z.shape[-1]), centre)
     if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
-        return flat.reshape(z.shape)  # a user's model whose facets have no size
+        return flat.reshape(z.shape)  # a user-defined model whose facets have no size
     sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
-    mean = sizes[-order.n_facets :]  # those of known normal come first
+    mean = sizes[-order.n_facets :]  # facets of known normal come first
     columns = order.by_size(np.arange(float(flat.shape[1])), mean).astype(int)
     return flat[:, columns].reshape(z.shape)
 
@@ -323,7 +324,7 @@ def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
 
 
 def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, reference: Floats):
-    """−ln p of whitened points, where their facets are in the order of the reference (D,)."""
+    """−ln p of whitened points whose facets are in the order of the reference (D,)."""
 
     def potential(y: Floats) -> Floats:
         z = whitening.centre + y @ whitening.factor.T
@@ -339,7 +340,7 @@ def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Arr
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
-    """Every site at draws z (C, S, D), without those that repeat the epochs."""
+    """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = _constrained(problem, z.reshape(-1, z.shape[-1]), data)
     return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
 

@@ -1,4 +1,4 @@
-"""Does the model explain the data: χ² by the law of noise, against the parameters the data set."""
+"""Goodness of fit: χ² under the noise law, against the effective degrees of freedom."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from lcbayes.modelling.problem import Problem, compiled
 
 Floats = NDArray[np.float64]
 
-MIN_FIT = 1e-6  # probability of a larger chi2 below which the model does not explain the data
+MIN_FIT = 1e-6  # p-value of chi2 below which the model does not explain the data
 
 
 class Misfit(NamedTuple):
-    """How far the data are from the best fit.
+    """Misfit between the data and the best fit.
 
     Attributes
     ----------
     chi2 : float or None
-        See `chi2`; None where the errors of the data are not known.
+        See `chi2`; None if the errors of the data are unknown.
     dof : float
         See `degrees_of_freedom`.
     law : Law
-        Of the noise.
+        Noise law.
     """
 
     chi2: float | None
@@ -39,12 +39,12 @@ class Misfit(NamedTuple):
 
     @property
     def explained(self) -> bool:
-        """Whether the data may come from the model, as far as is known."""
+        """Whether the data are consistent with the model, as far as is known."""
         return self.chi2 is None or not chi2_distribution.sf(self.chi2, self.dof) < MIN_FIT
 
     @property
     def words(self) -> str:
-        """What chi2 is, and what may lower it, of data that are not explained."""
+        """The value of chi2 and possible remedies, for data that the model does not explain."""
         gaussian = self.law == "gaussian"
         of = "" if gaussian else f" of the residuals, as normal quantiles by --noise {self.law},"
         cure = "try more facets" + (
@@ -54,33 +54,34 @@ class Misfit(NamedTuple):
 
 
 def measure(problem: Problem, data: Epochs, rows: Floats) -> Misfit:
-    """Of that of the points z (n, D) which fits best."""
+    """Misfit of the best-fitting point among z (n, D)."""
     fits = [chi2(problem, z, data) for z in rows]
     best = int(np.argmin(np.nan_to_num(fits, nan=np.inf)))
-    # scatter that is inferred beside the errors makes any model fit them
+    # an inferred scatter in addition to the errors makes any model fit
     judged = data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
     dof = degrees_of_freedom(problem, rows[best], data)
     return Misfit(fits[best] if judged else None, round(dof, 1), problem.law)
 
 
 def chi2(problem: Problem, z: Floats, data: Epochs) -> float:
-    """Σ Φ⁻¹(F(y))², F the law of noise about the model: of squared standard normals for every law.
+    """Σ Φ⁻¹(F(y))², with F the distribution of the noise about the model.
 
-    For Gaussian noise that is Σ ((y − m)/σ)². A heavy tail is taken for what it is: a point at four
-    scales of Student's t of 4 degrees of freedom is as rare as one at 2.4 standard deviations.
-    Points of a pass, where they share an offset, are each given the earlier ones.
+    The sum is one of squared standard normals for every noise law. For Gaussian noise it is
+    Σ ((y − m)/σ)². Heavy tails are accounted for: a point at four scales of Student's t with 4
+    degrees of freedom is as rare as a Gaussian point at 2.4 standard deviations. If the points of a
+    pass share an offset, each point is conditioned on the earlier ones.
     """
     tails = np.asarray(compiled(problem.log_tail)(jnp.asarray(z), data))
     return float(np.sum(ndtri_exp(tails) ** 2))
 
 
 def degrees_of_freedom(problem: Problem, z: Floats, data: Epochs) -> float:
-    """Points less the parameters that they set, n − tr[(F − F₀) F⁻¹]; n where less than 1 is left.
+    """Number of points minus effective parameters, n − tr[(F − F₀) F⁻¹]; n if that is below 1.
 
-    F is the information on z with the brightness, F₀ without it: of the prior and of all else that
-    is conditioned on. A parameter counts as 1 where the data tell it and as 0 where the prior does,
-    as the length of the vector behind a direction. The χ² of a fit is never larger than that of
-    the truth, so that n, where nothing is left, errs on the side of the model.
+    F is the information on z with the brightness data and F₀ without them, that is, from the prior
+    and all other conditions. A parameter counts as 1 if the data determine it and as 0 if the prior
+    does. An example of the latter is the length of the vector that represents a direction. The χ²
+    of a fit never exceeds that of the truth, so the fallback n favours the model.
 
     References
     ----------
@@ -90,7 +91,7 @@ def degrees_of_freedom(problem: Problem, z: Floats, data: Epochs) -> float:
     whole = fisher(jnp.asarray(z), data)
     without = fisher(jnp.asarray(z), replace(data, information=0.0 * data.information))
     unit = jnp.sqrt(jnp.diagonal(whole))
-    unit = jnp.outer(unit, unit)  # coordinates may differ in scale by any factor
+    unit = jnp.outer(unit, unit)  # the scales of coordinates may differ by any factor
     told = jnp.linalg.pinv(whole / unit, hermitian=True) * ((whole - without) / unit)
     n = float(data.t.size)
     left = n - float(jnp.sum(told))

@@ -1,4 +1,4 @@
-"""Facets have no names: the same body in another order is the same solution."""
+"""Label switching: facets are exchangeable, so a permuted body is the same solution."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FacetOrder:
     Parameters
     ----------
     problem : Problem
-    sites : names of the sampled sites whose first axis is the facet, those that the model draws.
+    sites : names of the sampled sites, drawn by the model, whose first axis is the facet.
     """
 
     def __init__(self, problem: Problem, sites: Sequence[str]) -> None:
@@ -34,7 +34,7 @@ class FacetOrder:
 
     @property
     def log_orders(self) -> float:
-        """ln N!, of the orders in which a posterior holds each body."""
+        """ln N!, with N! the number of facet orders of each body in the posterior."""
         return lgamma(self.n_facets + 1.0)
 
     def _features(self, z: Floats) -> Floats:
@@ -47,11 +47,11 @@ class FacetOrder:
         return z
 
     def like(self, z: Floats, reference: Floats) -> Floats:
-        """z (D,) with its facets matched to those of the reference (D,) by least distance."""
+        """z (D,) with its facets matched to those of the reference (D,) at least distance."""
         return self.matching(z, reference, z)
 
     def like_all(self, z: Floats, reference: Floats) -> Floats:
-        """`like` of every row of z (n, D)."""
+        """`like` applied to every row of z (n, D)."""
         if self.n_facets < 2:
             return z
         a, b = self._features(reference), np.concatenate([z[:, r] for r in self._rows], axis=-1)
@@ -63,7 +63,7 @@ class FacetOrder:
         return z
 
     def matching(self, z: Floats, reference: Floats, values: Floats) -> Floats:
-        """``values`` (D,) put in the order in which the facets of z match the reference's."""
+        """``values`` (D,) permuted so that the facets of z match those of the reference."""
         if self.n_facets < 2:
             return values
         a, b = self._features(reference), self._features(z)
@@ -71,7 +71,7 @@ class FacetOrder:
         return self._permuted(values, linear_sum_assignment(cost)[1])
 
     def by_size(self, z: Floats, size: Floats) -> Floats:
-        """z with its facets by falling ``size`` (N,)."""
+        """z with its facets in order of decreasing ``size`` (N,)."""
         if self.n_facets < 2:
             return z
         return self._permuted(z, np.argsort(-size, kind="stable"))

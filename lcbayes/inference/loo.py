@@ -1,4 +1,4 @@
-"""Leave one epoch out: how well a model predicts an epoch from all others, and weights from it."""
+"""Leave-one-out cross-validation: predictive density of each epoch, and stacking weights."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-LOG_WEIGHT_TOLERANCE = 1e-9  # smaller differences of log weights are rounding
-MIN_TAIL = 5  # draws to which a Pareto distribution can be fitted
-NEGLIGIBLE_WEIGHT = 0.01  # share of the weight below which the shape of a tail is ignored
+LOG_WEIGHT_TOLERANCE = 1e-9  # smaller differences of log weights are rounding errors
+MIN_TAIL = 5  # fewest draws to which a Pareto distribution can be fitted
+NEGLIGIBLE_WEIGHT = 0.01  # share of the weight below which the shape of the tail is ignored
 BAD_K = 0.7  # Pareto k above which an epoch's value is unreliable
-FLAT = 1e-5  # nats: log weights of a stored tail that differ by less are the same
+FLAT = 1e-5  # nats; log weights of a stored tail that differ by less count as equal
 
 
 class Loo(NamedTuple):
-    """Of each epoch, (T,)."""
+    """PSIS-LOO results for each epoch, (T,)."""
 
-    elpd: Floats  # ln p(y_i | the others)
-    khat: Floats  # Pareto k; -inf where the weights have no tail, inf where it is unknown
+    elpd: Floats  # ln p(y_i | all other epochs)
+    khat: Floats  # Pareto k; -inf if the weights have no tail, inf if k is unknown
 
 
 class Stacked(NamedTuple):
-    """Of each model, in the order given."""
+    """Stacking results for each model, in the order given."""
 
-    weight: Floats  # of the mixture that predicts best
+    weight: Floats  # in the mixture with the best predictions
     diff: Floats  # elpd minus that of the best model
     diff_se: Floats
 
 
 def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
-    """PSIS-LOO of draws from a posterior whose likelihood is raised to ``power``.
+    """PSIS-LOO from draws of a posterior whose likelihood is raised to ``power``.
 
-    Without epoch i that posterior has lost the factor p(yᵢ|z)^power, so draws are weighed by
-    p(yᵢ|z)^(−power), smoothed by a Pareto tail (`log_weights`), and what they predict is p(yᵢ|z)
-    itself.
+    Leaving out epoch i removes the factor p(yᵢ|z)^power from that posterior. The draws are
+    therefore weighted by p(yᵢ|z)^(−power), with the weights smoothed by a Pareto tail
+    (`log_weights`). The predictive density is p(yᵢ|z) itself.
 
     Parameters
     ----------
     log_likelihood : (S, T)
-        ln p(yᵢ|z) of each draw, each point taken whole.
+        ln p(yᵢ|z) of each draw, with each point at full weight.
     power : float
         `Epochs.information` under which the draws were made.
 
@@ -56,15 +56,16 @@ def loo(log_likelihood: Floats, power: float = 1.0) -> Loo:
 
 
 def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Floats]:
-    """ln of the weights (S, T) with which draws stand for the posterior without each epoch, which
-    sum to one over the draws; and Pareto k (T,), as in `Loo`. Arguments of `loo`.
+    """ln of the importance weights (S, T) of the posterior without each epoch, and Pareto k (T,).
+
+    The weights sum to one over the draws; k is as in `Loo`. The arguments are those of `loo`.
 
     An epoch at which the body is dark has the same likelihood for all draws, or for all draws of
-    the tail: there is nothing to smooth, and ArviZ raises an error. The weights are used as they
-    are then, which for a constant is exact: elpdᵢ is that constant. Where the body is dark in so
-    many draws that their weight reaches into the tail, only what lies above it is the tail; if that
-    is less than five draws, or one draw many times (of a chain that stays where it is), k is
-    unknown, unless they hold less than 1 % of the weight.
+    the tail. No smoothing is then possible, and ArviZ raises an error. The unsmoothed weights are
+    used instead. For a constant likelihood this is exact: elpdᵢ is that constant. If the body is
+    dark in so many draws that their weight reaches into the tail, only the draws with larger
+    weights form the tail. If these are fewer than five, or repetitions of one draw (from a chain
+    that does not move), k is unknown unless they hold less than 1 % of the weight.
     """
     ratio = -power * log_likelihood
     n_tail = _tail(len(ratio))
@@ -85,11 +86,11 @@ def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Flo
 
 
 def without_tail(log_likelihood: Floats) -> NDArray[np.bool_]:
-    """Epochs (T,) whose weights (S, T) `log_weights` does not smooth as ArviZ would.
+    """Epochs (T,) whose weights (S, T) `log_weights` does not smooth in the manner of ArviZ.
 
-    Dark epochs above all: where the largest weights are all the same, ArviZ raises an error. As its
-    tail is shorter where draws are anti-correlated, down to half of that of independent draws, and
-    values are stored in single precision, those count as the same that differ by less than `FLAT`.
+    These are mainly dark epochs: if the largest weights are all equal, ArviZ raises an error. Its
+    tail is shorter for anti-correlated draws, down to half that of independent draws. Values are
+    stored in single precision, so those that differ by less than `FLAT` count as equal.
     """
     ratio = -log_likelihood
     n_tail = _tail(len(ratio))
@@ -99,20 +100,20 @@ def without_tail(log_likelihood: Floats) -> NDArray[np.bool_]:
 
 
 def _tail(n_draws: int) -> int:
-    """Draws that ArviZ takes for the tail."""
+    """Number of draws in the tail used by ArviZ."""
     return int(3.0 * np.sqrt(n_draws)) if n_draws > 225 else n_draws // 5
 
 
 def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
-    """Log weights (S, T) with a tail of that many draws smoothed, and Pareto k (T,)."""
+    """Log weights (S, T) with a smoothed tail of ``n_tail`` draws, and Pareto k (T,)."""
     import arviz_stats  # registers the accessor azstats  # noqa: F401
     import xarray as xr
 
     n = len(ratio)
     log_ratio: Any = xr.DataArray(-ratio, dims=("draw", "time"))
-    # ArviZ takes the tail's length from an efficiency: 3 √(S / r), rounded down
+    # ArviZ derives the tail length from the efficiency r: 3 √(S / r), rounded down
     efficiency: Any = 1.0 if n_tail == _tail(n) else 9.0 * n / (n_tail + 0.5) ** 2
-    with np.errstate(all="ignore"):  # weights too far apart for a fit: k is NaN
+    with np.errstate(all="ignore"):  # range of weights too large for a fit: k is NaN
         smooth, khat = log_ratio.azstats.psislw(dim="draw", r_eff=efficiency)
     smooth = smooth.transpose("draw", "time").to_numpy()
     khat = np.nan_to_num(khat.to_numpy().astype(float), nan=np.inf)
@@ -121,11 +122,11 @@ def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
 
 
 def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
-    """Weights of the mixture of predictions that predicts left-out epochs best, through ArviZ.
+    """Stacking weights: the mixture of models that best predicts left-out epochs, by ArviZ.
 
-    max over w of Σᵢ ln Σₖ wₖ exp(elpdₖᵢ). What is common to all models at an epoch changes neither
-    the weights nor the differences, and is taken off first: ArviZ takes exponentials, which a point
-    far out would make zero for every model.
+    The weights w maximise Σᵢ ln Σₖ wₖ exp(elpdₖᵢ). A term common to all models at an epoch affects
+    neither the weights nor the differences, and is subtracted first. Otherwise the exponentials in
+    ArviZ would underflow to zero for every model at an outlier.
 
     References
     ----------
@@ -155,7 +156,7 @@ def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
     if len(given) == 1:
         return Stacked(np.ones(1), np.zeros(1), np.zeros(1))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of many models; the table says what there is to say
+        warnings.simplefilter("ignore")  # about the number of models; the table suffices
         table: Any = az.compare(given, method="stacking", round_to="none")
     columns = (
         table.loc[list(given), name].to_numpy(float) for name in ("weight", "elpd_diff", "dse")

@@ -1,4 +1,4 @@
-"""The solutions of a posterior as sampled: told apart, joined where they are one, weighed."""
+"""Sampled modes of a posterior: separation, merging of duplicates, and weights."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import bridge
 
 Floats = NDArray[np.float64]
-MERGE_OVERLAP = 0.1  # share of one mode's draws within another's region from which they are one
-MAX_LEFT_OUT = 0.01  # share of the posterior that may be left out without a word
+MERGE_OVERLAP = 0.1  # least share of one mode's draws within another's region for a merger
+MAX_LEFT_OUT = 0.01  # largest share of the posterior left out without a warning
 
 
 @dataclass
@@ -33,14 +33,14 @@ class Mode:
     log_evidence: bridge.LogEvidence
     weight: float = 0.0
     weight_sd: float = 0.0
-    apart: float = 1.0  # R-hat between independent runs into this region, where there were several
-    run_weights: Floats | None = None  # (C,) by each independent population, where there are such
+    apart: float = 1.0  # R-hat between independent runs in this region, if several
+    run_weights: Floats | None = None  # (C,) from each independent population, if any
     tuning: dict[str, NDArray] = field(default_factory=dict)  # (C,) each, of `sampling.Chains`
 
 
 class _Region(NamedTuple):
-    """Where the draws of a mode lie: their mean, the inverse of their covariance, and the squared
-    distance in that metric beyond which only one draw in a hundred is."""
+    """Region of the draws of a mode: their mean, the inverse of their covariance, and the squared
+    distance in that metric that encloses 99 % of the draws."""
 
     mean: Floats
     inverse: Floats
@@ -55,16 +55,17 @@ class _Region(NamedTuple):
         return cls(mean, inverse, np.quantile(np.sum((apart @ inverse) * apart, axis=1), 0.99))
 
     def share(self, z: Floats) -> Floats:
-        """Squared distance of each row (n, D) over the limit."""
+        """Squared distance of each row (n, D), divided by the limit."""
         apart = z - self.mean
         return np.sum((apart @ self.inverse) * apart, axis=1) / self.limit
 
 
 def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
-    """Add a mode, or let it stand for one whose region it shares, or be stood for.
+    """Add a mode, or merge it with a mode whose region it shares.
 
-    Two searches can end at two optima of one and the same region; counted twice it would get
-    twice its weight. Of two runs into one region the one with more evidence has seen more of it.
+    Two searches can end at two optima of the same region, which would receive twice its weight if
+    counted twice. Of two runs in one region, the one with the larger evidence is kept, because it
+    has explored more of the region.
     """
     for i, old in enumerate(modes):
         shared, z = overlap(new.z, old.z, order)
@@ -77,8 +78,8 @@ def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
 
 
 def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]:
-    """The larger share of the draws of one (..., D) within the region of the other, and z with its
-    facets in the order of the other's, which is decided once for all draws, by the means."""
+    """The larger share of the draws (..., D) of one mode within the region of the other, and z with
+    its facets in the order of the other; the means fix one order for all draws."""
     region, there = _Region.of(z), _Region.of(other)
     columns = order.matching(region.mean, there.mean, np.arange(float(region.mean.size)))
     z = z[..., columns.astype(int)]
@@ -88,7 +89,7 @@ def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]
 
 
 def _rhat(a: Floats, b: Floats) -> float:
-    """The largest R-hat over the parameters of the chains of two runs (C, S, D) together."""
+    """The largest R-hat over the parameters, for the combined chains of two runs (C, S, D)."""
     n = min(a.shape[1], b.shape[1])
     chains = np.concatenate([a[:, -n:], b[:, -n:]])
     within = chains.var(axis=1, ddof=1).mean(axis=0)
@@ -104,11 +105,11 @@ def recount(
     order: FacetOrder,
     data: Epochs,
 ) -> None:
-    """Count as hits of a mode the ends of the search that lie within its draws.
+    """Count the end points of the search within the draws of a mode as its hits.
 
-    Where the optimum is a ridge, starts end all along it, apart from each other by many widths of
-    the Gaussian at any one of them; the draws know how long it is. An end counts for the mode it
-    is nearest to, if it is within the mode's region.
+    If the optimum is a ridge, starts end at points all along it, separated by many widths of the
+    local Gaussian. The draws trace the full extent of the ridge. An end point counts for the
+    nearest mode, provided that it lies within the region of that mode.
     """
     z = np.asarray(ends.z)[np.isfinite(ends.potential)]
     share = _shares(modes, plain, problem, z, order, data)
@@ -126,8 +127,8 @@ def unsampled(
     order: FacetOrder,
     data: Epochs,
 ) -> list[Finding]:
-    """Why not to trust modes beside which other solutions were worth sampling, but those that lie
-    within one of the modes, as the optima along a ridge do."""
+    """Warnings about plausible solutions that were not sampled. Solutions within the region of a
+    mode, such as the optima along a ridge, are not counted."""
     if not rest:
         return []
     inside = _shares(modes, plain, problem, np.stack([s.z for s in rest]), order, data) <= 1.0
@@ -138,7 +139,7 @@ def unsampled(
 
 
 def left_out(n: int, share: float) -> list[Finding]:
-    """Why not to trust a result without n more solutions that hold a share of the posterior."""
+    """Warning about n solutions left out of the result, with their share of the posterior."""
     if share <= MAX_LEFT_OUT:
         return []
     number = "1 more solution was" if n == 1 else f"{n} more solutions were"
@@ -153,8 +154,8 @@ def _shares(
     order: FacetOrder,
     data: Epochs,
 ) -> Floats:
-    """Squared distance of points z (n, D) of the plain problem over the limit of each mode's
-    region, (M, n)."""
+    """Squared distance of points z (n, D) of the plain problem from each mode, divided by the limit
+    of the mode's region, (M, n)."""
     z = np.asarray(z if problem is plain else _translated(plain, problem, z, data))
     share = np.full((len(modes), len(z)), np.inf)
     for i, mode in enumerate(modes):
@@ -170,8 +171,8 @@ def _translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> ja
 
 
 def weigh(modes: list[Mode]) -> bridge.LogEvidence:
-    """Weights by evidence; their errors by propagation of the evidences' own, which are independent
-    of each other. The evidence of all modes together."""
+    """Set the weights from the evidences, with errors propagated from the independent errors of
+    the evidences. Return the total evidence of all modes."""
     log_z = np.array([m.log_evidence.value for m in modes])
     w = np.exp(log_z - log_z.max())
     total = float(log_z.max() + np.log(w.sum()))

@@ -1,4 +1,4 @@
-"""From the evidence of each number of facets to probabilities, and to one sentence about them."""
+"""Probabilities of the numbers of facets from their evidences, and a one-sentence summary."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from lcbayes.core.text import join_words
 
 Floats = NDArray[np.float64]
 
-DRAWS = 20_000  # of what the evidences may be
-EXCLUDED_PROBABILITY = 0.05  # a number whose probability is below this, error and all, is excluded
-MIN_ODDS = 2.0  # times the probability of the next: from here on one number stands out
-MAX_INTERVAL = 0.5  # an interval of a probability wider than this says nothing
+DRAWS = 20_000  # Monte Carlo draws of the evidences
+EXCLUDED_PROBABILITY = 0.05  # a number is excluded if its probability, including error, is below
+MIN_ODDS = 2.0  # least ratio to the next probability at which one number is preferred
+MAX_INTERVAL = 0.5  # a wider interval of a probability is uninformative
 
 
 class Odds(NamedTuple):
     """Posterior probability of each number of facets, (K,) each."""
 
     probability: Floats
-    low: Floats  # 5 and 95 % of what it may be, for the errors of the evidences
+    low: Floats  # 5 and 95 % quantiles, from the errors of the evidences
     high: Floats
 
 
 def moderated(se: Floats) -> Floats:
-    """Errors (K,) that a few runs gave, each drawn halfway to their common variance.
+    """Errors (K,) estimated from a few runs, with variances shrunk halfway to the common variance.
 
-    Two or four runs agree by chance now and then, and an error of nothing decides everything. What
-    makes runs differ is much the same for neighbouring numbers of facets, so the variance of each
-    is taken as the mean of its own and that of all, with twice the degrees of freedom.
+    Two or four runs can agree by chance, and the error is then far too small. The scatter between
+    runs is similar for neighbouring numbers of facets. The variance of each number is therefore the
+    mean of its own variance and the common one, with twice the degrees of freedom.
 
     References
     ----------
@@ -44,19 +44,19 @@ def moderated(se: Floats) -> Floats:
 def probabilities(log_evidence: Floats, se: Floats, n_runs: int, seed: int = 0) -> Odds:
     """p(N | y) ∝ Z_N under the same prior probability for each N.
 
-    Facets have no names, and the prior is the same whatever their order. Z_N is an integral over
-    all N! orders of every body, with a prior that integrates to one over all of them; each body
-    has N! peaks of 1/N! the prior density, and the two cancel. So Z_N is the evidence as it
-    stands: dividing it by N! would count the orders twice.
+    Facets are exchangeable, and the prior does not depend on their order. Z_N is an integral over
+    all N! orders of every body, with a prior that integrates to one over all of them. Each body has
+    N! peaks, each with 1/N! of the prior density, and the two factors cancel. Z_N is therefore
+    already the evidence: dividing it by N! would correct for the orders twice.
 
-    Each ln Z_N has an error that is itself estimated from ``n_runs`` runs, so it is Student-t with
-    2 (n_runs − 1) degrees of freedom (`moderated`); the interval is that of the probabilities when
-    each ln Z_N is drawn from its own.
+    The error of each ln Z_N is itself estimated from ``n_runs`` runs. ln Z_N is therefore Student-t
+    distributed with 2 (n_runs − 1) degrees of freedom (`moderated`). The interval is that of the
+    probabilities when each ln Z_N is drawn from its own distribution.
 
     Parameters
     ----------
     log_evidence, se : (K,)
-        Under priors that integrate to one; errors as from `moderated`.
+        Log evidences under priors that integrate to one, and their errors from `moderated`.
     """
     rng = np.random.default_rng(seed)
     error = rng.standard_t(2 * (n_runs - 1), (DRAWS, len(se))) * se
@@ -70,19 +70,19 @@ def _shares(log_evidence: Floats) -> Floats:
 
 
 class Verdict(NamedTuple):
-    """What the probabilities say."""
+    """Conclusion from the probabilities."""
 
     best: int
-    rivals: list[int]  # that cannot be told from it
+    rivals: list[int]  # cannot be distinguished from the best
     possible: list[int]  # less probable, but not excluded
     sentence: str
 
 
 def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
-    """The number of facets, or which numbers the data cannot tell from each other.
+    """The number of facets, or the numbers that the data cannot distinguish.
 
-    A number is excluded whose probability is below 0.05, its error included. The best one stands
-    out if it is at least twice as probable as the next and their intervals do not overlap.
+    A number is excluded if its probability, including its error, is below 0.05. The best number is
+    preferred if it is at least twice as probable as the next and their intervals do not overlap.
     """
     order = [int(k) for k in np.argsort(-odds.probability, kind="stable")]
     top = order[0]
@@ -118,7 +118,7 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
 
 
 def undecided(counts: Sequence[int], odds: Odds) -> list[Finding]:
-    """Why the runs do not bear a verdict: at most one reason, of the worst number."""
+    """Reason why the runs do not allow a conclusion: at most one, for the least certain number."""
     width = odds.high - odds.low
     k = int(np.argmax(width))
     if width[k] <= MAX_INTERVAL:
@@ -133,7 +133,7 @@ def facets(n: int) -> str:
 
 
 def _two(probability: float) -> str:
-    """Two decimals, but never 1 or 0 of what is neither."""
+    """Two decimals, but never 1 or 0 for a probability strictly between them."""
     if 0.995 <= probability < 1.0:
         return "> 0.99"
     return "< 0.01" if 0.0 < probability < 0.005 else f"{probability:.2f}"

@@ -1,8 +1,8 @@
-"""Solutions from independent populations of particles: told apart, joined where one, weighed.
+"""Solutions from independent particle populations: separated, merged and weighted.
 
-`lcbayes.samplers.smc` carries particles from the prior to the whole posterior, so that a solution
-has as many of them as it has weight, whether or not a search found it. What several independent
-runs agree on is the result, what they differ by is its error.
+`lcbayes.samplers.smc` moves particles from the prior to the full posterior. The number of particles
+at a solution is proportional to its weight, whether or not a search found the solution. Several
+independent runs give the result by their mean and its error by their scatter.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from lcbayes.samplers.sampling import Timing
 
 Floats = NDArray[np.float64]
 
-DRAWS_PER_PARTICLE = 3  # of a solution, for each particle of a run
-MIN_WEIGHT = 1e-3  # of a solution that is reported
-MAX_WEIGHT_SD = 0.1  # of a weight between runs that agree
-MIN_RELATIVE_COUNT = 0.1  # particles at a solution, over those of the run with most of them
+DRAWS_PER_PARTICLE = 3  # draws of a solution per particle of a run
+MIN_WEIGHT = 1e-3  # of a reported solution
+MAX_WEIGHT_SD = 0.1  # scatter of a weight between consistent runs
+MIN_RELATIVE_COUNT = 0.1  # particles at a solution, relative to the run with the most
 
 
 def sample(
@@ -45,16 +45,15 @@ def sample(
     timing: Timing,
     progress: Silent,
 ) -> tuple[list[Mode], LogEvidence, list[Finding]]:
-    """The solutions with their draws and weights, the heaviest first; the evidence of the whole
-    posterior; why not to trust them.
+    """Solutions with draws and weights, the heaviest first; the total evidence; warnings.
 
-    One run for each chain that the settings ask for. Each chain of a solution holds the particles
-    of one run that found it, so that R-hat compares runs that know nothing of each other.
+    There is one run for each chain in the settings. Each chain of a solution holds the particles of
+    one run that found it, so that R-hat compares independent runs.
 
     Parameters
     ----------
     found
-        Of the search, as centres to begin with.
+        Solutions of the search, as initial centres.
     """
     settings = execution.settings
     runs = _runs(problem, data, execution, key, timing, progress)
@@ -102,7 +101,7 @@ def _runs(
     timing: Timing,
     progress: Silent,
 ) -> list[smc.Result]:
-    """One for each chain that the settings ask for."""
+    """One run for each chain in the settings."""
     try:
         n_runs = execution.settings.num_chains
         runs = execution.runs(problem, data, key, n_runs, "population", progress)
@@ -114,10 +113,10 @@ def _runs(
 
 
 def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> tuple[Floats, int]:
-    """Draws (C, n, D) of one solution, those of each run that found it, and how many did.
+    """Draws (C, n, D) of one solution from each run that found it, and the number of these runs.
 
-    Of runs the one without particles there has nothing to be compared. Where fewer than two are
-    left there is one chain, of all particles, which no R-hat speaks for.
+    Runs without particles at the solution are omitted. If fewer than two runs remain, all particles
+    form one chain, for which there is no R-hat.
     """
     counts = here.sum(axis=1)
     found = np.flatnonzero(counts >= MIN_RELATIVE_COUNT * counts.max())
@@ -127,7 +126,7 @@ def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> tuple[Floats, in
 
 
 def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]:
-    """What a chain would have recorded, as far as particles have it; (C, S) each."""
+    """Chain statistics, as far as they are available for particles; (C, S) each."""
     flat = z.reshape(-1, z.shape[-1])
     return {
         "potential_energy": basins.potentials(problem, flat, data).reshape(z.shape[:2]),

@@ -1,4 +1,4 @@
-"""A prior with its factors: draws from it, and the mass that the factors leave of it."""
+"""Prior with factors: draws from it, and the prior mass that remains under the factors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from lcbayes.samplers.bridge import LogEvidence
 Floats = NDArray[np.float64]
 BATCH = 4096
 MAX_BATCHES = 64
-RELATIVE_ERROR = 0.01  # relative error of the mass at which to stop
-MAX_TRIED = 16_384  # draws of the prior from which those with its factors are taken
-MIN_EFFECTIVE = 100.0  # effective sample size that resampled draws must have
+RELATIVE_ERROR = 0.01  # target relative error of the mass
+MAX_TRIED = 16_384  # largest number of prior draws tried
+MIN_EFFECTIVE = 100.0  # least effective sample size of resampled draws
 
 
 @partial(jax.jit, static_argnums=0)
 def _factors(problem: Problem, data: Epochs, keys: jax.Array) -> jax.Array:
-    """ln of all that multiplies the prior, at a draw from it for each key (n,)."""
+    """ln of the product of all prior factors, at a prior draw for each key (n,)."""
 
     def one(key: jax.Array) -> jax.Array:
         return problem.log_factors(problem.prior_draw(key, data), data)
@@ -34,7 +34,7 @@ def _factors(problem: Problem, data: Epochs, keys: jax.Array) -> jax.Array:
 
 @partial(jax.jit, static_argnums=0)
 def _drawn(problem: Problem, data: Epochs, keys: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """A draw from the prior for each key, and whether its factors keep it."""
+    """A prior draw for each key, and whether the factors accept it."""
 
     def one(key: jax.Array) -> tuple[jax.Array, jax.Array]:
         key_draw, key_keep = jax.random.split(key)
@@ -45,12 +45,12 @@ def _drawn(problem: Problem, data: Epochs, keys: jax.Array) -> tuple[jax.Array, 
 
 
 def accepted(problem: Problem, data: Epochs, key: jax.Array, n: int) -> jax.Array:
-    """n draws (n, D) from the prior with its factors, which are at most one: by rejection.
+    """n draws (n, D) from the prior with its factors (at most one), by rejection sampling.
 
     Raises
     ------
     InputError
-        If the factors keep fewer of 16,384 draws.
+        If the factors accept fewer than n of 16,384 draws.
     """
     found = jnp.zeros((0, problem.dim))
     for i in range(MAX_BATCHES):
@@ -65,15 +65,17 @@ def accepted(problem: Problem, data: Epochs, key: jax.Array, n: int) -> jax.Arra
 
 
 def log_prior_mass(problem: Problem, data: Epochs, key: jax.Array) -> LogEvidence:
-    """ln ∫ p₀(z) f(z) dz of the prior p₀ and the model's factors f, with its error.
+    """ln ∫ p₀(z) f(z) dz for the prior p₀ and the model's factors f, with its error.
 
-    A model may multiply its prior by factors: every facet is lit and seen, reflectances do not
-    exceed one. p₀ f does not integrate to one then. Within one model that is of no account, but it
-    lowers the evidence of N facets by about qᴺ, with q the chance that a facet of the prior is
-    seen: enough to decide between N and N + 1 where the body turns little. The evidence under the
-    prior *given* that all facets are seen is Z over this mass.
+    A model may multiply its prior by factors that require every facet to be lit and seen, or
+    reflectances not to exceed one. The product p₀ f then does not integrate to one. Within one
+    model this has no effect. However, it lowers the evidence of N facets by a factor of about qᴺ,
+    with q the prior probability that a facet is seen. If the body rotates little, this can decide
+    between N and N + 1. The evidence under the prior *conditioned* on all facets being seen is Z
+    divided by this mass.
 
-    By the mean of f over draws from p₀, until its error is 1 %, or 262,144 draws.
+    The estimate is the mean of f over draws from p₀. Sampling stops when the relative error is 1 %
+    or after 262,144 draws.
     """
     weights = np.zeros(0)
     mean = error = np.nan
@@ -95,7 +97,7 @@ class PriorDraws(NamedTuple):
     ----------
     z : (n, D)
     note : str
-        How they were drawn, or that the factors could not be honoured; empty where there are none.
+        The sampling method, or a note that the factors were not applied; empty without factors.
     honoured : bool
         Whether the draws follow the prior with its factors.
     """
@@ -106,13 +108,12 @@ class PriorDraws(NamedTuple):
 
 
 def prior_sample(problem: Problem, data: Epochs, key: jax.Array, n: int) -> PriorDraws:
-    """n draws from the prior with its factors f, by rejection: a draw z from the prior alone is
-    kept with probability f(z)/max f.
+    """n draws from the prior with its factors f, by rejection sampling.
 
-    The largest f is taken as one, or as the largest seen where that is more. At most 16,384 draws
-    of the prior are made. If the factors keep fewer than n of these, draws are resampled by
-    weight with replacement, provided that their effective sample size is at least
-    `MIN_EFFECTIVE`. Otherwise the factors are left out.
+    A draw z from the prior alone is accepted with probability f(z)/max f. The maximum of f is taken
+    as one, or as the largest value drawn if that exceeds one. At most 16,384 prior draws are made.
+    If fewer than n are accepted, draws are resampled by weight with replacement, provided that
+    their effective sample size is at least `MIN_EFFECTIVE`. Otherwise the factors are omitted.
 
     References
     ----------
@@ -146,13 +147,13 @@ def prior_sample(problem: Problem, data: Epochs, key: jax.Array, n: int) -> Prio
 
 
 def _tried(problem: Problem, data: Epochs, keys: jax.Array) -> tuple[Floats, Floats]:
-    """A draw from the prior for each key (n, D), and ln of its factors, −∞ where undefined."""
+    """A prior draw for each key (n, D), and ln of its factors (−∞ where undefined)."""
     z, log_f = _weighed(problem, data, keys)
     return np.asarray(z), np.nan_to_num(np.asarray(log_f), nan=-np.inf, neginf=-np.inf)
 
 
 def _kept(log_f: Floats, key: jax.Array) -> NDArray[np.int64]:
-    """Indices of the draws that are kept, the same for the first ones however many follow."""
+    """Indices of the accepted draws; the result for early draws is independent of later ones."""
     seed = np.asarray(jax.random.key_data(key)).ravel()
     uniform = np.random.default_rng(seed).random(len(log_f))
     return np.flatnonzero(np.log(uniform) < log_f - max(0.0, float(np.max(log_f))))

@@ -1,7 +1,7 @@
-"""A cache of problems, so that light curves of one structure share compiled programs.
+"""A cache of problems, so that light curves of the same structure share compiled programs.
 
-JAX compiles each problem once. Two light curves of one model, with the same options and the same
-numbers of points and groups, give problems that differ only in arguments of the programs.
+JAX compiles each problem once. Two light curves with the same model, options, number of points and
+number of groups give problems that differ only in the arguments of the compiled programs.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ def build_problem(
 ) -> tuple[Problem, Problem]:
     """The posterior of a model given a light curve, in plain and in sampling coordinates.
 
-    The two are one object for a model without sampling coordinates of its own. Such coordinates may
-    depend on the light curve; problems are shared only where they are equal.
+    The two are the same object if the model does not define sampling coordinates. Sampling
+    coordinates may depend on the light curve; problems are shared only if their coordinates are
+    equal.
 
-    At most `MAX_STRUCTURES` structures are kept; the next one empties the cache. Fits that still
+    At most `MAX_STRUCTURES` structures are cached; the next one empties the cache. Fits that still
     use an earlier problem keep it and compile again.
     """
     leaves, structure = jax.tree.flatten(data)
@@ -56,7 +57,7 @@ def structures() -> int:
 def forget() -> None:
     """Empty the cache.
 
-    Each structure holds about a thousand memory maps, and a process may have 65 530.
+    Each structure uses about a thousand memory maps; the limit per process is 65 530.
     """
     with TRACING:
         _kept.clear()

@@ -1,4 +1,4 @@
-"""Independent runs of tempered particles, each kept on disk as soon as it is done."""
+"""Independent runs of tempered SMC, each saved to disk on completion."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def independent_runs(
     checkpoint: Checkpoint,
     **options: Any,
 ) -> list[smc.Result]:
-    """As `smc.replicate`: the runs that the checkpoint holds under ``name``, and the rest.
+    """`smc.replicate` with a checkpoint: stored runs under ``name`` are reused.
 
     Runs from the checkpoint have no ``stages``.
 
@@ -70,7 +70,7 @@ def independent_runs(
 
 @dataclass(frozen=True)
 class Execution:
-    """How particles are run: settings, threads, and where finished runs are stored."""
+    """Execution of SMC runs: settings, threads and storage of completed runs."""
 
     settings: Settings
     workers: int

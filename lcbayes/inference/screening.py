@@ -1,9 +1,9 @@
-"""Numbers of facets that are excluded by their largest likelihood, without sampling.
+"""Exclusion of numbers of facets by their largest likelihood, without sampling.
 
 Z = ∫ L dp₀ cannot exceed the largest likelihood, nor can ∫ L f dp₀ / ∫ f dp₀ with the factors f of
-the prior. Where ln max L of N facets lies far below ln Z of another number, N is excluded whatever
-its prior. These numbers are also the most expensive to sample: a body that cannot explain the data
-has a very narrow posterior, far from the intermediate distributions of the tempering path.
+the prior. If ln max L of N facets lies far below ln Z of another number, N is excluded for any
+prior. These numbers are also the most expensive to sample: a model that cannot explain the data has
+a very narrow posterior, far from the intermediate distributions of the tempering path.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
 
-MARGIN = 30.0  # nats, by which a search may miss the largest likelihood
-MAX_SUBSETS = 64  # of facets that are left out
+MARGIN = 30.0  # nats; allowance for a search that misses the largest likelihood
+MAX_SUBSETS = 64  # of omitted facets
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class RuledOut:
     ----------
     n_facets, n_parameters : int
     below : float
-        ln of the largest likelihood, above which the ln evidence cannot be, under the prior given
-        that every facet is seen.
+        ln of the largest likelihood. It is an upper bound on the ln evidence under the prior
+        conditioned on every facet being seen.
     misfit : Misfit
-        Of the best fit.
+        Misfit of the best fit.
     """
 
     n_facets: int
@@ -53,10 +53,10 @@ class RuledOut:
 def largest_likelihood(
     problem: Problem, data: Epochs, starts: Floats, workers: int
 ) -> tuple[float, Floats]:
-    """What ln Z cannot exceed, and z (D,) of the best fit that is reached from ``starts`` (S, D).
+    """An upper bound on ln Z, and z (D,) of the best fit reached from ``starts`` (S, D).
 
-    Starts are followed to the posterior's optimum, whose likelihood is the largest but for what
-    the prior pulls.
+    The starts are optimised to maxima of the posterior. Apart from the influence of the prior, the
+    likelihood there is the largest.
     """
     ends = search.polish(problem, data, starts, workers)
     reached = np.asarray(_log_likelihoods(problem, jnp.asarray(ends.z), data))
@@ -67,17 +67,18 @@ def largest_likelihood(
 
 @partial(jax.jit, static_argnums=0)
 def _log_likelihoods(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    """Of all points, to the power of their information, at rows (n, D)."""
+    """ln likelihood of all points, raised to the power of their information, at rows (n, D)."""
     return jax.lax.map(lambda z: jnp.sum(data.information * problem.log_likelihood(z, data)), rows)
 
 
 def with_fewer(
     larger: Problem, z: Floats, smaller: Problem, facet_sites: Sequence[str], data: Epochs
 ) -> Floats:
-    """Starts (S, D) for the smaller problem: z of the larger one with facets left out.
+    """Starts (S, D) for the smaller problem: z of the larger one with facets omitted.
 
-    Every subset of facets is left out, up to `MAX_SUBSETS`: a search with more facets finds the
-    spin more easily. S is zero where the problems differ in more than the number of facets.
+    A search with more facets finds the spin more easily. Each possible subset of facets is omitted
+    in turn, up to `MAX_SUBSETS` subsets. S is zero if the problems differ in more than the number
+    of facets.
     """
     sites = larger.constrain(jnp.asarray(z), data)
     want = jax.eval_shape(lambda z: smaller.constrain(z, data), jnp.zeros(smaller.dim))
@@ -95,13 +96,13 @@ def with_fewer(
 def lost(best: Mapping[int, float], information: float) -> dict[int, Finding]:
     """Numbers of facets whose particles missed the posterior, with the reason.
 
-    A body of N facets is one of N + 1 with a facet divided in two, so that more facets fit at least
-    as well. Where the best particle of a larger number fits worse by more than `MARGIN`, its
+    A body of N facets is equivalent to one of N + 1 with a facet divided in two, so more facets fit
+    at least as well. If the best particle of a larger number fits worse by more than `MARGIN`, its
     evidence is not that of the posterior.
 
     Parameters
     ----------
-    best : number of facets -> ln likelihood of its best particle, each point taken whole
+    best : number of facets -> ln likelihood of its best particle, each point at full weight
     information : float
         Power to which the likelihood of a point is raised.
     """

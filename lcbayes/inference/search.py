@@ -1,7 +1,8 @@
 """Multi-start search for optima of the posterior: Levenberg-Marquardt with successive halving.
 
 The step is damped Fisher scoring on the log posterior: the metric is the Fisher information of the
-data plus the precision of the prior, so that one routine serves every model and noise law.
+data plus the precision of the prior. The same routine therefore applies to every model and noise
+law.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.tempering_path import TimePath
 
 # Rounds of successive halving: position on the tempering path (`samplers.tempering_path`), damped
-# steps for every start, share of the starts that is kept.
+# steps per start, share of the starts kept.
 ROUNDS = ((1.0, 8, 0.15), (1.0, 25, 0.3), (1.0, 150, 1.0))
-# The number of spins that fit nearly as well as the right one grows with the time span, and the
-# basin of each narrows. Data that are added in order of time let starts follow their spin.
+# With a longer time span, more spins fit nearly as well as the correct one, and the basin of
+# attraction of each narrows. Adding the data in time order lets the starts follow their spin.
 TIME_ORDERED_ROUNDS = (
     *((time, 5, 0.7) for time in (0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47)),
     (0.6, 10, 0.5),
@@ -41,11 +42,11 @@ class SearchState(NamedTuple):
     z: Any  # (B, D), NumPy or JAX
     potential: Any  # (B,)
     damping: Any  # (B,)
-    stalled: Any  # (B,) steps in a row that gained less than the tolerance
+    stalled: Any  # (B,) consecutive steps with a gain below the tolerance
 
 
 def init(z: NDArray | jax.Array, damping: float = 1.0) -> SearchState:
-    """State of a search from the starts z (B, D)."""
+    """Initial state of a search from the starts z (B, D)."""
     n = len(z)
     return SearchState(np.asarray(z), np.full(n, np.inf), np.full(n, damping), np.zeros(n, int))
 
@@ -70,7 +71,7 @@ def _step(problem: Problem, data: Epochs, state: SearchState) -> SearchState:
 
 
 def chunk_size(problem: Problem, data: Epochs) -> int:
-    """Starts to carry through a step together: many where a step is all overhead, else one."""
+    """Number of starts advanced together: many if overhead dominates a step, otherwise one."""
     return int(np.clip(60_000 // (problem.dim * data.t.size), 1, 32))
 
 
@@ -78,9 +79,9 @@ def chunk_size(problem: Problem, data: Epochs) -> int:
 def advance(
     problem: Problem, data: Epochs, state: SearchState, n_steps: int | jax.Array
 ) -> SearchState:
-    """``n_steps`` damped steps of every start; starts that have stalled stay where they are.
+    """Take ``n_steps`` damped steps from every start; stalled starts do not move.
 
-    The potential is that of these data, whatever it was.
+    The potential is recomputed for these data.
     """
 
     def one(row: SearchState) -> SearchState:
@@ -108,9 +109,9 @@ def successive_halving(
     progress: Silent,
     path: TimePath | None = None,
 ) -> SearchState:
-    """Run the starts (B, D) to their optima, dropping the worst after each round; best first.
+    """Optimise the starts (B, D), dropping the worst after each round; the best come first.
 
-    With a path the data are added along it.
+    With a tempering path, the data are added along it.
     """
     rounds = ROUNDS if path is None else TIME_ORDERED_ROUNDS
     shares = _shares(len(starts), rounds)
@@ -143,7 +144,7 @@ def _advance_all(
     pool: Executor,
     report: Callable[[int], None],
 ) -> SearchState:
-    """`advance` for many starts, some at a time."""
+    """`advance` for many starts, in chunks."""
     size = chunk_size(problem, data)
 
     def run(chunk: range) -> SearchState:

@@ -1,4 +1,4 @@
-"""From the ends of a search to the few solutions worth sampling."""
+"""Selection of the solutions to sample from the end points of a search."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from lcbayes.modelling.problem import Problem, compiled
 
 Floats = NDArray[np.float64]
 
-SAME = 2.0  # whitened distance per √dimension within which two ends are one solution
-MAX_RELATIVE_MISFIT = 1.05  # rms residual over the best one's: dropped above this ...
+SAME = 2.0  # whitened distance per √dimension within which two end points are one solution
+MAX_RELATIVE_MISFIT = 1.05  # rms residual relative to the best: dropped above this ...
 MAX_EVIDENCE_DEFICIT = 10.0  # ... unless its Laplace evidence is within this many nats of the best
-MAX_IMAGE_DIFFERENCE = 0.1  # nats of density by which a solution and its mirror image may differ
-MAX_STEPS, MIN_GAIN = 40, 1e-2  # of an optimisation; nats, below which it ends
+MAX_IMAGE_DIFFERENCE = 0.1  # largest difference in ln density of a solution and its image, nats
+MAX_STEPS, MIN_GAIN = 40, 1e-2  # of an optimisation; gain in nats below which it ends
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Solution:
     ----------
     z : (D,) unconstrained vector
     potential : −ln p(y, z)
-    log_evidence : Laplace's approximation; a rank, not a weight
-    rms : of the residuals of the fit to the points at their full weight: relative to a
+    log_evidence : Laplace approximation; used for ranking, not as a weight
+    rms : of the residuals of the fit to the points at full weight: relative to a
         curve's mean brightness for fluxes, in magnitudes for magnitudes
-    hits : starts of the search that ended here
+    hits : number of starts of the search that ended here
     """
 
     z: Floats
@@ -45,7 +45,7 @@ class Solution:
 
 
 def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> float:
-    """Root mean square of observed minus expected brightness over ``unit`` (T,)."""
+    """Root mean square of (observed minus expected brightness)/``unit`` (T,)."""
     mean = compiled(problem.moments)(jnp.asarray(z), data).mean
     return float(np.sqrt(np.mean((np.asarray(data.brightness - mean) / unit) ** 2)))
 
@@ -53,7 +53,7 @@ def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> fl
 def distinct(
     problem: Problem, data: Epochs, ends: SearchState, order: FacetOrder, most: int
 ) -> list[Solution]:
-    """The different optima among the ends of a search, best first."""
+    """The distinct optima among the end points of a search, best first."""
     fisher = compiled(problem.fisher)
     found: list[Solution] = []
     metrics: list[Floats] = []
@@ -84,11 +84,10 @@ def _is_same(z: Floats, known: Solution, metric: Floats, order: FacetOrder) -> b
 def with_images(
     problem: Problem, data: Epochs, found: list[Solution], mirror: Floats, order: FacetOrder
 ) -> list[Solution]:
-    """Solutions and those of their mirror images, z → Q z with ``mirror`` Q (D, D), that were not
-    found, best first.
+    """Solutions and any missing mirror images, z → Q z with ``mirror`` Q (D, D), best first.
 
-    An image counts where it is as likely as the solution: where Q is no symmetry of the posterior
-    it stands for nothing. It has the hits of the solution, since starts come to either as easily.
+    An image is added only if it is as probable as the solution; otherwise Q is not a symmetry of
+    the posterior. It receives the hits of the solution, because starts reach either equally often.
     """
     metrics = [np.asarray(compiled(problem.fisher)(jnp.asarray(s.z), data)) for s in found]
     every = list(found)
@@ -103,8 +102,8 @@ def with_images(
 
 
 def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int) -> list[Solution]:
-    """The same optima once the data weigh less than in the search; the rms stays that of the fit
-    to the points at their full weight."""
+    """The optima re-optimised for data of lower weight than in the search. The rms remains that of
+    the fit to the points at full weight."""
     fisher = compiled(problem.fisher)
     state = search.polish(problem, data, np.stack([s.z for s in found]), workers)
     moved = []
@@ -116,8 +115,8 @@ def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int
 
 
 def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Floats:
-    """Rows (B, D) of a simpler problem as those of the whole one, what it lacks at the prior means
-    that hold there."""
+    """Rows (B, D) of a simpler problem as rows of the full one. Parameters that the simpler problem
+    lacks take their conditional prior means."""
 
     def one(row: jax.Array) -> jax.Array:
         sites = pooled.constrain(row, data)
@@ -133,11 +132,11 @@ def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Flo
 def refined(
     pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]
 ) -> list[Solution]:
-    """The solutions of a simpler problem as points of the whole one to sample from: what it lacks
-    at its most likely, but for spreads of groups (``log_…_sd``), which stay at their prior means.
+    """The solutions of a simpler problem as starting points for sampling the full one.
 
-    With its members a spread has no optimum that would tell of it: the largest density of both lies
-    at a spread of zero, or, non-centred, at one that is far too large.
+    Parameters that the simpler problem lacks are optimised, except for group spreads
+    (``log_…_sd``), which stay at their prior means. The joint optimum of a spread and its members
+    is uninformative: it lies at a spread of zero or, in non-centred form, at one far too large.
     """
     rows = completed(pooled, problem, data, np.stack([s.z for s in found]))
     unit = np.asarray(data.noise_unit)[data.curve]
@@ -151,7 +150,7 @@ def refined(
 def optimise_held(
     pooled: Problem, problem: Problem, data: Epochs, found: list[Solution]
 ) -> list[Solution]:
-    """The optima near some points, spreads that the simpler problem lacks held where they are."""
+    """The optima near given points, with spreads that the simpler problem lacks held fixed."""
     held = [k for k in problem.names if k not in pooled.names and _is_spread(k)]
     free = np.setdiff1d(np.arange(problem.dim), problem.rows(held))
     moved = []
@@ -170,7 +169,7 @@ def _is_spread(name: str) -> bool:
 def _climbed(
     problem: Problem, data: Epochs, z: Floats, free: NDArray[np.intp]
 ) -> tuple[Floats, float]:
-    """Levenberg-Marquardt along some coordinates: where it ends, and the potential there."""
+    """Levenberg-Marquardt along some coordinates: the end point and the potential there."""
     damping, old = 1e-2, float(compiled(problem.potential)(jnp.asarray(z), data))
     for _ in range(MAX_STEPS):
         slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))[free]
@@ -191,7 +190,7 @@ def _climbed(
 
 
 def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
-    """The solutions near the best in fit or evidence, the most likely first."""
+    """The solutions close to the best in fit or evidence, the most probable first."""
     best = min(found, key=lambda s: s.potential)
     noise = np.asarray(compiled(problem.moments)(jnp.asarray(best.z), data).sd)
     misfit = [_residual_rms(problem, s.z, data, noise) for s in found]
@@ -205,6 +204,6 @@ def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -
 
 
 def _laplace(potential: float, metric: Floats) -> float:
-    """ln ∫ exp(−U) by a Gaussian."""
+    """ln ∫ exp(−U) in the Gaussian (Laplace) approximation."""
     half_log_det = 0.5 * np.linalg.slogdet(metric)[1]
     return float(-potential - half_log_det + 0.5 * len(metric) * np.log(2 * np.pi))

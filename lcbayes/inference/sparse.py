@@ -1,10 +1,10 @@
 """The sparse path to the number of facets (Linares & Crassidis, sec. VI).
 
-From an upper bound of facets, under the squared-L1 prior, until the areas that the data do not ask
-for are nearly zero; these are dropped, and facets whose normals coincide within their uncertainty
-are merged. What remains is the number with which the posterior under the log-normal prior is then
-taken. It is a guess at one number, without a probability: a quick look where the evidence of every
-number would cost too much, and a check on it where it does not.
+The path starts from an upper bound on the number of facets. Under the squared-L1 prior, areas that
+the data do not require shrink to nearly zero. These facets are dropped, and facets whose normals
+coincide within their uncertainty are merged. The remaining number is then used for the posterior
+under the log-normal prior. The method estimates one number, without a probability. It is a quick
+estimate when the evidence of every number would be too expensive, and otherwise a check on it.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from lcbayes.samplers import smc
 
 Floats = NDArray[np.float64]
 
-AREA_COST = 50.0  # nats that the prior takes for the whole albedo-area of the best fit
-LOG_AREA_SD = 3.0  # of the log-normal prior meanwhile, which must not hold the areas up
+AREA_COST = 50.0  # nats; prior penalty for the total albedo-area of the best fit
+LOG_AREA_SD = 3.0  # of the log-normal prior on the path; wide, to let areas shrink
 MIN_AREA_SHARE = 0.02  # share of the albedo-area below which a facet is dropped
-MERGE_SD = 2.0  # standard deviations of their distance within which two normals coincide ...
-MAX_MERGE_ANGLE = np.deg2rad(30.0)  # ... unless they are this far from each other
-MAX_PARTICLES = 200  # particles that are thinned out
+MERGE_SD = 2.0  # two normals coincide within this many standard deviations of their distance ...
+MAX_MERGE_ANGLE = np.deg2rad(30.0)  # ... unless they differ by more than this angle
+MAX_PARTICLES = 200  # particles whose facets are reduced
 
 
 @dataclass(frozen=True)
 class SparsePath:
-    """Where the sparse path ends.
+    """End point of the sparse path.
 
     Attributes
     ----------
     upper_bound : int
-        Facets to begin with.
+        Initial number of facets.
     sparsity : float, m⁻⁴
         Weight of (Σα)² in −ln prior; the paper's λ of eq. (30) is its inverse square root.
     shares : dict
-        Of the particles, by the number of facets that remain of them.
+        Shares of the particles, by remaining number of facets.
     n_facets : int
         The most frequent number.
     best : float
-        ln likelihood of the best particle, as it was weighed: whether the path found a good fit.
+        ln likelihood of the best particle at the weight used; shows whether the fit is good.
     """
 
     upper_bound: int
@@ -56,10 +56,10 @@ class SparsePath:
 
 
 def weight(area: float) -> float:
-    """A weight that costs 50 nats for the albedo-area of the best fit, m⁻⁴.
+    """The weight that gives the albedo-area of the best fit a penalty of 50 nats, m⁻⁴.
 
-    A facet of a fiftieth of the area then costs two nats, while the area as a whole, which the
-    data hold to a part in hundreds, is hardly moved.
+    A facet with a fiftieth of the area then costs two nats. The total area, which the data
+    determine to about a per cent, hardly changes.
     """
     return AREA_COST / area**2
 
@@ -67,7 +67,7 @@ def weight(area: float) -> float:
 def path(
     problem: Problem, data: Epochs, sites: tuple[str, ...], found: smc.Result, sparsity: float
 ) -> SparsePath:
-    """Thin out particles of the posterior under the sparse prior, each by itself."""
+    """Reduce the facets of each particle of the posterior under the sparse prior."""
     z = found.z
     rows = z[np.linspace(0, len(z) - 1, min(MAX_PARTICLES, len(z))).round().astype(int)]
     index = problem.unravel(jnp.arange(float(problem.dim)))
@@ -88,15 +88,15 @@ def path(
 
 
 def remaining(vectors: Floats, areas: Floats, covariance: Floats) -> int:
-    """Facets that are neither small nor one with another.
+    """Number of facets that are not small, after merging those that coincide.
 
     Parameters
     ----------
     vectors : (N, 3)
-        Of any length, along the normals.
+        Vectors of any length along the normals.
     areas : (N,)
     covariance : (3N, 3N)
-        Of the vectors.
+        Covariance of the vectors.
     """
     kept = np.flatnonzero(areas >= MIN_AREA_SHARE * areas.sum())
     group = np.arange(len(kept))
@@ -117,7 +117,7 @@ def _coincide(vectors: Floats, covariance: Floats, i: int, j: int) -> bool:
         return True
     if distance > 2.0 * np.sin(0.5 * MAX_MERGE_ANGLE):
         return False
-    # the derivative of |a − b| by the two vectors: along the distance, across each vector
+    # derivative of |a − b| with respect to the vectors: along the distance, normal to each vector
     along = apart / distance
     gradient = np.concatenate(
         [(along - a * (a @ along)) / length[0], -(along - b * (b @ along)) / length[1]]

@@ -1,4 +1,4 @@
-"""Starts of a fit where an attitude scan ended."""
+"""Starts of a fit from the solutions of an attitude scan."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ def placed(
     data: Epochs,
     options: Mapping[str, Any],
 ) -> jax.Array:
-    """Starts (B, D) of a search, unconstrained, moved to the spins of a scan in turn.
+    """Unconstrained starts (B, D) of a search, moved to the spins of a scan in turn.
 
-    Poles and periods (or angular velocities) become those of the spins; all else stays as it was.
-    A body of harmonics starts twice from each: as the starts have it, and with the scan's shape.
+    Poles and periods (or angular velocities) are replaced by those of the spins; all other
+    parameters are unchanged. A body of harmonics starts twice from each spin: with the shape of the
+    original start and with the shape from the scan.
 
     Parameters
     ----------
     options : mapping
-        Of the model, with their defaults.
+        Model options, with their defaults.
     """
     names = set(problem.names)
     if not ({POLE, SHIFT} <= names or OMEGA in names):

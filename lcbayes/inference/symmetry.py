@@ -1,4 +1,4 @@
-"""Bodies that look the same: moves from one to the other."""
+"""Symmetries: transformations between bodies with identical light curves."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import TRACELESS
 from lcbayes.modelling.problem import Problem
 
-FLAT = 1e-6  # rms distance of unit vectors from a plane that counts as none, rad
+FLAT = 1e-6  # rms distance of unit vectors from a plane that is negligible, rad
 
-# Sites that carry vectors, and their sign under a mirror: ω, an axial vector, turns about.
+# Sites that hold vectors, and their sign under reflection: ω is an axial vector and reverses.
 VECTORS = {"normals_base": 1.0, "omega_unit": -1.0}
 TENSOR = "inertia_base"  # in the basis `priors.TRACELESS` of symmetric tensors: S → R S R
 
 
 def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
-    """Where Sun and observer stay in one plane, the matrix (D, D) of the mirror at that plane.
+    """The matrix (D, D) of the reflection in the plane of Sun and observer, if there is one.
 
-    With p the plane's normal and R = I − 2 p pᵀ, a body of normals R n that turns with −R ω has at
-    all times the cosines μ₀, μ of the body of n and ω, as R A(ω, t) R = A(−R ω, t), and at t = 0
-    the body's axes are the inertial ones; without torque its inertia is R J R. The matrix is its
-    own inverse and orthogonal, so its Jacobian is one. None where the geometry is not flat or the
+    Let p be the plane's normal and R = I − 2 p pᵀ. A body with normals R n that rotates with −R ω
+    has at all times the same cosines μ₀, μ as the body with n and ω. This follows from
+    R A(ω, t) R = A(−R ω, t), with the body axes equal to the inertial axes at t = 0. For
+    torque-free rotation the inertia of the image is R J R. The matrix is orthogonal and its own
+    inverse, so its Jacobian is one. The result is None if the directions are not coplanar or the
     model has no facet normals.
     """
     if "normals_base" not in problem.names:

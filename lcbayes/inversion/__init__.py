@@ -1,2 +1,2 @@
-"""Deterministic inversions: albedo-area distribution, attitude scan, spin,
-glints, and tests of attitude and shape."""
+"""Deterministic inversions: albedo-area distribution, attitude scan, spin, glints, and tests of
+attitude and shape."""

@@ -1,4 +1,4 @@
-"""The reasons for which results of this room must not be trusted: codes and their texts."""
+"""Reasons why results of this package are unreliable: codes and texts."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def many_poles(count: int, most: int) -> Reason:
 
 
 def convex_body(materials: str, lambertian: bool) -> tuple[str, str]:
-    """What an albedo-area distribution assumes, and a hint where another law may do better."""
+    """Assumptions of an albedo-area distribution, and a hint if another law may fit better."""
     other = ""
     if lambertian:
         other = "; another law may (--material non-lambertian, the one that fit takes by default)"

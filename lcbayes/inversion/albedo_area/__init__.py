@@ -1,8 +1,8 @@
-"""Albedo-area distributions: what faces each direction of a body, given its attitude.
+"""Albedo-area distributions: albedo-area per direction of the normal, for known attitude.
 
 `observed` turns a light curve and an attitude into linear flux and directions in the body frame;
-`kernel` says what a unit of albedo-area of a material sends; `nnls` solves for areas that are not
-negative; `distribution` does so on a grid of normals, with scales of curves and penalties; `facets`
-goes on to the few facets that explain the data; `bootstrap` says how well all this is known;
-`cues` says what body it points to; `inversion` does it all.
+`kernel` gives the flux of a unit albedo-area of a material; `nnls` solves for non-negative areas;
+`distribution` applies it on a grid of normals, with curve scales and penalties; `facets` reduces
+the grid to the few facets that explain the data; `bootstrap` estimates the uncertainties; `cues`
+tests for features of the body's shape; `inversion` combines all steps.
 """

@@ -1,4 +1,4 @@
-"""How well a distribution is known: solved again from resampled curves."""
+"""Bootstrap uncertainty of a distribution, from solutions for resampled curves."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lcbayes.physics.bodies.minkowski import minkowski
 
 Floats = NDArray[np.float64]
 
-ENOUGH_CURVES = 10  # below, blocks within curves are resampled instead
+ENOUGH_CURVES = 10  # with fewer, blocks within curves are resampled instead
 CHUNK_BYTES = 2**28
 
 
 def weights(seen: Observed, n: int, seed: int) -> Floats:
-    """How often each point counts in each of n resampled data sets, (n, T).
+    """Number of times each point occurs in each of n resampled data sets, (n, T).
 
-    With at least ten curves whole curves are drawn with replacement, so that what is common to a
-    curve's points is taken into account. With fewer, blocks of about T_c^(1/3) consecutive points
-    of each curve are.
+    With at least ten curves, whole curves are drawn with replacement, so that errors common to the
+    points of a curve are taken into account. With fewer curves, blocks of about T_c^(1/3)
+    consecutive points of each curve are drawn.
 
     References
     ----------
@@ -58,10 +58,11 @@ def distributions(
     weight: Floats,
     penalties: Sequence[Rows] = (),
 ) -> Floats:
-    """Areas (B, n) of a distribution on given normals, one for each set of weights (B, T).
+    """Areas (B, n) of a distribution on given normals, one set for each set of weights (B, T).
 
-    Free scales are solved for with the areas, linearised about the solution. An area that data put
-    at zero stays there in most draws: its spread says how far noise lifts it, and is no interval.
+    Free scales are fitted together with the areas, linearised about the solution. An area that the
+    data set to zero remains zero in most draws. Its spread shows how far noise raises it and is not
+    a confidence interval.
     """
     extra = Rows(
         np.concatenate([p.matrix for p in penalties] or [np.zeros((0, len(found.areas)))]),
@@ -78,7 +79,7 @@ def distributions(
 
 @dataclass(frozen=True)
 class FacetDraws:
-    """Resampled facets and the bodies they make.
+    """Resampled facets and the corresponding bodies.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class FacetDraws:
         Area vectors αn.
     volumes : (B',) m³
     dimensions : (B', 3) m
-        Longest, middle, shortest; for those of the B draws that make a body.
+        Longest, middle and shortest, for those of the B draws that form a body.
     """
 
     vectors: Floats
@@ -101,10 +102,9 @@ def facets(
     weight: Floats,
     albedo: float = 1.0,
 ) -> FacetDraws:
-    """Few facets once more for each set of weights (B, T), by one Gauss-Newton step.
+    """Refit of the few facets for each set of weights (B, T), by one Gauss-Newton step.
 
-    Which facets there are is taken as given, and the ``albedo`` that areas are divided by for the
-    bodies.
+    The number of facets is fixed, as is the ``albedo`` by which areas are divided to form bodies.
     """
     n = len(found.areas)
     vectors = found.areas[:, None] * found.normals

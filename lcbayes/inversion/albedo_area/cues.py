@@ -1,4 +1,4 @@
-"""What a distribution says of the body's shape, with a statistic and a p-value for each cue."""
+"""Shape cues from an albedo-area distribution, each with a statistic and a p-value."""
 
 from __future__ import annotations
 
@@ -22,28 +22,29 @@ Floats = NDArray[np.float64]
 SIGNIFICANT = 0.05
 ANGLES = (90.0, 60.0, 45.0)
 BODIES = {90.0: "a box or a prism", 60.0: "a hexagonal prism", 45.0: "an octagonal prism"}
-ANGLE_SD = 3.0  # degrees, in which an angle counts as met
-ALONG = 5.0  # degrees within which facets are taken to lie opposite each other
-SMALL = 0.03  # share of the area from which a facet counts for angles
+ANGLE_SD = 3.0  # degrees; tolerance of an angle
+ALONG = 5.0  # degrees; tolerance for opposite facets
+SMALL = 0.03  # least share of the area of a facet used for angles
 ANGLE_DRAWS = 1999
-DISTINCT = 12  # facets at most, of a body whose angles are tested though no direction stands out
-WELL_MEASURED = 5.0  # area over its standard deviation, of a facet that counts among them
+DISTINCT = 12  # most facets of a body whose angles are tested without a distinct direction
+WELL_MEASURED = 5.0  # least ratio of area to standard deviation of a facet counted among them
 
 
 @dataclass(frozen=True)
 class Cue:
-    """One property of a body, tested.
+    """Test of one property of a body.
 
     Attributes
     ----------
     name : "clusters", "arc", "uniform", "angle-90", "angle-60" or "angle-45"
     statistic : float
     p_value : float
-        Chance of so large a statistic under ``null``, from n simulations: (1 + as large)/(1 + n).
+        Probability of a statistic at least as large under ``null``, from n simulations:
+        (1 + number at least as large)/(1 + n).
     null : str
-        In words.
+        Null hypothesis in words.
     words : str
-        What was found, for a reader.
+        Result in words.
     details : mapping
     """
 
@@ -74,13 +75,13 @@ def find(
     Parameters
     ----------
     found : Distribution
-        On an equal-area grid, once per material, without penalties; materials are added up.
+        On an equal-area grid, once per material, without penalties; materials are summed.
     matrix : (T, N)
-        Its columns.
+        Kernel columns of the distribution.
     few : Facets
         The few facets of the same light curve.
     n_null : int
-        Simulated bodies for each of the two nulls; 2 n_null solutions in all.
+        Simulated bodies for each of the two null hypotheses, with 2 n_null solutions in total.
 
     References
     ----------
@@ -117,9 +118,9 @@ def find(
 def faceted(seen: Observed, found: Distribution, matrix: Floats, few: Facets) -> bool:
     """Whether few flat facets explain the light curve better than a smooth body.
 
-    They are `DISTINCT` at most, and their χ² + 3 n ln T lies below χ² + 6 ln T of the ellipsoid
-    that fits best (Bayesian information criterion). Two dozen facets stand in for a smooth
-    surface, and the angles between them are those of an even covering of the sphere.
+    There must be at most `DISTINCT` facets, and their χ² + 3 n ln T must lie below χ² + 6 ln T of
+    the best-fitting ellipsoid (Bayesian information criterion). Some two dozen facets approximate a
+    smooth surface, and their mutual angles are those of an even covering of the sphere.
     """
     count = len(few.areas)
     if count > DISTINCT:
@@ -135,18 +136,18 @@ def _p(statistic: float, null: Sequence[float] | Floats) -> float:
 
 
 def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
-    # the observed is one of the pool, as it would be if the null were true
+    # the observation is part of the pool, as under the null hypothesis
     pool = np.vstack([smooth, areas])
     expected = np.mean([maps.shares(a) for a in pool], axis=0)
     null = [np.max(maps.excess(a, expected)) for a in smooth]
     excess = maps.excess(areas, expected)
     all_ = maps.clusters(areas)
     for c in all_:
-        near = np.argsort(-(maps.normals @ c["direction"]))[:4]  # it lies between grid normals
+        near = np.argsort(-(maps.normals @ c["direction"]))[:4]  # between grid normals
         c["p_value"] = _p(float(excess[near].max()), null)
     found = [c for c in all_ if c["p_value"] <= SIGNIFICANT]
     flat = found
-    if arc.significant:  # what lies along an arc is part of it, unless it stands out
+    if arc.significant:  # a cluster on an arc belongs to the arc, unless it is distinct
         off = np.sin(np.radians(CAP))
         pole = arc.details["pole"]
         flat = [c for c in found if abs(c["direction"] @ pole) > off or c["share"] > HEAVY]
@@ -174,7 +175,7 @@ def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, few: Dist
     p = max(_p(statistic, [maps.arc(a)[0] for a in null]) for null in (smooth, scattered))
     near = np.abs(maps.normals @ pole) < np.sin(np.radians(BAND))
     tensor = np.einsum("n,ni,nj->ij", areas * near, maps.normals, maps.normals)
-    pole = np.linalg.eigh(tensor)[1][:, 0]  # off the grid, the plane through what lies along it
+    pole = np.linalg.eigh(tensor)[1][:, 0]  # off the grid: plane of the arc
     along = int(np.sum(np.abs(few.normals @ pole) < np.sin(np.radians(BAND))))
     words = "no great circle along which the area lies evenly"
     if p <= SIGNIFICANT:
@@ -204,18 +205,18 @@ def _uniform(maps: Maps, areas: Floats, scattered: Floats) -> Cue:
 
 
 def angles(normals: Floats, share: Floats, seed: int) -> list[Cue]:
-    """Whether facets stand at 90, 60 or 45 degrees to each other more than chance has it.
+    """Test for an excess of facet pairs at 90, 60 or 45 degrees over random orientations.
 
-    Facets that lie opposite each other, to 5 degrees, count once, as an axis; angles are folded to
-    0..90. The statistic is the mean of exp(−(θ_ij − ψ)²/2(3°)²) over all pairs of axes with at
-    least 3 % of the area. Null: as many axes that point at random.
+    Facets opposite each other within 5 degrees count once, as an axis; angles are folded to 0..90.
+    The statistic is the mean of exp(−(θ_ij − ψ)²/2(3°)²) over all pairs of axes with at least 3 %
+    of the area. The null hypothesis is the same number of axes with random orientations.
 
     Parameters
     ----------
     normals : (n, 3)
-        Of facets that stand out or are measured well; without any nothing is tested.
+        Normals of facets that are distinct or well measured; without any, no test is made.
     share : (n,)
-        Of the body's whole area.
+        Shares of the body's total area.
     """
     large = np.argsort(-share)
     large = large[share[large] >= SMALL]

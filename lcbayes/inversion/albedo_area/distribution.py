@@ -1,4 +1,4 @@
-"""The albedo-area distribution on a set of normals, with scales of curves and penalties."""
+"""The albedo-area distribution on a set of normals, with curve scales and penalties."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Floats = NDArray[np.float64]
 
 MAX_STEPS = 30
 SETTLED = 1e-9  # relative change of the objective between steps
-GAUGE = 1e2  # weight of the row that holds the mean of free scales, which the data leave open
+GAUGE = 1e2  # weight of the row that fixes the mean of the free scales, which is degenerate
 NEIGHBOURS = 6
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Albedo-areas αⱼ ≥ 0 and the scales of curves that fit a light curve best.
+    """Best-fitting albedo-areas αⱼ ≥ 0 and curve scales of a light curve.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Distribution:
     which : (n,) int
         Index of the material.
     areas : (n,) m²
-        Albedo-areas; up to one common factor where no curve is calibrated.
+        Albedo-areas; known up to a common factor if no curve is calibrated.
     scale : (C,)
-        1 for calibrated curves. Where there is none, their mean is 1.
+        1 for calibrated curves. If there are none, the mean of the scales is 1.
     flux : (T,)
-        Fitted, scale included.
+        Fitted flux, including the scale.
     chi2 : float
         Σ ((f − model)/σ)², Hall's eq. (15), without penalties.
     """
@@ -52,7 +52,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of penalties Σ (Pα − p)², beside the data's."""
+    """Penalty rows Σ (Pα − p)², in addition to the data rows."""
 
     matrix: Floats
     target: Floats
@@ -66,7 +66,7 @@ def grid(n: int, materials: Sequence[Material] = (LAMBERTIAN,)) -> tuple[Floats,
 
 
 def typical(seen: Observed, matrix: Floats) -> float:
-    """The one albedo-area that, the same for all normals, fits best, scales taken for 1."""
+    """The best-fitting albedo-area if it is the same for all normals and all scales are 1."""
     sphere = matrix.sum(axis=1) / seen.error
     if not np.any(sphere > 0):
         raise InputError("the body is dark at every epoch: Sun behind it as seen by the observer")
@@ -79,7 +79,7 @@ def smooth(normals: Floats, which: NDArray[np.integer], weight: float, unit: flo
     Parameters
     ----------
     weight : float
-        λ: χ² may rise by this for every normal whose area is off its neighbours' mean by ᾱ.
+        λ: the penalty for each normal whose area differs from its neighbours' mean by ᾱ.
     unit : float
         ᾱ, see `typical`.
     """
@@ -102,23 +102,24 @@ def solve(
     penalties: Sequence[Rows] = (),
     start: Distribution | None = None,
 ) -> Distribution:
-    """Areas that are not negative, and scales of curves, that minimise χ² plus penalties.
+    """Non-negative areas and curve scales that minimise χ² plus penalties.
 
-    χ² = Σ (f_t − s_c (Kα)_t)²/σ_t². With all scales known it is one non-negative least-squares
-    problem. Otherwise Gauss-Newton: linearised in (α, s) about the last solution it is again one,
-    with a column for each free scale; a step that does not help is halved, and scales always follow
-    from the areas exactly, s_c = Σ f Kα/σ² / Σ (Kα)²/σ² (variable projection).
+    χ² = Σ (f_t − s_c (Kα)_t)²/σ_t². If all scales are known, this is one non-negative least-squares
+    problem. Otherwise the Gauss-Newton method applies. Linearised in (α, s) about the last
+    solution, each step is again a non-negative least-squares problem with a column for each free
+    scale. A step that does not reduce the objective is halved. The scales are always the exact
+    optimum for the areas, s_c = Σ f Kα/σ² / Σ (Kα)²/σ² (variable projection).
 
     Parameters
     ----------
     seen : Observed
     normals, which : (n, 3), (n,)
-        Carried into the result.
+        Copied into the result.
     matrix : (T, n)
         K, from `kernel.columns`.
     penalties : sequence of Rows
     start : Distribution, optional
-        Linearise about it first; its normals may be others.
+        Initial point of the linearisation; its normals may differ.
 
     References
     ----------
@@ -165,10 +166,10 @@ def solve(
 def linearised(
     seen: Observed, matrix: Floats, about: Distribution, extra: Rows
 ) -> tuple[Floats, Floats]:
-    """Rows and target of the least-squares problem in (α, free scales) about a solution.
+    """Rows and target of the least-squares problem in (α, free scales), linearised at a solution.
 
-    s Kα ≈ s₀ Kα + s Kα₀ − s₀ Kα₀ for curves of free scale. One row holds the mean of the scales
-    where all are free, which nothing else decides.
+    s Kα ≈ s₀ Kα + s Kα₀ − s₀ Kα₀ for curves of free scale. If all scales are free, one row fixes
+    their mean, which the data do not determine.
     """
     free = np.flatnonzero(seen.free)
     scale = about.scale[seen.curve]
@@ -187,7 +188,7 @@ def linearised(
 
 
 def _best_scale(seen: Observed, model: Floats) -> Floats:
-    """Factor of each curve for which the model fits it best."""
+    """Best-fitting factor of each curve."""
     weight = seen.error**-2.0
     count = len(seen.free)
     over = np.bincount(seen.curve, weight * seen.flux * model, count)

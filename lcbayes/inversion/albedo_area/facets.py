@@ -1,4 +1,4 @@
-"""From a grid to the few facets that explain a light curve: refine, merge, leave out."""
+"""Reduction of a grid to the few facets that explain a light curve: refine, merge, remove."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from lcbayes.physics.bodies.facets import across
 
 Floats = NDArray[np.float64]
 
-LEVELS = 6  # halvings of the grid's spacing about what is not zero: 10 degrees to 0.15
-RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; facets that merge
+LEVELS = 6  # halvings of the grid spacing about non-zero areas: 10 degrees to 0.15
+RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; merging radii
 NEIGHBOURS = 6
 MAX_STEPS = 60
-SETTLED = 1e-3  # gain in χ² of two steps in a row that ends a descent; light worth less is none
-ROUGHLY = 0.02  # the same over the cost of a facet, where facets are only being chosen
-LEAST = 1e-14  # of the largest eigenvalue, what is no rounding
-TRIED = 5  # of the weakest facets, before all are kept
+SETTLED = 1e-3  # gain in χ² of two successive steps that ends a descent; negligible change in χ²
+ROUGHLY = 0.02  # the same relative to the cost of a facet, while facets are being selected
+LEAST = 1e-14  # rounding level relative to the largest eigenvalue
+TRIED = 5  # number of weakest facets tested for removal
 
 
 @dataclass(frozen=True)
 class Facets(Distribution):
-    """A distribution of few facets, with what the noise leaves open.
+    """A distribution of few facets, with its covariance.
 
     Attributes
     ----------
     covariance : (n, 3, n, 3) m⁴
-        Of the area vectors αᵢ nᵢ, from the curvature of χ²; scales are marginalised.
+        Covariance of the area vectors αᵢ nᵢ, from the curvature of χ²; scales are marginalised.
     """
 
     covariance: Floats
@@ -45,7 +45,7 @@ class Facets(Distribution):
 
     @property
     def direction_sd(self) -> Floats:
-        """Standard deviation of each normal in one of the two ways across it, (n,) rad."""
+        """Standard deviation of each normal along one of its two tangent directions, (n,) rad."""
         own = np.einsum("iaia->i", self.covariance)
         return np.sqrt(np.maximum(own - self.area_sd**2, 0.0) / 2.0) / self.areas
 
@@ -57,10 +57,11 @@ def explain(
     materials: Sequence[Material],
     cost: float | None = None,
 ) -> tuple[Distribution, Facets]:
-    """The refined distribution and the few facets of a light curve, from that on a grid.
+    """The refined distribution and the few facets of a light curve, from a distribution on a grid.
 
-    With several materials each is tried alone as well, and the cheapest explanation kept: where
-    columns of two can stand for one another, leaving out one after the other does not get there.
+    With several materials, each is also tried alone, and the solution of lowest cost is kept. If
+    the columns of two materials are nearly degenerate, removing facets one by one does not reach
+    that solution.
 
     Returns
     -------
@@ -94,19 +95,19 @@ def refine(
     materials: Sequence[Material],
     still: int = 0,
 ) -> Distribution:
-    """The distribution on normals that are free to move: the grid, made finer where needed.
+    """The distribution on adaptively refined normals.
 
-    Six candidates about each normal that carries area are added to the grid, at 0.6 of its
-    spacing, and all is solved again; then at half the distance about what carries area then, and so
-    on. Each step is the same convex problem on more columns, so that χ² falls, and no start of a
-    search has to be right.
+    Six candidates at 0.6 of the grid spacing are added about each normal of non-zero area, and the
+    problem is solved again. The distance is then halved, and the step repeated about the normals of
+    non-zero area. Each step is the same convex problem with more columns. χ² therefore decreases,
+    and the result does not depend on an initial guess.
 
     Parameters
     ----------
     coarse : Distribution
-        On the grid, with ``matrix`` (T, n) its columns.
+        On the grid, with kernel columns ``matrix`` (T, n).
     still : int
-        So many of the last of them are no part of the grid and stay as they are.
+        The number of final columns that do not belong to the grid and are not refined.
     """
     spacing = float(np.sqrt(4.0 * np.pi / np.bincount(coarse.which).max()))
     found = coarse
@@ -139,7 +140,7 @@ def refine(
 
 
 def _around(normals: Floats, angle: float) -> Floats:
-    """Six directions about each, (6n, 3): those of one normal follow each other."""
+    """Six directions about each normal, (6n, 3), grouped by normal."""
     u, v = across(normals)
     turn = 2.0 * np.pi * np.arange(NEIGHBOURS)[:, None] / NEIGHBOURS
     ring = np.cos(turn) * u[:, None] + np.sin(turn) * v[:, None]
@@ -152,19 +153,19 @@ def few(
     materials: Sequence[Material] = (LAMBERTIAN,),
     cost: float | None = None,
 ) -> Facets:
-    """The facets worth their cost: those that are close merge, those that add little go.
+    """Selection of facets: close facets are merged and insignificant ones are removed.
 
-    Minimises χ² + cost × number of facets, over merging all of one material within each of `RADII`
-    (average linkage), each time moving normals and areas to the least χ² (Levenberg-Marquardt in
-    the area vectors αn); then a facet whose loss would raise χ² little goes, as long as the sum
-    falls.
+    The function minimises χ² + cost × number of facets. All facets of one material within each of
+    `RADII` are merged (average linkage), and normals and areas are optimised each time for the
+    least χ² (Levenberg-Marquardt in the area vectors αn). Facets whose removal raises χ² little are
+    then removed, as long as the sum decreases.
 
     Parameters
     ----------
     fine : Distribution
         From `refine`, or on a grid.
     cost : float
-        What a facet must lower χ² by. Default: 3 ln T, that of three parameters by the Bayesian
+        The least reduction of χ² per facet. Default: 3 ln T, for three parameters in the Bayesian
         information criterion (Schwarz 1978).
 
     Returns
@@ -186,7 +187,7 @@ def few(
 def _without_one(
     seen: Observed, best: Facets, cost: float, materials: Sequence[Material], enough: float
 ) -> Facets | None:
-    """A facet fewer at a lower cost in all, if one of the weakest can be spared."""
+    """The solution with one facet fewer, if removing one of the weakest lowers the total cost."""
     value = best.chi2 + cost * len(best.areas)
     vectors = best.areas[:, None] * best.normals
     for weakest in np.argsort(worth(best))[:TRIED]:
@@ -219,7 +220,7 @@ def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.inte
 
 
 def worth(found: Facets) -> Floats:
-    """What χ² would rise by without each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
+    """Increase of χ² on removal of each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
     vectors = found.areas[:, None] * found.normals
     own = np.einsum("iaib->iab", found.covariance)
     return np.einsum("ia,iab,ib->i", vectors, np.linalg.pinv(own, hermitian=True), vectors)
@@ -233,7 +234,7 @@ def _settle(
     materials: Sequence[Material],
     enough: float,
 ) -> Facets:
-    """The least χ² near these area vectors, by Levenberg-Marquardt, until two steps in a row gain
+    """The least χ² near these area vectors, by Levenberg-Marquardt, until two successive steps gain
     less than ``enough``."""
     n, small = len(vectors), 0
 
@@ -248,7 +249,7 @@ def _settle(
     for _ in range(MAX_STEPS):
         normal = jacobian.T @ jacobian
         size = _sizes(normal)
-        ridge = damping * np.eye(len(here))  # where all is in its own unit, never singular
+        ridge = damping * np.eye(len(here))  # in scaled units, never singular
         step = np.linalg.solve(normal / np.outer(size, size) + ridge, jacobian.T @ residual / size)
         step /= size
         new = evaluated(here + step)
@@ -264,7 +265,7 @@ def _settle(
             if damping > 1e6:
                 break
     vectors = found.areas[:, None] * found.normals
-    # a step may carry a facet to where nothing lights or shows it, and no slope leads back
+    # a step may move a facet to where it is never lit and seen, and the gradient vanishes
     light = np.einsum("tia,ia->ti", jacobian[:, : 3 * n].reshape(-1, n, 3), vectors)
     kept = np.sum(light**2, axis=0) > SETTLED
     if np.any(kept) and not np.all(kept):
@@ -273,7 +274,7 @@ def _settle(
 
 
 def _sizes(normal: Floats) -> Floats:
-    """Units in which all parameters of a normal matrix weigh about the same."""
+    """Units in which all parameters of a normal matrix have similar scales."""
     own = np.diag(normal)
     return np.sqrt(np.maximum(own, max(1e-12 * own.mean(), 1e-300)))
 
@@ -287,8 +288,9 @@ def linear(
 ) -> tuple[Distribution, Floats, Floats]:
     """Model, Jacobian and residual, in units of the errors, at area vectors w = αn (n, 3).
 
-    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]: smooth without bounds, as an area that
-    shrinks to nothing has no direction. Free scales follow the area vectors as parameters.
+    f = s Σ |w| K(n); ∂f/∂w = s [K n + (1 − n nᵀ) ∂K/∂n]. The parametrisation is smooth and
+    unbounded, because an area that shrinks to zero has no direction. In the parameter vector, free
+    scales come after the area vectors.
 
     Returns
     -------
@@ -312,7 +314,7 @@ def linear(
 
 
 def held(seen: Observed, count: int) -> Floats:
-    """Row (count,) that holds the mean of the scales where all are free, as only αs is known."""
+    """Row (count,) that fixes the mean scale if all are free, because only αs is determined."""
     row = np.zeros(count)
     if np.all(seen.free):
         row[-len(seen.free) :] = GAUGE / len(seen.free)
@@ -329,7 +331,7 @@ def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> F
         areas, scale = areas * scale.mean(), scale / scale.mean()
     size = _sizes(normal)
     value, vector = np.linalg.eigh(normal / np.outer(size, size))
-    vector /= size[:, None]  # what the data leave open has a large variance, not none
+    vector /= size[:, None]  # undetermined directions have a large variance, not zero
     covariance = (vector / np.maximum(value, LEAST * value[-1])) @ vector.T
     covariance = covariance[: 3 * n, : 3 * n].reshape(n, 3, n, 3)
     return Facets(found.normals, found.which, areas, scale, found.flux, found.chi2, covariance)

@@ -1,4 +1,4 @@
-"""From a light curve of known attitude to its albedo-area distribution, shape cues and shape."""
+"""Albedo-area distribution, shape cues and shape from a light curve of known attitude."""
 
 from __future__ import annotations
 
@@ -32,49 +32,50 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 
-OPEN = 0.1  # gap |Σ α n|/Σα up to which facets are taken for those of a closed body
-LOOSE = 0.2  # rms residual over mean flux from which it is, with errors unknown
-CHANGED = 0.1  # part of all area that was changed to close it from which the shape is in doubt
-FEWEST = 10  # points
-VAGUE = 0.5  # standard deviation over area from which a facet's area is in doubt
-UNSEEN = 0.1  # part of all directions never lit and seen from which the shape is in doubt
+OPEN = 0.1  # largest gap |Σ α n|/Σα of facets treated as a closed body
+LOOSE = 0.2  # rms residual over mean flux above which the fit is poor, errors unknown
+CHANGED = 0.1  # fraction of area changed for closure above which the shape is unreliable
+FEWEST = 10  # least number of points
+VAGUE = 0.5  # standard deviation over area above which a facet's area is unreliable
+UNSEEN = 0.1  # fraction of directions never lit and seen above which the shape is unreliable
 
 
 @dataclass(frozen=True)
 class Inversion:
-    """What `invert` finds.
+    """Result of `invert`.
 
     Attributes
     ----------
     seen : Observed
-        With errors as estimated, where the data carry none.
+        Data, with estimated errors if the light curve has none.
     materials : sequence of Material
     on_grid : Distribution
-        On the equal-area grid, once for each material, with the penalty asked for.
+        On the equal-area grid, once for each material, with the requested penalty.
     grid_sd : (n,) m² or None
-        Standard deviation of its areas under resampling.
+        Bootstrap standard deviation of the areas on the grid.
     facets : Facets or None
-        The few facets worth their cost; None where the distribution was smoothed.
+        The few selected facets; None if the distribution was smoothed.
     draws : FacetDraws or None
-        The same, resampled.
+        Bootstrap draws of the facets.
     cues : list of Cue
     gap : float
-        |Σ α n|/Σα of what the shape is made from.
+        |Σ α n|/Σα of the areas from which the shape is built.
     changed : float
-        Σ |change|/Σα that closes it.
+        Σ |change|/Σα required for closure.
     shape : Polyhedron or None
         The convex body, for one albedo.
     finer_volume : float or None
-        Volume of the body of the refined distribution, before facets merged: how far it is from
-        that of ``shape`` is what the choice of few facets may do. None where smoothed or open.
+        Volume of the body from the refined distribution, before facets were merged. Its difference
+        from the volume of ``shape`` shows the effect of selecting few facets. None if the
+        distribution was smoothed or is not closed.
     no_shape : str
-        Why there is none.
+        Reason if there is no shape.
     unseen : float
-        Part of all directions that were never lit and seen at once.
+        Fraction of all directions that were never lit and seen at once.
     dof : int
-        Points less what was fitted.
+        Number of points minus fitted parameters.
     reasons : list of Reason
-        Why the result must not be trusted; empty where it may be.
+        Reasons why the result is unreliable; empty if there are none.
     """
 
     seen: Observed
@@ -95,12 +96,12 @@ class Inversion:
 
     @property
     def best(self) -> Distribution:
-        """What fits: the few facets, or the smooth distribution."""
+        """The final solution: the few facets, or the smooth distribution."""
         return self.on_grid if self.facets is None else self.facets
 
     @property
     def rms(self) -> float:
-        """Rms residual over the mean flux, curve by curve."""
+        """Rms residual, relative to the mean flux of each curve."""
         mean = np.bincount(self.seen.curve, self.seen.flux) / np.bincount(self.seen.curve)
         mean = np.where(mean > 0, mean, np.mean(self.seen.flux))
         residual = (self.seen.flux - self.best.flux) / mean[self.seen.curve]
@@ -154,18 +155,41 @@ def invert(
 ) -> Inversion:
     """Albedo-area distribution, shape cues and convex shape of a light curve.
 
+<<<<<<< HEAD
     Without smoothing, the distribution on the grid is refined to the facets that explain the data,
     and the shape is the convex body of these. With smoothing, the shape is that of the smooth
+=======
+    Without smoothing, the distribution on the grid is reduced to the few facets that explain the
+    data, and the shape is their convex body. With smoothing, the shape is that of the smooth
+>>>>>>> lang3
     distribution on the grid.
 
     Parameters
     ----------
     curve : LightCurve
     attitude : Attitude
+<<<<<<< HEAD
         Assumed to be exact: a wrong attitude gives a wrong body, and usually a poor fit.
     materials : sequence of Material
         Columns of Hall's eq. (11), for instance one diffuse and one specular.
     settings : InversionSettings
+=======
+        Assumed known. A wrong attitude gives a wrong body, often but not always with a poor fit.
+    materials : sequence of Material
+        Columns of Hall's eq. (11), for instance one diffuse and one specular.
+    n_normals : int
+        Number of normals of the grid.
+    smoothness : float
+        λ of `distribution.smooth`; 0 for bodies with edges, about 1 for asteroids.
+    cost : float, optional
+        Least reduction of χ² per facet; see `facets.few`. 0 keeps all facets.
+    albedo : float
+        Common albedo of all facets: areas of the shape are albedo-areas divided by it.
+    n_bootstrap, n_null : int
+        Number of resampled data sets, and of simulated bodies for each null hypothesis of the cues;
+        0 skips the step.
+    seed : int
+>>>>>>> lang3
     progress : Silent or Console
 
     Raises
@@ -183,8 +207,21 @@ def invert(
             f"least {FEWEST}, and a shape many more"
         )
     progress = progress or Silent()
+<<<<<<< HEAD
     normals, which = grid(settings.n_normals, materials)
     seen, matrix, plain = _solved(Observed.of(curve, attitude), normals, which, materials)
+=======
+    seen = Observed.of(curve, attitude)
+    normals, which = grid(n_normals, materials)
+    matrix = columns(seen, normals, which, materials)
+    plain = solve(seen, normals, which, matrix)
+    _check_lit(plain)
+    if not seen.error_known:  # estimate the errors from the fit
+        used = np.sum(plain.areas > 0) + np.sum(seen.free)
+        dof = max(len(seen.flux) - used, len(seen.flux) // 2)
+        seen = seen.with_error(seen.error * np.sqrt(max(plain.chi2, 1e-20) / dof))
+        plain = solve(seen, normals, which, matrix, start=plain)
+>>>>>>> lang3
     penalties: list[Rows] = []
     on_grid = plain
     if settings.smoothness > 0:
@@ -272,7 +309,7 @@ def _check_lit(plain: Distribution) -> None:
 def _shape(
     best: Distribution, albedo: float, unseen: float
 ) -> tuple[Polyhedron | None, float, str]:
-    """The body, by how much areas were changed to close it, and why there is none."""
+    """The body, the change of area required for closure, and the reason if there is no body."""
     gap = closure(best.normals, best.areas)
     if gap > OPEN:
         why = "so no convex body of one albedo has them"
@@ -292,7 +329,7 @@ def _shape(
 
 
 def _doubts(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
-    """Why the result must not be trusted."""
+    """Reasons why the result is unreliable."""
     out = _misfits(result, cost, seed)
     used = len(result.seen.flux) - result.dof
     if result.facets is not None:
@@ -309,7 +346,7 @@ def _doubts(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
 
 
 def _misfits(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
-    """What the residuals say against the body."""
+    """Reasons from the residuals."""
     out = []
     lambertian = tuple(result.materials) == (LAMBERTIAN,)
     body = reasons.convex_body(" and ".join(map(str, result.materials)), lambertian)

@@ -1,4 +1,4 @@
-"""What a unit of albedo-area sends to the observer: a column for each normal and material."""
+"""Flux of a unit albedo-area towards the observer: one column per normal and material."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from lcbayes.physics.reflectance import LAWS, geometry
 
 Floats = NDArray[np.float64]
 
-UNIT = ("r_diff", "r_spec", "w")  # reflectances: one of them is 1, the areas carry its value
-_PAD = 128  # normals are padded to a multiple of it, so that few sizes are compiled
+UNIT = ("r_diff", "r_spec", "w")  # reflectances: one is set to 1, and the areas absorb its value
+_PAD = 128  # normals are padded to multiples of this, to limit the number of compiled sizes
 
 
 @dataclass(frozen=True)
 class Material:
-    """A reflecting component: a law and its parameters but for the one reflectance left open.
+    """A reflecting component: a law and its parameters, except for one free reflectance.
 
     Attributes
     ----------
     law : str
         One of `reflectance.LAWS`.
     reflectance : "r_diff", "r_spec" or "w"
-        Which is 1; a solution's areas are that reflectance times area, m². Others are 0.
+        The reflectance set to 1; areas of a solution are that reflectance times area, m². The other
+        reflectances are 0.
     parameters : mapping
-        Of the law; those that have a default may be left out.
+        Parameters of the law; those with a default may be omitted.
     """
 
     law: str = "lambertian"
@@ -40,10 +41,10 @@ class Material:
 
     @classmethod
     def parse(cls, text: str) -> Material:
-        """From ``LAW`` or ``LAW:NAME=VALUE,NAME=VALUE``, as the command line has it.
+        """Material from ``LAW`` or ``LAW:NAME=VALUE,NAME=VALUE``, the command-line form.
 
-        A law that has a diffuse part alone is diffuse; one with both a diffuse and a specular part
-        stands for the latter, which is what a second column is for.
+        A law with only a diffuse part is diffuse. A law with both a diffuse and a specular part
+        represents the specular part, which is the purpose of a second column.
 
         Raises
         ------
@@ -95,7 +96,7 @@ class Material:
 
     @property
     def unit(self) -> dict[str, float]:
-        """All parameters of the law, with the open reflectance 1."""
+        """All parameters of the law, with the free reflectance set to 1."""
         known = LAWS[self.law].parameters
         fixed = {u: float(u == self.reflectance) for u in UNIT if u in known}
         return fixed | dict(self.parameters)
@@ -129,12 +130,12 @@ def columns(
     normals : (n, 3)
         Outward unit normals, body frame.
     which : (n,) int
-        Material of each.
+        Material index of each normal.
     materials : sequence of Material
 
     References
     ----------
-    Hall et al. 2007, eqs. (5)-(14); F_sun is left out (unit irradiance).
+    Hall et al. 2007, eqs. (5)-(14); F_sun is omitted (unit irradiance).
     """
     out = np.empty((len(seen.flux), len(normals)))
     for m, material in enumerate(materials):
@@ -149,7 +150,7 @@ def slopes(
     which: NDArray[np.integer],
     materials: Sequence[Material] = (LAMBERTIAN,),
 ) -> tuple[Floats, Floats]:
-    """K (T, n) and its derivatives by the three components of each normal, (T, n, 3)."""
+    """K (T, n) and its derivatives with respect to the components of each normal, (T, n, 3)."""
     value = np.empty((len(seen.flux), len(normals)))
     slope = np.empty((*value.shape, 3))
     for m, material in enumerate(materials):
@@ -180,7 +181,7 @@ def _kernel_slopes(law, parameters, sun, obs, weight, normals):
     def at(normals):
         return _kernel(law, parameters, sun, obs, weight, normals)
 
-    # a column depends on its own normal alone: three tangents give all derivatives
+    # a column depends only on its own normal: three tangents give all derivatives
     value = at(normals)
     by = [jax.jvp(at, (normals,), (jnp.broadcast_to(e, normals.shape),))[1] for e in jnp.eye(3)]
     return value, jnp.stack(by, axis=-1)

@@ -1,4 +1,4 @@
-"""Statistics of a distribution on an equal-area grid: caps, great circles, even regions."""
+"""Statistics of a distribution on an equal-area grid: caps, great circles, uniform regions."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-TINY = 1e-300  # instead of the area of nothing
-CAP = 15.0  # degrees; what lies within this of a direction is one cluster
-APART = 25.0  # degrees between clusters
-HEAVY = 0.15  # share of the area in a cap from which it is left out of the search for arcs
-BAND = 12.0  # degrees either side of a great circle
-BINS = 24  # along it
+TINY = 1e-300  # replaces an area of zero
+CAP = 15.0  # degrees; radius of a cluster
+APART = 25.0  # degrees; least separation of clusters
+HEAVY = 0.15  # share of the area above which a cap is excluded from the search for arcs
+BAND = 12.0  # degrees; half-width of the band about a great circle
+BINS = 24  # along the band
 PATCH = 30.0  # degrees; densities are means over caps of this radius
-EVEN = 0.25  # of the mean density: patches nearer to it are even
-LARGE = 0.4  # of all directions: less is not called an even region, as any body has some
+EVEN = 0.25  # relative deviation from the mean density below which a patch is uniform
+LARGE = 0.4  # least fraction of all directions in a uniform region, as any body has some
 
 
 class Maps:
-    """Statistics of areas on a grid of normals; those of a body do not depend on its size.
+    """Statistics of areas on a grid of normals; they do not depend on the size of the body.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Maps:
             self.bands[i * BINS + np.floor(turn / (2 * np.pi) * BINS).astype(int) % BINS, near] = 1
 
     def clusters(self, areas: Floats, least: float = 0.0, most: int = 20) -> list[dict[str, Any]]:
-        """Heaviest caps, one after the other: mean direction and share of all area."""
+        """Heaviest caps in sequence: mean direction and share of the total area."""
         left, total, found = areas.copy(), areas.sum(), []
         while len(found) < most and total > 0:
             heaviest = int(np.argmax(self.cap @ left))
@@ -60,25 +60,25 @@ class Maps:
         return found
 
     def shares(self, areas: Floats) -> Floats:
-        """Share of all area in the cap about each normal, (N,)."""
+        """Share of the total area in the cap about each normal, (N,)."""
         return self.cap @ areas / max(float(areas.sum()), TINY)
 
     def excess(self, areas: Floats, expected: Floats) -> Floats:
         """(share − expected)/√(expected + its mean) of every cap, (N,).
 
-        Spikes are as heavy wherever they are, so that their number, and with it the variance of a
-        cap's share, goes with what is expected there.
+        Spikes have the same typical area everywhere. Their number, and hence the variance of a
+        cap's share, is therefore proportional to the expected share.
         """
         share = self.shares(areas)
         return (share - expected) / np.sqrt(expected + expected.mean())
 
     def arc(self, areas: Floats) -> tuple[float, Floats]:
-        """How much lies evenly along a great circle, and the circle's pole.
+        """Share of area spread evenly along a great circle, and the pole of the circle.
 
-        Caps that hold more than `HEAVY` of the area are left out first: the ends of a cylinder
-        must not hide its side. Of the rest, Σ_bins min(share, 1/24) over 24 bins along the band
-        about a circle, the largest over all circles: 1 for the side of a cylinder, 4/24 to 8/24
-        for four faces, about 1/4 for a sphere.
+        Caps with more than `HEAVY` of the area are excluded first, so that the ends of a cylinder
+        do not mask its side. The statistic for the rest is Σ_bins min(share, 1/24) over 24 bins
+        along the band about a circle, maximised over all circles. It is 1 for the side of a
+        cylinder, 4/24 to 8/24 for four faces and about 1/4 for a sphere.
         """
         rest = areas
         for cluster in self.clusters(areas, HEAVY):
@@ -92,9 +92,10 @@ class Maps:
         return float(even.max()), self.poles[np.argmax(even)]
 
     def uniform(self, areas: Floats) -> float:
-        """Part of all directions about which the density is the mean of all, to 25 %.
+        """Fraction of directions about which the density equals the overall mean within 25 %.
 
-        1 for a sphere. Less than 40 % counts as 0: there is always some place between few and many.
+        It is 1 for a sphere. Values below 40 % are set to 0, because the density of any body passes
+        through its mean somewhere.
         """
         density = self.patch @ areas
         part = float(np.mean(np.abs(density / max(float(density.mean()), TINY) - 1.0) < EVEN))

@@ -1,4 +1,4 @@
-"""Whether the facets explain a light curve to its errors, or stand for something else."""
+"""Goodness of fit: tests of whether the facets explain a light curve within its errors."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from lcbayes.inversion.albedo_area.observed import Observed
 Floats = NDArray[np.float64]
 
 LEVEL = 1e-3  # p-value of χ² below which a misfit is reported
-GEOMETRY_LEVEL = 5e-3  # p-value below which residuals follow the geometry
+GEOMETRY_LEVEL = 5e-3  # p-value below which residuals depend on the geometry
 NEIGHBOURS = 4
 PERMUTATIONS = 1999
 
 
 def chi2_p_value(chi2: float, dof: int) -> float:
-    """Probability of so large a χ² if the model is right and the errors are."""
+    """Probability of a χ² at least as large if the model and the errors are correct."""
     return float(stats.chi2.sf(chi2, dof))
 
 
 def geometry_p_value(seen: Observed, model: Floats, seed: int = 0) -> float:
-    """p-value of residuals that do not depend on the directions to Sun and observer.
+    """p-value for residuals that are independent of the directions to Sun and observer.
 
     The statistic is Σᵢ rᵢ Σ_j r_j over the four points j whose directions in the body frame are
-    nearest to those of i, r the residual over its error less the mean; it is ranked among
-    permutations of r. Errors need not be known.
+    nearest to those of i. Here r is the residual over its error, minus the mean. The statistic is
+    ranked among permutations of r. Errors need not be known.
 
     References
     ----------
@@ -52,8 +52,8 @@ def geometry_p_value(seen: Observed, model: Floats, seed: int = 0) -> float:
 
 
 def doubtful(found: Facets, dof: int, cost: float) -> NDArray[np.intp]:
-    """Facets that are not worth their cost once errors are scaled to the misfit.
+    """Facets that are insignificant once errors are scaled to the misfit.
 
-    Those that lower χ² by less than ``cost`` × max(1, χ²/dof).
+    These facets lower χ² by less than ``cost`` × max(1, χ²/dof).
     """
     return np.flatnonzero(worth(found) < cost * max(1.0, found.chi2 / dof))

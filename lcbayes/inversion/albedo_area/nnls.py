@@ -1,4 +1,4 @@
-"""Least squares with unknowns that are not negative: exact, and many at once under XLA."""
+"""Non-negative least squares: an exact solver and a batched solver under XLA."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lcbayes.core.jax_setup import jax, jnp
 Floats = NDArray[np.float64]
 
 MAX_STEPS = 60
-PRECISE = 1e-13  # of the objective: complementarity at which the iteration ends
+PRECISE = 1e-13  # complementarity, relative to the objective, at which the iteration ends
 
 
 def exact(matrix: Floats, target: Floats) -> Floats:
@@ -30,7 +30,7 @@ def exact(matrix: Floats, target: Floats) -> Floats:
 
     References
     ----------
-    Lawson & Hanson 1974, ch. 23, as `scipy.optimize.nnls` has it.
+    Lawson & Hanson 1974, ch. 23, as implemented in `scipy.optimize.nnls`.
     """
     from scipy.optimize import nnls
 
@@ -49,11 +49,12 @@ def exact(matrix: Floats, target: Floats) -> Floats:
 def batched(gram: jax.Array, moment: jax.Array) -> jax.Array:
     """argmin ½ xᵀGx − cᵀx over x ≥ 0, for a batch of problems; G = AᵀA and c = Aᵀb.
 
-    A primal-dual interior-point method (Mehrotra's predictor and corrector): some 15 Cholesky
-    factorisations of G + diag(z/x), whatever the condition of G, where gradient methods need
-    thousands of steps. At its end the unknowns told to be positive are solved for exactly; the
-    result is kept where it is not negative and no other wants to grow. Where G is singular the
-    minimum is reached but the point may be any of those that reach it.
+    The solver is a primal-dual interior-point method (Mehrotra's predictor-corrector). It needs
+    about 15 Cholesky factorisations of G + diag(z/x) for any condition number of G; gradient
+    methods need thousands of steps. Finally, the unknowns identified as positive are solved for
+    exactly. This result is kept if it satisfies the optimality conditions: no unknown is negative,
+    and no unknown at zero has a gradient that would increase it. If G is singular, the minimum is
+    reached, but the minimiser is not unique.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def batched(gram: jax.Array, moment: jax.Array) -> jax.Array:
     ----------
     Mehrotra 1992, SIAM J. Optim. 2, 575; Nocedal & Wright, *Numerical Optimization*, sec. 16.6.
     """
-    # one problem after another: a factorisation of this size fills a core by itself
+    # one problem at a time: a factorisation of this size occupies a core by itself
     return jax.lax.map(lambda problem: _interior(*problem), (gram, moment))
 
 
@@ -117,13 +118,13 @@ def _interior(gram: jax.Array, moment: jax.Array) -> jax.Array:
 
 
 def _longest(x, dx, z, dz):
-    """The longest step, at most 1, that keeps both from turning negative."""
+    """The longest step, at most 1, for which both remain non-negative."""
     ratios = jnp.concatenate([jnp.where(dx < 0, -x / dx, 1.0), jnp.where(dz < 0, -z / dz, 1.0)])
     return jnp.minimum(1.0, jnp.min(ratios))
 
 
 def _polished(g, c, x, z):
-    """Solve for the unknowns that are positive; keep it where that is optimal."""
+    """Solve exactly for the positive unknowns; keep the result if it is optimal."""
     positive = x > z
     both = positive[:, None] & positive
     masked = jnp.where(both, g, 0.0) + jnp.diag(jnp.where(positive, 0.0, 1.0))
@@ -141,7 +142,7 @@ def weighted(matrix: jax.Array, target: jax.Array, weight: jax.Array, chunk: int
     matrix : (T, n)
     target : (T,)
     weight : (B, T)
-        Each row's square counts so many times.
+        Weight of the squared residual of each row.
     chunk : int
         Problems in memory at once.
 

@@ -1,8 +1,8 @@
-"""Distributions as they come out for bodies without the feature that a cue looks for.
+"""Null distributions for cues: solutions for bodies without the feature under test.
 
-Non-negative least squares makes spikes of anything, so what counts as a spike, an arc or an even
-region can only be told by comparison: bodies of known make are seen at the same epochs with the
-same errors, and solved for in the same way.
+Non-negative least squares produces spikes for any body. Spikes, arcs and uniform regions can
+therefore only be identified by comparison. Bodies of known shape are simulated at the same epochs
+with the same errors, and their light curves are inverted with the same method.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ Floats = NDArray[np.float64]
 
 
 def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
-    """Albedo-areas (n,) of the ellipsoid of one albedo that fits best, on the same normals.
+    """Albedo-areas (n,) of the best-fitting ellipsoid of uniform albedo, on the same normals.
 
-    An ellipsoid {x: |D⁻¹x| = 1} has the area (det D)² |D n|⁻⁴ per solid angle of normals, so that
-    α ∝ (nᵀ Q n)⁻² with Q positive definite: Q = L Lᵀ, six parameters, by Levenberg-Marquardt. Each
-    material of the distribution keeps its share. Scales are taken from ``found``.
+    An ellipsoid {x: |D⁻¹x| = 1} has the area (det D)² |D n|⁻⁴ per solid angle of normals. Hence
+    α ∝ (nᵀ Q n)⁻² with Q = L Lᵀ positive definite. The six parameters are fitted by
+    Levenberg-Marquardt. Each material of the distribution keeps its share. Scales are those of
+    ``found``.
 
     References
     ----------
@@ -50,7 +51,7 @@ def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
 
     def jacobian(parameters: Floats) -> Floats:
         across, areas = factors(parameters)
-        by = -4.0 * areas**1.5  # of (|Lᵀn|²)⁻² by half of |Lᵀn|²
+        by = -4.0 * areas**1.5  # derivative of (|Lᵀn|²)⁻² with respect to half of |Lᵀn|²
         return rows @ np.stack(
             [by * across[:, j] * n[:, i] for i, j in zip(*lower, strict=True)], axis=1
         )
@@ -64,7 +65,7 @@ def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
 def smooth_bodies(
     seen: Observed, found: Distribution, matrix: Floats, n: int, seed: int, track: Track
 ) -> Floats:
-    """Areas (n, N) solved from n noisy light curves of the best-fitting ellipsoid."""
+    """Areas (n, N) inverted from n noisy light curves of the best-fitting ellipsoid."""
     areas = ellipsoid(seen, found, matrix)
     flux = matrix @ areas
     rng = np.random.default_rng(seed)
@@ -81,7 +82,7 @@ def scattered_facets(
     seed: int,
     track: Track,
 ) -> Floats:
-    """Areas (n, N) solved from n noisy light curves of the same facets, each facing at random."""
+    """Areas (n, N) inverted from n noisy light curves of the same facets with random normals."""
     rng = np.random.default_rng(seed)
     out = []
     for _ in range(n):
@@ -100,7 +101,7 @@ def _again(
     rng: np.random.Generator,
     track: Track,
 ) -> Floats:
-    """Areas solved from a light curve of this flux before scales, with new noise."""
+    """Areas inverted from a light curve with this unscaled flux and new noise."""
     flux = found.scale[seen.curve] * model
     simulated = seen.with_flux(flux + seen.error * rng.normal(size=len(flux)))
     about = Distribution(found.normals, found.which, found.areas, found.scale, flux, np.inf)

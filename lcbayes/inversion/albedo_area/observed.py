@@ -1,4 +1,4 @@
-"""A light curve seen from a body of known attitude: linear flux, and directions in its frame."""
+"""A light curve of a body of known attitude: linear flux, and directions in the body frame."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from lcbayes.physics.attitude.laws import Attitude
 Floats = NDArray[np.float64]
 
 ORDER = 3  # instants per exposure, Gauss-Legendre
-UNKNOWN_ERROR = 0.02  # of a curve's mean flux, where the data carry no errors; a fit corrects it
+UNKNOWN_ERROR = 0.02  # of a curve's mean flux if errors are missing; corrected by the fit
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What an albedo-area distribution is solved from.
+    """Data for the inversion to an albedo-area distribution.
 
     Attributes
     ----------
     flux, error : (T,)
         Linear, at unit distance and irradiance (m²; any unit for curves of free scale).
     curve : (T,) int
-        Group of the point.
+        Group of each point.
     free : (C,) bool
-        Whether the group's flux carries an unknown factor.
+        Whether the flux of each group has an unknown factor.
     sun, obs : (E, T, 3)
         Unit vectors, body frame, at E instants of each exposure.
     weight : (E,)
-        Of these instants; they sum to one.
+        Weights of these instants; they sum to one.
     error_known : bool
         Whether ``error`` comes from the data.
     """
@@ -51,8 +51,8 @@ class Observed:
     def of(cls, curve: LightCurve, attitude: Attitude) -> Observed:
         """Linear flux, see `linear_flux`, and body-frame directions of a light curve.
 
-        The attitude's time is counted from the first point. During an exposure time alone runs:
-        Sun, observer and orbit stay.
+        The time of the attitude starts at the first point. During an exposure only the time of the
+        attitude advances: Sun, observer and orbit are fixed.
         """
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)
@@ -90,8 +90,8 @@ class Observed:
 def linear_flux(curve: LightCurve, data: Epochs) -> tuple[Floats, Floats]:
     """Flux at unit distance and irradiance and its error, (T,), of a light curve and its epochs.
 
-    A magnitude m ± σ becomes f = 10^(−0.4 (m − m_sun)) r² with error 0.4 ln(10) f σ. Where the data
-    carry no errors, they are 2 % of a curve's mean.
+    A magnitude m ± σ becomes f = 10^(−0.4 (m − m_sun)) r² with error 0.4 ln(10) f σ. If the data
+    have no errors, they are set to 2 % of the mean of a curve.
 
     Raises
     ------

@@ -1,11 +1,12 @@
-"""Attitude scan: hypotheses of attitude, each solved for its best body, ranked and refined.
+"""Attitude scan: the best body is fitted to each attitude hypothesis; the best are refined.
 
-`points` is what a scan sees of a light curve; `smooth` a body whose log-areas are harmonics, with
-its brightness and Jacobian; `spin` Levenberg-Marquardt over pole, period and that body; `grid` the
-hypotheses, which `search` spreads over `lcbayes.core.cluster`; `faceted` polishes spins with free
-facets and finds the best body under an attitude, `stabilised` the laws of the catalogue;
-`solutions` tells ends apart and relates them; `equivalence` says which fit as well as the best;
-`engine` does it all, `result` holds it, `verdict` puts it in words.
+`points` holds the data of a scan. `smooth` defines a body whose log-areas are harmonics, with its
+brightness and Jacobian. `spin` applies Levenberg-Marquardt to pole, period and that body. `grid`
+defines the hypotheses, and `search` distributes them over `lcbayes.core.cluster`. `faceted` refines
+spins with free facets and finds the best body for an attitude; `stabilised` does so for the laws of
+the catalogue. `solutions` identifies distinct end points and relates them. `equivalence` gives the
+limit up to which solutions fit as well as the best. `engine` runs all steps, `result` holds the
+result, and `verdict` describes it in words.
 
 References
 ----------

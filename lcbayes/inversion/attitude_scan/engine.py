@@ -1,4 +1,4 @@
-"""A scan from a light curve to its solutions."""
+"""The complete scan, from a light curve to its solutions."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from lcbayes.physics.brightness import DIFFUSE_LAWS
 
 Floats = NDArray[np.float64]
 
-COARSE_FACETS, COARSE_DEGREE = 150, 4  # of the body that hypotheses are screened with
-SMOOTH_LAW = "lommel-seeliger-lambert"  # bodies of regolith, without edges
-FROM_MAP = 3  # poles of the map that are refined as well
+COARSE_FACETS, COARSE_DEGREE = 150, 4  # of the body used for screening
+SMOOTH_LAW = "lommel-seeliger-lambert"  # bodies with regolith, without edges
+FROM_MAP = 3  # poles of the sky map that are also refined
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What was asked for; see `lcbayes.scan`."""
+    """Settings of a scan; see `lcbayes.scan`."""
 
     period_h: float | None
     period_range_h: tuple[float, float] | None
@@ -56,7 +56,7 @@ class Settings:
     common_noise: bool
 
     def as_dict(self) -> dict[str, Any]:
-        """By name; sequences as the command line has them."""
+        """Settings by name; sequences in command-line form."""
         joined = {
             k: ",".join(map(str, v)) if isinstance(v, tuple) else v for k, v in asdict(self).items()
         }
@@ -76,7 +76,7 @@ def run(
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> Found:
-    """Screen every hypothesis, refine the best, relate them, and map the sky about the first.
+    """Screen every hypothesis, refine the best, relate them, and map the sky for the best period.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _spins(
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> None:
-    """Constant spins into ``found``: screened, the sky about the best, and the best refined."""
+    """Add constant spins to ``found``: screen them, map the sky, and refine the best."""
     span = float(points.span)
     closed = settings.smooth
     tried = grid(
@@ -167,7 +167,7 @@ def _spins(
     )
     kept, _ = distinct(ends, span, settings.keep)
     if settings.n_sky > 0:
-        # where few poles were tried, the map may know better ones
+        # if few poles were tried, the map may contain better ones
         with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
             poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
             held = search.sky(points, coarse, poles, best, run, checkpoint, track)
@@ -201,8 +201,8 @@ def _timed(found: Found, name: str) -> Iterator[None]:
 
 
 def _aliases(tried: Grid, best: float, span: float) -> Grid:
-    """Twice and half the best frequency, and, where one period alone was tried, those half a
-    turn off over the data."""
+    """Aliases of the best frequency: twice and half its value and, if only one period was tried,
+    the frequencies that differ by half a turn over the data."""
     others = [2.0 * best, 0.5 * best]
     if len(tried.frequencies) == 1:
         others += [f for k in (-0.5, 0.5) if (f := best + k / span) > 0]
@@ -239,7 +239,7 @@ def _smooth_solutions(
 
 
 def _merged(ends: Ends, hits: NDArray, span: float) -> tuple[Ends, NDArray]:
-    """Ends of which some came to the same solution, with the hits of all that did."""
+    """Merge end points that belong to the same solution, and add their hits."""
     unique, _ = distinct(ends, span, len(hits))
     return unique, counted(ends, unique, span, hits)
 
@@ -253,7 +253,7 @@ def _faceted_solutions(
     run: Run,
     track: Any,
 ) -> list[Solution]:
-    """The spins once more with free facets, each polished, those that came together merged."""
+    """The spins refined with free facets; solutions that converge to the same spin are merged."""
     rows = [(ends.tilt[i], float(ends.frequency[i])) for i in range(len(hits))]
     done: dict[int, tuple] = {}
     for i, found in run(_polished, (curve, span, settings.reflectance), rows):
@@ -270,7 +270,7 @@ def _faceted_solutions(
     ).forward()
     merged, hits = _merged(ends, hits, span)
     out = []
-    for k, i in enumerate(merged.steps):  # the row it was
+    for k, i in enumerate(merged.steps):  # its original row
         body = done[int(i)][1]
         residual = relative(curve) - relative(curve, body.flux)
         out.append(
@@ -296,7 +296,7 @@ def _polished(shared: tuple, tilt: Floats, frequency: float) -> tuple:
 
 
 def relative(curve: LightCurve, flux: Floats | None = None) -> Floats:
-    """Observed flux, or another, over the observed mean of its curve, (T,)."""
+    """Flux (by default the observed) over the observed mean of its curve, (T,)."""
     observed, _ = linear_flux(curve, Epochs.of(curve))
     mean = np.bincount(curve.curve, np.abs(observed)) / np.bincount(curve.curve)
     return (observed if flux is None else flux) / mean[curve.curve]
@@ -307,13 +307,13 @@ def _rms(residual: Floats) -> float:
 
 
 def _rescaled(found: Found) -> None:
-    """χ² at the noise level that the best solution gives, where errors are unknown."""
+    """Rescale χ² to the noise level of the best solution, for unknown errors."""
     by = found.dof / max(found.solutions[0].chi2, 1e-20)
     found.solutions = [replace(s, chi2=s.chi2 * by) for s in found.solutions]
 
 
 def _relate(found: Found, geometry: Geometry) -> None:
-    """Name what each solution is to the best."""
+    """Name the relation of each solution to the best."""
     best = found.solutions[0]
     related = []
     for s in found.solutions:

@@ -1,4 +1,4 @@
-"""Up to which χ² a solution fits as well as the best."""
+"""The χ² limit up to which a solution fits as well as the best."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ from scipy import stats
 
 from lcbayes.inversion.attitude_scan.result import Found
 
-WORSE = 1.05  # rms over that of the best up to which errors of the model may tell them apart
-MISSED = 0.05  # rate at which noise may part the true hypothesis from the best
+WORSE = 1.05  # rms relative to the best that model errors alone may cause
+MISSED = 0.05  # rate at which noise may exclude the true hypothesis
 
 
 def limit(found: Found) -> float:
-    """The larger of two: residuals 5 % above the best ones, and what noise alone may do to χ².
+    """The χ² limit: the larger of 5 % larger residuals and the effect of noise alone.
 
-    A fit of d numbers that are not needed lowers χ² by χ²_d, and of H hypotheses the best is
-    taken: the true one is above it by more than the quantile χ²_d(1 − 0.05/H) in at most 5 % of
-    all data (Bonferroni). d is the most that any solution uses: how many facets of hundreds come
-    out above zero is a matter of noise, and where they lie is free as well. With σ² taken from the
-    residuals of the best fit, the quantile is d F_{d,dof}(1 − 0.05/H) χ²/dof.
+    A fit of d superfluous parameters lowers χ² by an amount distributed as χ²_d, and the best of H
+    hypotheses is selected. The χ² of the true hypothesis therefore exceeds that of the best by more
+    than the quantile χ²_d(1 − 0.05/H) in at most 5 % of all data sets (Bonferroni). d is the
+    largest number of parameters in any solution, because noise decides how many of the hundreds of
+    facets are non-zero, and their positions are also free. If σ² is estimated from the residuals of
+    the best fit, the quantile is d F_{d,dof}(1 − 0.05/H) χ²/dof.
 
     References
     ----------

@@ -1,7 +1,7 @@
-"""Attitudes judged with free facets: polished spins, and the catalogue of stabilised laws.
+"""Attitudes tested with free facets: refined spins, and the catalogue of stabilised laws.
 
-A smooth body finds the basin of a spin; a satellite has edges, and only a body that may have any
-facets says how well an attitude explains its light curve.
+A smooth body is sufficient to find the basin of attraction of a spin. A satellite, however, has
+edges. Only a body with free facets shows how well an attitude explains its light curve.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from lcbayes.physics.attitude.laws import Attitude, Spinning
 Floats = NDArray[np.float64]
 
 N_NORMALS = 400
-FRONT_AND_BACK = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # of an array, in its own axes
+FRONT_AND_BACK = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # of an array, in the array's axes
 MOST_STEPS = 15
-ROUNDS = 3  # of finding the spin for given normals, and the normals for a given spin
-NUDGE = 1e-3  # rad, and turns over the data, of the differences that stand for derivatives
+ROUNDS = 3  # alternations between the spin for given normals and the normals for a given spin
+NUDGE = 1e-3  # rad, and turns over the data; step of finite differences
 
 
 def moved(spin: Spinning, step: Floats, span: float) -> Spinning:
-    """Turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
+    """Spin turned by step[:2] (rad) about body x and y, with step[2] more turns in ``span``."""
     small = rotations.constant_rate(jnp.ones(1), jnp.array([step[0], step[1], 0.0]))[0]
     return replace(
         spin, tilt=spin.tilt @ np.asarray(small), frequency=spin.frequency + step[2] / span
@@ -44,9 +44,9 @@ def best_body(
     n_normals: int = N_NORMALS,
     array: Attitude | None = None,
 ) -> Distribution:
-    """The facets, facing anywhere and none negative, that fit best under an attitude.
+    """The best-fitting non-negative facets, with free normals, for an attitude.
 
-    They are found on an equal-area grid, made finer where there is area.
+    They are found on an equal-area grid, refined about non-zero areas.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def best_body(
     attitude : Attitude
     material : Material
     n_normals : int
-        Of the grid.
+        Number of normals of the grid.
     array : Attitude, optional
-        How a solar array is turned that the body carries: its front and back are two more facets.
+        Attitude of a solar array on the body: its front and back are two additional facets.
 
     Returns
     -------
@@ -81,11 +81,12 @@ def best_body(
 def polish(
     curve: LightCurve, start: Spinning, span: float, material: Material, n_normals: int = N_NORMALS
 ) -> tuple[Spinning, Distribution]:
-    """The spin near ``start`` whose best body fits best.
+    """The spin near ``start`` whose best body has the best fit.
 
-    With the normals of a body held, and all its areas solved for at each step (variable
-    projection), three numbers are sought by scipy's trust-region least squares with differences for
-    derivatives: first with a whole grid of normals, then with those of the best body, found anew.
+    The normals of a body are fixed, and all its areas are solved for at each step (variable
+    projection). The three spin parameters are fitted by scipy's trust-region least squares with
+    finite differences. The fit first uses a full grid of normals, and then the normals of the best
+    body, which are updated in each round.
     """
     normals = grid(n_normals)[0]
     spin = start
@@ -99,12 +100,12 @@ def polish(
 def _nearest(
     curve: LightCurve, start: Spinning, span: float, material: Material, normals: Floats
 ) -> Spinning:
-    """The spin near ``start`` that fits best with facets of these normals."""
+    """The best-fitting spin near ``start`` for facets with these normals."""
     from scipy.optimize import least_squares
 
     which = np.zeros(len(normals), int)
 
-    # about one, as the differences are relative
+    # parameters centred at one, because scipy's finite differences are relative
     def residual(x: Floats) -> Floats:
         seen = Observed.of(curve, moved(start, x - 1.0, span))
         body = solve(seen, normals, which, columns(seen, normals, which, (material,)))

@@ -1,4 +1,4 @@
-"""The hypotheses of a scan: poles all over the sky, periods a step apart."""
+"""The hypotheses of a scan: poles over the whole sky and equally spaced frequencies."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from lcbayes.physics.bodies import facets
 
 Floats = NDArray[np.float64]
 
-STEP = 0.8  # of half a turn over the data, as the usual period scans of asteroids have it
-MOST = 5_000_000  # hypotheses; a guard against slips
+STEP = 0.8  # of half a turn over the data, as in common period scans of asteroids
+MOST = 5_000_000  # hypotheses; a safeguard against input errors
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Poles and frequencies, each with each.
+    """All combinations of poles and frequencies.
 
     Attributes
     ----------
     poles : (N, 3)
-    frequencies : (M,) Hz, rising
+    frequencies : (M,) Hz, ascending
     """
 
     poles: Floats
@@ -35,7 +35,7 @@ class Grid:
         return len(self.poles) * len(self.frequencies)
 
     def rows(self) -> tuple[Floats, Floats]:
-        """Poles and frequencies of all hypotheses; those of one frequency follow each other."""
+        """Poles and frequencies of all hypotheses, grouped by frequency."""
         n, m = len(self.poles), len(self.frequencies)
         return np.tile(self.poles, (m, 1)), np.repeat(self.frequencies, n)
 
@@ -47,11 +47,11 @@ def grid(
     range_h: tuple[float, float] | None = None,
     step: float = STEP,
 ) -> Grid:
-    """Poles on an equal-area grid; one period, or all of a range.
+    """Poles on an equal-area grid, with one period or all periods of a range.
 
-    Frequencies are ``step`` × 1/(2 span) apart: a body turns by less than half a turn more over the
-    whole span from one to the next, and a search from either reaches what lies between. In periods
-    that is ΔP = step × P²/(2 span).
+    The frequency spacing is ``step`` × 1/(2 span). Between adjacent frequencies, the rotation over
+    the whole span differs by less than half a turn, so a search from either reaches the values in
+    between. The corresponding period spacing is ΔP = step × P²/(2 span).
 
     Parameters
     ----------

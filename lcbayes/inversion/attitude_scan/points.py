@@ -1,4 +1,4 @@
-"""What a scan sees of a light curve: linear flux and inertial directions, on the device."""
+"""The data of a scan: linear flux and inertial directions, on the device."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Points:
-    """The data of a scan. Every curve is divided by its own mean or, where calibrated, by that of
-    all calibrated ones, so that residuals are relative.
+    """The data of a scan. Every curve is divided by its mean or, if calibrated, by the mean of all
+    calibrated curves, so that residuals are relative.
 
     Attributes
     ----------
@@ -32,15 +32,15 @@ class Points:
     flux, error : (T,)
         Relative.
     scale : (T, C)
-        One where a point belongs to a group that shares a factor: each curve of free scale, and all
-        calibrated curves together.
+        One where a point belongs to a group with a common factor. Each curve of free scale is a
+        group; all calibrated curves form one group.
     noise : (T, K)
-        One where a point belongs to a group that shares a noise level.
+        One where a point belongs to a group with a common noise level.
     span : s
         Length of the data.
     error_known : bool
-        Whether ``error`` comes from the data; else each noise group has a level of its own, and
-        ``error`` is what is expected of it.
+        Whether ``error`` comes from the data. If not, each noise group has its own noise level, and
+        ``error`` is the expected value.
     """
 
     t: jax.Array
@@ -64,10 +64,10 @@ class Points:
         ----------
         curve : LightCurve
         phase_law_known : bool
-            Where False, the brightness of calibrated curves depends on the phase angle in a way the
-            law of reflection leaves open, and each gets a scale of its own.
+            If False, the reflection law does not determine the dependence of the brightness on the
+            phase angle, and each calibrated curve has its own scale.
         common_noise : bool
-            Where errors are unknown: one relative noise level for all, not one for each ``scale``.
+            For unknown errors: one relative noise level for all points, not one per ``scale``.
         """
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)
@@ -81,7 +81,7 @@ class Points:
             offset, weight = np.polynomial.legendre.leggauss(ORDER)
             instant = 0.5 * weight
         t = middle + 0.5 * offset[:, None] * np.asarray(data.exposure_s)
-        # a noise level must not part a group that shares a scale: that is solved for at one level
+        # a group with a common scale must have one noise level, which the scale solution assumes
         noise = np.zeros_like(scale) if common_noise or data.has_error else scale
         return cls(
             jnp.asarray(t),
@@ -97,11 +97,11 @@ class Points:
         )
 
     def host(self) -> Points:
-        """The same on NumPy arrays, to be sent elsewhere."""
+        """The same data as NumPy arrays, for transfer to other processes."""
         return jax.tree.map(np.asarray, self)
 
     def with_flux(self, flux: Floats) -> Points:
-        """The same epochs with another flux."""
+        """The same epochs with a different flux."""
         return replace(self, flux=jnp.asarray(flux))
 
 

@@ -1,4 +1,4 @@
-"""What a scan found."""
+"""Results of a scan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Solution:
     Attributes
     ----------
     law : str
-        "constant-rate", or that of the catalogue.
+        "constant-rate", or the name in the catalogue.
     chi2, rms : float
         Σ r²/σ², and the rms of residuals relative to the mean of their curve.
     residual : (T,)
@@ -33,14 +33,14 @@ class Solution:
     normals, areas : (N, 3), (N,)
         The body; areas sum to one.
     hits : int
-        Searches that ended here.
+        Number of searches that ended here.
     pole, frequency : (3,), Hz; None for laws
-        The frequency is positive: the pole says the sense.
+        The frequency is positive; the pole gives the sense of rotation.
     coefficients : (P,) or None
-        Harmonics of the log-areas in the body's axes, which at the middle of the data are
-        `attitude.brought_to` of the pole, as the model "convex-grid" has it; None for facets.
+        Harmonics of the log-areas in the body's axes; None for facets. At the middle of the data
+        the axes are `attitude.brought_to` of the pole, as in the model "convex-grid".
     relation, words : str
-        To the best solution; see `solutions.Geometry`.
+        Relation to the best solution; see `solutions.Geometry`.
     """
 
     law: str
@@ -58,14 +58,14 @@ class Solution:
 
     @property
     def n_fitted(self) -> int:
-        """Numbers of body and spin that were fitted, the body's size aside."""
+        """Number of fitted parameters of body and spin, excluding the body's size."""
         body = np.count_nonzero(self.areas) - 1
         if self.coefficients is not None:
             body = len(self.coefficients)
         return int(body) + (0 if self.pole is None else 3)
 
     def spin(self) -> dict[str, float]:
-        """Pole and period by their names in files; nothing for laws."""
+        """Pole and period by their names in files; empty for laws."""
         if self.pole is None or self.frequency is None:
             return {}
         lon, lat = map(float, lon_lat_deg(self.pole))
@@ -80,12 +80,12 @@ class Solution:
 
 @dataclass
 class Table:
-    """The constant spins that were screened, in the order in which they were tried.
+    """The screened constant spins, in the order of the trials.
 
     start, pole : (B, 3); frequency, chi2 : (B,); steps : (B,)
-        χ² at the noise levels of the best of them, with the coarse body.
+        χ² at the noise levels of the best spin, with the coarse body.
     tried : (B,) Hz
-        The frequency each was started with.
+        Initial frequency of each spin.
     """
 
     start: Floats
@@ -98,7 +98,7 @@ class Table:
 
 @dataclass
 class Found:
-    """Everything a scan found.
+    """Complete result of a scan.
 
     Attributes
     ----------
@@ -108,14 +108,14 @@ class Found:
     screened : Table or None
     n_laws, n_periods : int
     left_out : mapping
-        Laws that were asked for with "all" but cannot be judged, and why.
+        Laws requested by "all" that cannot be tested, with the reason.
     sky : (M, 3) and (M,), or None
-        Poles, and χ² of the coarse body with each held at the period of the best solution.
+        Poles, and χ² of the coarse body with each pole fixed, at the period of the best solution.
     n_obs, dof : int
     error_known : bool
     frame : str
     t, curve, flux : (T,)
-        Of the points: s, group, and flux over the mean of its curve; for figures.
+        Time (s), group and flux over the mean of its curve for each point; for figures.
     timing : mapping of seconds
     """
 
@@ -136,7 +136,7 @@ class Found:
     timing: dict[str, float] = field(default_factory=dict)
 
     def resolution_h(self, period_h: float) -> float:
-        """P²/T: periods that are closer turn the body by less than once more over the data."""
+        """P²/T: over the data, closer periods differ by less than one turn of the body."""
         return period_h**2 / (float(np.ptp(self.t)) / HOUR_S)
 
     @property
@@ -144,7 +144,7 @@ class Found:
         return self.n_laws + (0 if self.screened is None else len(self.screened.chi2))
 
     def table(self) -> tuple[list[str], Iterable[list[str]]]:
-        """Heads and rows of ``tables/hypotheses.csv``."""
+        """Column names and rows of ``tables/hypotheses.csv``."""
         heads = [
             "law",
             "start_lon_deg",
@@ -185,12 +185,12 @@ class Found:
 
 
 def readable_period(hours: float) -> tuple[float, str]:
-    """A period in hours, or in seconds where it is short, and its unit."""
+    """A period in hours, or in seconds if it is short, and its unit."""
     return (hours, "h") if hours >= SHORTEST_H else (HOUR_S * hours, "s")
 
 
 def written_period(hours: float, resolution_h: float) -> str:
-    """A period with its unit, to a hundredth of what the length of the data resolves."""
+    """A period with its unit, rounded to a hundredth of the resolution of the data."""
     period, unit = readable_period(hours)
     decimals = 2 - math.floor(math.log10(resolution_h * period / hours))
     return f"{period:.{max(decimals, 0)}f} {unit}"

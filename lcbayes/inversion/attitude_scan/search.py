@@ -1,4 +1,4 @@
-"""The stages of a scan: screen every hypothesis, refine the best, map the sky about one."""
+"""The stages of a scan: screen every hypothesis, refine the best, map the sky at one frequency."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LARGEST_TASK, FEWEST_TASKS = 40, 16
 
 
 class Effort(NamedTuple):
-    """How far a hypothesis is followed: ``steps`` at most, or until three gain less (nat)."""
+    """Effort per hypothesis: at most ``steps``, or until three steps gain less (nat)."""
 
     steps: int
     tolerance: float
@@ -48,7 +48,7 @@ def screen(
     name: str,
     track: Track,
 ) -> Ends:
-    """Every hypothesis of the grid, started as a sphere; in the order of `Grid.rows`."""
+    """Fit every hypothesis of the grid from a sphere, in the order of `Grid.rows`."""
     shared = body, points.host(), FREE, SCREEN
     return _spread(_from_spheres, shared, list(grid.rows()), run, checkpoint, name, track)
 
@@ -62,7 +62,7 @@ def refine(
     name: str,
     track: Track,
 ) -> Ends:
-    """Those hypotheses with a finer body, from where they ended before, until they settle."""
+    """Refine hypotheses with a finer body, from their previous end points to convergence."""
     shared = body, points.host(), FREE, REFINE
     rows = list(finer(body, ends))
     return _spread(_from_bodies, shared, rows, run, checkpoint, name, track, largest=1)
@@ -77,7 +77,7 @@ def sky(
     checkpoint: Checkpoint,
     track: Track,
 ) -> Ends:
-    """The best body with each of these poles held, at this frequency."""
+    """The best body at this frequency, with the pole fixed at each of these poles."""
     shared = body, points.host(), POLE_HELD, SCREEN
     rows = [poles, np.full(len(poles), frequency)]
     return _spread(_from_spheres, shared, rows, run, checkpoint, "sky", track)
@@ -110,10 +110,10 @@ def _spread(
     track: Track,
     largest: int = LARGEST_TASK,
 ) -> Ends:
-    """``function`` on all rows, some to a task; what an earlier run did is not done again.
+    """Apply ``function`` to all rows in tasks, reusing results of an earlier run.
 
-    What a task holds depends on the number of rows alone, so that the same program meets the same
-    rows however many workers there are.
+    The rows of a task depend only on the total number of rows. The same program therefore processes
+    the same rows for any number of workers.
     """
     rows = [np.asarray(x) for x in rows]
     count = len(rows[0])
@@ -125,9 +125,9 @@ def _spread(
             parts[i] = Ends(**stored)
             track.advance(len(tasks[i]))
     left = [i for i in range(len(tasks)) if i not in parts]
-    # a last task that is not full is filled up: one shape, one compilation
+    # a partial last task is padded: one shape, one compilation
     given = [tuple(x[np.resize(tasks[i], size)] for x in rows) for i in left]
-    host = jax.tree.map(np.asarray, shared)  # bodies may lie on the device
+    host = jax.tree.map(np.asarray, shared)  # bodies may be on the device
     for at, ends in run(function, host, given):
         i = left[at]
         parts[i] = ends.rows(slice(0, len(tasks[i])))
@@ -137,7 +137,7 @@ def _spread(
 
 
 def _least(parts: dict[int, Ends], points: Points) -> float:
-    """Rms of relative residuals of the best hypothesis, points counted by their errors."""
+    """Rms of the relative residuals of the best hypothesis, weighted by the errors."""
     best = min(parts.values(), key=lambda e: e.value.min())
     squares = best.squares[np.argmin(best.value)].sum()
     return float(np.sqrt(squares / np.sum(np.asarray(points.error) ** -2.0)))
@@ -146,8 +146,8 @@ def _least(parts: dict[int, Ends], points: Points) -> float:
 def misfit(points: Points, squares: Floats, best: Floats) -> Floats:
     """χ² of hypotheses from their sums of squares (B, K).
 
-    Where errors are unknown, each noise group has the level that the ``best`` hypothesis (K,) gives
-    it, so that its own χ² is about the number of points.
+    If errors are unknown, each noise group has the noise level of the ``best`` hypothesis (K,), so
+    that the χ² of that hypothesis is about the number of points.
     """
     if points.error_known:
         return squares.sum(axis=1)

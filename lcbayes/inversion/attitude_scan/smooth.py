@@ -1,4 +1,4 @@
-"""A smooth convex body under a spin: brightness, and its Jacobian by attitude and shape."""
+"""A smooth convex body with a spin: brightness and its Jacobian in attitude and shape."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import diffuse_kernel
 
-_BLOCK = 1 << 14  # epochs x facets at once; what is alive together stays in a core's cache
+_BLOCK = 1 << 14  # epochs x facets at once; the working set fits in a core's cache
 CLOSURE_SD = 0.01  # of Σ a n / Σ a
-PRIOR_POINTS = 2.0  # that are known of an unknown noise level before the data ...
-PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the error expected, half a per cent
+PRIOR_POINTS = 2.0  # weight, in points, of the prior on an unknown noise level ...
+PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the expected error, half a per cent
 LAMBERT_C = 0.1
 
 
@@ -28,13 +28,14 @@ class SmoothBody:
     Attributes
     ----------
     normals : (N, 3)
-        Of an equal-area grid, body frame. Their precision is that of all the work on facets.
+        Normals of an equal-area grid, body frame. Their dtype sets the precision of all facet
+        computations.
     harmonics : (N, P)
-        P = (L + 1)² − 1, without the constant: a curve's factor takes its place.
+        P = (L + 1)² − 1, without the constant, which is replaced by the factor of a curve.
     sd : (P,)
-        Of the normal priors of c_lm: ``roughness`` (2/(l + 1))².
+        Standard deviations of the normal priors of c_lm: ``roughness`` (2/(l + 1))².
     closure : scalar
-        1/sd of each component of Σ a n / Σ a; 0 where albedos differ and nothing must close.
+        1/sd of each component of Σ a n / Σ a; 0 if albedos differ and closure is not required.
     law : str
         One of `brightness.DIFFUSE_LAWS`.
     """
@@ -56,7 +57,7 @@ class SmoothBody:
         closed: bool = True,
         dtype: type = np.float64,
     ) -> SmoothBody:
-        """A body of this many facets with harmonics up to a degree."""
+        """A body with this number of facets and harmonics up to the given degree."""
         normals = facets.grid(n_facets)
         degrees = np.concatenate([np.full(2 * n + 1, n) for n in range(1, degree + 1)])
         return cls(
@@ -85,8 +86,8 @@ class Spin(NamedTuple):
     coefficients: jax.Array
 
     def moved(self, step: jax.Array, unit: jax.Array) -> Spin:
-        """This turned by step[:2] (rad) about the body's x and y axes, with step[2] ``unit``
-        more of frequency and step[3:] more of coefficients."""
+        """Spin turned by step[:2] (rad) about the body's x and y axes, with frequency increased by
+        step[2] ``unit`` and coefficients by step[3:]."""
         turn = jnp.stack([step[0], step[1], jnp.zeros_like(step[0])])
         small = rotations.constant_rate(jnp.ones(1), turn)[0]
         return Spin(
@@ -102,12 +103,13 @@ class Model(NamedTuple):
 
 
 def brightness(body: SmoothBody, points: Points, spin: Spin) -> Model:
-    """f = Σᵢ aᵢ K(s·nᵢ, o·nᵢ) with its Jacobian by two turns of the pole, frequency and c_lm.
+    """f = Σᵢ aᵢ K(s·nᵢ, o·nᵢ) and its Jacobian in two rotations of the pole, frequency and c_lm.
 
-    The kernel and its slopes are computed once. Brightness is linear in the areas, so that the
-    shape's part is K (a Y); the attitude's is ∂f = Σ_u (∂f/∂u × u)·ψ over u = s, o in the body
-    frame, where the body turns by ψ: two numbers of the pole and one of the phase carry all of it.
-    Its slope by the phase, times 2πt, is that by frequency.
+    The kernel and its slopes are computed once. Brightness is linear in the areas, so the shape
+    part of the Jacobian is K (a Y). The attitude part is ∂f = Σ_u (∂f/∂u × u)·ψ over u = s, o in
+    the body frame, for a rotation of the body by ψ. It has two components for the pole and one for
+    the rotational phase. The derivative with respect to phase, times 2πt, is that with respect to
+    frequency.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def brightness(body: SmoothBody, points: Points, spin: Spin) -> Model:
     area = body.shares(spin.coefficients)
     centred = body.harmonics - area @ body.harmonics  # derivative of the softmax
     shape = jnp.concatenate([area[:, None], area[:, None] * centred], axis=1)
-    # a fourth column of zeros: XLA multiplies by four columns over twice as fast as by three
+    # a fourth column of zeros: XLA multiplies four columns more than twice as fast as three
     vectors = jnp.pad(area[:, None] * body.normals, ((0, 0), (0, 1)))
 
     def rows(directions: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
@@ -153,7 +155,7 @@ def brightness(body: SmoothBody, points: Points, spin: Spin) -> Model:
 
 
 def _in_blocks(function, arrays, n_facets: int):
-    """A function of rows, some at a time."""
+    """Apply a function to rows in blocks."""
     count = arrays[0].shape[0]
     size = max(1, _BLOCK // n_facets)
     if count <= 2 * size:
@@ -170,7 +172,7 @@ def _in_blocks(function, arrays, n_facets: int):
 
 
 def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The best factor of each point's group, (T,), and Σ m²/σ² of each group, (C,)."""
+    """The best factor of the group of each point, (T,), and Σ m²/σ² of each group, (C,)."""
     square = jnp.maximum(points.scale.T @ (flux / points.error) ** 2, 1e-300)
     return points.scale @ (
         (points.scale.T @ (flux * points.flux / points.error**2)) / square
@@ -187,8 +189,8 @@ class Normal(NamedTuple):
     """The objective at a point, and its normal equations.
 
     value : −ln p(data, c) up to a constant
-    gradient : (D,), descent is along minus it
-    curvature : (D, D), Gauss and Newton's
+    gradient : (D,), of the value
+    curvature : (D, D), Gauss-Newton approximation
     squares : (K,), Σ (residual/error)² of each noise group
     """
 
@@ -199,12 +201,13 @@ class Normal(NamedTuple):
 
 
 def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Array) -> Normal:
-    """Misfit, priors and their derivatives by the step of `Spin.moved`.
+    """Misfit, priors and their derivatives with respect to the step of `Spin.moved`.
 
-    With known errors the misfit is ½ Σ r²; else ½ Σ_k (n_k + 2) ln(S_k + 1/8) with S_k = Σ r² over
-    a noise group in units of the error expected: the likelihood at its best noise level, which
-    counts little what a curve with large residuals says. Scales s of groups follow from the rest,
-    s = Σ f m/σ² / Σ m²/σ² (variable projection; Kaufman's Jacobian, whose gradient is exact).
+    With known errors the misfit is ½ Σ r². Otherwise it is ½ Σ_k (n_k + 2) ln(S_k + 1/8), with
+    S_k = Σ r² over a noise group in units of the expected error. This is the likelihood at the best
+    noise level, which gives a low weight to a curve with large residuals. The scales s of groups
+    follow from the other parameters, s = Σ f m/σ² / Σ m²/σ² (variable projection with Kaufman's
+    Jacobian, whose gradient is exact).
     """
     flux, jacobian = brightness(body, points, spin)
     jacobian = jacobian.at[:, 2].multiply(unit)
@@ -219,7 +222,7 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
         weight = points.noise @ (count / (squares + PRIOR_SQUARES))
     root = jnp.sqrt(weight)
     rows = jacobian * (scale * root / points.error)[:, None]
-    # what a group's factor takes up: weight and factor are the same all over a group
+    # the part absorbed by the factor of a group; weight and factor are constant over a group
     taken = (points.scale.T @ (rows * (flux / points.error)[:, None])) / jnp.sqrt(square)[:, None]
     gradient, curvature = -((root * residual) @ rows), rows.T @ rows - taken.T @ taken
 

@@ -1,4 +1,4 @@
-"""Which ends of a scan are the same solution, and how solutions are related to the best."""
+"""Identification of distinct solutions of a scan, and their relation to the best."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from lcbayes.inversion.attitude_scan.spin import Ends
 Floats = NDArray[np.float64]
 
 SAME_POLE, MIRRORED = 10.0, 25.0  # degrees
-SAME_TURNS = 0.25  # turns over the data by which two frequencies differ at most
-FLAT = 0.25  # thickness over breadth of the directions up to which there is a mirror
-GAP = 0.05  # of the span: a longer one parts the data into sets
-OFF_ALIAS = 0.15  # half turns between two sets by which an alias may be off
+SAME_TURNS = 0.25  # turns over the data; largest difference of equal frequencies
+FLAT = 0.25  # largest ratio of thickness to width of the directions for a mirror solution
+GAP = 0.05  # of the span; a longer gap divides the data into sets
+OFF_ALIAS = 0.15  # half turns between two sets; tolerance of an alias
 
 SAME, MIRROR, REVERSED, POLE = "best", "mirror", "reversed", "pole"
 HALF, TWICE, ALIAS, PERIOD = "half-period", "double-period", "period-alias", "period"
@@ -26,16 +26,16 @@ HALF, TWICE, ALIAS, PERIOD = "half-period", "double-period", "period-alias", "pe
 
 @dataclass(frozen=True)
 class Geometry:
-    """What of the geometry makes spins look alike.
+    """Properties of the geometry that make spins nearly indistinguishable.
 
     Attributes
     ----------
     normal : (3,) or None
-        Of the plane that Sun and observer keep to, if any: a half turn of pole and body's mirror
-        image about it leaves the brightness almost unchanged.
+        Normal of the plane near which Sun and observer remain, if any. A half turn of the pole and
+        of the body's mirror image about it leaves the brightness almost unchanged.
     span : s
     separations : (S,) s
-        Times between the sets of data, between which nobody counted the turns.
+        Times between the sets of data, over which the number of turns is unknown.
     """
 
     normal: Floats | None
@@ -54,12 +54,12 @@ class Geometry:
         return cls(vectors[:, 0] if flat else None, span, np.append(apart, span))
 
     def mirrored(self, pole: Floats) -> Floats | None:
-        """The pole turned by half a turn about the normal of the plane."""
+        """The pole rotated by half a turn about the normal of the plane."""
         return None if self.normal is None else 2.0 * (pole @ self.normal) * self.normal - pole
 
     def relation(self, pole: Floats, frequency: float, to: Floats, at: float) -> tuple[str, str]:
-        """How a spin is related to that with the pole ``to`` and the frequency ``at``: a name, and
-        the same in words."""
+        """Relation of a spin to the spin with pole ``to`` and frequency ``at``: name and
+        description."""
         more = frequency - at
         if abs(more) * self.span < SAME_TURNS:
             mirror = self.mirrored(to)
@@ -88,15 +88,15 @@ class Geometry:
 
 
 def angle(a: Floats, b: Floats) -> float:
-    """Between two unit vectors, degrees."""
+    """Angle between two unit vectors, degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
 def distinct(ends: Ends, span: float, most: int) -> tuple[Ends, NDArray[np.integer]]:
-    """The different solutions among the ends of searches, best first, and how many ended at each.
+    """The distinct solutions among the end points of searches, best first, with their hits.
 
-    Two are the same if their poles are within 10° and their frequencies within a quarter of a turn
-    over the data.
+    Two solutions are the same if their poles differ by less than 10° and their frequencies by less
+    than a quarter of a turn over the data.
     """
     order = np.argsort(ends.value, kind="stable")
     kept: list[int] = []
@@ -110,7 +110,7 @@ def distinct(ends: Ends, span: float, most: int) -> tuple[Ends, NDArray[np.integ
 def counted(
     ends: Ends, solutions: Ends, span: float, weight: NDArray[np.integer] | None = None
 ) -> NDArray[np.integer]:
-    """How many ends came to each solution; each to the first that is the same."""
+    """Number of end points at each solution; each end point counts for the first that matches."""
     hits = np.zeros(len(solutions.value), int)
     for i in np.flatnonzero(np.isfinite(ends.value)):
         same = _same(solutions, ends, int(i), span)
@@ -120,6 +120,6 @@ def counted(
 
 
 def _same(solutions: Ends, ends: Ends, i: int, span: float) -> NDArray[np.bool_]:
-    """Which solutions the i-th end is the same as."""
+    """Whether each solution is the same as the i-th end point."""
     near = np.abs(solutions.frequency - ends.frequency[i]) * span < SAME_TURNS
     return near & (solutions.pole @ ends.pole[i] > np.cos(np.radians(SAME_POLE)))

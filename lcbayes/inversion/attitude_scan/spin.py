@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt over pole, period and a smooth body: one program, many hypotheses."""
+"""Levenberg-Marquardt over pole, period and a smooth body, for many hypotheses at once."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lcbayes.physics.attitude import rotations
 
 Floats = NDArray[np.float64]
 
-FREE = (1.0, 1.0, 1.0)  # two turns of the pole, frequency
+FREE = (1.0, 1.0, 1.0)  # two rotations of the pole, frequency
 START_DAMPING, LARGEST_DAMPING = 1e-2, 1e8
-FASTEST_FALL = 0.1  # of the damping in one step
-PATIENCE = 3  # steps in a row that gain less than the tolerance, and the search ends
+FASTEST_FALL = 0.1  # smallest factor of the damping in one step
+PATIENCE = 3  # successive steps with a gain below the tolerance that end the search
 
 
 class Ends(NamedTuple):
-    """Where searches ended: arrays of B rows, NumPy or JAX."""
+    """End points of searches: arrays of B rows, NumPy or JAX."""
 
     tilt: Any  # (B, 3, 3)
     frequency: Any  # (B,) Hz
@@ -33,16 +33,16 @@ class Ends(NamedTuple):
 
     @property
     def pole(self) -> NDArray:
-        """(B, 3), inertial."""
+        """Poles (B, 3), inertial."""
         return self.tilt[:, :, 2]
 
     def rows(self, which) -> Ends:
-        """Those rows."""
+        """The selected rows."""
         return Ends(*(x[which] for x in self))
 
     def forward(self) -> Ends:
-        """The same with positive frequencies: bodies that turn backwards are turned over, by half a
-        turn about their x axis, which changes the sign of harmonics alone."""
+        """The same end points with positive frequencies. Bodies with negative frequency are rotated
+        by half a turn about their x axis, which only changes signs of harmonics."""
         back = self.frequency < 0
         over = np.where(back[:, None, None], np.diag([1.0, -1.0, -1.0]), np.eye(3))
         degree, m = _orders(self.coefficients.shape[1])
@@ -55,7 +55,7 @@ class Ends(NamedTuple):
 
     @staticmethod
     def joined(parts: Sequence[Ends]) -> Ends:
-        """Rows of one after those of the other."""
+        """Concatenated rows of all parts."""
         return Ends(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
@@ -71,12 +71,12 @@ class _Search(NamedTuple):
 def _solve_one(
     body: SmoothBody, points: Points, spin: Spin, free: jax.Array, most: Any, tolerance: Any
 ) -> _Search:
-    """One hypothesis to its least objective.
+    """Minimise the objective for one hypothesis.
 
-    The damping follows the ratio of gain to prediction (Nielsen 1999): few steps are in vain, each
-    of which costs as much as a good one.
+    The damping follows the ratio of actual to predicted gain (Nielsen 1999). Few steps are then
+    rejected; a rejected step costs as much as an accepted one.
     """
-    # half a turn over the span: of the order of what the frequency is known to
+    # half a turn over the span: of the order of the frequency uncertainty
     unit = 0.5 / points.span
     hold = jnp.concatenate([free, jnp.ones(spin.coefficients.shape[0])])
 
@@ -134,11 +134,11 @@ def solve(
     body : SmoothBody
     points : Points
     starts : Spin
-        B of them, stacked.
+        B starts, stacked.
     free : (3,)
-        One where the pole's two turns and the frequency may change, zero where they are held.
+        One for each free parameter (two rotations of the pole, frequency), zero for a fixed one.
     most : int
-        Steps.
+        Maximum number of steps.
     tolerance : float
         Gain in the objective (nat) below which three steps in a row end a search.
 
@@ -155,18 +155,18 @@ def solve(
         s = _solve_one(body, points, spin, free, most, tolerance)
         return Ends(*s.spin, s.normal.value, s.normal.squares, s.steps)
 
-    # one after the other: a hypothesis fills a core, and its arrays a core's cache
+    # one at a time: a hypothesis occupies a core, and its arrays fill the core's cache
     return jax.lax.map(one, starts)
 
 
 def spheres(body: SmoothBody, poles: Floats, frequencies: Floats) -> Spin:
-    """Starts without shape, with these poles (B, 3) and frequencies (B,)."""
+    """Spherical starts with these poles (B, 3) and frequencies (B,)."""
     none = np.zeros((len(poles), body.harmonics.shape[1]))
     return Spin(*map(jnp.asarray, (tilts(poles), frequencies, none)))
 
 
 def finer(body: SmoothBody, ends: Ends) -> Spin:
-    """Starts where a search with harmonics of lower degree ended."""
+    """Starts at the end points of a search with harmonics of lower degree."""
     missing = body.harmonics.shape[1] - ends.coefficients.shape[1]
     shape = np.pad(ends.coefficients, ((0, 0), (0, missing)))
     return Spin(*map(jnp.asarray, (ends.tilt, ends.frequency, shape)))
@@ -180,8 +180,8 @@ def tilts(poles: Floats) -> Floats:
 def in_convention(tilt: Floats, coefficients: Floats) -> tuple[float, float, Floats]:
     """Longitude and latitude of the pole (rad), and the harmonics of the body in axes of `tilts`.
 
-    The body is turned about its z axis so that its attitude at the middle of the data is
-    `attitude.brought_to` of the pole, as the model "convex-grid" has it.
+    The body is rotated about its z axis so that its attitude at the middle of the data is
+    `attitude.brought_to` of the pole, as in the model "convex-grid".
     """
     pole = tilt[:, 2]
     lon, lat = float(np.arctan2(pole[1], pole[0])), float(np.arcsin(np.clip(pole[2], -1, 1)))

@@ -1,4 +1,4 @@
-"""Stabilised attitudes of the catalogue, each judged by the best facets under it."""
+"""Stabilised attitudes of the catalogue, each tested with its best-fitting facets."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from lcbayes.physics.attitude.laws import Attitude, Law, Tabulated, require
 Floats = NDArray[np.float64]
 
 ALL = "all"
-UNLIT = 1e-4  # share of all albedo-area below which an array is as good as absent
+UNLIT = 1e-4  # share of the total albedo-area below which an array is negligible
 
 
 def chosen(
     names: Sequence[str], curve: LightCurve, period_h: float | None
 ) -> tuple[dict[str, Attitude], dict[str, str]]:
-    """The laws of these names, told apart, and, of "all", those that cannot be judged with why not.
+    """The distinct laws of these names and, for "all", the untestable ones with the reason.
 
-    Laws that spin take ``period_h``.
+    Spinning laws take ``period_h``.
 
     Raises
     ------
     InputError
-        A law is unknown, or lacks what it needs and was asked for by its name.
+        A law is unknown, or a law requested by name lacks required data.
     """
     laws: list[Attitude] = []
     left_out: dict[str, str] = {}
@@ -67,7 +67,7 @@ def chosen(
 
 
 def _named(name: str, period_h: float | None) -> Attitude:
-    """A law with its settings; one that spins takes the period given elsewhere."""
+    """A law with its settings; a spinning law takes the separately given period."""
     if ":" not in name:
         law = catalogue.find(name)
         return law.set(period_s=HOUR_S * period_h) if law.spins and period_h is not None else law
@@ -77,8 +77,8 @@ def _named(name: str, period_h: float | None) -> Attitude:
 def judge(
     curve: LightCurve, laws: Mapping[str, Attitude], reflectance: str, run: Run, track: Track
 ) -> tuple[list[Solution], dict[str, str]]:
-    """Each law with the facets on a grid, and on its array, that fit best; and those that came to
-    nothing of their own, because their array sends no light, with the reason."""
+    """Each law with its best-fitting facets on a grid and on its array. Laws that are redundant
+    because their array reflects no light are returned separately, with the reason."""
     names = list(laws)
     known = ephemeris(curve)
     made = [law.frames(known) for law in laws.values()]
@@ -107,7 +107,7 @@ def judge(
 
 
 def _without_array(law: Attitude, others: Mapping[str, Attitude]) -> str:
-    """The name of the law among others that turns its body alike and has no array, or nothing."""
+    """The name of another law with the same body attitude and no array, or an empty string."""
     for name, other in others.items():
         if isinstance(law, Law) and isinstance(other, Law) and not other.array:
             bare = (other.point, other.clock, other.spins)

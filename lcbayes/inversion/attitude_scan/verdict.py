@@ -1,4 +1,4 @@
-"""The summary of a scan, and whether to trust it, in words."""
+"""The summary of a scan and its reliability, in words."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lcbayes.inversion.attitude_scan import equivalence
 from lcbayes.inversion.attitude_scan.result import Found, Solution, written_period
 from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 
-POOR = 2.0  # χ² per degree of freedom, errors known, from which no hypothesis explains the data;
-# below its inverse, where chance does not bring it there, the fit is closer than errors allow
-LOOSE = 0.2  # rms residual, errors unknown, from which none does
-NAMED = 5  # of what fits as well, before the rest are counted
+POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesis explains the data;
+# below its inverse, unless by chance, the fit is closer than the errors allow
+LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains the data
+NAMED = 5  # number of equivalent solutions listed by name
 
 
 def summarise(found: Found, curve: LightCurve) -> tuple[dict[str, Any], list[Finding]]:
-    """What ``summary.json`` holds beside the verdict, and what speaks against the result."""
+    """Contents of ``summary.json`` other than the verdict, and reasons against the result."""
     best = found.solutions[0]
     limit = equivalence.limit(found)
     solutions = [_row(s, found, limit) for s in found.solutions]
@@ -108,13 +108,13 @@ def _findings(found: Found, solutions: list[dict[str, Any]]) -> Iterator[Finding
 
 
 def _too_close(chi2: float, found: Found) -> bool:
-    """Whether χ² is far below its degrees of freedom, and not as the least of so many by chance."""
+    """Whether χ² is far below its degrees of freedom, beyond chance for the least of many."""
     chance = float(stats.chi2.cdf(chi2, found.dof)) * found.n_hypotheses
     return chi2 < found.dof / POOR and chance < equivalence.MISSED
 
 
 def _fit_as_well(names: Iterable[str]) -> str:
-    """The different ones of them, the first few by name."""
+    """The distinct names, with only the first few listed."""
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     few = ", ".join(names[:NAMED])
@@ -122,7 +122,7 @@ def _fit_as_well(names: Iterable[str]) -> str:
 
 
 def _end_of_range(frequency: float, found: Found) -> str:
-    """Where the best period lies, if within a step of the grid of an end of those tried."""
+    """The end of the period range, if the best period lies within one grid step of it."""
     settings = found.settings
     if settings.period_range_h is None:
         return ""

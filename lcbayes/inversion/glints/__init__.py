@@ -1,4 +1,4 @@
-"""Glints: found in a light curve, and turned into directions of facets, cylinders and panels."""
+"""Glints: detection in a light curve, and directions of facets, cylinders and panels."""
 
 from lcbayes.inversion.glints.attitude import Glints, analyse
 

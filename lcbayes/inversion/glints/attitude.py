@@ -1,4 +1,4 @@
-"""What glints say about attitude: facets, a cylinder, or a panel that follows the Sun."""
+"""Attitude information from glints: facets, a cylinder, or a panel that follows the Sun."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ from lcbayes.physics.attitude.laws import Attitude, Fixed
 Floats = NDArray[np.float64]
 
 MIN_FIT = 0.01  # nominal rate at which a true facet, cylinder or offset is rejected
-NARROW = 0.5  # a cylinder is given where the longer semi-axis of its 90 % region is below, rad
-WIDEST = np.radians(6.0)  # longest glint, by the way of the bisector
-SPREAD = np.radians(15.0)  # rms angle of the bisectors across their mean, for a cylinder
+NARROW = 0.5  # rad; largest semi-axis of the 90 % region of an accepted cylinder
+WIDEST = np.radians(6.0)  # longest glint, as motion of the bisector
+SPREAD = np.radians(15.0)  # least rms angle of the bisectors from their mean, for a cylinder
 
 
 @dataclass(frozen=True)
 class Glints:
-    """What `analyse` finds.
+    """Result of `analyse`.
 
     Attributes
     ----------
     t, flux : (U,)
-        What was searched: flux at unit distance, points of one time averaged.
-    baseline : what glints stand out from
+        Data searched: flux at unit distance, with points of equal time averaged.
+    baseline : level above which glints are detected
     glints, seen : in order of time; bisectors in body axes
-    facets : those shared by two glints or more, if any
-    single : facets of one glint each: what that glint alone would say
-    cylinder : None where refused
-    panel : the offset from the Sun, None where not asked or refused
-    reasons : why nothing, or what was asked for not, is given
-    notes : what else a reader should know
+    facets : facets shared by two or more glints, if any
+    single : facets from one glint each
+    cylinder : None if rejected
+    panel : the offset from the Sun; None if not requested or rejected
+    reasons : why there is no result, or no requested result
+    notes : further remarks on the result
     """
 
     t: Floats
@@ -79,13 +79,13 @@ def analyse(
     ----------
     curve : LightCurve
     attitude : Attitude
-        How the body turns; by default its axes stay the inertial axes. Directions are in its axes.
+        Attitude of the body; by default its axes are the inertial axes. Directions are in its axes.
     axis : (3,)
-        Also ask for a panel that follows the Sun about this axis (inertial; attitude must be None).
+        Also fit a panel that follows the Sun about this axis (inertial; attitude must be None).
     alarm : float
         Probability of a false glint per light curve.
     longest_s : s
-        Longest glint looked for; by default the time in which the bisector moves by 6°.
+        Duration of the longest glint; by default the time in which the bisector moves by 6°.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def analyse(
     Raises
     ------
     InputError
-        There is no brightness, no stretch has 30 points, or an axis goes with a spin.
+        There is no brightness, no segment has 30 points, or an axis is combined with a spin.
     """
     if axis is not None and attitude is not None and attitude != Fixed():
         raise InputError("a panel that follows the Sun has no spin; give one of axis and attitude")
@@ -142,9 +142,10 @@ def analyse(
 def _averaged(
     curve: LightCurve, label: NDArray[np.integer], observed: Observed
 ) -> tuple[NDArray[np.integer], Floats, Floats]:
-    """First points of the instants, and flux and error there: of magnitudes the mean magnitude's.
+    """First point of each instant, and the flux and error there.
 
-    Magnitudes without errors are taken to scatter in proportion to the flux.
+    For magnitudes, the flux is that of the mean magnitude. Magnitudes without errors are assumed to
+    have a scatter proportional to the flux.
     """
     flux, error = observed.flux, observed.error
     if curve.kind != "mag":
@@ -155,7 +156,7 @@ def _averaged(
 
 
 def _time_of(angle: float, t: Floats, vectors: Floats) -> float:
-    """Time in which a direction typically moves by an angle; if at rest a thirtieth of all."""
+    """Typical time in which a direction moves by an angle; if fixed, a thirtieth of the total."""
     step = np.diff(t)
     moved = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[step > 0] / step[step > 0]
     whole = float(t[-1] - t[0]) / 30.0
@@ -164,7 +165,7 @@ def _time_of(angle: float, t: Floats, vectors: Floats) -> float:
 
 
 def _at(t: Floats, vectors: Floats, rows: NDArray, when: float) -> tuple[Floats, Floats]:
-    """Unit vector and its rate at a time, from the two points about it."""
+    """Unit vector and its rate at a given time, from the two adjacent points."""
     times = t[rows]
     i = int(np.clip(np.searchsorted(times, when) - 1, 0, len(times) - 2))
     while i > 0 and times[i + 1] == times[i]:
@@ -179,10 +180,10 @@ def _at(t: Floats, vectors: Floats, rows: NDArray, when: float) -> tuple[Floats,
 
 
 def _cylinder(seen: list[Sighting], notes: list[str]) -> Direction | None:
-    """The axis, without the glints that fit it worst, of which there may be one in four."""
+    """The axis, excluding the worst-fitting glints, which may be up to one in four."""
     members = list(range(len(seen)))
     if len(members) < 3:
-        return None  # two bisectors always have an axis perpendicular to both
+        return None  # an axis perpendicular to two bisectors always exists
     spread = np.linalg.svd(np.array([one.bisector for one in seen]))[1][1]
     if spread < np.sqrt(len(seen) / 2) * np.sin(SPREAD):
         notes.append("no cylinder: the bisectors lie too close together to tell it from a facet")

@@ -1,4 +1,4 @@
-"""Glints: short brightenings over a robust baseline, with width, height and significance."""
+"""Glints: short brightenings above a robust baseline, with width, height and significance."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lcbayes.data.segments import nights
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer]
 
-SPAN = 4.0  # window of the baseline, in longest glints
-DEGREE = 5  # of the polynomial that phase angle and aspect are taken out with, before
+SPAN = 4.0  # window of the baseline, in durations of the longest glint
+DEGREE = 5  # of the polynomial that removes trends with phase angle and aspect beforehand
 FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
 
 
@@ -31,18 +31,18 @@ class Glint:
     row : int
         Point of the light curve nearest to the peak.
     stretch : int
-        Index of the stretch without long gaps.
+        Index of the segment without long gaps.
     t, t_error : s
-        Time of the peak of a Gaussian profile, and its error: statistical, and a twentieth of the
-        width for profiles that are none.
+        Time of the peak of a Gaussian profile, and its error: the statistical error combined with a
+        twentieth of the width for non-Gaussian profiles.
     fwhm : s
-        Full width at half the height; that of a sampling step where it is not resolved.
+        Full width at half maximum; one sampling step if unresolved.
     height, baseline : flux
-        Over the baseline; the baseline.
+        Height above the baseline; level of the baseline.
     significance : float
-        Of the brightest stretch of points, in standard deviations.
+        Significance of the brightest run of points, in standard deviations.
     false_alarm : float
-        Probability that noise shows one as significant anywhere in the light curve.
+        Probability that noise produces an equally significant glint anywhere in the light curve.
     resolved : bool
         Whether the glint is wider than two sampling steps.
     """
@@ -61,7 +61,7 @@ class Glint:
 
 @dataclass(frozen=True)
 class Baseline:
-    """What glints stand out from, point by point: flux without them, and the scatter about it."""
+    """Baseline at each point: flux without glints, and the scatter about it."""
 
     flux: Floats
     scatter: Floats
@@ -71,16 +71,16 @@ class Baseline:
 def baseline(
     t: Floats, flux: Floats, error: Floats, parts: list[Ints], longest_s: Sequence[float]
 ) -> tuple[Baseline, list[int]]:
-    """A smooth trend, a running median over four times the longest glint, and the scatter about it.
+    """A smooth trend plus a running median over four times the longest glint, and the scatter.
 
-    The scatter is the error, or the median absolute residual where that is larger: structure that
-    the median does not follow counts as noise.
+    The scatter is the larger of the error and the median absolute residual. Structure that the
+    median does not follow is therefore treated as noise.
 
     Returns
     -------
     Baseline
     list of int
-        The longest glint of each stretch, in points.
+        The longest glint of each segment, in points.
     """
     level, scatter = np.full(flux.shape, np.nan), np.full(flux.shape, np.nan)
     which = np.full(flux.shape, -1)
@@ -100,7 +100,7 @@ def baseline(
 
 
 def _slow(t: Floats, flux: Floats) -> Floats:
-    """A polynomial in time that outliers do not pull: fitted anew without them, ten times."""
+    """A robust polynomial in time: fitted ten times, each time without outliers."""
     x = 2.0 * (t - t[0]) / (t[-1] - t[0]) - 1.0
     kept = np.ones(t.size, bool)
     fitted = np.full(t.size, float(np.median(flux)))
@@ -125,27 +125,28 @@ def detect(
     alarm: float = 0.01,
     relative: bool = False,
 ) -> tuple[list[Glint], Baseline]:
-    """Glints whose chance of being noise, in all of the light curve, is below ``alarm``.
+    """Glints with a false-alarm probability over the whole light curve below ``alarm``.
 
-    In each stretch, sums of z = (flux − baseline)/scatter over 1, 2, 4, … points, over the root of
-    their number, are compared with a normal distribution; the number of all sums taken multiplies
-    the probability (Bonferroni). Overlapping ones are one glint, the most significant counts; what
-    is half as wide again as the longest glint is none.
+    In each segment, z = (flux − baseline)/scatter is summed over 1, 2, 4, … points and divided by
+    the square root of their number. The sums are compared with a normal distribution, and the
+    probability is multiplied by the total number of sums (Bonferroni). Overlapping detections are
+    one glint, represented by the most significant. Features more than 1.5 times as wide as the
+    longest glint are rejected.
 
     Parameters
     ----------
     t, flux, error : (T,)
-        Seconds, no two equal in a stretch (`instants`); flux at unit distance and its standard
-        deviation.
+        Time in seconds, without equal times in a segment (`instants`); flux at unit distance and
+        its standard deviation.
     label : (T,) int
-        Points of different labels are never of one stretch.
+        Points with different labels are never in the same segment.
     longest_s : s
-        Longest glint that is looked for, in all stretches or in each.
+        Duration of the longest glint, common to all segments or for each segment.
     alarm : float
         Nominal probability of a false glint per light curve.
     relative : bool
-        Whether noise is normal in the logarithm of the flux, as that of magnitudes is. Baseline and
-        z are then taken there: in flux such noise rises higher than it falls.
+        Whether noise is normal in the logarithm of the flux, as for magnitudes. Baseline and z are
+        then computed in the logarithm, because such noise is skewed towards bright values in flux.
 
     Returns
     -------
@@ -179,19 +180,19 @@ def detect(
             taken[start : start + size] = True
             peak = _Peak(rows, start, size, i, float(score), float(p))
             one = _measure(t, flux, level, peak)
-            taken |= np.abs(t[rows] - one.t) < 2.0 * one.fwhm  # and its flanks
+            taken |= np.abs(t[rows] - one.t) < 2.0 * one.fwhm  # including its wings
             if one.fwhm <= limits[i]:
                 found.append(one)
     return sorted(found, key=lambda g: g.t), level
 
 
 def _calm(total: Floats) -> Floats:
-    """Sums over their own scatter where that is larger than noise makes it.
+    """Sums divided by their own scatter if that exceeds the scatter expected from noise.
 
-    Structure that the baseline does not follow, such as the brightening of diffuse facets turn
-    after turn, has troughs as deep as its crests are high, and must not stand out from itself;
-    glints have no troughs. So the scatter is taken from below, at 25, 5 and 1 %, and from the upper
-    quartile, which glints that fill less than a quarter of the time leave alone.
+    Structure that the baseline does not follow, such as the periodic brightening of diffuse facets,
+    has minima as deep as its maxima are high. It must not be detected as a glint; glints have no
+    minima. The scatter is therefore estimated from the lower 25, 5 and 1 % quantiles, and from the
+    upper quartile, which is insensitive to glints that fill less than a quarter of the time.
     """
     middle = float(np.median(total))
     levels = np.array([0.01, 0.05, 0.25, 0.75])
@@ -200,7 +201,7 @@ def _calm(total: Floats) -> Floats:
 
 
 class _Peak(NamedTuple):
-    """Points that stand out: of the rows of a stretch those from ``start``, ``size`` of them."""
+    """A run of significant points: ``size`` rows of a segment from ``start``."""
 
     rows: Ints
     start: int
@@ -211,7 +212,7 @@ class _Peak(NamedTuple):
 
 
 def _measure(t: Floats, flux: Floats, level: Baseline, of: _Peak) -> Glint:
-    """Time, width and height of a Gaussian profile over the baseline."""
+    """Time, width and height of a Gaussian profile above the baseline."""
     rows, start, size = of.rows, of.start, of.size
     step = float(np.median(np.diff(t[rows])))
     excess = flux[rows] - level.flux[rows]
@@ -236,7 +237,7 @@ def _measure(t: Floats, flux: Floats, level: Baseline, of: _Peak) -> Glint:
         if size > 1 or fitted[2] < 3 * step:
             height, centre, sigma = (float(v) for v in fitted)
             error = float(np.sqrt(max(covariance[1, 1], 0.0)))
-    except RuntimeError:  # no convergence: the sampling step says how well the time is known
+    except RuntimeError:  # no convergence: the sampling step sets the time error
         pass
     fwhm = max(FWHM * sigma, step)
     at = t[rows[peak]] + centre

@@ -1,7 +1,7 @@
 """Directions from glints: facets, cylinders, and panels that follow the Sun.
 
-At a glint a facet faces the phase-angle bisector, n·b = 1 (Hall et al. 2007, eq. 17); a cylinder's
-axis is perpendicular to it, c·b = 0 (eq. 18).
+At a glint, the normal of a facet points along the phase-angle bisector, n·b = 1 (Hall et al. 2007,
+eq. 17). The axis of a cylinder is perpendicular to the bisector, c·b = 0 (eq. 18).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lcbayes.physics.bodies.facets import across
 Floats = NDArray[np.float64]
 
 CHI2_90 = float(stats.chi2.ppf(0.9, 2))
-ACROSS = 1.5  # offsets across the track, in widths (sd) of the lobe: it glints beside it, too
+ACROSS = 1.5  # offset across the track, in widths (sd) of the lobe, at which a facet still glints
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Sighting:
     ----------
     bisector : (3,)
     rate : (3,) rad/s
-        How it moves, perpendicular to it.
+        Rate of change of the bisector, perpendicular to it.
     t_error, fwhm : s
     """
 
@@ -48,10 +48,11 @@ class Sighting:
         return across(self.bisector)[0]
 
     def errors(self) -> tuple[float, float]:
-        """Of a facet's normal along the track and across it, rad.
+        """Errors of a facet's normal along and across the track, rad.
 
-        Along, the time of the peak counts. Across, nothing is known but that the facet glinted:
-        1.5 standard deviations of its lobe. Half the Sun's disc is added to both.
+        The error along the track follows from the time of the peak. Across the track, only the
+        detection of a glint is known, so the error is 1.5 standard deviations of the lobe. A
+        quarter of the Sun's angular radius is added to both in quadrature.
         """
         speed = float(np.linalg.norm(self.rate))
         disc = 0.25 * SUN_ANGULAR_RADIUS
@@ -66,10 +67,10 @@ class Direction:
     Attributes
     ----------
     vector : (3,)
-        Unit vector; for an axis the opposite means the same.
+        Unit vector; for an axis the opposite vector is equivalent.
     covariance : (3, 3)
-        Of it, in its tangent plane, rad².
-    chi2, freedom : of the glints about it
+        Covariance of the vector in its tangent plane, rad².
+    chi2, freedom : χ² of the glints about the direction, and degrees of freedom
     members : indices of the glints
     """
 
@@ -81,12 +82,12 @@ class Direction:
 
     @property
     def p_value(self) -> float:
-        """Probability of a larger χ²; 1 where nothing is left to test."""
+        """Probability of a larger χ²; 1 without degrees of freedom."""
         return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
 
     @property
     def ellipse(self) -> tuple[float, float]:
-        """Semi-axes of the 90 % region, rad, longer first."""
+        """Semi-axes of the 90 % region, rad, the longer first."""
         values = np.linalg.eigvalsh(self.covariance)[-2:][::-1]
         longer, shorter = np.sqrt(CHI2_90 * np.maximum(values, 0.0))
         return float(longer), float(shorter)
@@ -115,7 +116,7 @@ def _plane(vector: Floats) -> Floats:
 
 
 def facet(seen: Sequence[Sighting], members: Sequence[int]) -> Direction:
-    """The normal that glints share, n·b = 1, by least squares along and across each track."""
+    """The normal common to glints, n·b = 1, by least squares along and across each track."""
     n = np.sum([seen[i].bisector for i in members], axis=0)
     n /= np.linalg.norm(n)
     covariance, chi2 = np.eye(3), 0.0
@@ -141,10 +142,10 @@ def facet(seen: Sequence[Sighting], members: Sequence[int]) -> Direction:
 
 
 def cylinder(seen: Sequence[Sighting], members: Sequence[int]) -> Direction | None:
-    """The axis perpendicular to all bisectors, c·b = 0; None where they leave it open.
+    """The axis perpendicular to all bisectors, c·b = 0; None if they do not determine it.
 
-    The condition is crossed at the peak, so that its error is that of the time: (c·ḃ) σ_t, with
-    half the Sun's disc.
+    The condition c·b = 0 is met at the peak, so its error follows from that of the time: (c·ḃ) σ_t,
+    plus half the Sun's angular radius in quadrature.
     """
     b = np.array([seen[i].bisector for i in members])
     rate = np.array([seen[i].rate for i in members])
@@ -170,9 +171,9 @@ def cylinder(seen: Sequence[Sighting], members: Sequence[int]) -> Direction | No
 
 
 def facets(seen: Sequence[Sighting], level: float = 0.01) -> list[Direction]:
-    """Facets that explain the glints, each glint one: the nearest pair joined as long as it fits.
+    """Facets that explain the glints, by agglomerative grouping with one facet per glint.
 
-    Groups are joined, best first, while the p-value of the joint direction is at least ``level``.
+    Groups are merged, best first, while the p-value of the common direction is at least ``level``.
     """
     groups = [facet(seen, (i,)) for i in range(len(seen))]
     while len(groups) > 1:
@@ -200,9 +201,9 @@ class Tracking:
     offsets, errors : (G,) rad
         Azimuth of the panel minus that of the Sun about the axis at each glint.
     tilt : (G,) rad
-        Angle of the bisector out of the plane across the axis: what the season changes.
+        Angle of the bisector from the plane normal to the axis, which varies with the season.
     sun : (G,) rad
-        The same of the Sun: its declination where the axis is the celestial pole.
+        The same angle for the Sun: its declination if the axis is the celestial pole.
     mean, error : rad
     chi2, freedom :
     """
@@ -218,23 +219,24 @@ class Tracking:
 
     @property
     def p_value(self) -> float:
-        """Probability of a larger χ² of one offset; 1 where nothing is left to test."""
+        """Probability of a larger χ² for one offset; 1 without degrees of freedom."""
         return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
 
 
 def tracking(seen: Sequence[Sighting], sun: Floats, sun_rate: Floats, axis: Floats) -> Tracking:
-    """Offset of a panel that turns about an axis after the Sun.
+    """Offset of a panel that rotates about an axis to follow the Sun.
 
-    Its normal is at the azimuth of the Sun plus the offset; n·b is largest, and the panel glints,
-    where the bisector has that azimuth: offset = azimuth(b) − azimuth(s) at the glint. How far the
-    bisector then is from the plane (``tilt``) changes with the season, and with it the strength.
+    The azimuth of the panel normal is that of the Sun plus the offset. n·b is largest, and the
+    panel glints, when the bisector has the same azimuth. Hence offset = azimuth(b) − azimuth(s) at
+    the glint. The angle of the bisector from the plane normal to the axis (``tilt``) varies with
+    the season, and so does the strength of the glint.
 
     Parameters
     ----------
     sun, sun_rate : (G, 3)
         Direction of the Sun at the glints and its rate, rad/s, in the axes of the bisectors.
     axis : (3,)
-        Unit vector the panel turns about; the normal of a geostationary orbit.
+        Unit vector of the panel's rotation axis; for a geostationary orbit, the orbit normal.
     """
     basis = _plane(axis)
 

@@ -1,4 +1,4 @@
-"""Points of one time averaged: catalogues with rounded times have several."""
+"""Averages of points with equal times, which occur in catalogues with rounded times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def instants(t: Floats, label: Rows, value: Floats, error: Floats) -> tuple[Rows
     (U,) int, ascending
         First point of each instant.
     (U,), (U,)
-        Its mean and the standard deviation of that.
+        Its mean and the standard deviation of the mean.
     """
     keys = np.stack([label, t], axis=1)
     first, instant = np.unique(keys, axis=0, return_index=True, return_inverse=True)[1:]
@@ -28,9 +28,10 @@ def instants(t: Floats, label: Rows, value: Floats, error: Floats) -> tuple[Rows
 
 
 def rounding(t: Floats) -> float:
-    """How coarsely times are rounded, s: their least step where some are equal, otherwise 0.
+    """Rounding of the times, s: their smallest step if some are equal, otherwise 0.
 
-    Times that are whole multiples of a unit lie it or more apart, so this is no less than the unit.
+    Unequal times that are multiples of a unit differ by at least the unit, so the result is no
+    smaller than the unit.
     """
     steps = np.diff(np.sort(t))
     equal = steps == 0

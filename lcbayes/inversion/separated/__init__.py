@@ -1,8 +1,9 @@
-"""Attitude without shape, and shape without attitude: methods that need no inversion.
+"""Attitude without shape, and shape without attitude: methods without inversion.
 
-`attitude_test` asks whether measurements that a law makes alike are alike; `single_facet` where a
-facet faces whose edge a pass crosses; `shape_match` which candidate shape has the distribution of
-brightness over phase angle that was seen. Each says when its conditions are not met.
+`attitude_test` tests whether measurements with equal geometry under a law have equal brightness.
+`single_facet` finds the orientation of a facet from its edge crossing during a pass. `shape_match`
+finds candidate shapes that reproduce the observed distribution of brightness with phase angle. Each
+method reports unmet conditions.
 
 References
 ----------

@@ -1,22 +1,22 @@
-"""Is an attitude law consistent with the measurements that it makes alike?
+"""Test of an attitude law by measurements with equal geometry under the law.
 
-For a rigid body two measurements with the same directions to Sun and observer in the body's axes
-have the same brightness. A law says which measurements those are. If they differ by more than
-noise and the body's own roughness, the law is wrong, whatever the body looks like.
+Two measurements of a rigid body with the same directions to Sun and observer in the body's axes
+have the same brightness. An attitude law identifies such measurements. If they differ by more than
+the noise and the body's roughness allow, the law is wrong for any shape of the body.
 
 The statistic is the mean over such pairs (i, j) of
 
     ln(1 + (fᵢ − fⱼ)² / (σᵢ² + σⱼ² + κ² f̄ᵢⱼ² dᵢⱼ²)),
 
-dᵢⱼ the larger of the two angles between their directions and κ the body's roughness: how much the
-brightness changes along a pass for a radian of d, which no law can avoid. Pairs that follow each
-other in a pass without leaving each other's neighbourhood are alike under any law and tell nothing;
-they set κ. The p-value is the rank of the statistic among those of bodies drawn at random, turned
-by the law, seen at the same times with the same relative noise.
+where dᵢⱼ is the larger of the two angles between their directions, and κ is the body's roughness:
+the relative change of brightness along a pass per radian of d, which occurs under any law. Pairs of
+points in one pass that stay in each other's neighbourhood match under any law. They do not test the
+law; they determine κ. The p-value is the rank of the statistic among those of random bodies
+with the attitude of the law, observed at the same times with the same relative noise.
 
-A body that spins changes along a pass faster than any law allows for, so that κ is large and hides
-every difference. A law is said to hold only where the test could have rejected it: where
-brightness exchanged at random between points of like phase angle would be rejected.
+The brightness of a spinning body changes faster along a pass than any of these laws allows. κ is
+then large and masks all differences. A law is therefore accepted only if the test has power, that
+is, if brightness exchanged at random between points of similar phase angle would be rejected.
 
 References
 ----------
@@ -44,27 +44,27 @@ from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude.catalogue import by_unique_name
 from lcbayes.physics.attitude.laws import Attitude
 
-SEPARATION_DEG = 4.0  # of directions that count as alike
-PARTNERS = 6  # nearest ones of a point that are used
+SEPARATION_DEG = 4.0  # largest separation of matching directions
+PARTNERS = 6  # number of nearest partners used per point
 MIN_PAIRS, MIN_POINTS = 60, 30
-SAME_DEG = 0.5  # laws whose axes keep this near to a constant turn are one law
+SAME_DEG = 0.5  # laws whose axes differ by a constant rotation within this are the same
 ROUGHEST, SMOOTHEST = 30.0, 0.5  # 1/rad, limits of κ
-EXCHANGES = 99  # of brightness between points, which the power is measured with
-MAX_ALLOWANCE = 0.3  # κ d of the median pair
-ALIKE_PHASE = 20  # points among which it is exchanged
-WINDOW, GLINT_SD, GLINT_RISE = 9, 6.0, 0.4  # points; what rises above the median of a window
+EXCHANGES = 99  # of brightness between points, to estimate the power
+MAX_ALLOWANCE = 0.3  # largest κ d of the median pair
+ALIKE_PHASE = 20  # points among which brightness is exchanged
+WINDOW, GLINT_SD, GLINT_RISE = 9, 6.0, 0.4  # points of the median window; thresholds
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of measurements whose directions are alike under a law.
+    """Pairs of measurements with matching directions under a law.
 
     Attributes
     ----------
     i, j : (P,) int
-        Of points that left each other's neighbourhood in between, or lie in different passes.
+        Pairs that left each other's neighbourhood in between, or lie in different passes.
     d : (P,) rad
-    near_i, near_j, near_d : the same of pairs that did not, some steps apart
+    near_i, near_j, near_d : the same for pairs within one neighbourhood, some steps apart
     """
 
     i: Ints
@@ -76,28 +76,28 @@ class Pairs:
 
     @property
     def n_points(self) -> int:
-        """How many measurements take part."""
+        """Number of measurements in the pairs."""
         return len(np.unique([self.i, self.j]))
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the pairs say of a law.
+    """Result of the test of a law.
 
     Attributes
     ----------
-    name : of the law, with its settings where it was tested with several
+    name : of the law, with its settings if several were tested
     settings : of the law
     tested : bool
-        Whether there were pairs enough; else ``reason`` says why not, and the numbers are NaN.
+        Whether there were enough pairs. If not, ``reason`` states why, and the numbers are NaN.
     p_value : float
-        Probability of so large a statistic if the law holds.
+        Probability of a statistic at least as large if the law is correct.
     statistic, expected : float
-        Of the data, and the median over the bodies drawn.
+        Value for the data, and the median over the random bodies.
     n_pairs, n_points : int
     powerless : bool
-        Whether unrelated brightness would pass as well; then the law was not tested.
-    same_as : names of laws that these data cannot tell from this one
+        Whether unrelated brightness would also pass; the law is then not tested.
+    same_as : names of laws that these data cannot distinguish from this one
     """
 
     name: str
@@ -115,14 +115,14 @@ class Verdict:
 
     @property
     def sparse(self) -> bool:
-        """Whether it makes too few measurements alike."""
+        """Whether too few measurements match under the law."""
         few = self.n_pairs < MIN_PAIRS or self.n_points < MIN_POINTS
         return self.pairs is not None and few
 
 
 @dataclass(frozen=True)
 class AttitudeTest:
-    """All laws, those that hold best first, those that could not be tested last.
+    """All laws, the most consistent first and the untested last.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class AttitudeTest:
     n_glints : points left out as glints
     n_obs : points that remain
     seen : Reduced, without glints
-    reasons : why nothing could be tested; empty where something was
+    reasons : why no law could be tested; empty if any was
     """
 
     verdicts: tuple[Verdict, ...]
@@ -155,16 +155,16 @@ def attitude_test(
     seed: int = 0,
     progress: Silent | None = None,
 ) -> AttitudeTest:
-    """Test every law by the pairs of measurements that it makes alike.
+    """Test every law by pairs of measurements with matching geometry under the law.
 
     Parameters
     ----------
     curve : LightCurve
-        With errors; geometry as the laws need it.
-    laws : the hypotheses, as from `physics.catalogue`
+        With errors, and the geometry required by the laws.
+    laws : the hypotheses, for instance from `physics.catalogue`
     level : a law is rejected below this p-value, which must be above 1/(1 + n_bodies)
-    separation_deg : largest angle between directions that count as alike
-    n_bodies : drawn at random for each null distribution
+    separation_deg : largest angle between matching directions
+    n_bodies : number of random bodies for each null distribution
 
     Raises
     ------
@@ -210,7 +210,7 @@ def attitude_test(
 
 
 def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Reason]:
-    """Why no law could be tested, what stopped most of them first."""
+    """Reasons why no law could be tested, the most frequent first."""
     each = Counter(
         why.too_few_pairs(MIN_PAIRS, MIN_POINTS, separation_deg)
         if v.sparse
@@ -223,15 +223,16 @@ def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Reason]:
 
 
 def _smallest(n_null: int) -> float:
-    """Smallest p-value that a rank among so many can give."""
+    """Smallest p-value of a rank among ``n_null`` simulations."""
     return 1.0 / (1 + n_null)
 
 
 def glints(seen: Reduced) -> NDArray[np.bool_]:
-    """Points that rise out of their pass: narrow flashes that no two measurements share.
+    """Glint points: narrow flashes within a pass that are not repeated in other measurements.
 
-    Above the median of `WINDOW` neighbours in the pass by `GLINT_SD` robust standard deviations
-    (of such differences, or errors where larger) and by a part `GLINT_RISE` of that median.
+    A glint exceeds the median of `WINDOW` neighbours in the pass by `GLINT_SD` robust standard
+    deviations (of such differences, or of the errors if larger) and by a fraction `GLINT_RISE` of
+    that median.
     """
     out = np.zeros(len(seen.t), bool)
     for p in range(int(seen.one_pass.max()) + 1):
@@ -248,7 +249,7 @@ def glints(seen: Reduced) -> NDArray[np.bool_]:
 
 
 def _with_same(verdict: Verdict, axes: dict[str, Floats]) -> Verdict:
-    """Note the laws whose axes differ from this one's by a constant turn, to `SAME_DEG`."""
+    """Note the laws whose axes differ from this one's by a constant rotation, to `SAME_DEG`."""
     mine = axes.get(verdict.name)
     if mine is None:
         return verdict
@@ -273,7 +274,7 @@ def _test(
     level: float,
     seed: int,
 ) -> Verdict:
-    """The verdict on one law."""
+    """Test one law."""
     parts = in_body(axes, seen)
     found = alike(parts, seen, reach)
     if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
@@ -326,12 +327,12 @@ def _test(
 def _has_power(
     seen: Reduced, pairs: Pairs, null: Floats, level: float, rng: np.random.Generator
 ) -> bool:
-    """Whether brightness that depends on the phase angle alone would be rejected at the level.
+    """Whether brightness that depends only on the phase angle would be rejected at the level.
 
-    Flux and error of the points that take part are exchanged at random among `ALIKE_PHASE` points
-    of the same group that follow each other in phase angle, which is the same under every law;
-    roughness stays as observed. More than half of the exchanges must be rejected. Where roughness
-    allows pairs to differ by more than `MAX_ALLOWANCE` of their flux nothing is tested.
+    Flux and error of the paired points are exchanged at random among `ALIKE_PHASE` points of the
+    same group with successive phase angles, which are the same under every law. The roughness
+    remains as observed. More than half of the exchanges must be rejected. There is no power if the
+    roughness allows pairs to differ by more than `MAX_ALLOWANCE` of their flux.
     """
     phase = np.einsum("ti,ti->t", seen.sun, seen.obs)
     kappa = roughness(seen.flux[None], seen.error, pairs)
@@ -353,7 +354,7 @@ def _has_power(
 
 
 def _without_power(seen: Reduced, pairs: Pairs) -> str:
-    """Why the pairs cannot reject a law."""
+    """Reason why the pairs cannot reject a law."""
     i, j = pairs.i, pairs.j
     mean = 0.5 * (seen.flux[i] + seen.flux[j])
     differ = float(np.median(np.abs(seen.flux[i] - seen.flux[j]) / np.abs(mean)))
@@ -368,7 +369,7 @@ def _without_power(seen: Reduced, pairs: Pairs) -> str:
 def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -> Pairs:
     """Pairs whose directions to Sun and observer agree within ``reach`` (rad) in every part."""
     place = np.concatenate([v for part in parts for v in part], axis=1)  # (T, 6 F), unit vectors
-    # Each of 2F angles is within reach only if the whole chord is within sqrt(2F) of it.
+    # If each of the 2F angles is within reach, the total chord is at most sqrt(2F) times reach.
     chord = 2.0 * np.sin(0.5 * reach)
     raw = KDTree(place).query_pairs(chord * np.sqrt(place.shape[1] / 3), output_type="ndarray")
     i, j = (np.sort(raw, axis=1).T if len(raw) else np.zeros((2, 0), int)).astype(np.int64)
@@ -377,7 +378,7 @@ def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -
     kept = (d <= reach) & (seen.group[i] == seen.group[j])
     i, j, d = i[kept], j[kept], d[kept]
     follow = (seen.one_pass[i] == seen.one_pass[j]) & (j <= _run_end(place, seen, chord)[i])
-    near = follow & (d >= 0.2 * reach)  # nearer ones are noise
+    near = follow & (d >= 0.2 * reach)  # closer pairs contain only noise
     i2, j2, d2 = _nearest(i[~follow], j[~follow], d[~follow])
     pick = np.flatnonzero(near)
     pick = pick[:: max(1, len(pick) // 4000)]
@@ -385,7 +386,7 @@ def alike(parts: Sequence[tuple[Floats, Floats]], seen: Reduced, reach: float) -
 
 
 def _run_end(place: Floats, seen: Reduced, chord: float) -> Ints:
-    """For each point the last one that follows it in its pass without a stray beyond 2 reaches."""
+    """For each point, the last point of its pass before directions change by over 2 reaches."""
     n = len(place)
     end = np.arange(n)
     last = np.searchsorted(seen.one_pass, seen.one_pass, side="right") - 1
@@ -402,7 +403,7 @@ def _run_end(place: Floats, seen: Reduced, chord: float) -> Ints:
 
 
 def _nearest(i: Ints, j: Ints, d: Floats) -> tuple[Ints, Ints, Floats]:
-    """Of every point the nearest partners, each pair once."""
+    """The nearest partners of every point, with each pair listed once."""
     both = np.concatenate([i, j]), np.tile(np.arange(len(i)), 2)
     order = np.lexsort((d[both[1]], both[0]))
     point, pair = both[0][order], both[1][order]
@@ -412,12 +413,12 @@ def _nearest(i: Ints, j: Ints, d: Floats) -> tuple[Ints, Ints, Floats]:
 
 
 def statistic(flux: Floats, error: Floats, pairs: Pairs) -> Floats:
-    """The statistic of the module's head for several light curves at once, (B, T) → (B,)."""
+    """The statistic of the module docstring for several light curves at once, (B, T) → (B,)."""
     return distance(flux, error, pairs, roughness(flux, error, pairs))
 
 
 def distance(flux: Floats, error: Floats, pairs: Pairs, kappa: Floats) -> Floats:
-    """The same with the roughness given, κ (B,)."""
+    """The statistic for given roughness κ (B,)."""
     i, j = pairs.i, pairs.j
     mean = 0.5 * (flux[:, i] + flux[:, j])
     own = error[i] ** 2 + error[j] ** 2 + (kappa[:, None] * mean * pairs.d) ** 2
@@ -425,7 +426,7 @@ def distance(flux: Floats, error: Floats, pairs: Pairs, kappa: Floats) -> Floats
 
 
 def roughness(flux: Floats, error: Floats, pairs: Pairs) -> Floats:
-    """κ (B,): root mean square relative change per radian along passes, noise taken off."""
+    """κ (B,): rms relative change per radian along passes, with the noise subtracted."""
     i, j, d = pairs.near_i, pairs.near_j, pairs.near_d
     if len(i) < 20:
         return np.full(len(flux), 3.0)

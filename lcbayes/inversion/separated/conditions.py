@@ -1,4 +1,4 @@
-"""Conditions of a shape match: independent points, and orientations that are not repeated."""
+"""Conditions of a shape match: independent points and unrepeated orientations."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from lcbayes.inversion.separated.reduced import Floats, Reduced, in_body, turns
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude import catalogue
 
-REACH_MAG = 4.0  # from the median; what is fainter or brighter counts as there
+REACH_MAG = 4.0  # from the median; magnitudes beyond are clipped
 STABLE_P, STABLE_PAIRS, STABLE_REACH_DEG = 0.01, 30, 8.0
-STABLE_RATIO = 0.6  # of differences under a law to those at random, of a stabilised body
+STABLE_RATIO = 0.6  # largest ratio of differences under a law to random ones, for a stabilised body
 STABLE_LAWS = ("inertial", "lvlh", "yaw-steering", "sun-north", "sun-pointing", "earth-north")
 
 
@@ -24,10 +24,10 @@ def phase_angles(seen: Reduced) -> Floats:
 
 
 def correlated(seen: Reduced) -> float:
-    """How many successive points one independent point is worth, 1 + 2 Σ ρ_k.
+    """Number of successive points per independent point, 1 + 2 Σ ρ_k.
 
-    ρ is the correlation of magnitudes, their trend with phase angle taken out, within passes; the
-    sum ends where ρ falls below its noise (Sokal's window of positive terms).
+    ρ is the correlation of magnitudes within passes, after removal of their trend with phase angle.
+    The sum ends where ρ falls below its noise (Sokal's window of positive terms).
     """
     left = _without_trend(phase_angles(seen), -2.5 * np.log10(np.maximum(seen.flux, 1e-300)))
     left = np.clip(left, -REACH_MAG, REACH_MAG)
@@ -52,13 +52,13 @@ def _without_trend(phase: Floats, magnitude: Floats) -> Floats:
 def stabilised(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
 ) -> tuple[float, str, float]:
-    """p-value that brightness does not repeat itself under any common law, the nearest law, ratio.
+    """p-value for brightness that does not repeat under any common law, the nearest law, and ratio.
 
-    Of pairs that a law makes alike the mean absolute difference of magnitude, trend with phase
-    taken out, ranked among permutations of the points; the smallest over laws against the smallest
-    of the permutations. The ratio is that difference over the mean of the permutations: a body that
-    spins about a fixed axis depends on its geometry a little, a stabilised one repeats itself. 1
-    where no law has pairs enough.
+    The statistic is the mean absolute magnitude difference of pairs with matching geometry under a
+    law, after removal of the trend with phase angle. Its minimum over the laws is ranked among the
+    minima for permutations of the points. The ratio is that difference over the mean of the
+    permutations. The brightness of a body that spins about a fixed axis depends weakly on its
+    geometry, whereas that of a stabilised body repeats. The ratio is 1 if no law has enough pairs.
     """
     left = np.clip(_without_trend(phase, magnitude), -REACH_MAG, REACH_MAG)
     eph = ephemeris(curve)

@@ -1,4 +1,4 @@
-"""Bodies drawn at random, and what each would send: the null that tests are calibrated with."""
+"""Random bodies and their fluxes: the null distribution used to calibrate tests."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from lcbayes.physics.brightness import flux_brdf
 Floats = NDArray[np.float64]
 
 SIDES = 8  # of a drum
-SPECULAR = 0.5  # probability that a body has a lobe at all
+SPECULAR = 0.5  # probability that a body has a specular lobe
 EXPONENT = (5.0, 200.0)  # of lobes, log-uniform
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """B bodies of N facets each; areas of 0 fill up.
+    """B bodies of N facets each, padded with facets of zero area.
 
     Attributes
     ----------
     normals : (B, N, 3)
     areas, r_diff, r_spec, exponent : (B, N)
-        m², and Blinn and Phong's reflectance law.
+        Areas in m², and parameters of the Blinn-Phong law.
     on_array : (N,) bool
-        Facets that turn with a solar array, the same in all bodies.
+        Facets that rotate with a solar array, the same in all bodies.
     """
 
     normals: Floats
@@ -41,11 +41,12 @@ class Bodies:
 
 
 def draw(n: int, rng: np.random.Generator, articulated: bool = False) -> Bodies:
-    """Bodies as satellites have them: boxes, boxes with wings, drums and plates, turned at random.
+    """Bodies typical of satellites: boxes, boxes with wings, drums and plates, randomly oriented.
 
-    Sides are log-uniform over a factor of four, a wing has half to three times the area of the
-    largest side, every facet has a diffuse reflectance of its own in 0.05 .. 0.6, and half of the
-    bodies have a specular one too. ``articulated`` puts the wings on a solar array of its own axes.
+    Sides are log-uniform over a factor of four. A wing has half to three times the area of the
+    largest side. Each facet has its own diffuse reflectance in 0.05 .. 0.6, and half of the bodies
+    also have a specular reflectance. ``articulated`` puts the wings on a solar array with separate
+    axes.
     """
     wing = shapes.plate().normals[:, [2, 0, 1]]  # front along x
     blank = np.tile([0.0, 0.0, 1.0], (SIDES + 2, 1))
@@ -84,14 +85,14 @@ def draw(n: int, rng: np.random.Generator, articulated: bool = False) -> Bodies:
 
 
 def fluxes(bodies: Bodies, sun: Floats, obs: Floats, panel: tuple[Floats, Floats] | None) -> Floats:
-    """What each body sends at unit distance under unit irradiance, (B, T) m².
+    """Flux of each body at unit distance under unit irradiance, (B, T) m².
 
     Parameters
     ----------
     sun, obs : (T, 3)
         Unit vectors, body frame.
     panel :
-        The same in the axes of the solar array, where facets are on one.
+        The same in the axes of the solar array, if there is one.
     """
     still = ~bodies.on_array if panel is not None else np.ones(bodies.areas.shape[1], bool)
     total = _send(bodies, still, sun, obs)

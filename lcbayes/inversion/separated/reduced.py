@@ -1,4 +1,4 @@
-"""Measurements at unit distance, and the passes that they belong to."""
+"""Measurements reduced to unit distance, and their passes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ Ints = NDArray[np.integer]
 
 @dataclass(frozen=True)
 class Reduced:
-    """What a method without inversion reads, points in order of pass and time.
+    """Data for methods without inversion, with points in order of pass and time.
 
     Attributes
     ----------
     t : (T,) s
     flux, error : (T,)
-        At unit distance under unit irradiance (m²); of curves of unknown scale in any unit.
+        At unit distance under unit irradiance (m²); in any unit for curves of unknown scale.
     sun, obs : (T, 3)
         Unit vectors, inertial.
     one_pass : (T,) int
         Pass of one curve, site and band, `lcbayes.data.segments.PASS`.
     group : (T,) int
-        Points whose brightness can be compared: one band, and one curve where its scale is free.
+        Points of comparable brightness: of one band, and of one curve if its scale is free.
     row : (T,) int
         Index of the point in the light curve.
     """
@@ -47,7 +47,7 @@ class Reduced:
     row: Ints
 
     def at(self, rows: Ints) -> Reduced:
-        """Some of the points, in that order."""
+        """The selected points, in that order."""
         return Reduced(**{name: values[rows] for name, values in vars(self).items()})
 
 
@@ -57,7 +57,7 @@ def reduce(curve: LightCurve) -> Reduced:
     Raises
     ------
     InputError
-        There is no brightness, or no error of it: what is alike cannot be told from what is not.
+        There is no brightness, or it has no errors, which are required for comparisons.
     """
     if curve.error is None:
         raise InputError(
@@ -82,21 +82,21 @@ def reduce(curve: LightCurve) -> Reduced:
 
 
 def turns(law: Attitude, eph: Ephemeris, seen: Reduced) -> list[Floats]:
-    """Axes (T, 3, 3) of the body and, where the law turns one, of its array, point by point.
+    """Axes (T, 3, 3) of the body at each point and, if the law has one, of its array.
 
-    ``eph`` is that of the whole light curve, so that a law is compiled for one length alone.
+    ``eph`` is that of the whole light curve, so that a law is compiled for one length only.
     """
     return [np.asarray(x)[seen.row] for x in law.frames(eph) if x is not None]
 
 
 def in_body(axes: Sequence[Floats], seen: Reduced) -> list[tuple[Floats, Floats]]:
-    """Directions to Sun and observer, (T, 3) each, in each of these axes."""
+    """Directions to Sun and observer, (T, 3) each, in each of these frames."""
     return [
         (np.einsum("tij,ti->tj", a, seen.sun), np.einsum("tij,ti->tj", a, seen.obs)) for a in axes
     ]
 
 
 def _numbered(*columns: NDArray) -> Ints:
-    """(T,) number of each row's combination."""
+    """Index of the combination of values in each row, (T,)."""
     text = np.stack([np.asarray(c).astype(str) for c in columns], axis=1)
     return np.unique(text, axis=0, return_inverse=True)[1].ravel()

@@ -1,14 +1,15 @@
-"""Which candidate shape has the distribution of brightness over phase angle that was seen?
+"""Match of candidate shapes to the observed distribution of brightness with phase angle.
 
-A body seen in many unrelated orientations has a brightness that is random, distributed as its
-shape and the phase angle say. Candidates are turned at random, lit at the phase angles of the
-observations, and made as noisy; the distribution of the observations in the plane of phase angle
-and magnitude is compared with theirs. Size and albedo are unknown: magnitudes are taken against
-their median. p-values are ranks among samples of the candidate itself, in two states of motion:
-every point in an orientation of its own, as of a tumbling body seen over a long time; and a spin
-about one fixed axis, drawn anew for each sample with the body's orientation on it, at the
-directions of the observations and with unrelated rotational phases. A candidate is rejected where
-both reject it, and always together with the surface that was assumed.
+The brightness of a body in many unrelated orientations is random. Its distribution depends on the
+shape and the phase angle. Candidates are oriented at random and illuminated at the observed phase
+angles, and noise is added. The distribution of the observations in the plane of phase angle and
+magnitude is then compared with that of the candidates. Size and albedo are unknown, so magnitudes
+are relative to their median. p-values are ranks among samples of the candidate itself, in two
+states of motion. In the first, every point has an independent orientation, as for a tumbling body
+observed over a long time. In the second, the body spins about one fixed axis. The axis and the
+orientation of the body relative to it are drawn for each sample; the directions are those of the
+observations, and rotational phases are unrelated. A candidate is rejected if it is rejected for
+both states of motion. A rejection always refers to the shape together with the assumed surface.
 
 References
 ----------
@@ -46,16 +47,16 @@ from lcbayes.physics.brightness import flux_brdf
 
 R_DIFF, R_SPEC, EXPONENT = 0.3, 0.3, 100.0
 LEAST_SNR = 3.0
-LEAST_LEVEL = 0.001  # for which 2000 nulls are drawn
+LEAST_LEVEL = 0.001  # smallest level; requires 2000 null samples
 MIN_INDEPENDENT, MOST_POINTS, LEAST_SPAN_DEG = 100, 500, 30.0
 MANY_ROUND = 400  # facets of a sphere, so that its lobes overlap
-BLOCK = 500_000  # facets times samples at once
-STEP_DEG, TURNS = 1.0, 240  # phase angles that a shape is sampled at, orientations at each
+BLOCK = 500_000  # facets × samples processed at once
+STEP_DEG, TURNS = 1.0, 240  # spacing of sampled phase angles; orientations at each
 
 
 @cache
 def candidates() -> dict[str, shapes.Body]:
-    """The built-in shapes; a cylinder is three times as long as wide."""
+    """The built-in shapes; the cylinder is three times as long as wide."""
     return {
         "cube": shapes.cube(),
         "tetrahedron": shapes.tetrahedron(),
@@ -69,7 +70,7 @@ def candidates() -> dict[str, shapes.Body]:
 
 @dataclass(frozen=True)
 class Surface:
-    """Blinn and Phong's law, the same on all facets; the lobe of a mirror has a large exponent."""
+    """Blinn-Phong law, the same for all facets; a large exponent corresponds to a mirror."""
 
     r_diff: float = R_DIFF
     r_spec: float = R_SPEC
@@ -87,18 +88,18 @@ class Surface:
 
 @dataclass(frozen=True)
 class Match:
-    """A candidate against the observations.
+    """Comparison of a candidate with the observations.
 
     Attributes
     ----------
     name : of the candidate
-    p_kolmogorov, p_energy : probability of so large a distance if this is the shape and its
-        orientation is random at every point
-    p_fixed_axis : the same if it spins about a fixed axis, of both distances together
+    p_kolmogorov, p_energy : probability of a distance at least as large if this is the shape and
+        its orientation is random at every point
+    p_fixed_axis : the same for a spin about a fixed axis, for both distances combined
     kolmogorov, energy : distances
     excess : energy distance above its mean under the candidate, in standard deviations
     phase, magnitude : (M,) rad, mag
-        Draws of the candidate, magnitudes against their median.
+        Draws of the candidate, with magnitudes relative to their median.
     """
 
     name: str
@@ -113,18 +114,18 @@ class Match:
 
     @property
     def p_random(self) -> float:
-        """Of both tests together (Bonferroni) if orientations are random."""
+        """Combined p-value of both tests (Bonferroni) for random orientations."""
         return min(1.0, 2.0 * min(self.p_kolmogorov, self.p_energy))
 
     @property
     def p_value(self) -> float:
-        """The larger of both motions: that of the shape, however it turns."""
+        """p-value of the shape for any motion: the larger of the two states of motion."""
         return max(self.p_random, self.p_fixed_axis)
 
 
 @dataclass(frozen=True)
 class ShapeMatch:
-    """All candidates, the nearest first.
+    """All candidates, the best match first.
 
     Attributes
     ----------
@@ -132,9 +133,9 @@ class ShapeMatch:
     level : probability below which a candidate is rejected
     surface : of all candidates
     phase, magnitude : (n,) rad, mag
-        Of the observations that were used, magnitudes against their median.
-    n_obs, n_faint, stride : points given; left out below a signal of 3σ; one in how many is taken
-    correlation : number of points that one independent one is worth
+        Observations used, with magnitudes relative to their median.
+    n_obs, n_faint, stride : number of points; points excluded below 3σ; every stride-th is used
+    correlation : number of points per independent point
     reasons : conditions that are not met
     """
 
@@ -166,28 +167,28 @@ def shape_match(
     seed: int = 0,
     progress: Silent | None = None,
 ) -> ShapeMatch:
-    """Hold the phase-angle/brightness distribution against those of candidate shapes.
+    """Compare the phase-angle/brightness distribution with those of candidate shapes.
 
     Parameters
     ----------
     curve : LightCurve
-        Of one object, calibrated: all its points on one scale.
+        Calibrated light curve of one object, with all points on one scale.
     bodies : name → body; the built-in shapes when None
     surface : of the candidates
     level : a candidate is rejected below this p-value
-    n_nulls : samples that p-values rank among; no p-value is below 2/(1 + n_nulls). By default 199,
-        more where the level asks for it.
-    n_draws : draws that a distribution is known by
+    n_nulls : number of null samples; no p-value is below 2/(1 + n_nulls). By default 199, or more
+        if the level requires it.
+    n_draws : number of draws that represent a distribution
 
     Raises
     ------
     InputError
-        No errors, several unknown scales, too few points, or an option out of range, among them
-        fewer nulls than it takes to reject at the level.
+        No errors, several unknown scales, too few points, or an option out of range. This includes
+        fewer null samples than a rejection at the level requires.
     """
     if not LEAST_LEVEL <= level < 1.0:
         raise InputError(f"the level is {level:g}; expected {LEAST_LEVEL:g} <= level < 1")
-    least = max(39, int(2.0 / level))  # of nulls: 2/(1 + least) is below the level
+    least = max(39, int(2.0 / level))  # null samples: 2/(1 + least) is below the level
     n_nulls = max(199, least) if n_nulls is None else n_nulls
     if n_nulls < least or n_draws < 1000:
         raise InputError(
@@ -243,7 +244,7 @@ def _reasons(
 
 
 def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Directions to Sun and observer (n, 3) at these phase angles, orientation uniform."""
+    """Directions to Sun and observer (n, 3) at these phase angles, with uniform orientation."""
     sun = rng.normal(size=(len(phase), 3))
     sun /= np.linalg.norm(sun, axis=1, keepdims=True)
     side = rng.normal(size=sun.shape)
@@ -253,10 +254,10 @@ def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
 
 
 class Cast:
-    """Brightness of a shape at every phase angle, for orientations drawn once.
+    """Brightness of a shape at every phase angle, for a fixed set of random orientations.
 
-    A draw takes one of the two sampled angles about the one asked for, the nearer the likelier:
-    as if the phase angle were uncertain by `STEP_DEG`.
+    A draw uses one of the two sampled angles adjacent to the requested one; the nearer angle is the
+    more probable. This is equivalent to an uncertainty of `STEP_DEG` in the phase angle.
     """
 
     def __init__(self, body: shapes.Body, surface: Surface) -> None:
@@ -276,7 +277,7 @@ _CASTS: dict[tuple[int, Surface], tuple[shapes.Body, Cast]] = {}
 
 
 def cast(body: shapes.Body, surface: Surface) -> Cast:
-    """The cast of a body, made once as long as the body lives."""
+    """The `Cast` of a body, cached for the lifetime of the body."""
     key = id(body), surface
     if key not in _CASTS or _CASTS[key][0] is not body:
         if len(_CASTS) > 64:
@@ -315,15 +316,15 @@ def _block(sun, obs, normals, areas, r_diff, r_spec, exponent):
 
 @dataclass(frozen=True)
 class Observations:
-    """What every candidate is compared with, and how often.
+    """Data for the comparison with every candidate, and the numbers of samples.
 
     Attributes
     ----------
     seen : Reduced
     phase, magnitude : (n,) rad, mag
-        Magnitudes against their median.
+        Magnitudes are relative to their median.
     kind : of the light curve's brightness
-    n_nulls, n_draws : samples that p-values rank among, draws that a distribution is known by
+    n_nulls, n_draws : number of null samples, and of draws that represent a distribution
     """
 
     seen: Reduced
@@ -337,9 +338,9 @@ class Observations:
 def _match(
     name: str, body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
 ) -> Match:
-    """One candidate."""
+    """Compare one candidate with the observations."""
     n, phase = len(of.phase), of.phase
-    # a point of the observations for every draw, each equally often: the same phase frequencies
+    # one observed point per draw, each equally often: the same distribution of phase angles
     which = np.arange(3 * of.n_draws) % n
     flux = cast(body, surface).draw(phase[which], rng)
     values, kept = _noisy(flux * _level(flux, of.seen), which, of.kind, of.seen, rng)
@@ -383,7 +384,7 @@ def _random_samples(
     """Phase angles and magnitudes of samples of a candidate whose orientation is random."""
     n = len(of.phase)
     by_point = np.argsort(which, kind="stable")
-    # each point of the observations once, where it is bright enough in some draw
+    # each observed point once, if it is bright enough in some draw
     count = np.bincount(which, minlength=n)
     bright = np.flatnonzero(count)
     begin = np.searchsorted(which[by_point], bright)
@@ -398,7 +399,7 @@ def _random_samples(
 def _spinning_samples(
     body: shapes.Body, surface: Surface, of: Observations, rng: np.random.Generator
 ) -> list[tuple[Floats, Floats]]:
-    """The same of a candidate that spins about an axis fixed in space and in the body."""
+    """The same for a candidate that spins about an axis fixed in space and in the body."""
     n = len(of.phase)
     sun, obs = np.empty((of.n_nulls, n, 3)), np.empty((of.n_nulls, n, 3))
     for k in range(of.n_nulls):
@@ -421,7 +422,7 @@ def _spinning_samples(
 
 
 def _level(flux: Floats, seen: Reduced) -> float:
-    """What the candidate's flux is multiplied by so that its median is that of the observations."""
+    """Factor that scales the median flux of the candidate to that of the observations."""
     bright = flux[flux > 0]
     return float(np.median(seen.flux) / np.median(bright)) if bright.size else 1.0
 
@@ -429,7 +430,7 @@ def _level(flux: Floats, seen: Reduced) -> float:
 def _noisy(
     flux: Floats, which: Ints, kind: str, seen: Reduced, rng: np.random.Generator
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Magnitudes with the noise of the observations, and which of them would have been observed."""
+    """Magnitudes with the noise of the observations, and whether each would be observed."""
     noise = rng.standard_normal(len(flux))
     error = seen.error[which]
     with np.errstate(divide="ignore", invalid="ignore"):

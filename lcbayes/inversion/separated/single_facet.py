@@ -1,12 +1,13 @@
-"""Where does a single large facet face, from the edge that a pass crosses?
+"""Orientation of a single large facet from its edge crossing during a pass.
 
-While a low satellite passes, one facet may come into view or into sunlight, or leave them: the
-curve brightens or dims with a kink. The facet's normal n, held in the axes of an attitude law, is
-what the kink tells: n·o = 0 there (a change of visibility) or n·s = 0 (of illumination). In every
-pass f(t) = b(t) + α ⟨n·o⟩⟨n·s⟩/π, b smooth (a cubic in time and the phase law of a Lambertian
-sphere) and α ≥ 0. For every n on the sphere the best b and α are linear; the fall of χ² that the
-facet brings is D(n), and the normals within χ²₂ of its maximum are the region. Two sites tell a
-change of illumination, which both see at once, from one of visibility, which they see apart.
+During a pass of a low satellite, a facet may come into view or into sunlight, or leave them. The
+light curve then brightens or dims with a kink, which constrains the facet's normal n in the axes of
+an attitude law: n·o = 0 at a change of visibility, or n·s = 0 at a change of illumination. The flux
+in every pass is f(t) = b(t) + α ⟨n·o⟩⟨n·s⟩/π. Here b is smooth (a cubic in time and the phase law
+of a Lambertian sphere), and α ≥ 0. For every n on the sphere, b and α follow from linear least
+squares. D(n) is the decrease of χ² due to the facet, and the normals within χ²₂ of its maximum form
+the region. Two sites distinguish the two kinds of change: a change of illumination is simultaneous
+at both sites, whereas a change of visibility is not.
 
 References
 ----------
@@ -29,11 +30,11 @@ from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, 
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude.laws import Attitude
 
-DEGREE = 3  # of the rest of the body in time
-CELLS = (288, 224)  # of the sphere in azimuth and cosine, equal areas; 1.25 deg apart
-COARSE = (144, 112)  # where chance is judged
-MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # that are quartered at once, how often; rows at a time
-KEPT = (0.3, 0.8, 0.95, 0.99)  # of the largest D, what may hold a larger one within
+DEGREE = 3  # of the polynomial in time for the rest of the body
+CELLS = (288, 224)  # of the sphere in azimuth and cosine, equal areas; spacing 1.25 deg
+COARSE = (144, 112)  # grid for the false-alarm probability
+MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # cells subdivided at once, levels; rows at a time
+KEPT = (0.3, 0.8, 0.95, 0.99)  # fraction of the largest D for subdivision, by level
 ENOUGH = 150  # cells in the region that end the refinement
 REGION = 0.9
 NO_EDGE, MISFIT, KNOWN, TOLD, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
@@ -48,9 +49,9 @@ class Edge:
     Attributes
     ----------
     one_pass : index of the pass
-    site : where it was seen from
+    site : observing site
     t, error : s
-        When, under the best normals, and the standard deviation over the region.
+        Time of the crossing for the best normals, and the standard deviation over the region.
     kind : "visibility" or "illumination"
     brightens : bool
     """
@@ -65,30 +66,30 @@ class Edge:
 
 @dataclass(frozen=True)
 class SingleFacet:
-    """What the light curve tells of the facet.
+    """Result for the facet.
 
     Attributes
     ----------
     law : name of the attitude law in whose body axes normals are given
     normal : (3,)
-        Best one.
+        Best normal.
     albedo_area : m²
-        α with it; NaN where every curve has a scale of its own.
+        α for the best normal; NaN if every curve has its own scale.
     share : of the facet in the flux where it is brightest
     normals, fall : (C, 3), (C,)
-        Of the cells about the region and their D.
+        Normals of the cells about the region, and their D.
     cell : sr
     region : (C,) bool
-        Cells that hold the normal with 90 % probability.
+        Cells that contain the normal with 90 % probability.
     kind : dict
         Probability of each of `KINDS`.
-    p_value : that noise alone makes so large a D anywhere
-    chi2, dof : of the best
+    p_value : probability that noise alone gives a D at least as large anywhere
+    chi2, dof : of the best fit
     edges : by pass
     model, smooth : (T,)
         Best fit, and its part without the facet, in the order of ``seen``.
     seen : Reduced
-    reasons : why it must not be believed; empty where it may be
+    reasons : why the result is unreliable; empty if there are no problems
     """
 
     law: str
@@ -111,7 +112,7 @@ class SingleFacet:
 
     @property
     def area_sr(self) -> float:
-        """Of the region."""
+        """Area of the region, sr."""
         return float(self.region.sum() * self.cell)
 
     @property
@@ -123,14 +124,14 @@ class SingleFacet:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Whitened data with the smooth rest projected out."""
+    """Whitened data with the smooth component projected out."""
 
     sun: Floats
     obs: Floats
     group: Ints
     error: Floats
-    basis: Floats  # (T, K) orthonormal columns of the rest
-    target: Floats  # (T,) whitened flux without the rest
+    basis: Floats  # (T, K) orthonormal columns of the smooth component
+    target: Floats  # (T,) whitened flux without the smooth component
 
     def columns(self, normals: Floats) -> Floats:
         """Whitened kernels (C, T) before projection."""
@@ -148,7 +149,7 @@ class _Problem:
             mine = np.where(self.group == g, rows, 0.0)
             mine = mine - (mine @ self.basis) @ self.basis.T
             length = np.linalg.norm(mine, axis=1)
-            # of a facet that is never lit and seen nothing remains but rounding
+            # for a facet that is never lit and seen, only rounding errors remain
             good = length > 1e-6 * np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
             score = (mine @ targets) / np.where(good, length, np.inf)[:, None]
             total += np.maximum(score, 0.0) ** 2
@@ -158,19 +159,19 @@ class _Problem:
 def single_facet(
     curve: LightCurve, law: Attitude, *, n_nulls: int = 199, seed: int = 0
 ) -> SingleFacet:
-    """Orientation of a large facet, from the brightening or dimming where its edge is crossed.
+    """Orientation of a large facet from the brightening or dimming at its edge crossing.
 
     Parameters
     ----------
     curve : LightCurve
         One or several passes from one or several sites, with errors.
-    law : the attitude that the satellite is taken to hold
-    n_nulls : curves of noise that a chance edge is judged by
+    law : the assumed attitude of the satellite
+    n_nulls : number of noise curves for the false-alarm probability
 
     Raises
     ------
     InputError
-        The curve has no errors, or too few points in every pass, or no orbit that the law needs.
+        The curve has no errors, too few points in every pass, or no orbit that the law requires.
     """
     if n_nulls < 99:
         raise InputError(f"n_nulls is {n_nulls}; expected 99 or more")
@@ -204,7 +205,7 @@ def single_facet(
     kind = _kinds(normals, weight, sun, obs, seen)
     edges = _edges(normals[region], weight[region], best, sun, obs, seen, site)
     own = model - smooth
-    k = np.argmax(own)  # elsewhere the whole may be near zero, and any facet all of it
+    k = np.argmax(own)  # elsewhere the total may be near zero, and the ratio meaningless
     share = min(1.0, float(own[k] / max(model[k], seen.error[k])))
     area = alpha if not np.any(curve.free_scale) else np.nan
     found = SingleFacet(
@@ -254,7 +255,7 @@ def _reasons(found: SingleFacet, obs: Floats) -> list[Reason]:
 
 
 def _problem(seen: Reduced, sun: Floats, obs: Floats) -> tuple[_Problem, Floats]:
-    """The least-squares problem; and the columns of the smooth rest, (T, K), not whitened."""
+    """The least-squares problem, and the unwhitened columns of the smooth component, (T, K)."""
     phase = np.arccos(np.clip(np.sum(seen.sun * seen.obs, axis=1), -1.0, 1.0))
     sphere = np.sin(phase) + (np.pi - phase) * np.cos(phase)
     columns = []
@@ -275,7 +276,7 @@ def _problem(seen: Reduced, sun: Floats, obs: Floats) -> tuple[_Problem, Floats]
 
 
 def _cells(shape: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Middles of cells of equal area and their corners (φ, g) at the lower edge."""
+    """Centres of cells of equal area, and their corners (φ, g) at the lower edge."""
     size = np.array([2 * np.pi, 2.0]) / shape
     phi, g = np.meshgrid(size[0] * np.arange(shape[0]), -1.0 + size[1] * np.arange(shape[1]))
     corner = np.stack([phi.ravel(), g.ravel()], axis=1)
@@ -289,9 +290,10 @@ def _middle(corner: Floats, size: Floats) -> Floats:
 
 
 def _refined(problem: _Problem) -> tuple[Floats, Floats, float]:
-    """Normals of cells about the largest D, those D, and the area of a cell (sr).
+    """Normals of cells about the largest D, their D, and the area of a cell (sr).
 
-    Cells are quartered where D may come near its maximum, until the region has many.
+    Cells in which D may approach its maximum are divided into four, until the region has enough
+    cells.
     """
     normals, corner = _cells(CELLS)
     size = np.array([2 * np.pi, 2.0]) / CELLS
@@ -299,7 +301,7 @@ def _refined(problem: _Problem) -> tuple[Floats, Floats, float]:
     fall = problem.scores(normals, target)[:, 0]
     level = 0
     while level < LEVELS and np.sum(fall >= fall.max() - 4.6) < ENOUGH:
-        # D over its maximum is a squared correlation of kernels: geometry, whatever the noise
+        # D over its maximum is a squared correlation of kernels, independent of the noise
         share = KEPT[min(level, len(KEPT) - 1)]
         kept = np.argsort(-fall)[:MOST_CELLS]
         kept = kept[fall[kept] >= min(share * fall.max(), fall.max() - 30.0)]
@@ -314,14 +316,14 @@ def _refined(problem: _Problem) -> tuple[Floats, Floats, float]:
 def _fit(
     problem: _Problem, rest: Floats, seen: Reduced, normal: Floats
 ) -> tuple[Floats, Floats, float]:
-    """Best fit with a normal: the whole, the smooth part, and the largest α."""
+    """Best fit for a normal: the total, the smooth part, and the largest α."""
     kernel = problem.columns(normal[None])[0] * seen.error
     groups = np.unique(seen.group)
     own = np.stack([np.where(seen.group == g, kernel, 0.0) for g in groups], axis=1)
     whitened = own / seen.error[:, None]
     left = whitened - problem.basis @ (problem.basis.T @ whitened)
     length2 = np.maximum(np.sum(left**2, axis=0), 1e-300)
-    alpha = np.maximum(left.T @ problem.target / length2, 0.0)  # groups do not share points
+    alpha = np.maximum(left.T @ problem.target / length2, 0.0)  # groups have no common points
     bright = own @ alpha
     rows = rest / seen.error[:, None]
     fitted, *_ = np.linalg.lstsq(rows, (seen.flux - bright) / seen.error, rcond=1e-10)
@@ -330,10 +332,10 @@ def _fit(
 
 
 def _switches(normals: Floats, sun: Floats, obs: Floats, seen: Reduced):
-    """Where each normal's facet begins or ceases to be lit and seen, between points k and k + 1.
+    """Changes of the facet of each normal between lit and seen or not, from point k to k + 1.
 
-    Returns (C, T−1) arrays: whether it switches, whether by visibility, whether it brightens, and
-    the time of it.
+    Returns (C, T−1) arrays: whether there is a change, whether it is one of visibility, whether the
+    facet brightens, and the time of the change.
     """
     mu0, mu = normals @ sun.T, normals @ obs.T
     on = (mu0 > 0) & (mu > 0)
@@ -351,7 +353,7 @@ def _switches(normals: Floats, sun: Floats, obs: Floats, seen: Reduced):
 def _kinds(
     normals: Floats, weight: Floats, sun: Floats, obs: Floats, seen: Reduced
 ) -> dict[str, float]:
-    """Probability of each kind of change, over normals."""
+    """Probability of each kind of change, over the normals."""
     switch, by_view, _, _ = _switches(normals, sun, obs, seen)
     view, light = (switch & by_view).any(axis=1), (switch & ~by_view).any(axis=1)
     which = {

@@ -1,8 +1,8 @@
-"""How far samples in the plane lie from a distribution that is known by many draws of it.
+"""Distances between samples in the plane and a distribution represented by many draws.
 
-Two distances: that of Kolmogorov and Smirnov over the four quadrants of every point, and the
-energy distance. What depends on the draws alone is tabulated once, and all samples, of which a
-null distribution has hundreds, go through one compiled loop.
+There are two distances: the Kolmogorov-Smirnov distance over the four quadrants of every point, and
+the energy distance. Terms that depend only on the draws are tabulated once. All samples, hundreds
+for a null distribution, are processed in one compiled loop.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from lcbayes.core.jax_setup import jax, jnp
 Floats = NDArray[np.float64]
 
 NODES, BINS, SOME, ORIGINS = 40, 192, 2000, 200
-PAD = 64  # samples are padded to multiples of this, so that few sizes are compiled
+PAD = 64  # samples are padded to multiples of this, to limit the number of compiled sizes
 
 
 class Reference:
-    """A distribution in the plane, from draws (M, 2) in units in which both axes count alike.
+    """A distribution in the plane, from draws (M, 2) in units that give both axes equal weight.
 
-    Samples may lie within the rectangle ``low`` .. ``high``; points beyond count as on its edge.
+    Samples may lie within the rectangle ``low`` .. ``high``; points outside are moved to its edge.
     """
 
     def __init__(self, draws: Floats, low: Floats, high: Floats) -> None:
@@ -29,7 +29,7 @@ class Reference:
         draws = np.clip(draws, self.low, self.high)
         axes = [np.linspace(a, b, NODES) for a, b in zip(self.low, self.high, strict=True)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        some = draws[np.arange(SOME) * len(draws) // SOME]  # of one size, to be compiled once
+        some = draws[np.arange(SOME) * len(draws) // SOME]  # of fixed size, compiled once
         self._potential = np.asarray(_mean_distance(jnp.asarray(nodes), jnp.asarray(some)))
         self._potential = self._potential.reshape(NODES, NODES)
         place = (some - self.low) / (self.high - self.low)
@@ -40,11 +40,11 @@ class Reference:
         self._origins = draws[np.arange(ORIGINS) * len(draws) // ORIGINS]
 
     def distances(self, samples: list[Floats]) -> tuple[Floats, Floats]:
-        """(B,) of each kind, for B samples (n, 2).
+        """Distances of each kind, (B,), for B samples (n, 2).
 
-        Kolmogorov and Smirnov's is the largest difference of the shares in a quadrant, the mean of
-        that about the points of the sample and about points of the distribution. The energy
-        distance is 2 E|X − Y| − E|X − X′| − E|Y − Y′|, X ≠ X′.
+        The Kolmogorov-Smirnov distance is the largest difference of the shares in a quadrant. It is
+        the mean of the values for quadrants about points of the sample and about points of the
+        distribution. The energy distance is 2 E|X − Y| − E|X − X′| − E|Y − Y′|, X ≠ X′.
 
         References
         ----------
@@ -70,14 +70,14 @@ class Reference:
 @jax.jit
 def _distances(points, weight, potential, below, origins, low, high, own):
     def shares(about):
-        """Of the distribution in the quadrants about each point, (n, 4)."""
+        """Shares of the distribution in the quadrants about each point, (n, 4)."""
         x, y = ((about - low) / (high - low)).T
         one = jnp.ones_like(x)
         both, left, under = (_at(below, jnp.stack(p, axis=1)) for p in ((x, y), (x, one), (one, y)))
         return _four(both, left, under)
 
     def counted(sample, w, about):
-        """Of a sample; ties, as on the edge, count by half."""
+        """Shares of a sample; ties, as on the edge, count as one half."""
         left, under = (
             0.5 * (1.0 + jnp.sign(about[:, k, None] - sample[None, :, k])) for k in (0, 1)
         )
@@ -100,7 +100,7 @@ def _distances(points, weight, potential, below, origins, low, high, own):
 
 
 def _four(both, left, under):
-    """Shares of the four quadrants from that below and left, and those of two half planes."""
+    """Shares of the four quadrants from the lower left quadrant and two half planes."""
     return jnp.stack([both, left - both, under - both, 1.0 - left - under + both], axis=1)
 
 
@@ -121,7 +121,7 @@ def _at(table, part):
 
 @jax.jit
 def _mean_distance(points, others):
-    """Of each point from all others, (n,)."""
+    """Mean distance of each point from all others, (n,)."""
 
     def one(point):
         return jnp.mean(jnp.sqrt(jnp.sum((others - point) ** 2, axis=1)))

@@ -1,6 +1,6 @@
-"""Spin without shape: how the synodic period varies along passes gives pole and sidereal period.
+"""Spin without shape: pole and sidereal period from the synodic period along passes.
 
-``estimate`` does it all; the parts are ``passes``, ``periods``, ``windows`` and ``pole``.
+``estimate`` runs all steps; the parts are ``passes``, ``periods``, ``windows`` and ``pole``.
 """
 
 from lcbayes.inversion.spin.sidereal import Spin, estimate

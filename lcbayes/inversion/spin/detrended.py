@@ -1,4 +1,4 @@
-"""A light curve cut into passes: stretches without long gaps, seen by one site."""
+"""Division of a light curve into passes: segments without long gaps from one site."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lcbayes.data.segments import MIN_POINTS, labels, nights
 Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
-TREND = 3  # degree of the polynomial in time that phase angle and aspect are taken out with
-ROUNDING = 1e-9  # of the flux: what varies by less is constant
+TREND = 3  # degree of the polynomial in time that removes phase-angle and aspect trends
+ROUNDING = 1e-9  # of the flux; smaller variations count as constant
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One stretch of a light curve.
+    """One segment of a light curve.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Pass:
 
     @property
     def length(self) -> float:
-        """From first to last point, s."""
+        """Time from the first to the last point, s."""
         return float(self.t[-1] - self.t[0])
 
     @property
@@ -52,17 +52,17 @@ class Pass:
 
     @property
     def nyquist(self) -> float:
-        """Half the sampling rate, Hz, above which a pass shows aliases."""
+        """Half the sampling rate, Hz; higher frequencies are aliased."""
         return 0.5 / self.step
 
 
 def split(curve: LightCurve) -> list[Pass]:
     """The passes of a light curve with at least `MIN_POINTS` points.
 
-    A pass is of one group, site and band and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux
-    is brought to unit distance where the range is known, and divided by a cubic in time. Errors
-    that are unknown are taken from differences of third order, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which a
-    smooth curve leaves alone.
+    A pass has one group, site and band, and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux is
+    scaled to unit distance if the range is known, and divided by a cubic in time. Unknown errors
+    are estimated from third differences, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which are insensitive to a
+    smooth curve.
 
     Raises
     ------
@@ -86,9 +86,10 @@ def split(curve: LightCurve) -> list[Pass]:
 
 
 def linear(curve: LightCurve) -> tuple[Floats, Floats | None]:
-    """Flux in proportion to that at unit distance, (T,), and its error where known.
+    """Flux proportional to that at unit distance, (T,), and its error if known.
 
-    Magnitudes are taken against their median; their errors as relative ones, for small errors.
+    Magnitudes are relative to their median; their errors are converted to relative flux errors in
+    the limit of small errors.
     """
     dilution = 1.0
     if curve.range_km is not None:
@@ -105,13 +106,13 @@ def _one(curve: LightCurve, rows: Rows, flux: Floats, error: Floats | None) -> P
     t = curve.t[rows]
     mean = float(np.mean(flux))
     if not mean > 0:
-        return None  # all noise
+        return None  # only noise
     x = 2.0 * (t - t[0]) / (t[-1] - t[0]) - 1.0
     trend = np.polynomial.legendre.legval(x, np.polynomial.legendre.legfit(x, flux, TREND))
     trend = np.maximum(trend, 0.1 * mean)
     y = flux / trend - 1.0
     if np.abs(y).max() < ROUNDING:
-        y = np.zeros_like(y)  # rounding has structure, which no shuffle of it has
+        y = np.zeros_like(y)  # rounding errors have structure that shuffling destroys
     known = np.full(t.size, noise_of(y)) if error is None else error / trend
     day = f"t = {t[0]:.6g} s"
     name = ", ".join(s for s in (str(curve.site[rows[0]]), day) if s)
@@ -119,6 +120,6 @@ def _one(curve: LightCurve, rows: Rows, flux: Floats, error: Floats | None) -> P
 
 
 def noise_of(y: Floats) -> float:
-    """Standard deviation of what is not smooth in y, from its third differences."""
+    """Standard deviation of the non-smooth part of y, from its third differences."""
     third = np.diff(y, 3)
     return max(1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0), 1e-12)

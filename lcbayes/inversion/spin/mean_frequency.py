@@ -1,4 +1,4 @@
-"""Mean synodic frequency of one pass, with an error that holds under correlated noise and drift."""
+"""Mean synodic frequency of one pass, with an error valid for correlated noise and drift."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lcbayes.inversion.spin.periods import design
 
 Floats = NDArray[np.float64]
 
-DEGREE = 3  # of the phase polynomial: a synodic rate has its extreme at culmination
+DEGREE = 3  # of the phase polynomial: the synodic rate has its extremum at culmination
 MAX_STEPS = 12
 MAX_ORDER = 4  # of the autoregressive process
-MAX_ABSORBED = 0.75  # of the noise by the fit
-CONVERGED = 1e-2  # of the standard error, the last step
+MAX_ABSORBED = 0.75  # largest fraction of the noise absorbed by the fit
+CONVERGED = 1e-2  # largest final step, in standard errors
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class MeanFrequency:
     Attributes
     ----------
     frequency, error : Hz
-        Slope of the straight line that fits the phase best, in cycles per second, and its standard
-        error. NaN error where the pass has too few points for the fit.
+        Slope of the best-fitting straight line through the phase, in cycles per second, and its
+        standard error. The error is NaN if the pass has too few points for the fit.
     drift, drift_error :
-        Relative change of the local frequency from the first to the last point, by the quadratic
+        Relative change of the local frequency from the first to the last point, from the quadratic
         term of the phase.
     """
 
@@ -51,19 +51,20 @@ class MeanFrequency:
 
 
 def mean_frequency(one: Pass, start: float, harmonics: Sequence[int]) -> MeanFrequency:
-    """Mean frequency of a pass whose frequency may change along it.
+    """Mean frequency of a pass along which the frequency may change.
 
-    y = a + b x + Σ_k (c_k cos kφ + s_k sin kφ) with φ = 2π f₀ t + Σ_{d=1..3} θ_d P_d(x), P_d the
-    Legendre polynomials of x = 2(t − t₀)/T − 1, by Gauss-Newton. P₁ is orthogonal to the rest, so
-    that f = f₀ + θ₁/(πT) is the slope of the phase whatever the drift. Low harmonics are fitted
-    first. The variance takes the serial correlation of the residuals into account
-    (`estimator_variance`); their size need not be known.
+    The model is y = a + b x + Σ_k (c_k cos kφ + s_k sin kφ) with
+    φ = 2π f₀ t + Σ_{d=1..3} θ_d P_d(x) and P_d the Legendre polynomials of x = 2(t − t₀)/T − 1. It
+    is fitted by Gauss-Newton. P₁ is orthogonal to the others, so f = f₀ + θ₁/(πT) is the slope of
+    the phase for any drift. Low harmonics are fitted first. The variance takes the serial
+    correlation of the residuals into account (`estimator_variance`); the size of the residuals need
+    not be known.
 
     Parameters
     ----------
     start : Hz
         Within about half a resolution, 1/(2T), of the mean frequency.
-    harmonics : of ``start``, that the brightness shows
+    harmonics : of ``start`` that are present in the brightness
 
     References
     ----------
@@ -96,7 +97,7 @@ def mean_frequency(one: Pass, start: float, harmonics: Sequence[int]) -> MeanFre
     )
     to_hz = 1.0 / (np.pi * one.length)
     frequency = start + theta[0] * to_hz
-    # dP₂/dx = 3x: from one end to the other the rate changes by 6 θ₂ · 2/T rad/s
+    # dP₂/dx = 3x: the rate changes by 6 θ₂ · 2/T rad/s from one end to the other
     change = 6.0 * to_hz / frequency
     return MeanFrequency(
         float(frequency),
@@ -116,7 +117,7 @@ def _step(
     fixed = np.column_stack([np.ones_like(x), x, waves]) * weight[:, None]
     z = one.y * weight
     c, s = np.linalg.lstsq(fixed.T @ fixed, fixed.T @ z, rcond=1e-12)[0][2:].reshape(-1, 2).T
-    crossed = np.stack([s, -c], axis=1).ravel()  # derivative of each pair by its phase
+    crossed = np.stack([s, -c], axis=1).ravel()  # phase derivative of each pair
     slope = (waves @ (k * crossed)) * weight
     columns = np.hstack([fixed, slope[:, None] * polynomial])
     inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-12, hermitian=True) @ columns.T
@@ -129,10 +130,11 @@ def _step(
 def estimator_variance(estimator: Floats, residual: Floats, unknowns: int, band: float) -> Floats:
     """Variance of linear estimators (D, T) under the serial correlation of the residuals (T,).
 
-    hᵀ Γ h with Γ_ij = γ(|i − j|) the autocovariance of the autoregressive process of order 0 to 4
-    that describes the residuals best by Akaike's criterion (Yule-Walker). The fit has taken part
-    of the noise: of white noise ``unknowns`` of T degrees of freedom, of correlated noise
-    ``unknowns`` of the ``band``, those below the highest harmonic, where its power is.
+    The variance is hᵀ Γ h. Γ_ij = γ(|i − j|) is the autocovariance of the autoregressive process of
+    order 0 to 4 that best describes the residuals by Akaike's criterion (Yule-Walker). The fit
+    absorbs part of the noise. For white noise this is ``unknowns`` of T degrees of freedom. For
+    correlated noise it is ``unknowns`` of the ``band``, the degrees of freedom below the highest
+    harmonic, which contain its power.
     """
     n = residual.size
     gamma = autocovariance(residual)

@@ -1,4 +1,4 @@
-"""The photometric period of passes: periodogram, its false alarms, base period, folding."""
+"""The photometric period of passes: periodogram, false alarms, base period, folding."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from lcbayes.inversion.spin.detrended import Pass
 Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
-CYCLES = 3.0  # the slowest frequency looked for makes this many cycles in the longest pass
+CYCLES = 3.0  # cycles of the lowest frequency in the longest pass
 OVERSAMPLING = 3.0
-HIGHEST = 3  # harmonics of the strongest line that a base period is judged with
-DIVISORS = (1, 2, 3, 4, 5, 6, 7, 8)  # base frequencies tried: the strongest line over these
-EXPLAINED = 0.02  # of the variance, which a longer base period must explain more
+HIGHEST = 3  # harmonics of the strongest line used to select a base period
+DIVISORS = (1, 2, 3, 4, 5, 6, 7, 8)  # base frequencies tried: the strongest line divided by these
+EXPLAINED = 0.02  # least gain in explained variance for a longer base period
 MAX_FREQUENCIES = 20_000
 CHUNK = 256  # frequencies at a time
-SHUFFLED = 2048  # of which powers of all shuffles are kept at a time
+SHUFFLED = 2048  # frequencies for which powers of all shuffles are stored at a time
 
 
 def design(phase: Floats, harmonics: Sequence[int]) -> Floats:
@@ -30,10 +30,10 @@ def design(phase: Floats, harmonics: Sequence[int]) -> Floats:
 
 
 def frequencies(passes: Sequence[Pass]) -> Floats:
-    """The grid that is searched, Hz: three cycles in the longest pass to the highest Nyquist's.
+    """The frequency grid, Hz, from three cycles in the longest pass to the highest Nyquist limit.
 
-    It is as fine everywhere as the longest pass asks for that still counts there, a third of 1/T.
-    Where that makes too many, the highest are left out.
+    The spacing at each frequency is a third of 1/T, with T the length of the longest pass that
+    still contributes there. If there are too many frequencies, the highest are omitted.
     """
     low = CYCLES / max(p.length for p in passes)
     pieces = [np.array([low])]
@@ -48,17 +48,17 @@ def frequencies(passes: Sequence[Pass]) -> Floats:
 
 
 def power(passes: Sequence[Pass], grid: Floats, data: Sequence[Floats] | None = None) -> Floats:
-    """Part of χ² that a sinusoid of free phase and level in every pass explains.
+    """Fraction of χ² explained by a sinusoid with free phase and level in every pass.
 
-    P(f) = Σ_pass [χ²₀ − χ²(f)] / Σ_pass χ²₀, each term the generalised Lomb-Scargle periodogram.
-    Written out here, and not taken from astropy, because data that share their times and errors
-    share their sines: a hundred shuffles cost little more than one.
+    P(f) = Σ_pass [χ²₀ − χ²(f)] / Σ_pass χ²₀, where each term is a generalised Lomb-Scargle
+    periodogram. This implementation is used instead of that of astropy because data sets with
+    common times and errors have common sines: a hundred shuffles cost little more than one.
 
     Parameters
     ----------
     grid : (F,) Hz
     data : (T,) or (T, S) each
-        In place of the passes' own ``y``; S sets of data at once.
+        Replaces ``y`` of the passes; S data sets at once.
 
     Returns
     -------
@@ -100,15 +100,15 @@ def _fall(x: Floats, w: Floats, wy: Floats, grid: Floats) -> Floats:
         cc, ss, cs = cc[:, None], ss[:, None], cs[:, None]
     d = cc * ss - cs**2
     found = ss * yc**2 + cc * ys**2 - 2 * cs * yc * ys
-    return np.where(d > 1e-6, found / np.maximum(d, 1e-6), 0.0)  # no phase at half the sampling
+    return np.where(d > 1e-6, found / np.maximum(d, 1e-6), 0.0)  # no phase at the Nyquist limit
 
 
 def shuffled_peaks(
     passes: Sequence[Pass], grid: Floats, rng: np.random.Generator, count: int
 ) -> Floats:
-    """The highest power of noise, (count,): of the same points in random order in each pass.
+    """The highest power of noise, (count,), from the points of each pass in random order.
 
-    Shuffled are y over its error, so that errors which differ stay where they are.
+    The ratio of y to its error is shuffled, so that unequal errors keep their positions.
     """
     data = []
     for one in passes:
@@ -119,10 +119,10 @@ def shuffled_peaks(
 
 
 def chance(passes: Sequence[Pass], grid: Floats, found: Floats) -> float:
-    """Probability that noise of the passes' errors shows the peak of a power spectrum.
+    """Probability that noise with the errors of the passes produces the peak of a power spectrum.
 
-    A sinusoid lets χ² fall by that of two degrees of freedom per pass, and any frequency of the
-    grid may do so (Bonferroni).
+    A sinusoid reduces χ² by an amount with two degrees of freedom per pass. Any frequency of the
+    grid may give the peak (Bonferroni).
     """
     whole = 0.0
     for one in passes:
@@ -134,13 +134,13 @@ def chance(passes: Sequence[Pass], grid: Floats, found: Floats) -> float:
 
 
 def blocks(one: Pass, count: int) -> list[Rows]:
-    """Indices of ``count`` stretches of equal time."""
+    """Indices of ``count`` segments of equal duration."""
     edges = np.linspace(one.t[0], one.t[-1], count + 1)[1:-1]
     return list(np.split(np.arange(one.t.size), np.searchsorted(one.t, edges)))
 
 
 def misfit(one: Pass, rows: Rows, frequency: float, harmonics: Sequence[int]) -> tuple[float, int]:
-    """χ² of a Fourier series and a straight line over some points, and the number of unknowns."""
+    """χ² of a Fourier series and a straight line for some points, and the number of unknowns."""
     t = one.t[rows]
     x = t - t.mean()
     columns = (
@@ -155,10 +155,11 @@ def misfit(one: Pass, rows: Rows, frequency: float, harmonics: Sequence[int]) ->
 def base(passes: Sequence[Pass], line: float) -> tuple[float, list[int]]:
     """Base frequency of the modulation and its harmonics, from the strongest line.
 
-    The line may be any harmonic of the base: the line over 1 to 8 is tried with all
-    harmonics up to three times the line (and half the sampling rate), each half of a pass with
-    coefficients of its own. The Bayesian information criterion decides; a longer base must besides
-    explain 2 % more of the variance, and be seen for six cycles in the longest pass.
+    The line may be any harmonic of the base. The line divided by 1 to 8 is tried with all harmonics
+    up to three times the line (and half the sampling rate), with separate coefficients for each
+    half of a pass. The base is selected by the Bayesian information criterion. In addition, a
+    longer base period must explain 2 % more of the variance and cover six cycles in the longest
+    pass.
     """
     longest = max(p.length for p in passes)
     top = min(HIGHEST * line, 0.45 / max(p.step for p in passes))
@@ -185,14 +186,14 @@ def base(passes: Sequence[Pass], line: float) -> tuple[float, list[int]]:
 
 
 def refine(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
-    """The frequency near f that fits best with all harmonics, halves of passes apart."""
+    """The best-fitting frequency near f with all harmonics, with half passes fitted separately."""
     longest = max(p.length for p in passes)
     width = 1.0 / (longest * max(1, len(harmonics)))
     parts = [(p, rows) for p in passes for rows in blocks(p, 2) if len(rows) > 4 * len(harmonics)]
     trial = f + width * np.linspace(-1.5, 1.5, 31)
     chi2 = [sum(misfit(p, rows, x, harmonics)[0] for p, rows in parts) for x in trial]
     i = int(np.argmin(chi2))
-    if 0 < i < len(trial) - 1:  # the vertex of the parabola through three
+    if 0 < i < len(trial) - 1:  # vertex of the parabola through three points
         a, b, c = chi2[i - 1 : i + 2]
         shift = 0.5 * (a - c) / (a - 2 * b + c)
         return float(trial[i] + shift * (trial[1] - trial[0]))
@@ -200,11 +201,12 @@ def refine(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
 
 
 def skill(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
-    """How much of the variance of a stretch its neighbours foretell by the period alone.
+    """Fraction of the variance of a segment predicted from its neighbours by the period alone.
 
-    Each pass is cut into stretches of one and a half cycles or more; each is foretold by the
-    Fourier series of the two (or the one) beside it: 1 − Σ(y − ŷ)²/Σ(y − ȳ)². One for a noise-free
-    constant period, zero or less for anything that does not repeat, such as a single glint.
+    Each pass is divided into segments of at least one and a half cycles. Each segment is predicted
+    by the Fourier series of its two neighbours (one at an end): 1 − Σ(y − ŷ)²/Σ(y − ȳ)². The skill
+    is one for a noise-free constant period, and zero or less for a signal that does not repeat,
+    such as a single glint.
     """
     wrong = whole = 0.0
     for one in passes:
@@ -224,7 +226,7 @@ def skill(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
                 columns[beside] * weight[beside, None], one.y[beside] * weight[beside], rcond=1e-8
             )[0]
             w = weight[rows] ** 2
-            # the level of the stretch itself says nothing of the period
+            # the mean level of the segment contains no information on the period
             left = one.y[rows] - columns[rows] @ solution
             wrong += float(np.sum(w * (left - np.average(left, weights=w)) ** 2))
             own = one.y[rows] - np.average(one.y[rows], weights=w)
@@ -233,11 +235,11 @@ def skill(passes: Sequence[Pass], f: float, harmonics: Sequence[int]) -> float:
 
 
 def subharmonic(f: float, line: float, resolution: float) -> int:
-    """The k for which a line cannot be told from one of f/k, or 0.
+    """The k for which a line cannot be distinguished from a harmonic of f/k, or 0.
 
-    Lines nearer to each other than the resolution, 1/T, are one line. So a line within it of an
-    odd multiple of f/2 shows that brightness repeats with 2/f, and one of f/3 or f/4 that it
-    repeats with 3/f or 4/f.
+    Lines closer than the resolution, 1/T, cannot be separated. A line within the resolution of an
+    odd multiple of f/2 therefore shows that the brightness repeats with period 2/f. Likewise, a
+    line at f/3 or f/4 shows a period of 3/f or 4/f.
     """
     half = 2.0 * line / f
     odd = 2.0 * np.floor(0.5 * half) + 1.0
@@ -252,10 +254,10 @@ def subharmonic(f: float, line: float, resolution: float) -> int:
 def other_line(
     passes: Sequence[Pass], grid: Floats, f: float, harmonics: Sequence[int]
 ) -> tuple[float, float]:
-    """The strongest line that is no harmonic of f, and the part of the variance it explains.
+    """The strongest line that is not a harmonic of f, and the fraction of variance it explains.
 
-    Harmonics are fitted apart in stretches of a third of a pass and taken out; what lies within
-    four resolutions of a harmonic is their change with aspect and does not count.
+    Harmonics are fitted separately in thirds of a pass and subtracted. Lines within four resolution
+    elements of a harmonic are attributed to its change with aspect and are ignored.
     """
     left, whole = [], 0.0
     for one in passes:
@@ -274,7 +276,7 @@ def other_line(
     width = 4.0 / max(p.length for p in passes)
     rate = 1.0 / min(p.step for p in passes)
     lines = f * np.arange(1, 5 * max(harmonics) + 1)
-    lines = np.abs(lines - rate * np.round(lines / rate))  # seen at their aliases
+    lines = np.abs(lines - rate * np.round(lines / rate))  # observed at their aliases
     free = np.min(np.abs(grid[:, None] - lines), axis=1) > width
     if not free.any():
         return f, 0.0
@@ -283,7 +285,7 @@ def other_line(
 
 
 def constant(phase: Floats, sigma: Floats, columns: Floats) -> float:
-    """p-value of phases that columns explain to within their errors, by χ²."""
+    """p-value of the χ² test that columns explain phases within their errors."""
     x, z = columns / sigma[:, None], phase / sigma
     solution, _, rank, _ = np.linalg.lstsq(x, z, rcond=1e-10)
     chi2 = float(np.sum((z - x @ solution) ** 2))

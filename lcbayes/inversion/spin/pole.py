@@ -1,14 +1,14 @@
 """Pole and sidereal frequency from phases of the modulation: the posterior over the sky.
 
-The modulation of a body that spins about a pole p at a rate Ω > 0 follows the angle
-Ω t − λ(t; p), with λ the azimuth about p, right-handed, of the direction that the brightness is
-symmetric about. So a base of m cycles per turn has the phase
+The modulation of a body that spins about a pole p at a rate Ω > 0 follows the angle Ω t − λ(t; p).
+Here λ is the right-handed azimuth about p of the symmetry direction of the brightness. A base of m
+cycles per turn therefore has the phase
 
     Ψ(t) = m [Ω t − λ(t; p)] + constant,
 
 and its frequency, the synodic one, differs from the sidereal one by m λ̇/2π (Hall et al. 2007,
-sec. 4.1; Magnusson 1986). About −p azimuths run the other way: the sense of rotation is part of
-the pole.
+sec. 4.1; Magnusson 1986). Azimuths about −p increase in the opposite direction: the pole includes
+the sense of rotation.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ Floats = NDArray[np.float64]
 
 MULTIPLES = (1, 2, 4)  # cycles of the base per turn
 SYMMETRIES = ("bisector", "mean azimuth", "rod")
-SHAPE_DEG = (3.0, 10.0, 30.0)  # what the shape may shift the phase by, rms, rotational phase
-REACH = 1.5  # rad of the bisector over which that shift stays much the same
-LARGEST = 6.0  # of the growth with phase angle
-SHARED = 0.8  # part of its variance that all harmonics have in common
+SHAPE_DEG = (3.0, 10.0, 30.0)  # rms shift of the rotational phase by the shape
+REACH = 1.5  # rad; correlation length of that shift along the bisector
+LARGEST = 6.0  # upper limit on the growth of the shift with phase angle
+SHARED = 0.8  # fraction of its variance common to all harmonics
 COARSE, FINE = 3000, 48000
-POWER = 1.0  # of the likelihood, times the number of passes
-DEEP = 40.0  # nats below the best that are looked at more closely
+POWER = 1.0  # power of the likelihood, times the number of passes
+DEEP = 40.0  # nats below the best; range evaluated in more detail
 
 
 @dataclass(frozen=True)
 class Sky:
-    """Posterior of pole and sidereal frequency under a flat prior of both.
+    """Posterior of pole and sidereal frequency under flat priors.
 
     Attributes
     ----------
     poles : (G, 3)
-        Unit vectors, each for an equal part of the sky.
+        Unit vectors of equal-area cells of the sky.
     cell : sr
-        That part.
+        Area of a cell.
     weight : (G, M)
-        Posterior probability by pole and multiple m; the whole sums to one.
+        Posterior probability by pole and multiple m; the sum is one.
     frequency, error : (G, M) Hz
         Sidereal frequency and its standard deviation, given pole and multiple.
     symmetry : dict
-        Probability of each direction that the brightness may be symmetric about.
+        Probability of each symmetry direction of the brightness.
     shape_deg : deg
-        Posterior mean of the shift of phase by shape.
+        Posterior mean of the phase shift by the shape.
     chi2, freedom :
-        Least χ² over the sky with that shift as one more error, and its degrees of freedom.
+        Least χ² over the sky with that shift as an additional error, and its degrees of freedom.
     """
 
     poles: Floats
@@ -78,7 +78,7 @@ class Sky:
 
     @property
     def area(self) -> float:
-        """Part of the whole sky that the 90 % region takes."""
+        """Fraction of the sky in the 90 % region."""
         return float(self.region().sum() * self.cell / (4 * np.pi))
 
 
@@ -89,7 +89,7 @@ def azimuths(poles: Floats, vectors: Floats) -> Floats:
 
 
 def axes(poles: Floats) -> tuple[Floats, Floats]:
-    """Unit vectors that make a right-handed triad with each pole, (G, 3) each."""
+    """Unit vectors that form a right-handed triad with each pole, (G, 3) each."""
     other = np.eye(3)[np.argmin(np.abs(poles), axis=1)]
     e1 = np.cross(other, poles)
     e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
@@ -97,11 +97,12 @@ def axes(poles: Floats) -> tuple[Floats, Floats]:
 
 
 def symmetric_azimuth(poles: Floats, sun: Floats, obs: Floats, symmetry: str) -> Floats:
-    """Azimuth of what the brightness is symmetric about, (G, W), unwrapped along W.
+    """Azimuth of the symmetry direction of the brightness, (G, W), unwrapped along W.
 
-    "bisector" is the phase-angle bisector, exact for mirrors: a facet glints when it faces it.
-    "mean azimuth" halves the angle between the azimuths of Sun and observer, exact for diffuse
-    facets along the spin axis: max(0, cos(φ − φ_s)) max(0, cos(φ − φ_o)) is even about it.
+    "bisector" is the phase-angle bisector. It is exact for mirrors: a facet glints when its normal
+    points along the bisector. "mean azimuth" halves the angle between the azimuths of Sun and
+    observer. It is exact for diffuse facets parallel to the spin axis:
+    max(0, cos(φ − φ_s)) max(0, cos(φ − φ_o)) is even about it.
     """
     if symmetry == "bisector":
         return azimuths(poles, sun + obs)
@@ -114,18 +115,18 @@ def symmetric_azimuth(poles: Floats, sun: Floats, obs: Floats, symmetry: str) ->
 
 
 def rod_azimuth(poles: Floats, sun: Floats, obs: Floats, harmonic: int) -> Floats:
-    """The same for the 2nd or 4th harmonic of a diffuse cylinder that turns end over end, (G, W).
+    """The same for the 2nd or 4th harmonic of a diffuse cylinder tumbling end over end, (G, W).
 
-    With its axis at azimuth φ in the plane of rotation and the projections of the directions on
-    the plane across it, of lengths sin θ_s and sin θ_o and at an angle ψ,
+    The cylinder axis is at azimuth φ in the plane of rotation. The projections of the directions on
+    the plane normal to the axis have lengths sin θ_s and sin θ_o and enclose an angle ψ. Then
 
         F(φ) ∝ sin θ_s sin θ_o [sin ψ + (π − ψ) cos ψ],
 
-    which is integrated over the side facets; the azimuth is that of the Fourier coefficient.
+    integrated over the lateral surface. The azimuth is that of the Fourier coefficient.
     """
     e1, e2 = axes(poles)
     n = 12
-    phi = np.pi * np.arange(n) / n  # the other half of the turn repeats it
+    phi = np.pi * np.arange(n) / n  # the second half of the turn is identical
     (s1, s2), (o1, o2) = ((v @ e1.T, v @ e2.T) for v in (sun, obs))  # (W, G)
     together = np.sum(sun * obs, axis=1)[:, None]
     total = np.zeros(s1.shape, complex)
@@ -137,14 +138,14 @@ def rod_azimuth(poles: Floats, sun: Floats, obs: Floats, harmonic: int) -> Float
         psi = np.arccos(cos)
         flux = across * (np.sqrt(1 - cos**2) + (np.pi - psi) * cos)
         total += flux * np.exp(1j * harmonic * angle)
-    # brightest with the axis across the directions: a quarter of a turn on, which is a constant
+    # brightest with the axis normal to the directions: a constant offset of a quarter turn
     return np.unwrap(np.angle(total), axis=0).T / harmonic
 
 
 def _symmetric(
     poles: Floats, seen: Phases, symmetry: str, multiple: int, known: dict[tuple, Floats]
 ) -> Floats:
-    """Mean of that azimuth over each window, (G, W); what was computed before is in ``known``."""
+    """Mean of that azimuth over each window, (G, W); ``known`` caches earlier results."""
     out = np.empty((len(poles), len(seen.t)))
     for line in range(seen.line.max() + 1):
         here = seen.line == line
@@ -152,7 +153,7 @@ def _symmetric(
         if symmetry == "rod":
             harmonic = 4 if seen.harmonic[here][0] * multiple >= 4 else 2
         key = (symmetry, int(seen.which[here][0]), harmonic)
-        if key not in known:  # the lines of a pass share their windows
+        if key not in known:  # all lines of a pass have the same windows
             sun, obs = seen.sun[here].reshape(-1, 3), seen.obs[here].reshape(-1, 3)
             flat = (
                 rod_azimuth(poles, sun, obs, harmonic)
@@ -165,11 +166,11 @@ def _symmetric(
 
 
 def shape_covariance(seen: Phases) -> Floats:
-    """Correlation of the shifts of phase that shape makes, (W, W).
+    """Covariance of the relative phase shifts caused by the shape, (W, W).
 
-    A shift depends on how the body is lit and seen, and changes smoothly with it: a Gaussian of
-    the way that bisector and half the phase angle have gone, within a pass; independent between
-    passes.
+    A shift depends smoothly on the directions of illumination and observation. Within a pass, the
+    correlation is a Gaussian function of the change in bisector and half phase angle. Different
+    passes are independent.
     """
     sun, obs = seen.sun.mean(axis=1), seen.obs.mean(axis=1)
     middle = sun + obs
@@ -177,7 +178,7 @@ def shape_covariance(seen: Phases) -> Floats:
     half = 0.5 * np.arccos(np.clip(np.sum(sun * obs, axis=1), -1.0, 1.0))
     place = np.column_stack([middle, half])
     apart2 = np.sum((place[:, None] - place[None]) ** 2, axis=2)
-    # facets at grazing angles shift it most: a phase angle of 90° counts as one
+    # facets at grazing angles cause the largest shifts; the factor is one at a phase angle of 90°
     size = np.minimum(0.5 / np.cos(half) ** 2, LARGEST)
     same = seen.which[:, None] == seen.which[None]
     shared = np.where(seen.line[:, None] == seen.line[None], 1.0, SHARED)
@@ -187,12 +188,12 @@ def shape_covariance(seen: Phases) -> Floats:
 def posterior(seen: Phases) -> Sky:
     """The posterior of pole, sidereal frequency and cycles per turn.
 
-    Phases are Gaussian with their own errors and with shifts by shape (`shape_covariance`) of an
-    unknown size among 3°, 10° and 30°; frequency and the constants of all lines are
-    integrated out under flat priors; poles, multiples 1, 2 and 4, sizes and the two symmetries are
-    equally likely beforehand. The likelihood is
-    taken to the power of one over the number of passes: the shape that shifts the phase is the same
-    in all of them, so that they do not average it out (benchmarks/RESULTS.md has the coverage).
+    Phases are Gaussian with their measurement errors and with shifts by the shape
+    (`shape_covariance`) of unknown size, 3°, 10° or 30°. Frequency and the constants of all lines
+    are integrated out under flat priors. Poles, multiples 1, 2 and 4, sizes and the two symmetries
+    have equal prior probabilities. The likelihood is raised to the power of one over the number of
+    passes, because the same shape shifts the phase in all passes and the shifts do not average out
+    (the coverage is given in benchmarks/RESULTS.md).
     """
     coarse = grid(COARSE)
     found = _evaluate(coarse, seen)

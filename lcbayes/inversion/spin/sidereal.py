@@ -1,4 +1,4 @@
-"""Pole and sidereal period of a spinning object from the periodicity of its light curve alone."""
+"""Pole and sidereal period of a spinning object from the periodicity of its light curve only."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from lcbayes.inversion.spin.windows import MIN_CYCLES, Phases, Synodic, phases, 
 
 Floats = NDArray[np.float64]
 
-ALARM = 0.01  # nominal rate of false alarms of periodicity, and of a measured difference
-MIN_SKILL = 0.2  # of a stretch foretold by its neighbours
-MAX_OTHER = 0.1  # of the variance in a line that is no harmonic
+ALARM = 0.01  # nominal false-alarm rate of periodicity, and of a synodic-sidereal difference
+MIN_SKILL = 0.2  # least skill of predicting a segment from its neighbours
+MAX_OTHER = 0.1  # largest fraction of variance in a line that is not a harmonic
 MIN_FIT = 1e-3  # probability of chi2 below which no pole explains the phases
 MAX_AREA = 0.15  # of the sky in the 90 % region
-MIN_PASSES = 3  # with steady harmonics; with fewer the shape is taken for the pole
-MIN_MULTIPLE = 0.75  # probability of the likeliest number of cycles per turn
-MAX_POLES = 4  # separate solutions: a mirror pole for each of two senses of rotation
+MIN_PASSES = 3  # with steady harmonics; with fewer, shape effects can mimic a pole
+MIN_MULTIPLE = 0.75  # probability of the most probable number of cycles per turn
+MAX_POLES = 4  # separate solutions: a pole and its mirror for each sense of rotation
 REPEATS, STABLE, RAPID, MEASURABLE = "periodic", "stable", "rapid", "measurable"
 UNIQUE = "unique"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One of the conditions under which the method holds, and why it fails where it does."""
+    """A condition for the validity of the method, and the reason if it is not met."""
 
     name: str
     met: bool
@@ -52,11 +52,11 @@ class Solution:
     Attributes
     ----------
     pole : (3,)
-        Unit vector, axes of the light curve; the body turns about it right-handed.
+        Unit vector in the axes of the light curve; the body rotates about it right-handed.
     radius : rad
-        Root mean square angle from it.
+        Root mean square angle from the pole.
     frequency, error : Hz
-        Sidereal, with its standard deviation.
+        Sidereal frequency and its standard deviation.
     multiple : cycles of the base period per turn
     weight : of the posterior
     """
@@ -71,25 +71,25 @@ class Solution:
 
 @dataclass
 class Spin:
-    """What `estimate` finds.
+    """Result of `estimate`.
 
     Attributes
     ----------
     passes : those with enough points
     grid, power : (F,)
-        Frequencies (Hz) and the part of χ² that a sinusoid explains.
-    false_alarm : probability that noise has as high a peak
-        Of the points in random order and, where errors are known, of these: the larger.
+        Frequencies (Hz) and the fraction of χ² explained by a sinusoid.
+    false_alarm : probability that noise has a peak at least as high
+        The larger of the values from shuffled points and, if errors are known, from the errors.
     base : Hz or None
-        Mean frequency of the modulation; None where a pass shows none that is stable.
+        Mean frequency of the modulation; None if no stable modulation is detected.
     harmonics : of the base, as fitted
-    skill : part of the variance that neighbouring stretches predict
+    skill : fraction of the variance that neighbouring segments predict
     mean : frequency of the longest pass, its error and drift, or None
     windows : synodic frequencies in sliding windows, or None
     phases, sky : or None
-    conditions : in the order in which they are asked
-    solutions : heaviest first; empty where a condition other than "unique" fails
-    notes : what else a reader should know
+    conditions : in the order of the tests
+    solutions : heaviest first; empty if a condition other than "unique" fails
+    notes : further remarks on the result
     """
 
     passes: list[Pass]
@@ -109,11 +109,11 @@ class Spin:
 
     @property
     def reasons(self) -> list[Reason]:
-        """Why pole and period must not be trusted; empty where they may be."""
+        """Reasons why pole and period are unreliable; empty if there are none."""
         return [Reason(c.code, c.words) for c in self.conditions if not c.met]
 
     def ask(self, name: str, met: bool, yes: str, no: Reason) -> bool:
-        """Note a condition and whether it is met."""
+        """Record a condition and whether it is met."""
         met = bool(met)
         self.conditions.append(
             Condition(name, met, yes if met else no.text, "" if met else no.code)
@@ -124,25 +124,25 @@ class Spin:
 def estimate(
     curve: LightCurve, *, n_shuffles: int = 199, seed: int = 0, progress: Silent | None = None
 ) -> Spin:
-    """Sidereal period and pole from how the synodic period varies along passes.
+    """Sidereal period and pole from the variation of the synodic period along passes.
 
-    No shape enters. The strongest line of a periodogram gives the base period; the phases of its
-    harmonics in windows along each pass are compared with what every pole would make of them
-    (`pole.posterior`). Passes need not be linked in phase.
+    The method does not require a shape. The strongest line of a periodogram gives the base period.
+    The phases of its harmonics in windows along each pass are compared with the predictions for
+    every pole (`pole.posterior`). Passes need not be linked in phase.
 
-    The method holds under three conditions (Hall et al. 2007, sec. 4.1): the spin is stable, it is
-    rapid enough to be measured in single passes, and the synodic period differs measurably from
-    the sidereal one. Where one fails, `reasons` says so and there are no solutions. Where the
-    number of cycles per turn remains open, or more than four poles do, solutions are listed as
-    candidates, and `reasons` says that they are no answer.
+    The method is valid under three conditions (Hall et al. 2007, sec. 4.1): the spin is stable, it
+    is rapid enough to be measured in single passes, and the synodic period differs measurably from
+    the sidereal period. If a condition fails, `reasons` names it and there are no solutions. If the
+    number of cycles per turn is ambiguous, or more than four poles remain, the solutions are listed
+    only as candidates, and `reasons` states this.
 
     Parameters
     ----------
     curve : LightCurve
     n_shuffles : int
-        Of the test for periodicity, at least 99 to reach its 1 %.
+        Number of shuffles in the test for periodicity; at least 99 for its level of 1 %.
     seed : int
-        Of the shuffles.
+        For the shuffles.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def estimate(
 
 
 def _periodic(result: Spin) -> bool:
-    """Whether the brightness repeats with one period that is short enough; base and harmonics."""
+    """Whether the brightness has one sufficiently short period; sets base and harmonics."""
     passes, grid = result.passes, result.grid
     if not result.ask(
         REPEATS,

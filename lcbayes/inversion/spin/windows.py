@@ -14,10 +14,10 @@ from lcbayes.inversion.spin.periods import blocks, design
 Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
-MIN_CYCLES = 6.0  # of the base period in a pass: four windows of one and a half
+MIN_CYCLES = 6.0  # of the base period in a pass: four windows of 1.5 cycles
 MAX_WINDOWS = 10
 NODES = 3  # directions per window
-STRONG, STEADY = 5.0, 0.3  # least amplitude over its error; least over largest of a pass
+STRONG, STEADY = 5.0, 0.3  # least amplitude over error; least over largest amplitude of a pass
 MAX_LINES = 3  # harmonics per pass whose phases are used
 
 
@@ -30,7 +30,7 @@ class Synodic:
     t : (W,) s
         Middle of the window.
     frequency, error : (W,) Hz
-        Of the base, with its standard error.
+        Frequency of the base and its standard error.
     which : (W,) int
         Index of the pass.
     """
@@ -43,23 +43,24 @@ class Synodic:
 
 @dataclass(frozen=True)
 class Phases:
-    """Phases of the modulation in windows that do not overlap, in radians of the base.
+    """Phases of the modulation in non-overlapping windows, in radians of the base.
 
     Attributes
     ----------
     t : (W,) s
-        Middle of the window, from the middle of its pass.
+        Middle of the window, relative to the middle of its pass.
     phase, error : (W,) rad
-        Phase of a harmonic over its number k, against that of the frequency ``base``, unwrapped
-        along the pass; its standard error.
+        Phase of a harmonic divided by its number k, relative to the phase of the frequency
+        ``base``, unwrapped along the pass; its standard error.
     line : (W,) int
-        Which harmonic of which pass: windows of one line share an unknown constant.
+        Index of the line (a harmonic in a pass); windows of one line have a common unknown
+        constant.
     harmonic : (W,) int
-        The k of its line.
+        Harmonic number k of the line.
     which : (W,) int
         Index of the pass.
     sun, obs : (W, 3, 3)
-        Directions at three times that divide the window evenly.
+        Directions at three evenly spaced times of the window.
     base : Hz
     """
 
@@ -80,7 +81,7 @@ class Phases:
 
 
 def _solve(one: Pass, rows: Rows, columns: Floats) -> tuple[Floats, Floats]:
-    """Weighted least squares and its covariance, raised where χ² says that the errors are low."""
+    """Weighted least squares and its covariance, increased if χ² shows errors to be too small."""
     x = columns / one.error[rows, None]
     z = one.y[rows] / one.error[rows]
     covariance = np.linalg.pinv(x.T @ x, rcond=1e-12, hermitian=True)
@@ -90,15 +91,15 @@ def _solve(one: Pass, rows: Rows, columns: Floats) -> tuple[Floats, Floats]:
 
 
 def frequency(one: Pass, rows: Rows, start: float, harmonics: Sequence[int]) -> tuple[float, float]:
-    """Frequency of a Fourier series of free coefficients on some points, by Gauss-Newton.
+    """Frequency of a Fourier series with free coefficients for some points, by Gauss-Newton.
 
-    y = a + b t + Σ_k (c_k cos 2πkft + s_k sin 2πkft). For evenly spaced points its standard
-    error tends to √(6/N) σ/(π T √(Σ k² A_k²)).
+    The model is y = a + b t + Σ_k (c_k cos 2πkft + s_k sin 2πkft). For evenly spaced points the
+    standard error of f tends to √(6/N) σ/(π T √(Σ k² A_k²)).
 
     Returns
     -------
     frequency, standard error : Hz
-        NaN where the iteration leaves start ± 1/T.
+        NaN if the iteration leaves start ± 1/T.
     """
     x = one.t[rows] - one.t[rows].mean()
     span = float(np.ptp(x))
@@ -109,7 +110,7 @@ def frequency(one: Pass, rows: Rows, start: float, harmonics: Sequence[int]) -> 
         waves = design(2 * np.pi * found * x, harmonics)
         solution, covariance = _solve(one, rows, np.column_stack([fixed, waves]))
         c, s = solution[2::2], solution[3::2]
-        crossed = np.stack([s, -c], axis=1).ravel()  # derivative of each pair by its phase
+        crossed = np.stack([s, -c], axis=1).ravel()  # phase derivative of each pair
         slope = 2 * np.pi * x * (waves @ (k * crossed))
         solution, covariance = _solve(one, rows, np.column_stack([fixed, waves, slope]))
         step = float(np.clip(solution[-1], -0.25 / span, 0.25 / span))
@@ -144,11 +145,11 @@ def synodic(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Sy
 
 
 def phases(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Phases | None:
-    """Phases of the strongest steady harmonics, pass by pass; None where no pass has any.
+    """Phases of the strongest steady harmonics of each pass; None if no pass has any.
 
-    A pass gives four to ten windows. A harmonic is used where its amplitude is five times its
-    error in every window and never falls below 0.3 of its largest, since a harmonic that vanishes
-    comes back with another phase.
+    A pass has four to ten windows. A harmonic is used if its amplitude is at least five times its
+    error in every window and never below 0.3 of its maximum, because a harmonic that vanishes
+    reappears with a different phase.
     """
     rows_out: list[tuple[float, float, float, int, int, int]] = []
     sun, obs = [], []
@@ -200,7 +201,7 @@ def phases(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Pha
 def _harmonics(
     one: Pass, rows: Rows, base: float, harmonics: Sequence[int]
 ) -> tuple[Floats, Floats, Floats]:
-    """Amplitude, phase and error of the phase of each harmonic, A cos(2πk f t + ψ)."""
+    """Amplitude, phase and phase error of each harmonic, A cos(2πk f t + ψ)."""
     x = one.t[rows] - one.t[rows].mean()
     turns = 2 * np.pi * base * (one.t[rows] - 0.5 * (one.t[0] + one.t[-1]))
     columns = np.column_stack([np.ones_like(x), x / np.ptp(x), design(turns, harmonics)])
