@@ -155,41 +155,18 @@ def invert(
 ) -> Inversion:
     """Albedo-area distribution, shape cues and convex shape of a light curve.
 
-<<<<<<< HEAD
     Without smoothing, the distribution on the grid is refined to the facets that explain the data,
     and the shape is the convex body of these. With smoothing, the shape is that of the smooth
-=======
-    Without smoothing, the distribution on the grid is reduced to the few facets that explain the
-    data, and the shape is their convex body. With smoothing, the shape is that of the smooth
->>>>>>> lang3
     distribution on the grid.
 
     Parameters
     ----------
     curve : LightCurve
     attitude : Attitude
-<<<<<<< HEAD
         Assumed to be exact: a wrong attitude gives a wrong body, and usually a poor fit.
     materials : sequence of Material
         Columns of Hall's eq. (11), for instance one diffuse and one specular.
     settings : InversionSettings
-=======
-        Assumed known. A wrong attitude gives a wrong body, often but not always with a poor fit.
-    materials : sequence of Material
-        Columns of Hall's eq. (11), for instance one diffuse and one specular.
-    n_normals : int
-        Number of normals of the grid.
-    smoothness : float
-        λ of `distribution.smooth`; 0 for bodies with edges, about 1 for asteroids.
-    cost : float, optional
-        Least reduction of χ² per facet; see `facets.few`. 0 keeps all facets.
-    albedo : float
-        Common albedo of all facets: areas of the shape are albedo-areas divided by it.
-    n_bootstrap, n_null : int
-        Number of resampled data sets, and of simulated bodies for each null hypothesis of the cues;
-        0 skips the step.
-    seed : int
->>>>>>> lang3
     progress : Silent or Console
 
     Raises
@@ -207,21 +184,8 @@ def invert(
             f"least {FEWEST}, and a shape many more"
         )
     progress = progress or Silent()
-<<<<<<< HEAD
     normals, which = grid(settings.n_normals, materials)
     seen, matrix, plain = _solved(Observed.of(curve, attitude), normals, which, materials)
-=======
-    seen = Observed.of(curve, attitude)
-    normals, which = grid(n_normals, materials)
-    matrix = columns(seen, normals, which, materials)
-    plain = solve(seen, normals, which, matrix)
-    _check_lit(plain)
-    if not seen.error_known:  # estimate the errors from the fit
-        used = np.sum(plain.areas > 0) + np.sum(seen.free)
-        dof = max(len(seen.flux) - used, len(seen.flux) // 2)
-        seen = seen.with_error(seen.error * np.sqrt(max(plain.chi2, 1e-20) / dof))
-        plain = solve(seen, normals, which, matrix, start=plain)
->>>>>>> lang3
     penalties: list[Rows] = []
     on_grid = plain
     if settings.smoothness > 0:
