@@ -20,11 +20,11 @@ def threads(n: int) -> Iterator[Executor]:
     With 35 parameters a move of the Fisher-adaptive kernel took 2.8 times as long
     (benchmarks/blas_threads.py), and longer still when other processes used the cores.
     """
-    with _alone, ThreadPoolExecutor(n) as pool:
+    with single_threaded_blas, ThreadPoolExecutor(n) as pool:
         yield pool
 
 
-class _Alone:
+class _SingleThreadedBlas:
     """Context in which BLAS is single-threaded.
 
     Fits can run concurrently in one process: the first sets the limit, the last removes it.
@@ -46,4 +46,4 @@ class _Alone:
                 self._limits.restore_original_limits()
 
 
-_alone = _Alone()
+single_threaded_blas = _SingleThreadedBlas()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Reason
+from lcbayes.core.threads import single_threaded_blas
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion import reasons
 from lcbayes.inversion.albedo_area import bootstrap, cues, misfit
@@ -183,9 +184,15 @@ def invert(
             f"the light curve has {curve.n_obs} point(s); an albedo-area distribution needs at "
             f"least {FEWEST}, and a shape many more"
         )
-    progress = progress or Silent()
+    with single_threaded_blas:  # thousands of small systems: waking threads takes longer
+        return _inverted(Observed.of(curve, attitude), materials, settings, progress or Silent())
+
+
+def _inverted(
+    seen: Observed, materials: Sequence[Material], settings: InversionSettings, progress: Silent
+) -> Inversion:
     normals, which = grid(settings.n_normals, materials)
-    seen, matrix, plain = _solved(Observed.of(curve, attitude), normals, which, materials)
+    seen, matrix, plain = _solved(seen, normals, which, materials)
     penalties: list[Rows] = []
     on_grid = plain
     if settings.smoothness > 0:
