@@ -16,8 +16,9 @@ from lcbayes.modelling import priors, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.elliptic import carlson
 from lcbayes.physics.attitude.laws import Ephemeris, TorqueFree
-from lcbayes.physics.attitude.torque_free import carlson, polhode, torque_free, torque_free_to_body
+from lcbayes.physics.attitude.torque_free import polhode, torque_free, torque_free_to_body
 from lcbayes.simulation.observability.parameters import Unknowns
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
