@@ -122,12 +122,12 @@ def successive_halving(
         threads(workers) as pool,
     ):
         for (s, n_steps, _), share in zip(rounds, shares, strict=True):
-            state = jax.tree.map(lambda x, share=share: x[:share], _sorted(state))
+            state = jax.tree.map(lambda x, share=share: x[:share], best_first(state))
             if path is not None:
                 state = init(state.z)
             at = data if path is None else path.at(data, s)
             state = _advance_all(problem, at, state, n_steps, pool, bar.advance)
-    return _sorted(state)
+    return best_first(state)
 
 
 def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
@@ -167,6 +167,7 @@ def _shares(n: int, rounds: Sequence[tuple[float, int, float]]) -> list[int]:
     return counts
 
 
-def _sorted(state: SearchState) -> SearchState:
+def best_first(state: SearchState) -> SearchState:
+    """The rows by increasing potential."""
     order = np.argsort(state.potential, kind="stable")
     return jax.tree.map(lambda x: x[order], state)

@@ -1,0 +1,146 @@
+"""Bodies of N facets at given spins, and moves between the local optima of such bodies."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import search
+from lcbayes.inference.search import SearchState
+from lcbayes.inference.spin_search.arcs import Points
+from lcbayes.inference.spin_search.bodies import LAMBERT_C
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
+from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
+
+Floats = NDArray[np.float64]
+
+NORMALS, OMEGA = "normals_base", "omega_unit"
+SIZES = ("log_albedo_area", "log_area")
+CANDIDATES = 600  # normals tried for a facet
+PLACES = 3  # best places tried for each facet that is moved
+APART = np.cos(np.radians(25.0))  # between these places
+MOVED = 3  # best bodies whose facets are moved
+ROUNDS = 4
+MIN_GAIN = 0.1  # nats
+
+
+class Bodies(NamedTuple):
+    """Bodies of N facets with their spins.
+
+    Attributes
+    ----------
+    omega : (n, 3) rad/s
+    normals : (n, N, 3), body axes, which are the inertial axes at t = 0
+    areas : (n, N) m²
+    """
+
+    omega: Floats
+    normals: Floats
+    areas: Floats
+
+
+def starts(problem: Problem, data: Epochs, bodies: Bodies, omega_sd: float) -> Floats:
+    """Unconstrained vectors (n, D); sites that a body does not set are at their prior means."""
+    draw = compiled(problem.constrain)(jnp.zeros(problem.dim), data)
+    size = next(k for k in SIZES if k in problem.names)
+    rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, size)}
+    return np.asarray(_rows(problem, size, rest, *(jnp.asarray(x) for x in bodies), omega_sd))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _rows(problem: Problem, size: str, rest, omega, normals, areas, omega_sd):
+    def one(omega, normals, areas):
+        known = {OMEGA: omega / omega_sd, NORMALS: normals, size: jnp.log(areas)}
+        return problem.ravel(rest | known)
+
+    return jax.vmap(one)(omega, normals, areas)
+
+
+def reinserted(
+    problem: Problem,
+    data: Epochs,
+    points: Points,
+    law: DiffuseLaw,
+    ends: SearchState,
+    workers: int,
+) -> SearchState:
+    """The end points, with better optima reached by moving one facet at a time.
+
+    Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
+    there. Each facet of the best bodies in turn is taken away and put where it explains the most of
+    what the others leave; then all parameters are optimised.
+    """
+    for _ in range(ROUNDS):
+        rows = [
+            row
+            for z in ends.z[_different(ends)]
+            for row in _moves(problem, data, points, law, np.asarray(z))
+        ]
+        if not rows:
+            break
+        tried = search.polish(problem, data, np.stack(rows), workers)
+        best = float(ends.potential[0])
+        both = (np.concatenate([a, b]) for a, b in zip(ends, tried, strict=True))
+        ends = search.best_first(SearchState(*both))
+        if not float(ends.potential[0]) < best - MIN_GAIN:
+            break
+    return ends
+
+
+def _different(ends: SearchState) -> list[int]:
+    """Rows of the best end points of different potential."""
+    rows = [0]
+    for i in range(1, len(ends.potential)):
+        if ends.potential[i] > ends.potential[rows[-1]] + MIN_GAIN:
+            rows.append(i)
+        if len(rows) == MOVED:
+            break
+    return [i for i in rows if np.isfinite(ends.potential[i])]
+
+
+def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats):
+    """Unconstrained vectors of a body with one facet elsewhere."""
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    size = next(k for k in SIZES if k in problem.names)
+    normals = sites[NORMALS] / np.linalg.norm(sites[NORMALS], axis=1, keepdims=True)
+    grid = facets.grid(CANDIDATES)
+    columns = np.asarray(
+        _columns(law, jnp.asarray(np.concatenate([normals, grid])), jnp.asarray(sites["omega"]),
+                 *(jnp.asarray(x) for x in (points.t, points.sun, points.obs)))
+    ) / points.error[:, None]
+    white = points.flux / points.error
+    own, other = columns[:, : len(normals)], columns[:, len(normals) :]
+    unit = np.linalg.lstsq(own, white, rcond=None)[0]
+    sizes = np.exp(sites[size])
+    scale = max(float(np.median(np.abs(unit) / sizes)), 1e-300)  # of curves of unknown scale
+    area = scale * sizes
+    norm = np.sum(other**2, axis=0) + 1e-300
+    for j in range(len(normals)):
+        left = white - own @ area + own[:, j] * area[j]
+        along = np.maximum(left @ other, 0.0)
+        gain = along**2 / norm
+        for _ in range(PLACES):
+            i = int(np.argmax(gain))
+            if gain[i] <= 0:
+                break
+            moved, sized = sites[NORMALS].copy(), sites[size].copy()
+            moved[j] = grid[i]
+            sized[j] = np.log(along[i] / norm[i] / scale)
+            known = {k: jnp.asarray(sites[k]) for k in problem.names}
+            yield np.asarray(
+                problem.ravel(known | {NORMALS: jnp.asarray(moved), size: jnp.asarray(sized)})
+            )
+            gain[grid @ grid[i] > APART] = 0.0
+
+
+@partial(jax.jit, static_argnums=0)
+def _columns(law, normals, omega, t, sun, obs) -> jax.Array:
+    sun, obs = rotations.constant_rate_to_body(t, omega, sun, obs)
+    return diffuse_kernel(law, sun @ normals.T, obs @ normals.T, LAMBERT_C)[0]
