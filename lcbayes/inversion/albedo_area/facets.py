@@ -8,6 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.levenberg_marquardt import (
+    Controls,
+    Quadratic,
+    gauss_newton,
+    levenberg_marquardt,
+)
 from lcbayes.inversion.albedo_area.distribution import GAUGE, Distribution, solve
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
 from lcbayes.inversion.albedo_area.observed import Observed
@@ -19,6 +25,7 @@ LEVELS = 6  # halvings of the grid spacing about non-zero areas: 10 degrees to 0
 RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; merging radii
 NEIGHBOURS = 6
 MAX_STEPS = 60
+CONTROLS = Controls(largest_damping=1e6, patience=2)
 SETTLED = 1e-3  # gain in χ² of two successive steps that ends a descent; negligible change in χ²
 ROUGHLY = 0.02  # the same relative to the cost of a facet, while facets are being selected
 LEAST = 1e-14  # rounding level relative to the largest eigenvalue
@@ -236,34 +243,25 @@ def _settle(
 ) -> Facets:
     """The least χ² near these area vectors, by Levenberg-Marquardt, until two successive steps gain
     less than ``enough``."""
-    n, small = len(vectors), 0
+    n = len(vectors)
 
-    def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
+    def model(parameters: Floats) -> Quadratic:
         every = np.ones(len(seen.free))
         every[seen.free] = parameters[3 * n :]
-        return linear(seen, parameters[: 3 * n].reshape(n, 3), which, every, materials)
+        found, jacobian, residual = linear(
+            seen, parameters[: 3 * n].reshape(n, 3), which, every, materials
+        )
+        return gauss_newton(-residual, jacobian, (found, jacobian))
 
-    here = np.concatenate([vectors.ravel(), scale[seen.free]])
-    found, jacobian, residual = evaluated(here)
-    damping = 1e-3
-    for _ in range(MAX_STEPS):
-        normal = jacobian.T @ jacobian
-        size = _sizes(normal)
-        ridge = damping * np.eye(len(here))  # in scaled units, never singular
-        step = np.linalg.solve(normal / np.outer(size, size) + ridge, jacobian.T @ residual / size)
-        step /= size
-        new = evaluated(here + step)
-        if new[0].chi2 < found.chi2:
-            small = small + 1 if found.chi2 - new[0].chi2 < enough else 0
-            here = here + step
-            found, jacobian, residual = new
-            damping = max(damping / 5.0, 1e-9)
-            if small == 2:
-                break
-        else:
-            damping *= 4.0
-            if damping > 1e6:
-                break
+    end = levenberg_marquardt(
+        model,
+        np.concatenate([vectors.ravel(), scale[seen.free]]),
+        num_steps=MAX_STEPS,
+        tolerance=0.5 * enough,  # of χ²/2
+        damping=1e-3,
+        controls=CONTROLS,
+    )
+    found, jacobian = end.model.aux
     vectors = found.areas[:, None] * found.normals
     # a step may move a facet to where it is never lit and seen, and the gradient vanishes
     light = np.einsum("tia,ia->ti", jacobian[:, : 3 * n].reshape(-1, n, 3), vectors)
