@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lcbayes.analysis import small_report
 from lcbayes.analysis.style import Gallery, figures
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.results.reasons import reasons
 from lcbayes.results.result import Result
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ class DeterministicResult(Result):
     ----------
     data : output of the method
     content : content of ``summary.json`` besides the verdict
+    findings : findings against the result; empty if it is trusted
 
     Attributes
     ----------
@@ -33,9 +35,9 @@ class DeterministicResult(Result):
     refused: ClassVar[str] = small_report.UNTRUSTED
 
     def __init__(
-        self, data: Any, content: Mapping[str, Any], reasons: Sequence[Reason] = ()
+        self, data: Any, content: Mapping[str, Any], findings: Iterable[Finding] = ()
     ) -> None:
-        super().__init__(content, reasons, {})
+        super().__init__(content, reasons(findings), {})
         self._data = data
 
     @property

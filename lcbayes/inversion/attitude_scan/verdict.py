@@ -85,7 +85,8 @@ def _findings(found: Found, solutions: list[dict[str, Any]]) -> Iterator[Finding
         yield Finding("no-hypothesis-explains-data", {"misfit": misfit, "to": ""})
     used = found.n_obs - found.dof
     if used > found.dof:
-        yield Finding("too-many-parameters", {"fitted": used, "points": found.n_obs})
+        values = {"fitted": used, "points": found.n_obs, "others": "attitudes"}
+        yield Finding("too-many-parameters", values)
     elif found.error_known and _too_close(best.chi2, found):
         yield Finding("fit-too-close", {"ratio": best.chi2 / found.dof})
     near = [s for s in solutions[1:] if s["near_equal"]]

@@ -29,9 +29,8 @@ from scipy.spatial.transform import Rotation
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated.conditions import (
     REACH_MAG,
     STABLE_P,
@@ -148,7 +147,7 @@ class ShapeMatch:
     n_faint: int
     stride: int
     correlation: float
-    reasons: list[Reason]
+    reasons: list[Finding]
 
     @property
     def consistent(self) -> list[Match]:
@@ -230,16 +229,19 @@ def shape_match(
 
 def _reasons(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> list[Reason]:
+) -> list[Finding]:
     out = []
     if len(phase) < MIN_INDEPENDENT:
-        out.append(why.too_few_independent(len(phase), MIN_INDEPENDENT))
+        values = {"count": len(phase), "least": MIN_INDEPENDENT}
+        out.append(Finding("too-few-independent-points", values))
     span = float(np.degrees(np.subtract(*np.quantile(phase, [0.95, 0.05]))))
     if span < LEAST_SPAN_DEG:
-        out.append(why.narrow_phase_angles(span, LEAST_SPAN_DEG))
+        values = {"span_deg": span, "least_deg": LEAST_SPAN_DEG}
+        out.append(Finding("narrow-phase-angles", values))
     stable, law, ratio = stabilised(curve, seen, phase, magnitude, rng)
     if stable < STABLE_P and ratio < STABLE_RATIO:
-        out.append(why.stabilised(law, stable, ratio))
+        values = {"law": law, "p_value": stable, "percent": 100 * ratio}
+        out.append(Finding("stabilised", values))
     return out
 
 

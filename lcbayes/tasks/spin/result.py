@@ -11,7 +11,8 @@ from lcbayes.analysis.style import Gallery
 from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.spin.sidereal import Solution, Spin
+from lcbayes.inversion.spin.sidereal import Condition, Solution, Spin
+from lcbayes.results.reasons import condition
 from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],
         "notes": result.notes,
-        "conditions": [vars(c) for c in result.conditions],
+        "conditions": [_condition(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
@@ -116,6 +117,15 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
         "shape_shift_deg": None if sky is None else sky.shape_deg,
         "chi2": None if sky is None else sky.chi2,
         "dof": None if sky is None else sky.freedom,
+    }
+
+
+def _condition(c: Condition) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "met": c.met,
+        "words": condition(c.finding, met=c.met),
+        "code": "" if c.met else c.finding.code,
     }
 
 

@@ -18,6 +18,7 @@ from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import ConstantRate, Fixed
 from lcbayes.physics.bodies import shapes
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
 from tests.helpers.false_alarms import EACH, limit, squares
@@ -162,7 +163,9 @@ def test_an_area_that_one_point_tells_is_in_doubt():
     assert below.any()
     assert (result.facets.area_sd[below] > result.facets.areas[below]).all()
     assert (result.facets.area_sd[~below] < 0.1 * result.facets.areas[~below]).all()
-    assert any("the flux does not constrain the areas of" in str(why) for why in result.reasons)
+    assert any(
+        "the flux does not constrain the areas of" in sentence(why).text for why in result.reasons
+    )
 
 
 def test_a_shiny_panel_on_a_dull_brick():
@@ -323,8 +326,11 @@ def test_a_wrong_attitude_is_not_trusted():
         ConstantRate((0.1, 0.2, 0.3)),
         settings=InversionSettings(n_bootstrap=0, n_null=0),
     )
-    assert "no convex body of material lambertian with this attitude" in str(result.reasons[0])
-    assert "--material non-lambertian" in str(result.reasons[0])
+    assert (
+        "no convex body of material lambertian with this attitude"
+        in sentence(result.reasons[0]).text
+    )
+    assert "--material non-lambertian" in sentence(result.reasons[0]).text
 
 
 def test_an_open_surface_has_no_shape():
@@ -346,7 +352,7 @@ def test_directions_never_lit_are_told():
     object.__setattr__(lit, "obs", near)
     object.__setattr__(lit, "sun", near)
     result = invert(lit, Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0))
-    assert any("never lit and seen at once" in str(reason) for reason in result.reasons)
+    assert any("never lit and seen at once" in sentence(reason).text for reason in result.reasons)
     assert "or facets are missing" in result.no_shape
 
 
