@@ -12,7 +12,7 @@ import pytest
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.results.result import DO_NOT_TRUST
 from tests.helpers.known_bodies import curve_of
 from tests.helpers.refused_input import assert_refused
@@ -54,7 +54,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
         "arc",
         "uniform",
     }
-    body = shapes.read_obj(out / "shape.obj")
+    body = mesh.read_body(out / "shape.obj")
     assert np.sort(body.areas) == pytest.approx(np.sort(BRICK.areas), rel=0.02)
     assert (out / "shape.ply").read_text().startswith("ply\n")
     names = {p.name for p in (out / "figures").iterdir()}

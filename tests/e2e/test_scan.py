@@ -13,7 +13,7 @@ import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
 from lcbayes.core.files import write_json
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh
 from tests.helpers import spinning_bodies
 from tests.helpers.refused_input import assert_refused
 
@@ -72,7 +72,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
         "fit.svg",
         "shape.svg",
     }
-    assert len(shapes.read_obj(out / "shape.obj").areas) > 20
+    assert len(mesh.read_body(out / "shape.obj").areas) > 20
     assert not list(out.glob(".report*"))
     # the same command gives the same numbers
     again = [*argv, "-o", str(folder / "again"), "--json", "--no-report"]

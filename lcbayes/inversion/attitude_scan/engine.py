@@ -131,10 +131,6 @@ def _spins(
     """Add constant spins to ``found``: screen them, map the sky, and refine the best."""
     span = float(points.span)
     closed = settings.smooth
-    tried = grid(
-        settings.n_poles, span, settings.period_h, settings.period_range_h, settings.period_step
-    )
-    found.n_periods = len(tried.frequencies)
     coarse = SmoothBody.of(
         COARSE_FACETS,
         min(COARSE_DEGREE, settings.degree),
@@ -143,35 +139,11 @@ def _spins(
         dtype=np.float32,
     )
     fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance, closed=closed)
-    with (
-        _timed(found, "screen_s"),
-        progress.stage("scanning", tried.size, "hypotheses") as track,
-    ):
-        ends = search.screen(points, coarse, tried, run, checkpoint, "screen", track)
-        others = _aliases(tried, float(ends.frequency[np.argmin(ends.value)]), span)
-    with (
-        _timed(found, "aliases_s"),
-        progress.stage("period aliases", others.size, "hypotheses") as track,
-    ):
-        more = search.screen(points, coarse, others, run, checkpoint, "alias", track)
-    rows = [np.concatenate(x) for x in zip(tried.rows(), others.rows(), strict=True)]
-    ends = Ends.joined([ends, more])
-    least = ends.squares[np.argmin(ends.value)]
-    found.screened = Table(
-        rows[0],
-        rows[1],
-        ends.pole,
-        ends.frequency,
-        search.misfit(points, ends.squares, least),
-        ends.steps,
-    )
+    ends = _screened(points, settings, coarse, found, run, checkpoint, progress)
     kept, _ = distinct(ends, span, settings.keep)
     if settings.n_sky > 0:
         # if few poles were tried, the map may contain better ones
-        with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
-            poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
-            held = search.sky(points, coarse, poles, best, run, checkpoint, track)
-            found.sky = poles, search.misfit(points, held.squares, least)
+        held = _sky(points, settings, coarse, ends, found, run, checkpoint, progress)
         kept = Ends.joined([kept, distinct(held, span, FROM_MAP)[0]])
     hits = counted(ends, kept, span)
     if not len(hits):
@@ -185,12 +157,68 @@ def _spins(
         better = search.refine(points, fine, kept, run, checkpoint, "refine", track)
     if closed:
         found.solutions += _smooth_solutions(points, fine, better, hits, span)
-    else:
-        with (
-            _timed(found, "facets_s"),
-            progress.stage("facets", len(hits), "solutions") as track,
-        ):
-            found.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+        return
+    with (
+        _timed(found, "facets_s"),
+        progress.stage("facets", len(hits), "solutions") as track,
+    ):
+        found.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+
+
+def _screened(
+    points: Points,
+    settings: Settings,
+    coarse: SmoothBody,
+    found: Found,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Ends:
+    """Every hypothesis of the grid, and the aliases of the best one, fitted with a coarse body."""
+    span = float(points.span)
+    tried = grid(
+        settings.n_poles, span, settings.period_h, settings.period_range_h, settings.period_step
+    )
+    found.n_periods = len(tried.frequencies)
+    with (
+        _timed(found, "screen_s"),
+        progress.stage("scanning", tried.size, "hypotheses") as track,
+    ):
+        ends = search.screen(points, coarse, tried, run, checkpoint, "screen", track)
+        others = _aliases(tried, float(ends.frequency[np.argmin(ends.value)]), span)
+    with (
+        _timed(found, "aliases_s"),
+        progress.stage("period aliases", others.size, "hypotheses") as track,
+    ):
+        more = search.screen(points, coarse, others, run, checkpoint, "alias", track)
+    poles, frequencies = (np.concatenate(x) for x in zip(tried.rows(), others.rows(), strict=True))
+    ends = Ends.joined([ends, more])
+    chi2 = search.misfit(points, ends.squares, _least(ends))
+    found.screened = Table(poles, frequencies, ends.pole, ends.frequency, chi2, ends.steps)
+    return ends
+
+
+def _sky(
+    points: Points,
+    settings: Settings,
+    coarse: SmoothBody,
+    ends: Ends,
+    found: Found,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Ends:
+    """The sky mapped at the best frequency, with the pole fixed at each point of a grid."""
+    with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
+        poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
+        held = search.sky(points, coarse, poles, best, run, checkpoint, track)
+        found.sky = poles, search.misfit(points, held.squares, _least(ends))
+    return held
+
+
+def _least(ends: Ends) -> Floats:
+    """Sums of squares (K,) of the best hypothesis."""
+    return ends.squares[np.argmin(ends.value)]
 
 
 @contextmanager

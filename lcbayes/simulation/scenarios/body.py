@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.toml import REQUIRED, Table
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.physics.bodies.shapes import LARGEST_M, SMALLEST_M
 from lcbayes.physics.reflectance import LAWS
 
@@ -81,7 +81,7 @@ def read_body(
         name = table.text("shape", choices=tuple(shapes.SHAPES))
         body = shapes.shape(name, **_sizes(table, name))
     else:
-        body = shapes.read_obj(table.path.parent / table.text("file"))
+        body = mesh.read_body(table.path.parent / table.text("file"))
     table.done()
     for label in body.labels:
         if label not in materials and default is None:
