@@ -215,7 +215,7 @@ def test_the_page(tmp_path, good, look):
     told = result(*THREE, failed=failed).content
     comparison_page.write_page(tmp_path, told, RUN, CompareOptions)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (tmp_path / "figures" / "compare.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figures" / "compare.pdf").read_bytes().startswith(b"%PDF")
     assert ("Do not trust these numbers" in page) is not good
     assert ("5 facets: &lt;lost&gt;" in page) is not good
     assert "3 facets are most probable" in page
