@@ -1,5 +1,9 @@
 """The file of a scan, with everything that its report shows."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import json

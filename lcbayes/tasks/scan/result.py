@@ -1,14 +1,21 @@
 """Result of `lcbayes.scan`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lcbayes.analysis import scan_page, scan_plots, style
 from lcbayes.core.reasons import Reason
 from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 from lcbayes.results.scan_file import load_scan, save_scan
@@ -31,7 +38,7 @@ COLUMNS = {
 }
 
 
-class Scan(Result):
+class Scan(Result[ScanContent]):
     """Solutions of an attitude scan, best first."""
 
     task = "scan"
@@ -39,7 +46,7 @@ class Scan(Result):
     def __init__(
         self,
         found: Found,
-        content: Mapping[str, Any],
+        content: Mapping[str, object],
         reasons: Sequence[Reason],
         record: Mapping[str, Any] | None = None,
     ) -> None:
@@ -48,7 +55,7 @@ class Scan(Result):
 
     @classmethod
     def from_folder(
-        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+        cls, folder: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
     ) -> Scan:
         """The scan in a results folder."""
         return cls(load_scan(folder / FILE), content, reasons, record.content)
@@ -59,7 +66,7 @@ class Scan(Result):
         return self._found
 
     @property
-    def solutions(self) -> list[dict[str, Any]]:
+    def solutions(self) -> list[ScanSolution]:
         """Solutions, best first: pole and period or law, chi2, rms, and relation to the best."""
         return self.content["solutions"]
 
@@ -85,9 +92,10 @@ class Scan(Result):
         ]
         for i, s in enumerate(self.solutions, start=1):
             what = f"{s['law']:29s}"
-            if "period_h" in s:
-                period = written_period(s["period_h"], s["period_resolution_h"])
-                what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
+            if (period := s.get("period_h")) is not None:
+                shown = written_period(period, s.get("period_resolution_h", 0.0))
+                lon, lat = s.get("pole_lon_deg", np.nan), s.get("pole_lat_deg", np.nan)
+                what = f"{lon:6.1f}  {lat:+6.1f}  {shown:>13s}"
             mark = "=" if s["near_equal"] else " "
             lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
         limit = content["fit"]["chi2_near_equal"]

@@ -104,7 +104,7 @@ def test_facets_of_an_obj_file_by_hand(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4: the face names vertex '0'"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 a\n", "line 4: the face names vertex 'a'"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: the face has 2 vertices"),
-        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line 4: the facet has no area"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line 4: the face has no area"),
         ("v 0 0 0\n", "has no faces"),
         ("", "is empty"),
         ("v 0 0 0\nv 1e200 0 0\nv 0 1e200 0\nf 1 2 3\n", "line 2: vertex '1e200 0 0' is not"),
