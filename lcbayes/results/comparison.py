@@ -152,7 +152,7 @@ def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
         yield Finding("no-number-explains-data", values)
 
 
-TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+PRINTED = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
 
 
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -234,12 +234,12 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
 def table(summary: Mapping[str, Any]) -> list[str]:
     """The table, its notes and the conclusion, with the columns that fit on a terminal."""
     heads, rows = cells(summary)
-    shown = [heads.index(name) for name in TOLD]
-    told = [[line[i] for i in shown] for line in (heads, *rows)]
-    widths = [max(map(len, column)) for column in zip(*told, strict=True)]
+    shown = [heads.index(name) for name in PRINTED]
+    printed = [[line[i] for i in shown] for line in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*printed, strict=True)]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in told
+        for line in printed
     ]
     said = summary["conclusion"]
     return [*lines, *notes(summary), "", said[0].upper() + said[1:] + "."]

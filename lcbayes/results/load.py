@@ -66,7 +66,7 @@ def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
     except json.JSONDecodeError as fault:
         raise InputError(f"{path}, line {fault.lineno}: {fault.msg}; {again}") from None
     except (OSError, ValueError, RecursionError) as fault:
-        raise InputError(f"{path} cannot be read ({_told(fault)}); {again}") from None
+        raise InputError(f"{path} cannot be read ({_first_line(fault)}); {again}") from None
     if not isinstance(found, dict):
         raise InputError(f"{path} is no JSON object; {again}")
     found = cast("dict[str, Any]", found)
@@ -100,9 +100,9 @@ def open_posterior(folder: Path) -> Generator[xr.DataTree]:
         raise
     except (OSError, ValueError, KeyError, RuntimeError) as fault:
         raise InputError(
-            f"{path} cannot be read ({_told(fault)}); run `lcbayes fit` again"
+            f"{path} cannot be read ({_first_line(fault)}); run `lcbayes fit` again"
         ) from fault
 
 
-def _told(fault: Exception) -> str:
+def _first_line(fault: Exception) -> str:
     return (str(fault).splitlines() or [type(fault).__name__])[0]

@@ -43,7 +43,7 @@ from lcbayes.samplers.settings import PUBLISHED
 
 Floats = NDArray[np.float64]
 
-# Limits of what is trusted, besides those of `enough`
+# Limits of what is trusted, besides those of `samplers.convergence`
 MAX_APART = 1.05  # R-hat between independent runs
 LIKELY = 0.5  # probability above which a point counts as an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}

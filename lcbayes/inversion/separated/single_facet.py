@@ -36,7 +36,7 @@ MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # cells subdivided at once, levels; r
 KEPT = (0.3, 0.8, 0.95, 0.99)  # fraction of the largest D for subdivision, by level
 ENOUGH = 150  # cells in the region that end the refinement
 REGION = 0.9
-NO_EDGE, MISFIT, KNOWN, TOLD, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
+NO_EDGE, MISFIT, KNOWN, SURE, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
 LEAST_SWEEP_DEG, MIN_POINTS = 20.0, 20
 KINDS = ("visibility", "illumination", "both", "none")
 
@@ -249,7 +249,7 @@ def _reasons(found: SingleFacet, obs: Floats) -> list[Finding]:
         out.append(Finding("small-share", {"share": found.share}))
     if found.area_sr > KNOWN * 4.0 * np.pi:
         out.append(Finding("normal-unconstrained", {"part": found.area_sr / (4 * np.pi)}))
-    if found.kind["none"] > 1.0 - TOLD:
+    if found.kind["none"] > 1.0 - SURE:
         out.append(Finding("always-seen", {"probability": found.kind["none"]}))
     return out
 

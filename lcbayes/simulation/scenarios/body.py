@@ -74,9 +74,9 @@ def read_body(
         raise table.fault("shadows", "needs places; give the body as [[body.parts]]")
     only = next(iter(materials)) if len(materials) == 1 else None
     default = table.text("material", only, tuple(materials))
-    told: list[bool | None] = []
+    on_arrays: list[bool | None] = []
     if ways == ["facets"]:
-        body, told = _facets(table, default, materials)
+        body, on_arrays = _facets(table, default, materials)
     elif ways == ["shape"]:
         name = table.text("shape", choices=tuple(shapes.SHAPES))
         body = shapes.shape(name, **_sizes(table, name))
@@ -90,10 +90,10 @@ def read_body(
                 f"has a part {label!r} without a material; describe [materials.{label}] or set "
                 "body.material",
             )
-    told = told or [None] * len(body.labels)
+    on_arrays = on_arrays or [None] * len(body.labels)
     on_array = tuple(
         label in ON_ARRAY if one is None else one
-        for one, label in zip(told, body.labels, strict=True)
+        for one, label in zip(on_arrays, body.labels, strict=True)
     )
     labels = tuple(label if label in materials else str(default) for label in body.labels)
     return body._replace(labels=labels), on_array

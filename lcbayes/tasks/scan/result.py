@@ -14,7 +14,7 @@ import numpy as np
 
 from lcbayes.analysis import scan_page, scan_plots, style
 from lcbayes.core.reasons import Reason
-from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
@@ -45,13 +45,13 @@ class Scan(Result[ScanContent]):
 
     def __init__(
         self,
-        found: Found,
+        scan: AttitudeScan,
         content: Mapping[str, object],
         reasons: Sequence[Reason],
         record: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(content, reasons, record or {})
-        self._found = found
+        self._scan = scan
 
     @classmethod
     def from_folder(
@@ -61,9 +61,9 @@ class Scan(Result[ScanContent]):
         return cls(load_scan(folder / FILE), content, reasons, record.content)
 
     @property
-    def data(self) -> Found:
+    def data(self) -> AttitudeScan:
         """Every hypothesis and every solution, as arrays."""
-        return self._found
+        return self._scan
 
     @property
     def solutions(self) -> list[ScanSolution]:
@@ -80,7 +80,7 @@ class Scan(Result[ScanContent]):
         """Solutions, and every hypothesis with its chi2."""
         import pandas as pd
 
-        heads, rows = self._found.table()
+        heads, rows = self._scan.table()
         return {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
 
     def lines(self) -> list[str]:
@@ -105,28 +105,28 @@ class Scan(Result[ScanContent]):
         return lines
 
     def write_files(self, folder: Path) -> None:
-        save_scan(self._found, folder / FILE)
+        save_scan(self._scan, folder / FILE)
 
     def write_page(self, folder: Path) -> None:
-        scan_page.write_page(folder, self._found, self.content, self.record, ScanOptions)
+        scan_page.write_page(folder, self._scan, self.content, self.record, ScanOptions)
 
     def plot_light_curve(self) -> list[Figure]:
         """Observed brightness with the best solution."""
-        return style.figures(lambda g: scan_plots.draw_fit(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_fit(self._scan, g))
 
     def plot_sky(self) -> list[Figure]:
         """Goodness of fit of poles over the whole sky at the best period."""
-        return style.figures(lambda g: scan_plots.draw_sky(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_sky(self._scan, g))
 
     def plot_periods(self) -> list[Figure]:
         """Goodness of fit of the trial periods."""
-        return style.figures(lambda g: scan_plots.draw_periods(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_periods(self._scan, g))
 
     def plot_laws(self) -> list[Figure]:
         """Goodness of fit of the stabilised attitudes."""
-        return style.figures(lambda g: scan_plots.draw_laws(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_laws(self._scan, g))
 
     def plot_body(self) -> list[Figure]:
         """The body of the best solution, if its facets close."""
-        body = scan_page.body_of(self._found)
+        body = scan_page.body_of(self._scan)
         return [] if body is None else style.figures(lambda g: scan_plots.draw_shape(body, g))

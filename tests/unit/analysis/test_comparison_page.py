@@ -128,7 +128,7 @@ def test_reasons():
     assert not wide["trusted"]
 
 
-def test_a_poor_fit_is_told():
+def test_a_poor_fit_is_reported():
     poor = Misfit(200.0, 28.4, "gaussian")
     (reason,) = summary(THREE[0], candidate(3, 1.0, misfit=poor))["reasons"]
     assert reason.startswith("3 facets do not explain the data, and no other number")
@@ -137,7 +137,7 @@ def test_a_poor_fit_is_told():
     assert summary(*(replace(c, misfit=UNKNOWN) for c in THREE))["reasons"] == []
 
 
-def test_residuals_cleaner_than_the_search_found_are_told():
+def test_residuals_cleaner_than_the_search_found_are_reported():
     clean = candidate(4, -2.0, information=0.9)
     assert summary(*THREE[:2], clean, information=0.7)["reasons"] == []
     (reason,) = summary(*THREE[:2], clean, information=0.5)["reasons"]
@@ -146,7 +146,7 @@ def test_residuals_cleaner_than_the_search_found_are_told():
     assert "--num-starts" in reason
 
 
-def test_a_path_that_went_astray_is_told():
+def test_a_path_that_went_astray_is_reported():
     """The best particle of four facets has 54; half of it where points count half."""
     path = SparsePath(6, 0.1, {6: 1.0}, 6, 45.0)
     assert summary(*THREE, path=path)["reasons"] == []

@@ -14,11 +14,11 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.reduced import reduce
 from lcbayes.inversion.separated.shape_match import (
-    Cast,
+    PhaseSample,
     Surface,
     candidates,
     correlated,
-    sent,
+    reflected_flux,
     shape_match,
     turned,
 )
@@ -36,7 +36,7 @@ def seen(name: str, n: int = 200, noise: float = 0.02, seed: int = 0) -> LightCu
     """A candidate in random orientations, each point for itself."""
     rng = np.random.default_rng(seed)
     sun, obs = turned(np.radians(rng.uniform(20.0, 140.0, n)), rng)
-    flux = sent(candidates()[name], Surface(), sun, obs)
+    flux = reflected_flux(candidates()[name], Surface(), sun, obs)
     error = np.full(n, noise * np.median(flux[flux > 0]))
     return LightCurve(
         t=1000.0 * np.arange(float(n)),
@@ -102,7 +102,7 @@ def test_orientations_are_uniform_and_of_that_phase():
 def test_the_mean_over_orientations_is_that_of_a_sphere():
     """Cauchy: a convex Lambertian body sends on average what a sphere of its surface sends."""
     surface = Surface(r_diff=0.3, r_spec=0.0)
-    made = Cast(shapes.cube(), surface)
+    made = PhaseSample(shapes.cube(), surface)
     for degrees in (30, 90, 120):
         phase = np.radians(degrees)
         near = made.flux[degrees]

@@ -76,7 +76,7 @@ def test_a_long_dense_pass_is_searched_finely_or_not_at_all():
     assert np.diff(grid).max() * one.length < 1.001 / periods.OVERSAMPLING
 
 
-def test_periods_that_were_not_looked_for_are_told(monkeypatch):
+def test_periods_that_were_not_looked_for_are_reported(monkeypatch):
     curve = steady(1, 50.0, spinning=False)
     assert estimate(curve, n_shuffles=99).notes == []
     monkeypatch.setattr(periods, "MAX_FREQUENCIES", 100)
