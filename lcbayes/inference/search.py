@@ -92,12 +92,13 @@ def successive_halving(
     workers: int,
     progress: Silent,
     path: TimePath | None = None,
+    rounds: Sequence[tuple[float, int, float]] = (),
 ) -> SearchState:
     """Optimise the starts (B, D), dropping the worst after each round; the best come first.
 
-    With a tempering path, the data are added along it.
+    With a tempering path, the data are added along it. ``rounds`` replace `ROUNDS`.
     """
-    rounds = ROUNDS if path is None else TIME_ORDERED_ROUNDS
+    rounds = rounds or (ROUNDS if path is None else TIME_ORDERED_ROUNDS)
     shares = _shares(len(starts), rounds)
     total = sum(n * share for (_, n, _), share in zip(rounds, shares, strict=True))
     state = init(starts)

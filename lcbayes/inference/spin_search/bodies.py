@@ -61,39 +61,41 @@ class States(NamedTuple):
 
 def improved(
     arcs: Arcs,
-    pole: Floats,
-    rate: Floats,
-    phase: Floats,
+    motion: tuple[Floats, Floats, Floats],
     law: DiffuseLaw,
     normals: Floats,
+    *,
+    area_sd: float,
     steps: int,
     workers: int,
 ) -> States:
     """The best free body of each state, with the state improved by Gauss-Newton steps.
 
     Minimises Σ (F − Σ α K)²/σ² over albedo-areas α ≥ 0 of facets of the given normals (M, 3), the
-    pole (n, 3), rate (n,) and phases (n, A). Areas follow each step.
+    pole (n, 3), rate (n,) and phases (n, A) of ``motion``. Areas follow each step. Their squares have a weak
+    penalty, (α/``area_sd``)²: else facets that hardly receive light grow without limit.
     """
     grid = jnp.asarray(normals)
 
     def some(rows: NDArray[np.int64]) -> States:
         padded = np.resize(rows, BATCH)
-        at = (jnp.asarray(x[padded]) for x in (pole, rate, phase))
-        found = _improved(law, grid, arcs, *at, steps)
+        at = (jnp.asarray(x[padded]) for x in motion)
+        found = _improved(law, grid, arcs, *at, area_sd, steps)
         return States(*(np.asarray(x)[: rows.size] for x in found))
 
-    rows = np.arange(len(rate))
+    rows = np.arange(len(motion[1]))
     with threads(workers) as pool:
         parts = list(pool.map(some, (rows[i : i + BATCH] for i in range(0, rows.size, BATCH))))
     return States(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
 @partial(jax.jit, static_argnums=0)
-def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, steps):
+def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, area_sd, steps):
     n_arcs, n_points = arcs.dt.shape
     weight, white = arcs.weight.ravel(), arcs.white.ravel()
     sun, obs = arcs.sun.reshape(-1, 3), arcs.obs.reshape(-1, 3)
     unit = 1.0 / jnp.maximum(jnp.max(jnp.abs(arcs.dt)), 1e-9)  # of the rate
+    weak = jnp.eye(len(grid)) / area_sd**2
     member = jnp.repeat(jnp.eye(n_arcs), n_points, axis=0)  # (T, A)
 
     def design(pole, angle):
@@ -112,9 +114,9 @@ def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, steps):
 
     def solved(pole, rate, phase, start):
         matrix = design(pole, angles(rate, phase))
-        area = _nonnegative(matrix.T @ matrix, matrix.T @ white, start)
+        area = _nonnegative(matrix.T @ matrix + weak, matrix.T @ white, start)
         misfit = white - matrix @ area
-        return area, misfit, matrix, misfit @ misfit
+        return area, misfit, matrix, misfit @ misfit + area @ weak @ area
 
     def moved(pole, tilt):
         new = pole + frame(pole)[:, :2] @ tilt
@@ -136,8 +138,8 @@ def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, steps):
         columns += [by_angle * member[:, k] for k in range(n_arcs)]
         every = jnp.stack([*columns, misfit], axis=1)
         active = jnp.where(area > 0.0, matrix, 0.0)
-        small = 1e-6 * jnp.max(jnp.sum(active**2, axis=0)) + 1e-300
-        factor = jax.scipy.linalg.cho_factor(active.T @ active + small * jnp.eye(len(grid)))
+        small = 1e-9 * jnp.max(jnp.sum(active**2, axis=0)) * jnp.eye(len(grid))
+        factor = jax.scipy.linalg.cho_factor(active.T @ active + weak + small)
         return every - active @ jax.scipy.linalg.cho_solve(factor, active.T @ every), every
 
     def one(cell):
@@ -205,9 +207,9 @@ def _nonnegative(matrix: jax.Array, vector: jax.Array, start: jax.Array) -> jax.
 
 
 def clustered(
-    areas: Floats, normals: Floats, n_facets: int, rng: np.random.Generator
+    normals: Floats, areas: Floats, n_facets: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """N facets from areas (M,) on a grid: normals (N, 3) and areas (N,).
+    """N facets, normals (N, 3) and areas (N,), from normals (M, 3) and areas (M,) of a free body.
 
     Spherical k-means of the normals, weighted by area, from seeds drawn as in k-means++. Different
     draws give different facets.

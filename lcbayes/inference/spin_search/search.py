@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jnp
-from lcbayes.core.progress import Silent
+from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
-from lcbayes.inference.spin_search.cells import Coverage, Grid
-from lcbayes.inference.spin_search.facets import NORMALS, OMEGA, SIZES, Bodies, reinserted, starts
-from lcbayes.inference.spin_search.series import Series, frame, precision
+from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
+from lcbayes.inference.spin_search.facets import NORMALS, OMEGA, SIZES, Bodies, reinserted, sharpened, starts
+from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.bodies import facets
@@ -41,10 +41,15 @@ class Stage:
     steps: int
 
 
-STAGES = (Stage(200, 0.05, 100, 7), Stage(40, 0.01, 250, 7))
+STAGES = (Stage(240, 0.05, 100, 7), Stage(60, 0.01, 250, 6))
 ALIASES = 24  # spins tried for each state of the last stage
-STRICT = Stage(80, 0.01, 200, 5)  # constant spins with a free body
-OPTIMISED = (24, 12, 8, 8, 6, 6, *(4,) * 10)  # bodies of N facets from each of the best of these
+SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best are improved
+CONSTANT = Stage(160, 0.01, 160, 5)  # constant spins with a free body
+OPTIMISED = (24, 16, 12, 8, 8, 8, *(4,) * 20, *(2,) * 50)  # bodies of N facets from each of the best of these
+
+
+# Rounds of successive halving of bodies of N facets: see `inference.search`.
+ROUNDS = ((1.0, 12, 0.25), (1.0, 30, 0.3), (1.0, 150, 1.0))
 
 
 def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
@@ -82,97 +87,102 @@ def complete_search(
     -------
     SearchState, Coverage
     """
-    law = _law(options)
-    omega_sd, n_facets = float(options["omega_sd"]), int(options["n_facets"])
-    points = Points.of(data)
+    law = options.get("reflectance", "lambertian")
+    law = law if law in DIFFUSE_LAWS else "lambertian"
+    omega_sd = float(options["omega_sd"])
+    points, series = Points.of(data), Series.of(law)
+    total = total_area(series, points.sun, points.obs, points.flux)
     fastest = PRIOR_REACH * omega_sd
     arcs = Arcs.of(points, fastest, SERIES_ERROR)
-    series = Series.of(law)
-    prior = precision(series, points.sun, points.obs, points.flux)
-    grid = Grid.of(series, arcs, prior, fastest, omega_sd)
+    grid = Grid.of(series, arcs, precision(series, total), fastest, omega_sd)
     cells, coverage = grid.search(workers, progress, SURVIVORS)
-    rows = states.representatives(grid, cells, STAGES[0].states)
-    middle = np.asarray(arcs.middle)
-    pole, rate = grid.poles[cells.pole[rows]], cells.rate[rows]
-    phase = rate[:, None] * middle
-    total = sum(s.states for s in STAGES) + STRICT.states
-    with progress.stage("improving spins", total, "spins") as bar:
-        found = _stage(points, fastest, pole, rate, phase, law, STAGES[0], workers)
-        bar.advance(STAGES[0].states)
-        for stage in STAGES[1:]:
-            found = found.at(states.distinct(found, arcs.duration, stage.states))
-            found = _stage(points, fastest, found.pole, found.rate, found.phase, law, stage, workers)
-            bar.advance(stage.states)
-        strict = _constant(grid, points, found, law, workers)
-        bar.advance(STRICT.states)
-    ends = _optimised(problem, data, points, strict, n_facets, omega_sd, law, workers, progress)
-    return ends, coverage
-
-
-def _law(options: Mapping[str, Any]) -> DiffuseLaw:
-    """The reflectance of the search: that of the model if it is diffuse."""
-    law = options.get("reflectance", "lambertian")
-    return law if law in DIFFUSE_LAWS else "lambertian"
-
-
-def _stage(
-    points: Points, fastest: float, pole, rate, phase, law: DiffuseLaw, stage: Stage, workers: int
-) -> States:
-    """States improved with the error and the normals of a stage, best first."""
-    arcs = Arcs.of(points, fastest, stage.error)
-    normals = facets.grid(stage.normals)
-    found = bodies.improved(arcs, pole, rate, phase, law, normals, stage.steps, workers)
-    return found.at(np.argsort(found.chi2, kind="stable"))
-
-
-def _constant(
-    grid: Grid, points: Points, found: States, law: DiffuseLaw, workers: int
-) -> States:
-    """Constant spins that fit the phases of the states, improved, best first."""
-    rows = states.distinct(found, grid.arcs.duration, STAGES[-1].states)
-    pole, rate, phase, loss = [], [], [], []
-    for i in rows:
-        rates, origin, lost = states.spins(grid, found, int(i), ALIASES)
-        pole += [found.pole[i]] * rates.size
-        rate += list(rates)
-        phase += list(origin)
-        loss += list(found.chi2[i] + lost)
-    best = np.argsort(loss, kind="stable")[: STRICT.states]
-    arcs = Arcs.whole(points, STRICT.error)
-    start = np.array(phase)[best] + np.array(rate)[best] * float(arcs.middle[0])
-    strict = bodies.improved(
-        arcs,
-        np.array(pole)[best],
-        np.array(rate)[best],
-        start[:, None],
-        law,
-        facets.grid(STRICT.normals),
-        STRICT.steps,
-        workers,
+    run = _Refinement(points, grid, law, total, fastest, workers)
+    with progress.stage("improving spins", sum(s.states for s in (*STAGES, SCREENED, CONSTANT)), "spins") as bar:
+        found = run.constant(run.free(cells, bar), bar)
+    starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
+    ends = search.successive_halving(
+        problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
-    strict = strict.at(np.argsort(strict.chi2, kind="stable"))
-    span = float(np.ptp(points.t))
-    return strict.at(states.distinct(strict, span, len(OPTIMISED)))
+    return reinserted(problem, data, points, law, ends, workers), coverage
 
 
-def _optimised(
-    problem, data, points, strict: States, n_facets, omega_sd, law, workers, progress
-) -> SearchState:
-    """Optima of the posterior from the constant spins, best first."""
-    normals = facets.grid(STRICT.normals)
-    middle = 0.5 * (points.t[0] + points.t[-1])
-    parts = []
-    rng = np.random.default_rng(0)
-    for i, n in zip(range(strict.rate.size), OPTIMISED, strict=False):
-        angle = strict.phase[i, 0] - strict.rate[i] * middle  # at t = 0
-        axes = np.asarray(frame(jnp.asarray(strict.pole[i]))) @ _about_z(angle)
-        for _ in range(n):
-            found, areas = bodies.clustered(strict.areas[i], normals, n_facets, rng)
-            parts.append((strict.pole[i] * strict.rate[i], found @ axes.T, areas))
-    every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
-    rows = starts(problem, data, every, omega_sd)
-    ends = search.successive_halving(problem, data, jnp.asarray(rows), workers, progress)
-    return reinserted(problem, data, points, law, ends, workers)
+@dataclass(frozen=True)
+class _Refinement:
+    """From the cells that survive to bodies at constant spins."""
+
+    points: Points
+    grid: Grid
+    law: DiffuseLaw
+    total_area: float
+    fastest: float
+    workers: int
+
+    def free(self, cells: Cells, bar: Track) -> States:
+        """States improved with free phases between the arcs, best first."""
+        rows = states.representatives(self.grid, cells, STAGES[0].states)
+        rate = cells.rate[rows]
+        phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
+        at = self.grid.poles[cells.pole[rows]], rate, phase
+        for i, stage in enumerate(STAGES):
+            arcs = Arcs.of(self.points, self.fastest, stage.error)
+            found = self._improved(arcs, *at, stage)
+            bar.advance(stage.states)
+            if i + 1 < len(STAGES):
+                duration = self.grid.arcs.duration
+                found = found.at(states.distinct(found, duration, STAGES[i + 1].states))
+                at = found.pole, found.rate, found.phase
+        return found
+
+    def constant(self, found: States, bar: Track) -> States:
+        """Constant spins that fit the phases of the states, improved, best first."""
+        pole, rate, phase = [], [], []
+        for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
+            rates, origin = states.spins(self.grid, found, int(i), ALIASES)
+            pole += [found.pole[i]] * rates.size
+            rate += list(rates)
+            phase += list(origin)
+        poles, rates = np.array(pole), np.array(rate)
+        for stage in (SCREENED, CONSTANT):
+            arcs = Arcs.whole(self.points, stage.error)
+            start = np.array(phase) + rates * float(arcs.middle[0])
+            strict = self._improved(arcs, poles, rates, start[:, None], stage)
+            poles, rates = (x[: CONSTANT.states] for x in (strict.pole, strict.rate))
+            phase = strict.phase[: CONSTANT.states, 0] - rates * float(arcs.middle[0])
+            bar.advance(stage.states)
+        span = float(np.ptp(self.points.t))
+        return strict.at(states.distinct(strict, span, len(OPTIMISED)))
+
+    def bodies(
+        self, problem: Problem, data: Epochs, found: States, n_facets: int, omega_sd: float
+    ) -> Floats:
+        """Unconstrained vectors (n, D) of bodies of N facets at constant spins."""
+        normals = facets.grid(CONSTANT.normals)
+        middle = 0.5 * (self.points.t[0] + self.points.t[-1])
+        rng = np.random.default_rng(0)
+        parts = []
+        for i, n in zip(range(found.rate.size), OPTIMISED, strict=False):
+            angle = found.phase[i, 0] - found.rate[i] * middle  # at t = 0
+            axes = np.asarray(frame(jnp.asarray(found.pole[i]))) @ _about_z(angle)
+            omega = found.pole[i] * found.rate[i]
+            free = sharpened(
+                self.points, omega, self.law, normals @ axes.T, found.areas[i], self.total_area
+            )
+            parts += [(omega, *bodies.clustered(*free, n_facets, rng)) for _ in range(n)]
+        every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
+        return starts(problem, data, every, omega_sd)
+
+    def _improved(self, arcs: Arcs, pole, rate, phase, stage: Stage) -> States:
+        """States improved with the normals of a stage, best first."""
+        found = bodies.improved(
+            arcs,
+            (pole, rate, phase),
+            self.law,
+            facets.grid(stage.normals),
+            area_sd=self.total_area,
+            steps=stage.steps,
+            workers=self.workers,
+        )
+        return found.at(np.argsort(found.chi2, kind="stable"))
 
 
 def _about_z(angle: float) -> Floats:

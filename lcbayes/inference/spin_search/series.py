@@ -112,15 +112,18 @@ def log_evidence(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     return 0.5 * white @ white - jnp.sum(jnp.log(jnp.diagonal(factor)))
 
 
-def precision(series: Series, sun: Floats, obs: Floats, flux: Floats) -> Floats:
-    """Prior precisions (P,) of the harmonics of the body behind a light curve (T,).
-
-    Its total albedo-area A follows from the mean brightness and that of an isotropic body; a field
-    of shot noise has the variance `SHOT_NOISE` A²/4π in every harmonic.
-    """
+def total_area(series: Series, sun: Floats, obs: Floats, flux: Floats) -> float:
+    """Albedo-area (m²) of an isotropic body of the same mean brightness."""
     kernel = diffuse_kernel(series.law, sun @ series.nodes.T, obs @ series.nodes.T, LAMBERT_C)[0]
     isotropic = float(jnp.mean(kernel @ series.cosine[:, 0])) / np.sqrt(4 * np.pi)
-    total = float(np.mean(flux)) / max(isotropic, 1e-300)
+    return float(abs(np.mean(flux))) / max(isotropic, 1e-300)
+
+
+def precision(series: Series, total: float) -> Floats:
+    """Prior precisions (P,) of the harmonics of a body of a total albedo-area (m²).
+
+    A field of shot noise has the variance `SHOT_NOISE` A²/4π in every harmonic.
+    """
     found = np.full(series.size, 4 * np.pi / (SHOT_NOISE * total**2))
     found[0] *= MEAN_PRECISION
     return found

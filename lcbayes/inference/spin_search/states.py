@@ -14,6 +14,7 @@ SAME_POLE = np.cos(np.radians(12.0))
 SAME_RATE = 1.5  # rad over an arc
 SAME_PHASE = 1.1  # rad
 ALIAS_STEP = 0.3  # rad over the time base
+REACH = 30.0  # sd of the rate: the free body is on a grid, whose errors exceed the noise
 
 
 def representatives(grid: Grid, cells: Cells, most: int) -> NDArray[np.int64]:
@@ -61,35 +62,31 @@ def distinct(found: States, span: float, most: int) -> NDArray[np.int64]:
     return np.array(chosen)
 
 
-def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats, Floats]:
-    """Constant spins near state i: rates (k,) rad/s, phases (k,) at t = 0, and losses of χ² (k,).
+def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats]:
+    """Constant spins near state i: rates (k,) rad/s and phases (k,) at t = 0.
 
-    The loss is quadratic in the differences of rate and phases from those of the state.
+    Those of the least loss of χ², which is quadratic in the differences of rate and phases from
+    those of the state.
     """
     middle = np.asarray(grid.arcs.middle)
     span = float(grid.arcs.span[-1])
     q = states.information[i]
-    inner = q[1:, 1:]
-    # the common phase is free: only phases relative to their best mean count
+    # The common phase is free: only phases relative to their best mean count.
     one = np.ones(middle.size)
-    total = max(one @ inner @ one, 1e-300)
-    width = _width(q, one, total)
-    reach = min(6.0 * width, grid.coarse_step) + 1.0 / span
-    rate = states.rate[i] + np.arange(-reach, reach, ALIAS_STEP / span)
-    rate = rate[rate > 0]
+    total = max(one @ q[1:, 1:] @ one, 1e-300)
+    reach = min(REACH * _width(q, one, total), grid.coarse_step) + 2.0 / span
+    rate = np.abs(states.rate[i] + np.arange(-reach, reach, ALIAS_STEP / span))
     gap = np.angle(np.exp(1j * (rate[:, None] * middle - states.phase[i])))
-    # the mean of wrapped phases is circular
-    mean = np.angle(np.mean(np.exp(1j * gap), axis=1))
+    mean = np.angle(np.mean(np.exp(1j * gap), axis=1))  # of phases, which wrap
     gap = np.angle(np.exp(1j * (gap - mean[:, None])))
     x = np.concatenate([(rate - states.rate[i])[:, None], gap], axis=1)
     shift = -(x @ q @ np.concatenate([[0.0], one])) / total
     x[:, 1:] += shift[:, None]
     loss = np.einsum("ni,ij,nj->n", x, q, x)
-    inside = np.r_[True, loss[1:] <= loss[:-1]] & np.r_[loss[:-1] <= loss[1:], True]
-    rows = np.flatnonzero(inside)
+    least = np.r_[True, loss[1:] <= loss[:-1]] & np.r_[loss[:-1] <= loss[1:], True]
+    rows = np.flatnonzero(least)
     rows = rows[np.argsort(loss[rows])][:most]
-    origin = -(mean[rows] - shift[rows])
-    return rate[rows], origin, loss[rows]
+    return rate[rows], shift[rows] - mean[rows]
 
 
 def _width(q: Floats, one: Floats, total: float) -> float:
