@@ -44,7 +44,9 @@ class Stage:
 STAGES = (Stage(240, 0.05, 100, 7), Stage(60, 0.01, 250, 6))
 ALIASES = 24  # spins tried for each state of the last stage
 SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best are improved
-CONSTANT = Stage(160, 0.01, 160, 5)  # constant spins with a free body
+CELLS = 400  # cells tried as they are
+PER_STATE = 3  # of the aliases of a state, carried on
+CONSTANT = Stage(200, 0.01, 160, 5)  # constant spins with a free body
 OPTIMISED = (24, 16, 12, 8, 8, 8, *(4,) * 20, *(2,) * 50)  # bodies of N facets from each of the best of these
 
 
@@ -98,7 +100,7 @@ def complete_search(
     cells, coverage = grid.search(workers, progress, SURVIVORS)
     run = _Refinement(points, grid, law, total, fastest, workers)
     with progress.stage("improving spins", sum(s.states for s in (*STAGES, SCREENED, CONSTANT)), "spins") as bar:
-        found = run.constant(run.free(cells, bar), bar)
+        found = run.constant(cells, run.free(cells, bar), bar)
     starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
     ends = search.successive_halving(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
@@ -125,7 +127,7 @@ class _Refinement:
         at = self.grid.poles[cells.pole[rows]], rate, phase
         for i, stage in enumerate(STAGES):
             arcs = Arcs.of(self.points, self.fastest, stage.error)
-            found = self._improved(arcs, *at, stage)
+            found = self._improved(arcs, *at, stage)[1]
             bar.advance(stage.states)
             if i + 1 < len(STAGES):
                 duration = self.grid.arcs.duration
@@ -133,23 +135,32 @@ class _Refinement:
                 at = found.pole, found.rate, found.phase
         return found
 
-    def constant(self, found: States, bar: Track) -> States:
-        """Constant spins that fit the phases of the states, improved, best first."""
-        pole, rate, phase = [], [], []
+    def constant(self, cells: Cells, found: States, bar: Track) -> States:
+        """Constant spins of cells or that fit the phases of states, improved, best first.
+
+        Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
+        cells themselves are better.
+        """
+        span = float(np.ptp(self.points.t))
+        middle = 0.5 * (self.points.t[0] + self.points.t[-1])
+        rows = states.representatives(self.grid, cells, CELLS, span)
+        pole, rate = [*self.grid.poles[cells.pole[rows]]], [*cells.rate[rows]]
+        phase, group = [0.0] * len(rows), [*range(-len(rows), 0)]
         for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
             rates, origin = states.spins(self.grid, found, int(i), ALIASES)
             pole += [found.pole[i]] * rates.size
-            rate += list(rates)
-            phase += list(origin)
-        poles, rates = np.array(pole), np.array(rate)
-        for stage in (SCREENED, CONSTANT):
-            arcs = Arcs.whole(self.points, stage.error)
-            start = np.array(phase) + rates * float(arcs.middle[0])
-            strict = self._improved(arcs, poles, rates, start[:, None], stage)
-            poles, rates = (x[: CONSTANT.states] for x in (strict.pole, strict.rate))
-            phase = strict.phase[: CONSTANT.states, 0] - rates * float(arcs.middle[0])
-            bar.advance(stage.states)
-        span = float(np.ptp(self.points.t))
+            rate += [*rates]
+            phase += [*(origin + rates * middle)]
+            group += [int(i)] * rates.size
+        arcs = Arcs.whole(self.points, SCREENED.error)
+        start = np.array(pole), np.array(rate), np.array(phase)[:, None]
+        order, screened = self._improved(arcs, *start, SCREENED)
+        bar.advance(SCREENED.states)
+        rows = states.within(np.array(group)[order], PER_STATE)[: CONSTANT.states]
+        at = screened.pole[rows], screened.rate[rows], screened.phase[rows]
+        arcs = Arcs.whole(self.points, CONSTANT.error)
+        strict = self._improved(arcs, *at, CONSTANT)[1]
+        bar.advance(CONSTANT.states)
         return strict.at(states.distinct(strict, span, len(OPTIMISED)))
 
     def bodies(
@@ -171,8 +182,10 @@ class _Refinement:
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 
-    def _improved(self, arcs: Arcs, pole, rate, phase, stage: Stage) -> States:
-        """States improved with the normals of a stage, best first."""
+    def _improved(
+        self, arcs: Arcs, pole, rate, phase, stage: Stage
+    ) -> tuple[NDArray[np.int64], States]:
+        """States improved with the normals of a stage, best first, and their rows at the start."""
         found = bodies.improved(
             arcs,
             (pole, rate, phase),
@@ -182,7 +195,8 @@ class _Refinement:
             steps=stage.steps,
             workers=self.workers,
         )
-        return found.at(np.argsort(found.chi2, kind="stable"))
+        order = np.argsort(found.chi2, kind="stable")
+        return order, found.at(order)
 
 
 def _about_z(angle: float) -> Floats:

@@ -17,8 +17,14 @@ ALIAS_STEP = 0.3  # rad over the time base
 REACH = 30.0  # sd of the rate: the free body is on a grid, whose errors exceed the noise
 
 
-def representatives(grid: Grid, cells: Cells, most: int) -> NDArray[np.int64]:
-    """Rows of cells, best first, no two of which belong to one state."""
+def representatives(
+    grid: Grid, cells: Cells, most: int, span: float | None = None
+) -> NDArray[np.int64]:
+    """Rows of cells, best first, no two of which belong to one state.
+
+    Rates are told apart over a time span (s), by default that of an arc.
+    """
+    span = grid.arcs.duration if span is None else span
     middle = np.asarray(grid.arcs.middle)
     phases = cells.rate[:, None] * (middle - middle[0])
     turn = np.exp(1j * phases)
@@ -29,12 +35,23 @@ def representatives(grid: Grid, cells: Cells, most: int) -> NDArray[np.int64]:
         i = int(np.argmax(left))  # cells are in order
         chosen.append(i)
         near = left & (poles @ poles[i] > SAME_POLE)
-        near &= np.abs(cells.rate - cells.rate[i]) * grid.arcs.duration < SAME_RATE
+        near &= np.abs(cells.rate - cells.rate[i]) * span < SAME_RATE
         rows = np.flatnonzero(near)
         apart = np.abs(np.angle(turn[rows] * np.conj(turn[i])))
         left[rows[apart.max(axis=1) < SAME_PHASE]] = False
         left[i] = False
     return np.array(chosen)
+
+
+def within(group: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Rows of the first members of each group, which are in order, best first."""
+    seen: dict[int, int] = {}
+    rows = []
+    for i, g in enumerate(group):
+        seen[int(g)] = seen.get(int(g), 0) + 1
+        if seen[int(g)] <= most:
+            rows.append(i)
+    return np.array(rows, int)
 
 
 def distinct(found: States, span: float, most: int) -> NDArray[np.int64]:
