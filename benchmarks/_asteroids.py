@@ -215,7 +215,7 @@ def draw_case(kind: str, seed: int) -> Case:
     position = asteroid(t)
     sun, to_earth = -position, earth(t) - position
     angle = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * 24.0 * (t - t[0]) / period
-    bright = flux(surface, *(to_body(unit(v), pole, angle) for v in (sun, to_earth)))
+    bright = flux(surface, to_body(unit(sun), pole, angle), to_body(unit(to_earth), pole, angle))
     bright *= 1.0 + NOISE * rng.standard_normal(t.size)
     step = period**2 / (2 * 24.0 * np.ptp(t))
     given = period + step * rng.uniform(-1 / 3, 1 / 3)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from _results import table
 from _scores import Rate, encoded, pooled, share
 
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "cell",
     "size",
     "seed",
@@ -88,7 +87,8 @@ def run(
     rows = load(path)
     done = {(r["cell"], float(r["size"]), int(r["seed"])) for r in rows}
     seeds = range(given.first_seed, given.first_seed + given.seeds)
-    for seed, cell in itertools.product(seeds, given.cells):
+    cells: list[Cell] = given.cells
+    for seed, cell in [(s, c) for s in seeds for c in cells]:
         if given.table_only or (cell.name, cell.size, seed) in done:
             continue
         begun = time.monotonic()
@@ -142,10 +142,10 @@ def _row(cell: Cell, seed: int, found: Outcome, seconds: float) -> dict[str, str
 def _append(path: Path, row: Mapping[str, str]) -> None:
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS)
+        writer = csv.writer(file)
         if new:
-            writer.writeheader()
-        writer.writerow(row)
+            writer.writerow(COLUMNS)
+        writer.writerow([row[name] for name in COLUMNS])
 
 
 def report(rows: Sequence[Mapping[str, str]], cells: Sequence[Cell], what: str) -> str:

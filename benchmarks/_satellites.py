@@ -287,7 +287,10 @@ def draw_campaign(
         others = [k for k in np.flatnonzero(night < n_nights) if k not in chosen]
         chosen += [int(k) for k in rng.permutation(others)[: n_passes - n_nights]]
         found = _points(
-            rng, orbit, [(t[runs[k][0]], t[runs[k][-1]]) for k in sorted(chosen)], n_points
+            rng,
+            orbit,
+            [(float(t[runs[k][0]]), float(t[runs[k][-1]])) for k in sorted(chosen)],
+            n_points,
         )
         counts = np.bincount(found[1], minlength=n_sites)
         if len(found[0]) >= 0.9 * n_points and counts.min() >= 0.15 * n_points / n_sites:

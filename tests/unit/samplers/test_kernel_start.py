@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from arviz_stats.base import array_stats
+from arviz_stats.base import array_stats  # pyright: ignore[reportPrivateImportUsage]
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
