@@ -20,6 +20,7 @@ from lcbayes.results.reasons import reasons
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number of facets
 AREA_FACTORS = (0.1, 1 / 3, 1.0, 3.0, 10.0)  # of the median of the prior on areas, for the odds
+SAME_MEDIAN = 0.2  # ln of a ratio of two medians, below which one of them is shown
 MIN_DRAWS = 20.0  # effective draws below which a change of the evidence is not given
 LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor run is ignored
 
@@ -110,7 +111,9 @@ def _area_prior(found: Compared) -> dict[str, Any] | None:
     prior = found.area_prior
     if prior is None or not all(c.log_areas.size for c in found.candidates):
         return None
-    medians = {float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS} | {np.exp(prior.default)}
+    medians = [float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS]
+    if np.min(np.abs(np.log(medians) - prior.default)) > SAME_MEDIAN:
+        medians.append(float(np.exp(prior.default)))
     scan = []
     for median in sorted(medians):
         changes = [
