@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     inside: Mapping[str, bool]
     reasons: Sequence[str]  # codes
     solutions: int
-    chi2: float
+    chi2: float | None  # None if the file has no errors
     dof: float
     about: str  # of the case, such as "2 sites, 3 passes, 1 night"
 
@@ -131,7 +131,7 @@ def _row(cell: Cell, seed: int, found: Outcome, seconds: float) -> dict[str, str
         encoded(found.inside),
         ";".join(found.reasons),
         found.solutions,
-        f"{found.chi2:.1f}",
+        "" if found.chi2 is None else f"{found.chi2:.1f}",
         f"{found.dof:.1f}",
         f"{seconds:.1f}",
         found.about,

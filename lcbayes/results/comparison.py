@@ -15,6 +15,7 @@ from lcbayes.inference import odds
 from lcbayes.inference.facet_count import Candidate, Compared
 from lcbayes.inference.loo import BAD_K, Stacked, stacking
 from lcbayes.inference.odds import facets
+from lcbayes.results.content import CandidateContent, CompareNumbers
 from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
@@ -49,7 +50,7 @@ COLUMNS = {
 
 def summarise(
     found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
-) -> tuple[dict[str, Any], list[Reason]]:
+) -> tuple[CompareNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
     candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
     n_runs = len(candidates[0].log_evidences)
@@ -61,7 +62,7 @@ def summarise(
     worth = found.information
     rows = _rows(found, errors, chances, stacked)
     against = [*found.failed, *odds.undecided(counts, chances), *_findings(found, verdict)]
-    content = {
+    content: CompareNumbers = {
         "model": identity["model"],
         "n_obs": n_obs,
         "seed": seed,
@@ -114,7 +115,7 @@ def _area_prior(found: Compared) -> dict[str, Any] | None:
     medians = [float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS]
     if np.min(np.abs(np.log(medians) - prior.default)) > SAME_MEDIAN:
         medians.append(float(np.exp(prior.default)))
-    scan = []
+    scan: list[dict[str, Any]] = []
     for median in sorted(medians):
         changes = [
             odds.evidence_change(c.log_areas, prior.log_mean, prior.log_sd, np.log(median))
@@ -134,10 +135,10 @@ def _area_prior(found: Compared) -> dict[str, Any] | None:
 
 def _rows(
     found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
-) -> list[dict[str, Any]]:
+) -> list[CandidateContent]:
     """The candidates, with their probabilities and stacking weights."""
     worth = found.information
-    rows = []
+    rows: list[CandidateContent] = []
     for k, c in enumerate(found.candidates):
         elpd, khat = c.loo
         rows.append(
@@ -165,7 +166,7 @@ def _rows(
                 "dof": c.misfit.dof,
                 "gradients": c.gradients,
                 "seconds": c.seconds,
-                "reasons": [reason._asdict() for reason in reasons(c.reasons)],
+                "reasons": [reason.content for reason in reasons(c.reasons)],
             }
         )
     return rows
@@ -186,7 +187,7 @@ def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
         yield Finding("no-number-explains-data", values)
 
 
-TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+PRINTED = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
 
 
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -204,8 +205,9 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         f"k > {BAD_K}",
         "chi2/dof",
     ]
-    rows = []
-    ends = (summary.get("sparse") or {}).get("n_facets")
+    rows: list[list[str]] = []
+    path: Mapping[str, Any] = summary.get("sparse") or {}
+    ends = path.get("n_facets")
     for row in summary["candidates"]:
         k = row["max_pareto_k"]
         rows.append(
@@ -236,7 +238,7 @@ def _per_dof(row: Mapping[str, Any]) -> str:
 
 def notes(summary: Mapping[str, Any]) -> list[str]:
     """Notes on the table."""
-    said = []
+    said: list[str] = []
     worth = summary["information_per_point"]
     if worth < 1.0:
         said.append(
@@ -287,7 +289,7 @@ def _area_notes(summary: Mapping[str, Any]) -> Iterator[str]:
         return
     origin = "that of the best fit" if prior["from_data"] else "as given"
     numbers = [row["n_facets"] for row in summary["candidates"]]
-    each = []
+    each: list[str] = []
     for entry in prior["scan"]:
         shown = [
             f"{n}: {p:.2f}"
@@ -305,12 +307,12 @@ def _area_notes(summary: Mapping[str, Any]) -> Iterator[str]:
 def table(summary: Mapping[str, Any]) -> list[str]:
     """The table, its notes and the conclusion, with the columns that fit on a terminal."""
     heads, rows = cells(summary)
-    shown = [heads.index(name) for name in TOLD]
-    told = [[line[i] for i in shown] for line in (heads, *rows)]
-    widths = [max(map(len, column)) for column in zip(*told, strict=True)]
+    shown = [heads.index(name) for name in PRINTED]
+    printed = [[line[i] for i in shown] for line in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*printed, strict=True)]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in told
+        for line in printed
     ]
     said = summary["conclusion"]
     return [*lines, *notes(summary), "", said[0].upper() + said[1:] + "."]

@@ -1,5 +1,9 @@
 """Result of `lcbayes.compare`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lcbayes.analysis import comparison_page, style
 from lcbayes.core.reasons import Reason
 from lcbayes.results.comparison import COLUMNS, table
+from lcbayes.results.content import CandidateContent, CompareContent, RuledOutContent
 from lcbayes.results.load import read_summary
 from lcbayes.results.reasons import stored
 from lcbayes.results.record import Record
@@ -24,7 +29,7 @@ if TYPE_CHECKING:
 FOLDER = "facets-{}"  # of the posterior with so many facets, in the results folder
 
 
-class Comparison(Result):
+class Comparison(Result[CompareContent]):
     """Numbers of facets with their evidence, and the conclusion.
 
     Attributes
@@ -106,6 +111,6 @@ class Comparison(Result):
 
         return style.figures(draw)
 
-    def _rows(self) -> list[dict[str, Any]]:
+    def _rows(self) -> list[CandidateContent | RuledOutContent]:
         every = [*self.content["candidates"], *self.content["ruled_out"]]
         return sorted(every, key=lambda row: row["n_facets"])
