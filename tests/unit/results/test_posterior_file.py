@@ -288,8 +288,8 @@ def test_the_prior_of_the_file_is_that_of_facets_that_are_seen(written):
 
 
 def test_attributes_say_what_ahmc_settled_on():
-    light = lit()
-    settings = {"num_warmup": 100, "num_samples": 50, "num_starts": 8, "num_chains": 2}
+    light = small_curves.curve(20)
+    settings = {"num_warmup": 100, "num_samples": 50, "num_starts": 16, "num_chains": 2}
     found = lcbayes.fit(light, sampler="ahmc", seed=1, **settings, **OPTIONS)
     attrs = found.tree["sample_stats"].attrs
     assert attrs["sampler"] == "ahmc"
