@@ -76,9 +76,10 @@ def test_compare_takes_the_curve_from_a_moved_folder(folder, tmp_path, monkeypat
     monkeypatch.setattr("lcbayes.inference.facet_count.run", stop)
     assert main(["compare", str(folder), "-o", str(tmp_path / "c"), *COMPARE]) == EXIT_BAD_INPUT
     (curve,) = given
-    fitted = lcbayes.load(folder).light_curve
+    fit = lcbayes.load(folder)
+    assert isinstance(fit, lcbayes.Fit)
     for name in ("t", "brightness", "error", "sun", "obs"):
-        np.testing.assert_array_equal(getattr(curve, name), getattr(fitted, name))
+        np.testing.assert_array_equal(getattr(curve, name), getattr(fit.light_curve, name))
 
 
 def test_how_a_curve_was_read_is_recorded_also_from_python(folder, capsys, tmp_path):
