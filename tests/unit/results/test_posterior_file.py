@@ -104,7 +104,12 @@ def made(n_solutions: int, n_dark: int, apart: float = 0.0) -> xr.DataTree:
     return tree(posterior, light, entry, entry.check(OPTIONS), SEED)
 
 
-CASES = [(1, 0), (1, 5), (2, 0), (2, 5)]
+CASES = [
+    (1, 0),
+    pytest.param((1, 5), marks=pytest.mark.slow),
+    pytest.param((2, 0), marks=pytest.mark.slow),
+    (2, 5),
+]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda c: f"{c[0]} solutions, {c[1]} dark")
