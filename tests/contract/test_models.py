@@ -59,6 +59,26 @@ def test_signature(name):
     assert required == set(NEEDED.get(name, {})) & required
 
 
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        *((name, NEEDED.get(name, {})) for name in registry.BUILT_IN),
+        ("faceted-brdf", {"reflectance": "cook-torrance", "spin": "none"}),
+    ],
+)
+def test_every_model_has_the_sites_of_the_report_and_a_gradient(name, given):
+    """Traced for its shapes, which takes no compilation."""
+    entry, data = registry.find(name), Epochs.of(LIGHT)
+    problem = Problem(entry.bind(entry.check(given)), data)
+    z = jax.eval_shape(problem.prior_draw, jax.random.key(0), data)
+    value, slope = jax.eval_shape(jax.value_and_grad(problem.potential), z, data)
+    assert value.shape == ()
+    assert slope.shape == z.shape == (problem.dim,)
+    sites = jax.eval_shape(problem.constrain, z, data)
+    assert {"flux", "expected", "albedo_area", "scale", "sigma"} <= sites.keys()
+    assert sites["flux"].shape == data.t.shape
+
+
 @pytest.fixture(scope="module")
 def draws(posed):
     """A hundred of the prior of the model."""
