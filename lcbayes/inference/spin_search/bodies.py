@@ -72,8 +72,8 @@ def improved(
     """The best free body of each state, with the state improved by Gauss-Newton steps.
 
     Minimises Σ (F − Σ α K)²/σ² over albedo-areas α ≥ 0 of facets of the given normals (M, 3), the
-    pole (n, 3), rate (n,) and phases (n, A) of ``motion``. Areas follow each step. Their squares have a weak
-    penalty, (α/``area_sd``)²: else facets that hardly receive light grow without limit.
+    pole (n, 3), rate (n,) and phases (n, A) of ``motion``. Areas follow each step, with a weak
+    penalty (α/``area_sd``)²: without it, facets that hardly receive light grow without limit.
     """
     grid = jnp.asarray(normals)
 
@@ -130,9 +130,7 @@ def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, area_sd, ste
 
         zero = jnp.zeros(2)
         flat = jnp.zeros(weight.size)
-        by_tilt = [
-            jax.jvp(lambda x: brightness(x, flat), (zero,), (e,))[1] for e in jnp.eye(2)
-        ]
+        by_tilt = [jax.jvp(lambda x: brightness(x, flat), (zero,), (e,))[1] for e in jnp.eye(2)]
         by_angle = jax.jvp(lambda x: brightness(zero, x), (flat,), (jnp.ones_like(flat),))[1]
         columns = [*by_tilt, by_angle * arcs.dt.ravel() * unit]
         columns += [by_angle * member[:, k] for k in range(n_arcs)]

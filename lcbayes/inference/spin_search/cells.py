@@ -83,6 +83,24 @@ class Coverage:
     evaluated: int
     survivors: int
 
+    def __str__(self) -> str:
+        return (
+            f"all spins up to {self.max_rate:.3g} rad/s were searched: of {self.cells:,} cells of "
+            f"pole and rate, {self.survivors:,} were followed to the end"
+        )
+
+    def stored(self) -> dict[str, NDArray]:
+        """Arrays for a checkpoint."""
+        return {"coverage": np.array([self.max_rate, self.cells, self.evaluated, self.survivors])}
+
+    @classmethod
+    def restored(cls, arrays: dict[str, NDArray]) -> Coverage | None:
+        """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
+        if "coverage" not in arrays:
+            return None
+        max_rate, *counts = arrays.pop("coverage")
+        return cls(float(max_rate), *(int(n) for n in counts))
+
 
 @dataclass(frozen=True)
 class Grid:

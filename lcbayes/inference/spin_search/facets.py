@@ -22,8 +22,7 @@ from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
-NORMALS, OMEGA = "normals_base", "omega_unit"
-SIZES = ("log_albedo_area", "log_area")
+NORMALS, OMEGA, AREAS = "normals_base", "omega_unit", "log_albedo_area"
 SPACINGS = (0.12, 0.05)  # rad: of the finer grids about the normals of a free body
 SUPPORT = 36  # normals, those of the largest areas, about which a grid is refined
 CANDIDATES = 600  # normals tried for a facet
@@ -52,15 +51,14 @@ class Bodies(NamedTuple):
 def starts(problem: Problem, data: Epochs, bodies: Bodies, omega_sd: float) -> Floats:
     """Unconstrained vectors (n, D); sites that a body does not set are at their prior means."""
     draw = compiled(problem.constrain)(jnp.zeros(problem.dim), data)
-    size = next(k for k in SIZES if k in problem.names)
-    rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, size)}
-    return np.asarray(_rows(problem, size, rest, *(jnp.asarray(x) for x in bodies), omega_sd))
+    rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, AREAS)}
+    return np.asarray(_rows(problem, rest, *(jnp.asarray(x) for x in bodies), omega_sd))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _rows(problem: Problem, size: str, rest, omega, normals, areas, omega_sd):
+@partial(jax.jit, static_argnums=0)
+def _rows(problem: Problem, rest, omega, normals, areas, omega_sd):
     def one(omega, normals, areas):
-        known = {OMEGA: omega / omega_sd, NORMALS: normals, size: jnp.log(areas)}
+        known = {OMEGA: omega / omega_sd, NORMALS: normals, AREAS: jnp.log(areas)}
         return problem.ravel(rest | known)
 
     return jax.vmap(one)(omega, normals, areas)
@@ -142,17 +140,23 @@ def _different(ends: SearchState) -> list[int]:
 def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats):
     """Unconstrained vectors of a body with one facet elsewhere."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
-    size = next(k for k in SIZES if k in problem.names)
     normals = sites[NORMALS] / np.linalg.norm(sites[NORMALS], axis=1, keepdims=True)
     grid = facets.grid(CANDIDATES)
-    columns = np.asarray(
-        _columns(law, jnp.asarray(np.concatenate([normals, grid])), jnp.asarray(sites["omega"]),
-                 *(jnp.asarray(x) for x in (points.t, points.sun, points.obs)))
-    ) / points.error[:, None]
+    columns = (
+        np.asarray(
+            _columns(
+                law,
+                jnp.asarray(np.concatenate([normals, grid])),
+                jnp.asarray(sites["omega"]),
+                *(jnp.asarray(x) for x in (points.t, points.sun, points.obs)),
+            )
+        )
+        / points.error[:, None]
+    )
     white = points.flux / points.error
     own, other = columns[:, : len(normals)], columns[:, len(normals) :]
     unit = np.linalg.lstsq(own, white, rcond=None)[0]
-    sizes = np.exp(sites[size])
+    sizes = np.exp(sites[AREAS])
     scale = max(float(np.median(np.abs(unit) / sizes)), 1e-300)  # of curves of unknown scale
     area = scale * sizes
     norm = np.sum(other**2, axis=0) + 1e-300
@@ -164,12 +168,12 @@ def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: F
             i = int(np.argmax(gain))
             if gain[i] <= 0:
                 break
-            moved, sized = sites[NORMALS].copy(), sites[size].copy()
+            moved, sized = sites[NORMALS].copy(), sites[AREAS].copy()
             moved[j] = grid[i]
             sized[j] = np.log(along[i] / norm[i] / scale)
             known = {k: jnp.asarray(sites[k]) for k in problem.names}
             yield np.asarray(
-                problem.ravel(known | {NORMALS: jnp.asarray(moved), size: jnp.asarray(sized)})
+                problem.ravel(known | {NORMALS: jnp.asarray(moved), AREAS: jnp.asarray(sized)})
             )
             gain[grid @ grid[i] > APART] = 0.0
 

@@ -17,7 +17,15 @@ from lcbayes.inference.spin_search import bodies, states
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
-from lcbayes.inference.spin_search.facets import NORMALS, OMEGA, SIZES, Bodies, reinserted, sharpened, starts
+from lcbayes.inference.spin_search.facets import (
+    AREAS,
+    NORMALS,
+    OMEGA,
+    Bodies,
+    reinserted,
+    sharpened,
+    starts,
+)
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -26,6 +34,7 @@ from lcbayes.physics.brightness import DIFFUSE_LAWS, DiffuseLaw
 
 Floats = NDArray[np.float64]
 
+MIN_POINTS = 12  # below, starts from the prior do as well
 PRIOR_REACH = 4.0  # fastest spin in prior sd of a component of ω: 99.9 % of the prior
 SURVIVORS = 60_000  # cells at the finest level
 SERIES_ERROR = 0.15  # of the series and of the size of a cell, relative to the mean flux
@@ -47,18 +56,27 @@ SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best ar
 CELLS = 400  # cells tried as they are
 PER_STATE = 3  # of the aliases of a state, carried on
 CONSTANT = Stage(200, 0.01, 160, 5)  # constant spins with a free body
-OPTIMISED = (24, 16, 12, 8, 8, 8, *(4,) * 20, *(2,) * 50)  # bodies of N facets from each of the best of these
+OPTIMISED = (
+    24,
+    16,
+    12,
+    8,
+    8,
+    8,
+    *(4,) * 20,
+    *(2,) * 50,
+)  # bodies of N facets from each of the best of these
 
 
 # Rounds of successive halving of bodies of N facets: see `inference.search`.
 ROUNDS = ((1.0, 12, 0.25), (1.0, 30, 0.3), (1.0, 150, 1.0))
 
 
-def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
-    """Whether a model is a body of free facets at a constant ω with a normal prior."""
-    names = set(problem.names)
-    facet_sites = NORMALS in names and any(k in names for k in SIZES)
-    return facet_sites and OMEGA in names and options.get("spin", "free") == "free"
+def applies(problem: Problem, data: Epochs, options: Mapping[str, Any]) -> bool:
+    """Whether a fit is of a body of diffuse facets at a constant ω with a normal prior."""
+    sites = {NORMALS, OMEGA, AREAS} <= set(problem.names)
+    spins = options.get("spin") == "free" and options.get("reflectance") in DIFFUSE_LAWS
+    return sites and spins and data.t.size >= MIN_POINTS
 
 
 def complete_search(
@@ -89,8 +107,7 @@ def complete_search(
     -------
     SearchState, Coverage
     """
-    law = options.get("reflectance", "lambertian")
-    law = law if law in DIFFUSE_LAWS else "lambertian"
+    law: DiffuseLaw = options["reflectance"]
     omega_sd = float(options["omega_sd"])
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
@@ -99,7 +116,9 @@ def complete_search(
     grid = Grid.of(series, arcs, precision(series, total), fastest, omega_sd)
     cells, coverage = grid.search(workers, progress, SURVIVORS)
     run = _Refinement(points, grid, law, total, fastest, workers)
-    with progress.stage("improving spins", sum(s.states for s in (*STAGES, SCREENED, CONSTANT)), "spins") as bar:
+    with progress.stage(
+        "improving spins", sum(s.states for s in (*STAGES, SCREENED, CONSTANT)), "spins"
+    ) as bar:
         found = run.constant(cells, run.free(cells, bar), bar)
     starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
     ends = search.successive_halving(
