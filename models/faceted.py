@@ -2,12 +2,14 @@
 
 from typing import Literal
 
-from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
+
+POOLED = nuisances.NONE  # during the search for solutions
 
 
 def model(
@@ -22,6 +24,9 @@ def model(
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
+    zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    clock_sd: float = nuisances.CLOCK_SD,
+    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
 ):
     """Flux f(t) = Σ αᵢ K(μ₀ᵢ, μᵢ) with α log-normal, normals uniform, ω ~ N(0, omega_sd² I).
 
@@ -44,8 +49,17 @@ def model(
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    clock_sd
+        Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
+    rate_drift_sd
+        Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
+        then the mean; 0: constant.
     """
     turned = priors.spin(spin, omega_sd, inertia_sd)
+    if spin != "none":
+        turned = nuisances.disturbed(turned, data, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -63,4 +77,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean, noise_law)
+    likelihood.observe(data, mean * nuisances.dimming(data, zero_point_sd), noise_law)

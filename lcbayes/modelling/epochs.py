@@ -11,7 +11,8 @@ from lcbayes.core.constants import DAY_S, SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import pass_numbers
+from lcbayes.data.observers import direction_rates, matched, observers
+from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
 from lcbayes.modelling.ephemeris import ephemeris
@@ -71,6 +72,14 @@ class Epochs:
         Unlike ``curve``, it denotes the same object at predicted epochs.
     passes : Passes
         Points grouped by pass; ``has_passes`` is False if each point is a separate pass.
+    observer : (T,) int
+        Index of the point's observer among those of the fitted curve; ``n_observers`` for any
+        other. See `lcbayes.data.observers`.
+    calibration : (T,) int
+        Index of the zero point among those of the fitted curve; ``n_calibrations`` for any other
+        calibration, −1 for a point that needs no zero point.
+    sun_rate, obs_rate : (T, 3) 1/s
+        Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
         Power to which the likelihood of a point is raised; 1 for independent errors.
     kind : "flux" or "mag"
@@ -79,6 +88,8 @@ class Epochs:
         Whether the group's brightness carries an unknown factor.
     n_sites, n_members : int
         Numbers of sites and groups of the fitted curve.
+    n_observers, n_calibrations, n_segments : int
+        Numbers of observers, zero points (0 if there is only one) and passes of the fitted curve.
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
@@ -107,6 +118,10 @@ class Epochs:
     site: jax.Array
     member: jax.Array
     passes: Passes
+    observer: jax.Array
+    calibration: jax.Array
+    sun_rate: jax.Array
+    obs_rate: jax.Array
     information: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
@@ -114,6 +129,9 @@ class Epochs:
     free_scale: tuple[bool, ...] = _static(())
     n_sites: int = _static(1)
     n_members: int = _static(1)
+    n_observers: int = _static(1)
+    n_calibrations: int = _static(0)
+    n_segments: int = _static(1)
     calibrated: bool = _static(True)
     has_passes: bool = _static(False)
 
@@ -134,6 +152,8 @@ class Epochs:
         level, noise_unit = _units(curve, dilution, zero_point)
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
+        observer, calibration, known, groups = matched(curve, t + fitted.t.min(), fitted)
+        sun_rate, obs_rate = direction_rates(curve, observers(curve))
         airmass = np.ones(n)
         if curve.position_km is not None and curve.range_km is not None:
             airmass = earth.airmass(curve.position_km, curve.obs, curve.range_km)
@@ -160,6 +180,10 @@ class Epochs:
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
             ),
             passes=Passes.of(curve, fitted) if has_passes else Passes.single(n),
+            observer=jnp.asarray(observer),
+            calibration=jnp.asarray(calibration),
+            sun_rate=jnp.asarray(sun_rate),
+            obs_rate=jnp.asarray(obs_rate),
             information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
@@ -167,6 +191,9 @@ class Epochs:
             free_scale=tuple(bool(x) for x in curve.free_scale),
             n_sites=len(sites),
             n_members=fitted.n_curves,
+            n_observers=len(known.names),
+            n_calibrations=len(groups.names),
+            n_segments=len(split(fitted.t, known.index, PASS)),
             calibrated=not np.all(fitted.free_scale),
             has_passes=has_passes,
         )

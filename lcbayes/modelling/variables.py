@@ -19,6 +19,9 @@ CARRIERS = frozenset(
         "log_outlier_excess",
         "member_unit",
         "site_unit",
+        "zero_point_unit",
+        "clock_offset_unit",
+        "rate_drift_unit",
         "r_sum",
         "specular_share",
     }

@@ -55,6 +55,8 @@ AXES: dict[str, tuple[str, ...]] = {
     "m": ("facet",),
     "member_offset": ("member",),
     "site_offset": ("site",),
+    "zero_point": ("calibration",),
+    "clock_offset": ("observer",),
     "log_nu": ("facet",),
     "log_n": ("facet",),
     "log_m": ("facet",),
