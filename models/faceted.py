@@ -9,7 +9,7 @@ from lcbayes.physics import brightness, photometry
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
 
-POOLED = nuisances.NONE  # during the search for solutions
+POOLED = nuisances.UNMODELLED  # during the search for solutions
 
 
 def model(
@@ -77,4 +77,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean * nuisances.dimming(data, zero_point_sd), noise_law)
+    likelihood.observe(data, mean, noise_law, zero_point_sd=zero_point_sd)

@@ -21,7 +21,7 @@ FACET_SITES = (
     "log_m",
 )
 
-POOLED = nuisances.NONE  # during the search for solutions
+POOLED = nuisances.UNMODELLED  # during the search for solutions
 
 
 def model(
@@ -98,4 +98,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean * nuisances.dimming(data, zero_point_sd), noise_law)
+    likelihood.observe(data, mean, noise_law, zero_point_sd=zero_point_sd)

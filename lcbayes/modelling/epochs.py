@@ -78,6 +78,8 @@ class Epochs:
     calibration : (T,) int
         Index of the zero point among those of the fitted curve; ``n_calibrations`` for any other
         calibration, −1 for a point that needs no zero point.
+    calibrated_together : Passes
+        Points grouped by zero point, in the same form as ``passes``.
     sun_rate, obs_rate : (T, 3) 1/s
         Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
@@ -120,6 +122,7 @@ class Epochs:
     passes: Passes
     observer: jax.Array
     calibration: jax.Array
+    calibrated_together: Passes
     sun_rate: jax.Array
     obs_rate: jax.Array
     information: jax.Array
@@ -182,6 +185,7 @@ class Epochs:
             passes=Passes.of(curve, fitted) if has_passes else Passes.single(n),
             observer=jnp.asarray(observer),
             calibration=jnp.asarray(calibration),
+            calibrated_together=Passes.of_groups(calibration, curve.t),
             sun_rate=jnp.asarray(sun_rate),
             obs_rate=jnp.asarray(obs_rate),
             information=jnp.asarray(1.0),
@@ -199,8 +203,12 @@ class Epochs:
         )
 
     def without_passes(self) -> Epochs:
-        """The same epochs with each point in a separate pass, independent of the other points."""
-        return replace(self, passes=self.passes.without_passes())
+        """The same epochs with each point in a separate pass, independent of the other points.
+
+        Zero points are left out.
+        """
+        none = jnp.full_like(self.calibration, -1)
+        return replace(self, passes=self.passes.without_passes(), calibration=none)
 
 
 def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:

@@ -15,6 +15,7 @@ from numpyro.util import is_prng_key
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.nuisances import zero_points
 from lcbayes.modelling.pass_effects import Passes, innovations
 
 OBSERVED = "brightness"
@@ -180,6 +181,7 @@ def observe(
     noise: Law = "gaussian",
     scatter_median: float = 0.0,
     passes: bool = False,
+    zero_point_sd: float = 0.0,
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
@@ -205,6 +207,10 @@ def observe(
         for fluxes. Offset and drift are integrated out: the likelihood of each point is conditional
         on the earlier points of its pass, see `pass_effects.innovations`. ``expected`` excludes
         them. In a mixture, whole passes are outliers.
+    zero_point_sd : float
+        Prior standard deviation of the zero point of each calibration, mag, if there are several;
+        see `nuisances.zero_points`. They are integrated out. With ``passes``, whose offsets include
+        them, they are not used.
 
     References
     ----------
@@ -228,6 +234,8 @@ def observe(
         unit = data.noise_unit[data.curve]  # the same for all points of a pass
         inner = (x / unit for x in (data.brightness, mean, sd))
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
+    else:
+        mean, sd = zero_points(data, mean, sd, zero_point_sd)
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

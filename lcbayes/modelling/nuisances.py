@@ -1,7 +1,7 @@
 """Small faults of calibration, clocks and motion as parameters with priors.
 
-Each is a sampled parameter in units of its prior standard deviation, so that its effect on the
-brightness is exact, also where it is not linear, and for every noise law. A fault is modelled only
+Zero points act linearly and are integrated out. Offsets of clocks and a change of rate are sampled
+in units of their prior standard deviations, so that their effect is exact. A fault is modelled only
 where the data can contain it: zero points if there are several calibrations, clocks if there are
 several observers, a change of rate if there are several passes. Without the structure, or with a
 standard deviation of zero, the model is unchanged.
@@ -9,8 +9,12 @@ standard deviation of zero, the model is unchanged.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -20,22 +24,67 @@ from lcbayes.modelling.priors import Rotation
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
 RATE_DRIFT_SD = 0.01  # relative change of the rate of rotation over the light curve
-NONE = {"zero_point_sd": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
-"""Options of a model without these parameters, for its search."""
+UNMODELLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}
+"""Options of a model without these parameters, for the search for solutions."""
 UNITS = {"zero_point": "mag", "clock_offset": "s", "rate_drift": ""}
 
 
-def dimming(data: Epochs, sd: float = ZERO_POINT_SD) -> jax.Array | float:
-    """Factor (T,) on the flux from the zero points, 10^(−0.4 z); 1 if there are none.
+def zero_points(
+    data: Epochs, mean: jax.Array, sd: jax.Array, prior_sd: float
+) -> tuple[jax.Array, jax.Array]:
+    """Mean and standard deviation (T,) of each point given the earlier ones of its calibration.
 
-    The zero points z of the G calibrations (``zero_point``, mag, positive if fainter) are
-    independent Normal(0, sd). That includes their mean, so the size of the body is as uncertain as
-    the calibration. A point of any other calibration has a zero point drawn from the prior.
+    The points of a calibration share a zero point z ~ Normal(0, s²), mag, positive if fainter. To
+    first order y_k ~ N(m_k + h_k z, σ_k²), with h = 1 for magnitudes and −0.4 ln 10 m for fluxes.
+    With z integrated out, the joint density of the points is N(m, diag σ² + s² h hᵀ), the product
+    of
+
+        y_k | y_1 … y_(k−1) ~ N(m_k + h_k v_k Σ_{j<k} h_j (y_j − m_j)/σ_j², σ_k² + h_k² v_k),
+        1/v_k = 1/s² + Σ_{j<k} h_j²/σ_j².
+
+    The zero points of the calibrations are independent. That includes their mean, so the size of
+    the body is as uncertain as the calibration. Sites ``zero_point_mean`` and ``zero_point_sd``
+    (G,) are those of z given all points, from which `drawn` draws z.
+
+    Parameters
+    ----------
+    mean, sd : (T,)
+        Predicted brightness without zero points, and the standard deviation of its errors.
+    prior_sd : float
+        s, mag.
+
+    References
+    ----------
+    Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, sec. 2.7 (basis functions
+    with Gaussian weights, integrated out).
     """
-    if not _on("zero_point_sd", sd) or not data.n_calibrations:
-        return 1.0
-    offset = _offsets("zero_point", data.n_calibrations, sd)
-    return 10.0 ** (-0.4 * jnp.where(data.calibration < 0, 0.0, offset[data.calibration]))
+    if not _on("zero_point_sd", prior_sd) or not data.n_calibrations:
+        return mean, sd
+    groups, h = data.calibrated_together, zero_point_response(data, mean)
+    terms = jnp.stack([(h / sd) ** 2, h * (data.brightness - mean) / sd**2])
+    before, weighted = groups.before(terms)
+    v = 1.0 / (1.0 / prior_sd**2 + before)
+    total = jnp.zeros((2, data.n_calibrations + 1)).at[:, data.calibration]
+    total = total.add(data.information * terms)[:, :-1]
+    whole = 1.0 / (1.0 / prior_sd**2 + total[0])
+    numpyro.deterministic("zero_point_mean", whole * total[1])
+    numpyro.deterministic("zero_point_sd", jnp.sqrt(whole))
+    return mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v)
+
+
+def zero_point_response(data: Epochs, mean: jax.Array) -> jax.Array:
+    """Change of the brightness (T,) per magnitude of its zero point; 0 if it has none."""
+    each = jnp.ones_like(mean) if data.kind == "mag" else -0.4 * jnp.log(10.0) * mean
+    return jnp.where(data.calibration < 0, 0.0, each)
+
+
+def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, NDArray]:
+    """Draws of the sites of a model, with ``zero_point`` in place of its mean and sd."""
+    found = {k: v for k, v in draws.items() if not k.startswith("zero_point_")}
+    if "zero_point_mean" in draws:
+        mean, sd = (np.asarray(draws[f"zero_point_{k}"]) for k in ("mean", "sd"))
+        found["zero_point"] = mean + sd * rng.standard_normal(mean.shape)
+    return found
 
 
 def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
