@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+import numpyro
+
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
@@ -72,6 +74,8 @@ def model(
         return brightness.flux(sun, obs, normals, area, reflectance)
 
     sun, obs = directions(data.t)
+    numpyro.deterministic("sun_body", sun)
+    numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)

@@ -93,6 +93,8 @@ def model(
         return brightness.flux_brdf(sun, obs, normals, area, reflectance, parameters)
 
     sun, obs = directions(data.t)
+    numpyro.deterministic("sun_body", sun)
+    numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)

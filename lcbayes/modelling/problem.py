@@ -181,6 +181,21 @@ class Problem:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])
 
+    def flux_at(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """The flux that the model passes to `likelihood.observe`, (T,)."""
+        return self._flux(self.unravel(z), data)
+
+    def response(self, z: jax.Array, data: Epochs, change: jax.Array) -> jax.Array:
+        """Change of the centre of the likelihood over its width by changes of the flux, (K, T)."""
+        free = self.unravel(z)
+
+        def centre(flux: jax.Array) -> jax.Array:
+            with TRACING, handlers.substitute(data={FLUX: flux}):
+                return _moments(self._trace(free, data)[0][OBSERVED]).mean
+
+        _, push = jax.linearize(centre, self._flux(free, data))
+        return jax.vmap(push)(change) / self.moments(z, data).sd
+
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 

@@ -12,6 +12,8 @@ CARRIERS = frozenset(
         "mode",
         "expected",
         "flux",
+        "sun_body",
+        "obs_body",
         "log_level",
         "noise_unit",
         "tilt_unit",

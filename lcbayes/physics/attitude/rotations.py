@@ -49,8 +49,8 @@ def constant_rate_to_body(
 
     Equivalent to `to_body` of `constant_rate`, but including the derivative at a third of the cost.
     The derivative is written out: du = u × ψ + exp(−[ω×] t) dv with ψ = t J(ωt) dω + ω dt, where J
-    is the right Jacobian of the rotation vector. The gradient of a function of u is therefore the sum over time of its
-    torques u × ∂f/∂u, multiplied by t Jᵀ.
+    is the right Jacobian of the rotation vector. The gradient of a function of u by ω is therefore
+    the sum over time of its torques u × ∂f/∂u, multiplied by t Jᵀ.
 
     Parameters
     ----------
