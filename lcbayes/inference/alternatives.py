@@ -57,7 +57,11 @@ class Alternative:
 
 
 def alternatives(
-    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    names: dict[str, tuple[str, ...]],
+    kinds: tuple[str, ...] = (),
 ) -> list[Alternative]:
     """The faults that the data may contain, at the point z (D,).
 
@@ -65,14 +69,18 @@ def alternatives(
     ----------
     names : mapping
         Names of the ``observers`` and ``calibrations`` of the data.
+    kinds : tuple of str
+        Only these names of alternatives; all by default.
     """
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
     found = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
     if "omega" in sites:
-        found += [*_drift(problem, z, data), *_nutation(problem, z, data, sites)]
-    if "sun_body" in sites:
+        found += _drift(problem, z, data)
+        found += [] if kinds else _nutation(problem, z, data, sites)
+    if "sun_body" in sites and not kinds:
         found += [*_lobes(sites), *_further_facet(sites)]
+    found = [one for one in found if not kinds or one.name in kinds]
     return [_in_units_of_noise(problem, z, data, one) for one in found if np.any(one.columns)]
 
 

@@ -10,7 +10,7 @@ the smallest of several p-values, however they depend on each other.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ LAGS = 4  # of the autocorrelation
 MAX_FREQUENCIES = 64  # of the periodogram
 
 
-class Test(NamedTuple):
+class ResidualTest(NamedTuple):
     """A test of the residuals.
 
     Attributes
@@ -85,7 +85,7 @@ class Examination:
 
     Attributes
     ----------
-    tests : list of Test
+    tests : list of ResidualTest
     explanations : list of Explanation
         From the smallest p-value.
     limit : float
@@ -93,12 +93,12 @@ class Examination:
         mistake with the probability `FALSE_ALARM`, whichever test does it.
     """
 
-    tests: list[Test]
+    tests: list[ResidualTest]
     explanations: list[Explanation]
     limit: float
 
     @property
-    def refused(self) -> list[Test]:
+    def refused(self) -> list[ResidualTest]:
         """The tests that the model fails, from the smallest p-value; chi2 first among equals."""
         return sorted((t for t in self.tests if t.p_value < self.limit), key=lambda t: t.p_value)
 
@@ -107,6 +107,12 @@ class Examination:
         """The alternative that explains the misfit best, if one is significant."""
         good = [e for e in self.explanations if e.p_value < self.limit]
         return max(good, key=lambda e: e.gain, default=None)
+
+
+def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
+    """Names of the observers and calibrations of a curve, as `alternatives` expects them."""
+    seen_by = observers(curve)
+    return {"observers": seen_by.names, "calibrations": calibrations(curve, seen_by).names}
 
 
 def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:
@@ -138,7 +144,6 @@ def examine(
     Proc. Camb. Phil. Soc. 44, 50 (score test).
     """
     seen_by = observers(curve)
-    names = {"observers": seen_by.names, "calibrations": calibrations(curve, seen_by).names}
     passes = split(curve.t, curve.curve * len(seen_by.names) + seen_by.index, PASS)
     n = int(np.clip(MAX_NUMBERS // curve.n_obs, 300, DRAWS))
     rng = np.random.default_rng([seed, 4])
@@ -152,14 +157,14 @@ def examine(
     statistics = _statistics(problem, z, data, curve, passes, correlated)
     values = {name: function(every) for name, function in statistics.items()}
     scores = []
-    for one in alternatives(problem, z, data, names):
+    for one in alternatives(problem, z, data, names_of(curve)):
         gains, best = _gains(one, every, maker)
         values[_code(one)] = gains
         scores.append((one, gains, best))
     p_values = {name: _ranks(value) for name, value in values.items()}
     smallest = np.min(np.stack(list(p_values.values())), axis=0)
     limit = float(np.quantile(smallest[1:], FALSE_ALARM))
-    tests = [Test(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
+    tests = [ResidualTest(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
     found = [
         _explanation(one, best, every, maker, float(p_values[_code(one)][0]))
         for one, _, best in scores
@@ -183,16 +188,22 @@ class Projection:
         F⁻¹ in these units.
     prior_root : (D, D)
         A root P^(1/2) of the precision of the prior in these units.
+    unit : (D,)
+        The units, 1/√F_kk.
+    power : float
+        Mean power to which the likelihood of a point is raised.
     """
 
     jacobian: Floats
     covariance: Floats
     prior_root: Floats
+    unit: Floats
+    power: float
 
     @classmethod
     def of(cls, problem: Problem, z: Floats, data: Epochs) -> Projection:
-        """At a point z (D,), with the likelihood of each point at full weight."""
-        data = replace(data, information=jnp.ones_like(data.information))
+        """At a point z (D,)."""
+        power = float(np.mean(np.asarray(data.information)))
         fisher = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
         prior = np.asarray(compiled(problem.prior_precision)(jnp.asarray(z), data))
         unit = 1.0 / np.sqrt(np.diag(fisher))
@@ -210,19 +221,20 @@ class Projection:
         values, vectors = np.linalg.eigh(prior)
         root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         # the same Jacobian as in the residuals, so that R is a projection for a flat prior
-        covariance = np.linalg.pinv(jacobian.T @ jacobian + prior, hermitian=True)
-        return cls(jacobian, covariance, root)
+        covariance = np.linalg.pinv(power * jacobian.T @ jacobian + prior, hermitian=True)
+        return cls(jacobian, covariance, root, unit, power)
 
     def residuals(self, noise: Floats, rng: np.random.Generator) -> Floats:
         """Residuals (n, T) of fits to noise (n, T), with the truth drawn from the prior."""
-        gain = self.covariance @ self.jacobian.T
+        gain = self.power * self.covariance @ self.jacobian.T
         truth = rng.standard_normal((len(noise), len(self.covariance)))
         shift = truth @ self.prior_root @ self.covariance
         return noise - (noise @ self.jacobian) @ gain + shift @ self.jacobian.T
 
     def left(self, columns: Floats) -> Floats:
         """R c for columns (..., T)."""
-        return columns - (columns @ self.jacobian) @ self.covariance @ self.jacobian.T
+        gain = self.power * self.covariance @ self.jacobian.T
+        return columns - (columns @ self.jacobian) @ gain
 
 
 def _noise(
