@@ -72,7 +72,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
         "rests_on": tables.rests_on_table(results),
-        "residual_tests": tables.test_table(results),
+        "residual_tests": tables.residual_table(results),
         "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",
         "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
         "sky": sky_plots.draw_sky(results, gallery),

@@ -150,7 +150,7 @@ def rests_on_table(results: Results) -> dict[str, Any] | None:
     return {"heads": [FAULTS[fault] for fault in faults], "rows": rows}
 
 
-def test_table(results: Results) -> dict[str, Any] | None:
+def residual_table(results: Results) -> dict[str, Any] | None:
     """Tests of the residuals, the smallest p-values first."""
     fit = results.summary.get("fit") or {}
     if not fit.get("tests"):

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 CLOCK_STEP_S, ANGLE_STEP = 1e-3, 1e-4  # of differences; brightness is smooth over both
 LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
 GRID = 96  # directions of a further facet
-MAX_FREQUENCIES = 128
+MAX_FREQUENCIES = 256
 MAX_NAMED = 12  # observers or calibrations with an alternative each
 
 
@@ -147,7 +147,7 @@ def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterat
     across = np.stack(facets.across(pole[None])).reshape(2, 3)
     by_angle = np.array([_by_rotation(problem, z, data, axis) for axis in across])
     t = np.asarray(data.t)
-    n = int(np.clip(np.ceil(2.0 * rate * float(data.t_span) / np.pi), 4, MAX_FREQUENCIES))
+    n = int(np.clip(np.ceil(4.0 * rate * float(data.t_span) / np.pi), 4, MAX_FREQUENCIES))
     ratio = 2.0 * (np.arange(n) + 0.5) / n
     cos, sin = (f(ratio[:, None] * rate * t) for f in (np.cos, np.sin))
     first, second = by_angle
@@ -167,7 +167,7 @@ def _lobes(sites: Sites) -> Iterator[Alternative]:
         cosine = np.where(seen, np.maximum(bisector @ normal, 0.0), 0.0)
         columns = area[i] / np.pi * np.stack([cosine**n for n in LOBES])
         labels = tuple(f"exponent {n:.0f}" for n in LOBES)
-        about = f"facet {i + 1}"
+        about = f"facet {i}"
         yield Alternative("lobe", about, "", columns[:, None], labels, one_sided=True)
 
 

@@ -33,6 +33,7 @@ FALSE_ALARM = 0.01  # probability that a fit of the correct model is refused by 
 DRAWS, MAX_NUMBERS = 4000, 2e7  # draws of residuals; numbers of residuals in memory
 STEP = 1e-3  # of differences, in posterior standard deviations
 HARMONICS = 4  # of the rotational phase
+ABSORBED = 1e-3  # share of the effect of an alternative that the parameters leave; below: none
 LAGS = 4  # of the autocorrelation
 MAX_FREQUENCIES = 64  # of the periodogram
 
@@ -152,7 +153,7 @@ def examine(
     noise = _noise(seen, passes, correlated, n, rng)
     maker = Projection.of(problem, z, data)
     drawn = maker.residuals(noise, rng)
-    every = np.vstack([seen, drawn])
+    every = np.vstack([seen + maker.last_step(problem, z, data), drawn])
 
     statistics = _statistics(problem, z, data, curve, passes, correlated)
     values = {name: function(every) for name, function in statistics.items()}
@@ -230,6 +231,14 @@ class Projection:
         truth = rng.standard_normal((len(noise), len(self.covariance)))
         shift = truth @ self.prior_root @ self.covariance
         return noise - (noise @ self.jacobian) @ gain + shift @ self.jacobian.T
+
+    def last_step(self, problem: Problem, z: Floats, data: Epochs) -> Floats:
+        """Change (T,) of the residuals by a last step from z to the optimum.
+
+        Alternatives that the parameters absorb almost fully would otherwise be misled.
+        """
+        slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))
+        return self.jacobian @ self.covariance @ (self.unit * slope)
 
     def left(self, columns: Floats) -> Floats:
         """R c for columns (..., T)."""
@@ -374,7 +383,7 @@ def _gain(columns: Floats, every: Floats, maker: Projection, one_sided: bool) ->
 def _absorbed(information: Floats, columns: Floats) -> bool:
     """Whether the parameters of the model have the same effect as the columns."""
     size = np.einsum("kt,kt->k", columns, columns)
-    return bool(np.linalg.eigvalsh(information).min() <= 1e-6 * size.max())
+    return bool(np.linalg.eigvalsh(information).min() <= ABSORBED * size.max())
 
 
 def _explanation(

@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT = 0.1, 0.03, 1.0
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
+NUISANCES = ("zero_point", "clock_offset", "rate_drift")  # they are meant to move
 FAULTS = (
     "clock_0.1_s",
     "zero_point_0.03_mag",
@@ -67,7 +68,7 @@ def shifts(
     """
     maker = Projection.of(problem, z, data)
     slopes = _slopes(problem, z, data, maker.unit)
-    names = tuple(name for name in slopes if sd.get(name, 0.0) > 0)
+    names = tuple(k for k in slopes if sd.get(k, 0.0) > 0 and not k.startswith(NUISANCES))
     gradient = np.array([slopes[name] / sd[name] for name in names]).reshape(len(names), len(z))
     moved = gradient @ maker.covariance @ maker.jacobian.T * maker.power  # (Q, T)
     found: dict[str, Floats] = {}

@@ -141,10 +141,10 @@ def why(misfit: Misfit) -> str:
         said += f", but p = {_p(worst)} for {name} (limit {found.limit:.2g})"
     if found.cause is not None:
         gain = f"which lowers chi2 by {found.cause.gain:.0f}"
-        return f"{said}; it would be explained if {cause(found.cause)}, {gain}"
+        return f"{said}; a possible explanation: {cause(found.cause)}, {gain}"
     factor = np.sqrt(misfit.chi2 / misfit.dof)
     if chi2.p_value < found.limit:
-        said += f"; it would be explained if the errors were {factor:.2g} times as large"
+        said += f"; a possible explanation: the errors are {factor:.2g} times too small"
     return f"{said}; or try more facets, or another law"
 
 
