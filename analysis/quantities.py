@@ -47,6 +47,8 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "zero_point": ("zero point of a site and night, positive if fainter", "mag", 0.0),
     "clock_offset": ("time to add to the clock of an observer", "s", 0.0),
     "rate_drift": ("relative change of rate over the light curve", "", 0.0),
+    "correlated_sd": ("correlated noise, sd", "", 0.0),
+    "correlated_time_s": ("time scale of the correlated noise", "s", 0.0),
     "extinction": ("extinction", "mag per airmass", 0.0),
     "outlier_share": ("share of outliers", "", 0.0),
     "outlier_width": ("width of outliers, in scales", "", 0.0),

@@ -26,6 +26,8 @@ def model(
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
     zero_point_sd: float = nuisances.ZERO_POINT_SD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
@@ -51,6 +53,10 @@ def model(
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
     zero_point_sd
         Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
     clock_sd
@@ -81,4 +87,4 @@ def model(
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean, noise_law, zero_point_sd=zero_point_sd)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)

@@ -78,8 +78,10 @@ class Epochs:
     calibration : (T,) int
         Index of the zero point among those of the fitted curve; ``n_calibrations`` for any other
         calibration, −1 for a point that needs no zero point.
-    calibrated_together : Passes
-        Points grouped by zero point, in the same form as ``passes``.
+    calibrated_together, segments : Passes
+        Points grouped by zero point, and by pass of one observer, in the same form as ``passes``.
+    t_step : s
+        Median time step within the passes of the fitted curve.
     sun_rate, obs_rate : (T, 3) 1/s
         Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
@@ -123,6 +125,8 @@ class Epochs:
     observer: jax.Array
     calibration: jax.Array
     calibrated_together: Passes
+    segments: Passes
+    t_step: jax.Array
     sun_rate: jax.Array
     obs_rate: jax.Array
     information: jax.Array
@@ -186,6 +190,8 @@ class Epochs:
             observer=jnp.asarray(observer),
             calibration=jnp.asarray(calibration),
             calibrated_together=Passes.of_groups(calibration, curve.t),
+            segments=Passes.of_groups(pass_numbers(curve), curve.t),
+            t_step=jnp.asarray(_typical_step(fitted)),
             sun_rate=jnp.asarray(sun_rate),
             obs_rate=jnp.asarray(obs_rate),
             information=jnp.asarray(1.0),
@@ -205,10 +211,22 @@ class Epochs:
     def without_passes(self) -> Epochs:
         """The same epochs with each point in a separate pass, independent of the other points.
 
-        Zero points are left out.
+        Zero points are left out, and correlated noise is independent.
         """
-        none = jnp.full_like(self.calibration, -1)
-        return replace(self, passes=self.passes.without_passes(), calibration=none)
+        return replace(
+            self,
+            passes=self.passes.without_passes(),
+            segments=self.segments.without_passes(),
+            calibration=jnp.full_like(self.calibration, -1),
+        )
+
+
+def _typical_step(curve: LightCurve) -> float:
+    """Median time between successive points of a pass, s; 1 if there are none."""
+    number = pass_numbers(curve)
+    order = np.lexsort((curve.t, number))
+    steps = np.diff(curve.t[order])[np.diff(number[order]) == 0]
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
 
 
 def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:

@@ -14,8 +14,9 @@ from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.nuisances import zero_points
+from lcbayes.modelling.nuisances import zero_point_response, zero_points
 from lcbayes.modelling.pass_effects import Passes, innovations
 
 OBSERVED = "brightness"
@@ -182,6 +183,7 @@ def observe(
     scatter_median: float = 0.0,
     passes: bool = False,
     zero_point_sd: float = 0.0,
+    correlated: bool = False,
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
@@ -211,6 +213,9 @@ def observe(
         Prior standard deviation of the zero point of each calibration, mag, if there are several;
         see `nuisances.zero_points`. They are integrated out. With ``passes``, whose offsets include
         them, they are not used.
+    correlated : bool
+        Whether the noise includes an Ornstein-Uhlenbeck process within each pass, see
+        `correlated_noise`. It is integrated out too, and not used with ``passes``.
 
     References
     ----------
@@ -235,7 +240,11 @@ def observe(
         inner = (x / unit for x in (data.brightness, mean, sd))
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
     else:
-        mean, sd = zero_points(data, mean, sd, zero_point_sd)
+        response = zero_point_response(data, mean)
+        if correlated:
+            miss, response, sd = ornstein_uhlenbeck(data, data.brightness - mean, response, sd)
+            mean = data.brightness - miss
+        mean, sd = zero_points(data, mean, sd, response, zero_point_sd)
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

@@ -10,6 +10,7 @@ standard deviation of zero, the model is unchanged.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpyro
@@ -30,7 +31,7 @@ UNITS = {"zero_point": "mag", "clock_offset": "s", "rate_drift": ""}
 
 
 def zero_points(
-    data: Epochs, mean: jax.Array, sd: jax.Array, prior_sd: float
+    data: Epochs, mean: jax.Array, sd: jax.Array, h: jax.Array, prior_sd: float
 ) -> tuple[jax.Array, jax.Array]:
     """Mean and standard deviation (T,) of each point given the earlier ones of its calibration.
 
@@ -49,7 +50,10 @@ def zero_points(
     Parameters
     ----------
     mean, sd : (T,)
-        Predicted brightness without zero points, and the standard deviation of its errors.
+        Predicted brightness without zero points, and the standard deviation of its errors, both
+        given earlier points if the errors are correlated.
+    h : (T,)
+        `zero_point_response`, transformed in the same way.
     prior_sd : float
         s, mag.
 
@@ -60,7 +64,7 @@ def zero_points(
     """
     if not _on("zero_point_sd", prior_sd) or not data.n_calibrations:
         return mean, sd
-    groups, h = data.calibrated_together, zero_point_response(data, mean)
+    groups = data.calibrated_together
     terms = jnp.stack([(h / sd) ** 2, h * (data.brightness - mean) / sd**2])
     before, weighted = groups.before(terms)
     v = 1.0 / (1.0 / prior_sd**2 + before)
@@ -138,16 +142,25 @@ def disturbed(
     def to_body(t: jax.Array, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
         if late is not None:
             t = t + late
-            sun, obs = (
-                _moved(v, late[:, None] * rate)
-                for v, rate in ((sun, data.sun_rate), (obs, data.obs_rate))
-            )
+            sun = _moved(sun, late[:, None] * data.sun_rate)
+            obs = _moved(obs, late[:, None] * data.obs_rate)
         if drift is not None:
             middle = data.t_middle
             t = t + drift * ((t - middle) ** 2 - middle**2) / (2.0 * data.t_span)
         return turned(t, sun, obs)
 
     return to_body
+
+
+def moved(data: Epochs, late: jax.Array | None) -> Epochs:
+    """The data with the directions at the true times, ``late`` (T,) s after the recorded ones."""
+    if late is None:
+        return data
+    sun, obs = (
+        _moved(v, late[:, None] * rate)
+        for v, rate in ((data.sun, data.sun_rate), (data.obs, data.obs_rate))
+    )
+    return replace(data, sun=sun, obs=obs)
 
 
 def _moved(direction: jax.Array, step: jax.Array) -> jax.Array:

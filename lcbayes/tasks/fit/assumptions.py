@@ -82,12 +82,12 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
             if sd
             else "The clocks of the sites are exact."
         )
-    if values.get("rate_drift_sd", 0.0) and values.get("spin") != "none":
-        if len(split(curve.t, seen_by.index, PASS)) > 1:
-            yield (
-                f"The rate of rotation may change by {100 * values['rate_drift_sd']:g} % over the "
-                "light curve (rate_drift_sd); omega is its mean."
-            )
+    sd = values.get("rate_drift_sd", 0.0) if values.get("spin") != "none" else 0.0
+    if sd and len(split(curve.t, seen_by.index, PASS)) > 1:
+        yield (
+            f"The rate of rotation may change by {100 * sd:g} % over the light curve "
+            "(rate_drift_sd); omega is its mean."
+        )
 
 
 def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:

@@ -72,6 +72,9 @@ def predicted(
         elapsed = np.asarray(Epochs.of(wanted, fitted).passes.elapsed)
         shared = np.hypot(level, drift * elapsed) * _noise_unit(fitted, wanted, own_level)
         sd = np.hypot(sd, shared)
+    if "correlated_sd" in posterior:
+        size = posterior["correlated_sd"].values.reshape(-1)[pick][:, None]
+        sd = np.hypot(sd, size * _noise_unit(fitted, wanted, own_level))
     entry = registry.find(model)
     noise_law = {o.name: o.default for o in entry.options.values()} | dict(options)
     law = noise_law.get("noise_law", "gaussian")

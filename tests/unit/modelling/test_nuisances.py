@@ -68,6 +68,37 @@ def test_zero_points_are_integrated_out(light, kind):
         assert float(sites["zero_point_sd"][g]) == pytest.approx(want, rel=1e-8)
 
 
+def test_correlated_noise_and_zero_points_are_those_of_the_dense_covariance(light):
+    """D + a² exp(−|Δt|/τ) within a pass of a site, and s² h hᵀ within a site."""
+    options = ALONE | {"zero_point_sd": 0.05, "correlated_noise": True}
+    problem, data = posed(light, **options)
+    plain, _ = posed(light, **ALONE)
+    noise = {"log_correlated_sd": np.log(0.03), "log_correlated_time_s": np.log(40.0)}
+    z = at_truth(problem, **noise)
+    mean, sd = (np.asarray(x) for x in plain.moments(at_truth(plain), data))
+    h = -0.4 * np.log(10) * mean
+    same = light.site[:, None] == light.site
+    apart = np.abs(light.t[:, None] - light.t)
+    size = 0.03 * np.abs(light.brightness).mean()
+    covariance = np.diag(sd**2) + 0.05**2 * np.outer(h, h) * same
+    covariance += size**2 * np.exp(-apart / 40.0) * (same & (apart < 600.0))
+    want = multivariate_normal(mean, covariance).logpdf(light.brightness)
+    assert float(jnp.sum(problem.log_likelihood(z, data))) == pytest.approx(want, abs=1e-7)
+
+    gain = 0.05**2 * (h * (light.site == "A")) @ np.linalg.inv(covariance)
+    found = problem.constrain(z, data)["zero_point_mean"][0]
+    assert float(found) == pytest.approx(gain @ (light.brightness - mean), abs=1e-9)
+
+    slope = jax.grad(lambda z: problem.log_likelihood(z, data).sum())(z)
+    step = 1e-5 * jnp.eye(len(z))
+    numeric = [
+        (problem.log_likelihood(z + e, data).sum() - problem.log_likelihood(z - e, data).sum())
+        / 2e-5
+        for e in step[problem.rows(noise)]
+    ]
+    np.testing.assert_allclose(slope[problem.rows(noise)], numeric, rtol=1e-5)
+
+
 def test_information_on_the_body_is_that_of_the_dense_covariance(light):
     """Jᵀ C⁻¹ J of magnitudes, whose zero points do not depend on the body."""
     m = -2.5 * np.log10(np.maximum(light.brightness, 0.02)) - 26.76
