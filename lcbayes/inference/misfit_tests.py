@@ -297,7 +297,9 @@ def _statistics(
     phase = curve.phase_angle
     if np.ptp(phase) > 0.02:
         x = 2.0 * (phase - phase.min()) / np.ptp(phase) - 1.0
-        found["phase angle"] = _projected(np.polynomial.legendre.legvander(x, 3)[:, 1:])
+        found["phase angle"] = _projected(
+            np.asarray(np.polynomial.legendre.legvander(x, 3)[:, 1:], float)
+        )
     period = _period_s(sites)
     if period is not None and period < 0.9 * float(data.t_span):
         angle = 2.0 * np.pi * np.asarray(data.t)[:, None] / period * np.arange(1, HARMONICS + 1)

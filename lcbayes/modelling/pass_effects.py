@@ -48,7 +48,7 @@ class Passes(NamedTuple):
         mine = number[order]
         first = np.searchsorted(mine, mine, "left")
         last = np.searchsorted(mine, mine, "right") - 1
-        return cls(*map(jnp.asarray, (order, first, last)), jnp.zeros(len(t)))
+        return cls(*map(jnp.asarray, (order, first, last, np.zeros(len(t)))))
 
     @classmethod
     def single(cls, n: int) -> Passes:

@@ -142,5 +142,5 @@ def light_curve(
         obs=directions(recorded),
         kind="flux",
         free_scale=np.array([False]),
-        site=np.array(["A", "B"])[which] if n_sites == 2 else None,
+        site=np.array(["A", "B"] if n_sites == 2 else ["", ""])[which],
     )

@@ -182,11 +182,12 @@ def test_columns_are_the_changes_of_another_simulator(fault, name, amount):
         "rate_drift_unit": jnp.array(0.0),
     }
     problem = Problem(registry.find("faceted").bind({"n_facets": 2, "zero_point_sd": 0.0}), data)
-    z = np.asarray(problem.ravel(sites | {"zero_point": 0.0}))
+    z = np.asarray(problem.ravel(sites))
     with_fault = small_faults.light_curve(BODY, fault, n=120, noise=1e-9)
     without = small_faults.light_curve(BODY, n=120, noise=1e-9)
     if fault.clock:  # the order of the points changes with their times
         return _clock_column(problem, z, data, light)
+    assert light.error is not None
     effect = (with_fault.brightness - without.brightness) / light.error
     found = [a for a in alternatives(problem, z, data, names_of(light)) if a.name == name]
     chosen = next((a for a in found if a.about in ("B", "facet 0")), found[0])
