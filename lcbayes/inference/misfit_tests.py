@@ -30,7 +30,7 @@ from lcbayes.modelling.problem import Problem, compiled
 Floats = NDArray[np.float64]
 
 FALSE_ALARM = 0.01  # probability that a fit of the correct model is refused by any of the tests
-DRAWS, MAX_NUMBERS = 4000, 2e7  # draws of residuals; numbers of residuals in memory
+DRAWS, MAX_NUMBERS = 4000, 4e7  # draws of residuals; numbers of residuals in memory
 STEP = 1e-3  # of differences, in posterior standard deviations
 HARMONICS = 4  # of the rotational phase
 ABSORBED = 1e-3  # share of the effect of an alternative that the parameters leave; below: none
@@ -146,7 +146,7 @@ def examine(
     """
     seen_by = observers(curve)
     passes = split(curve.t, curve.curve * len(seen_by.names) + seen_by.index, PASS)
-    n = int(np.clip(MAX_NUMBERS // curve.n_obs, 300, DRAWS))
+    n = int(np.clip(MAX_NUMBERS // curve.n_obs, 500, DRAWS))
     rng = np.random.default_rng([seed, 4])
     correlated = float(np.mean(np.asarray(data.information))) < 1.0
     seen = residuals(problem, z, data)

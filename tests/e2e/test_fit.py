@@ -11,7 +11,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 
@@ -238,9 +237,12 @@ def test_the_terminal_says_what_is_known(good):
     assert "what the result rests on:" in rows
     assert any("errors 1.4 times as large would widen" in line for line in rows)
     assert all(len(line) <= 80 for line in rows)
-    moved = pd.read_csv(good[0] / "tables" / "rests_on.csv", index_col="parameter")
-    assert moved["errors_1.4_times"].between(0.0, 0.41).all()
-    assert {"chi2", "facet"} <= set(pd.read_csv(good[0] / "tables" / "residual_tests.csv")["name"])
+    moved = summary["rests_on"]["errors_1.4_times"]
+    assert all(0.0 < shift < 0.41 for shift in moved.values())
+    tables = good[0] / "tables"
+    assert all(name in (tables / "rests_on.csv").read_text() for name in moved)
+    tests = (tables / "residual_tests.csv").read_text().splitlines()
+    assert {"chi2", "facet"} <= {line.partition(",")[0] for line in tests}
 
 
 def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):
