@@ -159,6 +159,7 @@ class FitNumbers(Outliers):
     rests_on: NotRequired[dict[str, dict[str, float]]]
     timing: FitTiming
     model_options: NotRequired[dict[str, Any]]
+    sparse: NotRequired[dict[str, Any]]
     n_starts: int
     notes: str
     identity: dict[str, Any]
@@ -231,6 +232,7 @@ class CompareNumbers(TypedDict):
     candidates: list[CandidateContent]
     ruled_out: list[RuledOutContent]
     sparse: dict[str, Any] | None
+    area_prior: dict[str, Any] | None
     timing: CompareTiming
     identity: dict[str, Any]
 
