@@ -70,6 +70,9 @@ def test_residuals_follow_the_dense_covariance(linear):
     drawn = maker.residuals(rng.standard_normal((40_000, N)), rng)
     error = np.sqrt((np.outer(np.diag(dense), np.diag(dense)) + dense**2) / 40_000)
     assert np.abs((drawn.T @ drawn / 40_000 - dense) / error).max() < 6.0
+    for column in whitened.T[-2:]:  # parameters that prior and data determine together
+        want = column @ dense @ column
+        assert np.var(drawn @ column) == pytest.approx(want, rel=6.0 * np.sqrt(2 / 40_000))
 
 
 @pytest.mark.statistical(false_alarm=EACH)
