@@ -71,6 +71,8 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
+        "rests_on": tables.rests_on_table(results),
+        "residual_tests": tables.residual_table(results),
         "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",
         "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
         "sky": sky_plots.draw_sky(results, gallery),
@@ -112,7 +114,8 @@ def _verdict(results: Results) -> dict[str, Any]:
             "head": "Do not trust these numbers.",
             "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
         }
-    head = agreement([mode.weight for mode in results.modes])
+    tested = (summary.get("fit") or {}).get("chi2") is not None
+    head = agreement([mode.weight for mode in results.modes], tested)
     notes = []
     if count > 1:
         shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)

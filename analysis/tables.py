@@ -11,6 +11,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
+from lcbayes.results.reasons import FAULTS, TESTS
 
 LONG = 24  # rows from which a group is collapsed
 
@@ -136,3 +137,31 @@ def outlier_table(results: Results) -> list[list[str]]:
         ]
         for part in rows
     ]
+
+
+def rests_on_table(results: Results) -> dict[str, Any] | None:
+    """Shifts of each quantity under each small fault, in standard deviations."""
+    moved = results.summary.get("rests_on") or {}
+    faults = [fault for fault in moved if fault in FAULTS]
+    if not faults:
+        return None
+    names = [name for name in moved[faults[0]] if len(moved[faults[0]]) <= LONG or "[" not in name]
+    rows = [[name, *(f"{moved[fault][name]:.2f}" for fault in faults)] for name in names]
+    return {"heads": [FAULTS[fault] for fault in faults], "rows": rows}
+
+
+def residual_table(results: Results) -> dict[str, Any] | None:
+    """Tests of the residuals, the smallest p-values first."""
+    fit = results.summary.get("fit") or {}
+    if not fit.get("tests"):
+        return None
+    rows = [
+        [TESTS.get(t["name"], t["name"]), f"{t['statistic']:.3g}", f"{t['p_value']:.2g}"]
+        for t in sorted(fit["tests"], key=lambda t: t["p_value"])
+    ]
+    return {
+        "rows": rows,
+        "limit": f"{fit['p_limit']:.2g}",
+        "false_alarm": percent(fit["false_alarm"]),
+        "judged": fit.get("chi2") is not None,
+    }

@@ -54,6 +54,9 @@ def model(
     n_facets: int = 300,
     degree: int = 6,
     noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
+    zero_point_sd: float = 0.0,
 ):
     """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
 
@@ -81,6 +84,12 @@ def model(
         Highest degree of the harmonics.
     noise_law
         gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night of calibrated curves, mag; 0: equal.
 
     References
     ----------
@@ -111,9 +120,8 @@ def model(
         return brightness.flux(sun, obs, jnp.asarray(normals), area, LAW, lambert)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
-    likelihood.observe(
-        data, surface * (mean if data.has_exposure else instantaneous)(data.t), noise_law
-    )
+    flux = surface * (mean if data.has_exposure else instantaneous)(data.t)
+    likelihood.observe(data, flux, noise_law, scatter, False, zero_point_sd, correlated_noise)
 
 
 def typical(data: Epochs) -> jax.Array:

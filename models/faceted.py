@@ -2,12 +2,16 @@
 
 from typing import Literal
 
-from lcbayes.modelling import likelihood, priors
+import numpyro
+
+from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
+
+POOLED = nuisances.UNMODELLED  # during the search for solutions
 
 
 def model(
@@ -22,6 +26,11 @@ def model(
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
+    zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    clock_sd: float = nuisances.CLOCK_SD,
+    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
 ):
     """Flux f(t) = Σ αᵢ K(μ₀ᵢ, μᵢ) with α log-normal, normals uniform, ω ~ N(0, omega_sd² I).
 
@@ -44,8 +53,21 @@ def model(
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    clock_sd
+        Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
+    rate_drift_sd
+        Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
+        then the mean; 0: constant.
     """
     turned = priors.spin(spin, omega_sd, inertia_sd)
+    if spin != "none":
+        turned = nuisances.disturbed(turned, data, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -58,9 +80,11 @@ def model(
         return brightness.flux(sun, obs, normals, area, reflectance)
 
     sun, obs = directions(data.t)
+    numpyro.deterministic("sun_body", sun)
+    numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean, noise_law)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpyro
 
-from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.reflectance import SatelliteLaw
@@ -21,6 +21,8 @@ FACET_SITES = (
     "log_m",
 )
 
+POOLED = nuisances.UNMODELLED  # during the search for solutions
+
 
 def model(
     data: Epochs,
@@ -34,6 +36,11 @@ def model(
     log_area_sd: float = 1.0,
     sparsity: float = 0.0,
     noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
+    zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    clock_sd: float = nuisances.CLOCK_SD,
+    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r from the reflectance law and A = α / (Σ reflectances).
 
@@ -60,8 +67,21 @@ def model(
         Weight of the squared-L1 prior on the albedo-areas, m⁻⁴; 0: no such prior.
     noise_law
         gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    clock_sd
+        Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
+    rate_drift_sd
+        Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
+        then the mean; 0: constant.
     """
     turned = priors.spin(spin, omega_sd, inertia_sd)
+    if spin != "none":
+        turned = nuisances.disturbed(turned, data, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -79,9 +99,11 @@ def model(
         return brightness.flux_brdf(sun, obs, normals, area, reflectance, parameters)
 
     sun, obs = directions(data.t)
+    numpyro.deterministic("sun_body", sun)
+    numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     if data.has_exposure:
         mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
     else:
         mean = seen(sun, obs)
-    likelihood.observe(data, mean, noise_law)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)

@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 from lcbayes.core.constants import EARTH_RADIUS_KM
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.facet_list import ARRAY, facet_list
 from lcbayes.physics import brightness, earthshine, photometry
@@ -30,7 +30,7 @@ FACET_SITES = (
     ),
 )
 
-POOLED = {"individuals": False}  # during the search for solutions
+POOLED = {"individuals": False, "clock_sd": 0.0}  # during the search for solutions
 NUM_STARTS = 400  # for three facets on Pomenis 1 in 60 reached the best; many individuals are slow
 
 
@@ -51,6 +51,7 @@ def model(
     log_area_sd: float = 1.5,
     noise_law: likelihood.Law = "student-t",
     scatter: float = 0.3,
+    clock_sd: float = 0.0,
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ for facets in the axes of an attitude law.
 
@@ -86,7 +87,11 @@ def model(
         gaussian, student-t or mixture.
     scatter
         Median of the prior of the scatter in excess of the file's errors, mag; 0: no such scatter.
+    clock_sd
+        Prior sd of the offset of each observer's clock, if several, s; 0: all exact. Only the
+        directions to Sun and observer depend on the clock.
     """
+    data = nuisances.moved(data, nuisances.clock(data, clock_sd))
     listed = facet_list(facets)
     total = n_facets or len(listed) or 2
     if total < len(listed):

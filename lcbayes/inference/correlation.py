@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,29 @@ def information_per_point(residuals: NDArray, group: NDArray) -> float:
             break
         tau += 2.0 * rho
     return float(1.0 / tau)
+
+
+class Autocorrelation(NamedTuple):
+    """Autocorrelation ``rho`` (K,) at lags within groups, with the numbers of ``pairs``."""
+
+    rho: NDArray
+    pairs: NDArray
+
+
+def autocorrelation(
+    residuals: NDArray, groups: Sequence[NDArray], lags: NDArray
+) -> Autocorrelation:
+    """Autocorrelation of residuals (T,) within groups of rows in order of time.
+
+    A lag is a number of points.
+    """
+    rho, pairs = np.zeros(lags.size), np.zeros(lags.size)
+    for i, lag in enumerate(lags):
+        for rows in groups:
+            if rows.size > lag:
+                rho[i] += np.sum(residuals[rows[lag:]] * residuals[rows[:-lag]])
+                pairs[i] += rows.size - lag
+    return Autocorrelation(rho / np.maximum(pairs, 1) / np.mean(residuals**2), pairs)
 
 
 def tempered(problem: Problem, z: NDArray, data: Epochs) -> Epochs:

@@ -40,7 +40,7 @@ from lcbayes.samplers.settings import PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
-PER_EPOCH = ("expected", FLUX, OUTLIER)
+PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body")
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 

@@ -11,6 +11,7 @@ from scipy.special import ndtri_exp
 from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.misfit_tests import Examination
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import Law
 from lcbayes.modelling.problem import Problem, compiled
@@ -31,16 +32,27 @@ class Misfit(NamedTuple):
         See `degrees_of_freedom`.
     law : Law
         Noise law.
+    information : float
+        Independent points per point; below 1 for correlated noise.
+    examination : Examination or None
+        Tests of the residuals; without them, chi2 alone decides.
     """
 
     chi2: float | None
     dof: float
     law: Law
+    information: float = 1.0
+    examination: Examination | None = None
 
     @property
     def explained(self) -> bool:
         """Whether the data are consistent with the model, as far as is known."""
-        return self.chi2 is None or not chi2_distribution.sf(self.chi2, self.dof) < MIN_FIT
+        if self.chi2 is None:
+            return True
+        if self.examination is not None:
+            return not self.examination.refused
+        share = self.information
+        return not chi2_distribution.sf(share * self.chi2, share * self.dof) < MIN_FIT
 
     @property
     def words(self) -> str:
@@ -53,14 +65,21 @@ class Misfit(NamedTuple):
         return f"chi2{of} is {self.chi2:.0f} for {self.dof:g} degrees of freedom; {cure}"
 
 
-def measure(problem: Problem, data: Epochs, rows: Floats) -> Misfit:
+def measure(
+    problem: Problem,
+    data: Epochs,
+    rows: Floats,
+    examination: Examination | None = None,
+) -> Misfit:
     """Misfit of the best-fitting point among z (n, D)."""
     fits = [chi2(problem, z, data) for z in rows]
     best = int(np.argmin(np.nan_to_num(fits, nan=np.inf)))
     # an inferred scatter in addition to the errors makes any model fit
     judged = data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
     dof = degrees_of_freedom(problem, rows[best], data)
-    return Misfit(fits[best] if judged else None, round(dof, 1), problem.law)
+    share = min(1.0, float(np.mean(np.asarray(data.information))))
+    chi2_known = fits[best] if judged else None
+    return Misfit(chi2_known, round(dof, 1), problem.law, share, examination)
 
 
 def chi2(problem: Problem, z: Floats, data: Epochs) -> float:

@@ -157,7 +157,7 @@ def optimise_held(
     free = np.setdiff1d(np.arange(problem.dim), problem.rows(held))
     moved = []
     for solution in found:
-        z, potential = _climbed(problem, data, solution.z, free)
+        z, potential = optimum(problem, data, solution.z, free)
         metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
         evidence = _laplace(potential, metric)
         moved.append(replace(solution, z=z, potential=potential, log_evidence=evidence))
@@ -168,7 +168,7 @@ def _is_spread(name: str) -> bool:
     return name.startswith("log_") and name.endswith("_sd")
 
 
-def _climbed(
+def optimum(
     problem: Problem, data: Epochs, z: Floats, free: NDArray[np.intp]
 ) -> tuple[Floats, float]:
     """The end point of a minimisation along some coordinates, and the potential there."""

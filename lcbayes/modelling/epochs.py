@@ -11,7 +11,8 @@ from lcbayes.core.constants import DAY_S, SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import pass_numbers
+from lcbayes.data.observers import direction_rates, matched, observers
+from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
 from lcbayes.modelling.ephemeris import ephemeris
@@ -71,6 +72,18 @@ class Epochs:
         Unlike ``curve``, it denotes the same object at predicted epochs.
     passes : Passes
         Points grouped by pass; ``has_passes`` is False if each point is a separate pass.
+    observer : (T,) int
+        Index of the point's observer among those of the fitted curve; ``n_observers`` for any
+        other. See `lcbayes.data.observers`.
+    calibration : (T,) int
+        Index of the zero point among those of the fitted curve; ``n_calibrations`` for any other
+        calibration, −1 for a point that needs no zero point.
+    calibrated_together, segments : Passes
+        Points grouped by zero point, and by pass of one observer, in the same form as ``passes``.
+    t_step : s
+        Median time step within the passes of the fitted curve.
+    sun_rate, obs_rate : (T, 3) 1/s
+        Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
         Power to which the likelihood of a point is raised; 1 for independent errors.
     kind : "flux" or "mag"
@@ -79,6 +92,8 @@ class Epochs:
         Whether the group's brightness carries an unknown factor.
     n_sites, n_members : int
         Numbers of sites and groups of the fitted curve.
+    n_observers, n_calibrations, n_segments : int
+        Numbers of observers, zero points (0 if there is only one) and passes of the fitted curve.
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
@@ -107,6 +122,13 @@ class Epochs:
     site: jax.Array
     member: jax.Array
     passes: Passes
+    observer: jax.Array
+    calibration: jax.Array
+    calibrated_together: Passes
+    segments: Passes
+    t_step: jax.Array
+    sun_rate: jax.Array
+    obs_rate: jax.Array
     information: jax.Array
     kind: str = _static("flux")
     has_error: bool = _static(True)
@@ -114,6 +136,9 @@ class Epochs:
     free_scale: tuple[bool, ...] = _static(())
     n_sites: int = _static(1)
     n_members: int = _static(1)
+    n_observers: int = _static(1)
+    n_calibrations: int = _static(0)
+    n_segments: int = _static(1)
     calibrated: bool = _static(True)
     has_passes: bool = _static(False)
 
@@ -134,6 +159,8 @@ class Epochs:
         level, noise_unit = _units(curve, dilution, zero_point)
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
+        observer, calibration, known, groups = matched(curve, t + fitted.t.min(), fitted)
+        sun_rate, obs_rate = direction_rates(curve, observers(curve))
         airmass = np.ones(n)
         if curve.position_km is not None and curve.range_km is not None:
             airmass = earth.airmass(curve.position_km, curve.obs, curve.range_km)
@@ -160,6 +187,13 @@ class Epochs:
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
             ),
             passes=Passes.of(curve, fitted) if has_passes else Passes.single(n),
+            observer=jnp.asarray(observer),
+            calibration=jnp.asarray(calibration),
+            calibrated_together=Passes.of_groups(calibration, curve.t),
+            segments=Passes.of_groups(pass_numbers(curve), curve.t),
+            t_step=jnp.asarray(_typical_step(fitted)),
+            sun_rate=jnp.asarray(sun_rate),
+            obs_rate=jnp.asarray(obs_rate),
             information=jnp.asarray(1.0),
             kind=fitted.kind,
             has_error=curve.error is not None,
@@ -167,13 +201,32 @@ class Epochs:
             free_scale=tuple(bool(x) for x in curve.free_scale),
             n_sites=len(sites),
             n_members=fitted.n_curves,
+            n_observers=len(known.names),
+            n_calibrations=len(groups.names),
+            n_segments=len(split(fitted.t, known.index, PASS)),
             calibrated=not np.all(fitted.free_scale),
             has_passes=has_passes,
         )
 
     def without_passes(self) -> Epochs:
-        """The same epochs with each point in a separate pass, independent of the other points."""
-        return replace(self, passes=self.passes.without_passes())
+        """The same epochs with each point in a separate pass, independent of the other points.
+
+        Zero points are left out, and correlated noise is independent.
+        """
+        return replace(
+            self,
+            passes=self.passes.without_passes(),
+            segments=self.segments.without_passes(),
+            calibration=jnp.full_like(self.calibration, -1),
+        )
+
+
+def _typical_step(curve: LightCurve) -> float:
+    """Median time between successive points of a pass, s; 1 if there are none."""
+    number = pass_numbers(curve)
+    order = np.lexsort((curve.t, number))
+    steps = np.diff(curve.t[order])[np.diff(number[order]) == 0]
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
 
 
 def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:

@@ -14,7 +14,9 @@ from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.nuisances import zero_point_response, zero_points
 from lcbayes.modelling.pass_effects import Passes, innovations
 
 OBSERVED = "brightness"
@@ -180,6 +182,8 @@ def observe(
     noise: Law = "gaussian",
     scatter_median: float = 0.0,
     passes: bool = False,
+    zero_point_sd: float = 0.0,
+    correlated: bool = False,
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
@@ -205,6 +209,13 @@ def observe(
         for fluxes. Offset and drift are integrated out: the likelihood of each point is conditional
         on the earlier points of its pass, see `pass_effects.innovations`. ``expected`` excludes
         them. In a mixture, whole passes are outliers.
+    zero_point_sd : float
+        Prior standard deviation of the zero point of each calibration, mag, if there are several;
+        see `nuisances.zero_points`. They are integrated out. With ``passes``, whose offsets include
+        them, they are not used.
+    correlated : bool
+        Whether the noise includes an Ornstein-Uhlenbeck process within each pass, see
+        `correlated_noise`. It is integrated out too, and not used with ``passes``.
 
     References
     ----------
@@ -228,6 +239,12 @@ def observe(
         unit = data.noise_unit[data.curve]  # the same for all points of a pass
         inner = (x / unit for x in (data.brightness, mean, sd))
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
+    else:
+        response = zero_point_response(data, mean)
+        if correlated:
+            miss, response, sd = ornstein_uhlenbeck(data, data.brightness - mean, response, sd)
+            mean = data.brightness - miss
+        mean, sd = zero_points(data, mean, sd, response, zero_point_sd)
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":

@@ -40,6 +40,20 @@ class ModelOptions(Options):
     spin: str | None = option(
         None, metavar="KIND", help="free, none for a body that does not turn, torque-free"
     )
+    zero_point_sd: float | None = option(
+        None,
+        unit="mag",
+        low=0.0,
+        help="prior sd of the zero point of each site and night, if several; 0: none",
+    )
+    clock_sd: float | None = option(
+        None, unit="s", low=0.0, help="prior sd of the clock of each site, if several; 0: none"
+    )
+    rate_drift_sd: float | None = option(
+        None,
+        low=0.0,
+        help="prior sd of the relative change of rate over several passes; 0: none",
+    )
     others: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
@@ -32,16 +33,22 @@ class Passes(NamedTuple):
     @classmethod
     def of(cls, curve: LightCurve, fitted: LightCurve) -> Passes:
         """Passes of a curve; times are in units of half the longest pass of the fitted curve."""
-        number = pass_numbers(curve)
-        order = np.lexsort((curve.t, number))
-        mine = number[order]
-        first = np.searchsorted(mine, mine, "left")
-        last = np.searchsorted(mine, mine, "right") - 1
+        groups = cls.of_groups(pass_numbers(curve), curve.t)
+        order, first, last = (np.asarray(x) for x in groups[:3])
         elapsed = np.empty(curve.n_obs)
         t = curve.t[order]
         elapsed[order] = (t - 0.5 * (t[first] + t[last])) / _longest(fitted)
         elapsed = np.clip(elapsed, -1.0, 1.0)  # a predicted pass may be longer
-        return cls(*map(jnp.asarray, (order, first, last, elapsed)))
+        return groups._replace(elapsed=jnp.asarray(elapsed))
+
+    @classmethod
+    def of_groups(cls, number: NDArray[np.int64], t: NDArray[np.float64]) -> Passes:
+        """Groups by a number for each point, (T,), with ``elapsed`` zero."""
+        order = np.lexsort((t, number))
+        mine = number[order]
+        first = np.searchsorted(mine, mine, "left")
+        last = np.searchsorted(mine, mine, "right") - 1
+        return cls(*map(jnp.asarray, (order, first, last, np.zeros(len(t)))))
 
     @classmethod
     def single(cls, n: int) -> Passes:

@@ -20,6 +20,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
+from lcbayes.modelling.nuisances import zero_point_response
 from lcbayes.modelling.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
@@ -180,6 +181,21 @@ class Problem:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])
 
+    def flux_at(self, z: jax.Array, data: Epochs) -> jax.Array:
+        """The flux that the model passes to `likelihood.observe`, (T,)."""
+        return self._flux(self.unravel(z), data)
+
+    def response(self, z: jax.Array, data: Epochs, change: jax.Array) -> jax.Array:
+        """Change of the centre of the likelihood over its width by changes of the flux, (K, T)."""
+        free = self.unravel(z)
+
+        def centre(flux: jax.Array) -> jax.Array:
+            with TRACING, handlers.substitute(data={FLUX: flux}):
+                return _moments(self._trace(free, data)[0][OBSERVED]).mean
+
+        _, push = jax.linearize(centre, self._flux(free, data))
+        return jax.vmap(push)(change) / self.moments(z, data).sd
+
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 
@@ -224,8 +240,19 @@ class Problem:
         return self.trace(sites, data)[FLUX]["value"]
 
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
-        """A posterior predictive draw of the data given z, independent between points, (T,)."""
-        return self._trace(z, data.without_passes())[0][OBSERVED]["fn"].sample(key)
+        """A posterior predictive draw of the data given z, independent between points, (T,).
+
+        Zero points are drawn given z and the data.
+        """
+        site = self._trace(z, data.without_passes())[0][OBSERVED]
+        drawn = site["fn"].sample(key)
+        sites = self.constrain(z, data)
+        if "zero_point_mean" not in sites:
+            return drawn
+        key = jax.random.fold_in(key, 1)
+        unit = jax.random.normal(key, sites["zero_point_mean"].shape)
+        each = jnp.append(sites["zero_point_mean"] + sites["zero_point_sd"] * unit, 0.0)
+        return drawn + zero_point_response(data, _moments(site).mean) * each[data.calibration]
 
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Expected information of all observed sites plus the prior precision, (D, D).

@@ -72,7 +72,24 @@ class ModeContent(SpinMeans, RunWeights):
     parameters: dict[str, ParameterContent]
 
 
-class FitQuality(TypedDict):
+class ResidualTestContent(TypedDict):
+    """A test of the residuals."""
+
+    name: str
+    statistic: float
+    p_value: float
+
+
+class Residuals(TypedDict, total=False):
+    """Tests of the residuals: limit of the p-values, and alternatives with their amounts."""
+
+    false_alarm: float
+    p_limit: float
+    tests: list[ResidualTestContent]
+    alternatives: list[dict[str, Any]]
+
+
+class FitQuality(Residuals):
     """Goodness of fit of the heaviest solution, and predictive density of the posterior."""
 
     rms: float
@@ -139,6 +156,7 @@ class FitNumbers(Outliers):
     parameters: dict[str, ParameterContent]
     modes: list[ModeContent]
     fit: FitQuality
+    rests_on: NotRequired[dict[str, dict[str, float]]]
     timing: FitTiming
     model_options: NotRequired[dict[str, Any]]
     sparse: NotRequired[dict[str, Any]]

@@ -27,6 +27,7 @@ from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
+from lcbayes.modelling.nuisances import drawn
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
@@ -61,6 +62,8 @@ AXES: dict[str, tuple[str, ...]] = {
     "m": ("facet",),
     "member_offset": ("member",),
     "site_offset": ("site",),
+    "zero_point": ("calibration",),
+    "clock_offset": ("observer",),
     "log_nu": ("facet",),
     "log_n": ("facet",),
     "log_m": ("facet",),
@@ -140,7 +143,8 @@ def tree(
     modes = posterior.modes
     length = min(m.z.shape[1] for m in modes)
     z = np.concatenate([m.z[:, :length] for m in modes])
-    apart = [dataset(constrain_draws(problem, m.z, data)) for m in modes]
+    rng = np.random.default_rng([seed, 3])
+    apart = [dataset(drawn(constrain_draws(problem, m.z, data), rng)) for m in modes]
     chains = _chains(modes)
     whole = _stacked(apart, length).assign_coords(chains)
     point = {"time": np.arange(curve.n_obs)}
@@ -314,9 +318,13 @@ def _outliers(
 
 
 def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> xr.Dataset:
-    drawn = prior_sample(problem, data, jax.random.fold_in(jax.random.key(seed), 2), n)
-    draws = dataset(constrain_draws(problem, drawn.z[None], data))
-    return draws.assign_attrs({FACTORS: drawn.note or "none", "with_factors": int(drawn.honoured)})
+    sample = prior_sample(problem, data, jax.random.fold_in(jax.random.key(seed), 2), n)
+    sites = constrain_draws(problem, sample.z[None], data)
+    # the prior of a zero point needs no draws: it is Normal(0, zero_point_sd)
+    draws = dataset({k: v for k, v in sites.items() if not k.startswith("zero_point_")})
+    return draws.assign_attrs(
+        {FACTORS: sample.note or "none", "with_factors": int(sample.honoured)}
+    )
 
 
 def _constants(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
@@ -19,9 +19,10 @@ from lcbayes.core.reasons import Finding, Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.geometry.times import Times
-from lcbayes.inference import goodness_of_fit
+from lcbayes.inference import goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.solutions import optimum
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.variables import SPIN, label, reported
 from lcbayes.results.content import (
@@ -33,12 +34,13 @@ from lcbayes.results.content import (
     OutlierSite,
     OutlierTime,
     ParameterContent,
+    Residuals,
     RunWeights,
     SpinMeans,
 )
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
-from lcbayes.results.reasons import reasons
+from lcbayes.results.reasons import reasons, why
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.settings import PUBLISHED
 
@@ -112,9 +114,10 @@ def summarise(
                 "parameters": table,
             }
         )
-    missed = _misfit(posterior)
-    fit = _fit(posterior, found, curve, missed)
-    found_wrong = list(_findings(posterior, modes, missed))
+    missed = _misfit(posterior, curve, seed)
+    moved = _shifts(posterior, missed.best, curve, modes[0]["parameters"])
+    fit = _fit(posterior, found, curve, missed.misfit)
+    found_wrong = list(_findings(posterior, modes, missed.misfit))
     if identity["settings"]["sampler"] == PUBLISHED:
         found_wrong.insert(0, Finding("published-sampler"))
     timing = posterior.timing
@@ -131,6 +134,10 @@ def summarise(
         "parameters": modes[0]["parameters"],
         "modes": modes,
         "fit": fit,
+        "rests_on": {
+            fault: dict(zip(moved.quantities, map(float, shift), strict=True))
+            for fault, shift in moved.by_fault.items()
+        },
         **_outliers(found, curve),
         "timing": {
             "search_s": timing.search_s,
@@ -152,25 +159,56 @@ def _finite(values: Iterable[float]) -> list[float]:
     return [v for v in values if np.isfinite(v)] or [float("nan")]
 
 
-def _misfit(posterior: Posterior) -> Misfit:
-    """Misfit of the heaviest solution: of its most probable draw or, if that fits better, of the
-    mean of its draws, which for many parameters is closer to the optimum than any draw."""
-    best = posterior.modes[0]
-    draws = best.z.reshape(-1, best.z.shape[-1])
-    top = draws[np.argmin(best.stats["potential_energy"])]
-    rows = np.stack([top, draws.mean(axis=0)])
-    return goodness_of_fit.measure(posterior.problem, posterior.data, rows)
+class _Missed(NamedTuple):
+    misfit: Misfit
+    best: Floats  # z (D,) of the optimum
+
+
+def _misfit(posterior: Posterior, curve: LightCurve, seed: int) -> _Missed:
+    """Misfit of the optimum of the heaviest solution, near its most probable draw."""
+    problem, data = posterior.problem, posterior.data
+    draws = posterior.modes[0].z.reshape(-1, posterior.modes[0].z.shape[-1])
+    top = draws[np.argmin(posterior.modes[0].stats["potential_energy"])]
+    best, _ = optimum(problem, data, top, np.arange(problem.dim))
+    found = misfit_tests.examine(problem, best, data, curve, seed=seed)
+    return _Missed(goodness_of_fit.measure(problem, data, best[None], found), best)
+
+
+def _shifts(
+    posterior: Posterior, best: Floats, curve: LightCurve, table: Mapping[str, ParameterContent]
+) -> robustness.Shifts:
+    sd = {name: row["sd"] for name, row in table.items()}
+    return robustness.shifts(posterior.problem, best, posterior.data, curve, sd)
+
+
+def _examined(found: misfit_tests.Examination) -> Residuals:
+    """The tests of the residuals and the alternatives, for ``summary.json``."""
+    return {
+        "false_alarm": misfit_tests.FALSE_ALARM,
+        "p_limit": found.limit,
+        "tests": [
+            {"name": t.name, "statistic": t.statistic, "p_value": t.p_value} for t in found.tests
+        ],
+        "alternatives": [
+            {k: v for k, v in one._asdict().items() if v not in ("", np.inf)}
+            for one in found.explanations
+        ],
+    }
 
 
 def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit) -> FitQuality:
     best = posterior.modes[0]
     predicted = found["log_likelihood"].attrs
+    residuals: Residuals = {}
+    if missed.examination is not None:
+        residuals = _examined(missed.examination)
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
         "chi2": missed.chi2,
         "dof": missed.dof,
+        **residuals,
         "elpd_loo": predicted["elpd_loo"],
         "elpd_se": predicted["elpd_loo_se"],
         "max_pareto_k": predicted["max_pareto_k"],
@@ -237,4 +275,4 @@ def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) ->
     if posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not missed.explained:
-        yield Finding("data-not-explained", {"why": missed.words})
+        yield Finding("data-not-explained", {"why": why(missed)})

@@ -226,13 +226,21 @@ def test_the_terminal_says_what_is_known(good):
     first, _, second, *rows = lcbayes.load(good[0]).text().splitlines()
     assert first == "One solution explains the data; the chains agree on it."
     assert re.fullmatch(r"solution 1: weight 1, rms 0\.\d+ relative to the curve's mean", second)
-    (area,) = [row for row in rows if "albedo_area" in row]
+    (area,) = [row for row in rows if row.startswith("  albedo_area")]
     number = r"\d\.\d\d\d?"
     assert re.fullmatch(rf"  albedo_area\[0\] +{number} ± 0\.0\d\d? m² +{number} to {number}", area)
     row = summary["modes"][0]["parameters"]["albedo_area[0]"]
     low, high = (float(word) for word in area.split()[-3::2])
     assert (low, high) == pytest.approx((row["q05"], row["q95"]), abs=row["sd"] / 10)
+    assert "what the result rests on:" in rows
+    assert any("errors 1.4 times as large would widen" in line for line in rows)
     assert all(len(line) <= 80 for line in rows)
+    moved = summary["rests_on"]["errors_1.4_times"]
+    assert all(0.0 < shift < 0.41 for shift in moved.values())
+    tables = good[0] / "tables"
+    assert all(name in (tables / "rests_on.csv").read_text() for name in moved)
+    tests = (tables / "residual_tests.csv").read_text().splitlines()
+    assert {"chi2", "facet"} <= {line.partition(",")[0] for line in tests}
 
 
 def test_too_few_draws_are_not_trusted(curve, tmp_path, capsys):

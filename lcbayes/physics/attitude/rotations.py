@@ -6,6 +6,10 @@ transpose, the A of Hinks et al.
 
 from __future__ import annotations
 
+from functools import partial
+
+from jax.custom_derivatives import SymbolicZero
+
 from lcbayes.core.jax_setup import jax, jnp
 
 type Scalar = jax.Array | float
@@ -44,18 +48,17 @@ def constant_rate_to_body(
     """Components in the frame of a body that rotates at a constant rate, u = exp(−[ω×] t) v.
 
     Equivalent to `to_body` of `constant_rate`, but including the derivative at a third of the cost.
-    The derivative is written out: du = u × ψ with ψ = t J(ωt) dω, where J is the right Jacobian of
-    the rotation vector. The gradient of a function of u is therefore the sum over time of its
-    torques u × ∂f/∂u, multiplied by t Jᵀ.
+    The derivative is written out: du = u × ψ + exp(−[ω×] t) dv with ψ = t J(ωt) dω + ω dt, where J
+    is the right Jacobian of the rotation vector. The gradient of a function of u by ω is therefore
+    the sum over time of its torques u × ∂f/∂u, multiplied by t Jᵀ.
 
     Parameters
     ----------
     t : (T,) s
-        Constant in derivatives.
     omega : (3,) rad/s
         Inertial.
     *vectors : (T, 3)
-        Inertial, constant in derivatives.
+        Inertial.
 
     Returns
     -------
@@ -66,8 +69,7 @@ def constant_rate_to_body(
     Linares & Crassidis, sec. II; Chirikjian 2012, Stochastic Models, Information Theory and Lie
     Groups 2, sec. 10.6 (J).
     """
-    held = jax.lax.stop_gradient((t, *vectors))
-    t, *columns = (jnp.asarray(x).T for x in held)  # (3, T): the long axis is the inner one
+    t, *columns = (jnp.asarray(x).T for x in (t, *vectors))  # (3, T): the long axis is inner
     return tuple(u.T for u in _turned(t, omega, tuple(columns)))
 
 
@@ -78,27 +80,36 @@ def _turned(
     return _turn(t, omega, columns)[0]
 
 
-@_turned.defjvp
+@partial(_turned.defjvp, symbolic_zeros=True)
 def _turned_jvp(primals, tangents):
     t, omega, columns = primals
-    turned, (b, c) = _turn(t, omega, columns)
-    d_omega = tangents[1]
-    once = jnp.cross(omega, d_omega)
-    basis = jnp.stack([d_omega, -once, jnp.cross(omega, once)])
-    psi = basis.T @ jnp.stack([t, b, c])
-    return turned, tuple(cross(u, psi) for u in turned)
+    dt, d_omega, d_columns = tangents
+    turned, (a, b, c) = _turn(t, omega, columns)
+    psi = jnp.zeros_like(turned[0])
+    if not isinstance(d_omega, SymbolicZero):
+        once = jnp.cross(omega, d_omega)
+        basis = jnp.stack([d_omega, -once, jnp.cross(omega, once)])
+        psi = basis.T @ jnp.stack([t, b, c])
+    if not isinstance(dt, SymbolicZero):
+        psi = psi + omega[:, None] * dt
+    change = [cross(u, psi) for u in turned]
+    for k, dv in enumerate(d_columns):
+        if not isinstance(dv, SymbolicZero):
+            change[k] = change[k] + _rotated(dv, omega, a, b)
+    return turned, tuple(change)
 
 
 def _turn(t, omega, columns):
     """The rotated columns, and the functions of the angles required by the derivative."""
     # The barriers prevent XLA from recomputing the angles at each use.
     a, b, c = jax.lax.optimization_barrier(_rodrigues(t, omega))
+    turned = tuple(_rotated(v, omega, a, b) for v in columns)
+    return jax.lax.optimization_barrier(turned), (a, b, c)
 
-    def turned(v):
-        once = cross(omega, v)
-        return v - a * once + b * cross(omega, once)
 
-    return jax.lax.optimization_barrier(tuple(turned(v) for v in columns)), (b, c)
+def _rotated(v, omega, a, b):
+    once = cross(omega, v)
+    return v - a * once + b * cross(omega, once)
 
 
 def _rodrigues(t, omega):

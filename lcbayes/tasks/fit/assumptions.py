@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.observers import calibrations, observers
+from lcbayes.data.segments import PASS, split
 from lcbayes.modelling.ephemeris import velocity_direction_sd_deg
 from lcbayes.modelling.registry import Entry
 from lcbayes.physics.photometry import SUN_MAGNITUDE
@@ -55,6 +57,39 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
             )
 
 
+def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
+    """What is assumed of zero points, clocks and the rate of rotation."""
+    seen_by = observers(curve)
+    groups = calibrations(curve, seen_by)
+    if seen_by.source == "directions":
+        yield (
+            f"The directions are those of {len(seen_by.names)} observers, because one observer "
+            "cannot have them at these times; give a column site if this is wrong."
+        )
+    several = len(seen_by.names) > 1
+    if groups.names:
+        sd = values.get("zero_point_sd", 0.0)
+        listed = f"{len(groups.names)} sites and nights" if several else "several nights"
+        yield (
+            f"The zero points of {listed} are uncertain by {sd:g} mag each (zero_point_sd)."
+            if sd
+            else f"The zero points of {listed} agree."
+        )
+    if several:
+        sd = values.get("clock_sd", 0.0) if values.get("spin") != "none" else 0.0
+        yield (
+            f"The clock of each of {len(seen_by.names)} sites is uncertain by {sd:g} s (clock_sd)."
+            if sd
+            else "The clocks of the sites are exact."
+        )
+    sd = values.get("rate_drift_sd", 0.0) if values.get("spin") != "none" else 0.0
+    if sd and len(split(curve.t, seen_by.index, PASS)) > 1:
+        yield (
+            f"The rate of rotation may change by {100 * sd:g} % over the light curve "
+            "(rate_drift_sd); omega is its mean."
+        )
+
+
 def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
     if options:
         yield "Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + "."
@@ -62,8 +97,8 @@ def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
         n = int(np.sum(curve.free_scale))
         yield f"The scale of {n} of {curve.n_curves} curves is unknown and inferred."
     added = entry.name == "stabilised" and options.get("scatter", 1.0)
-    law = {o.name: o.default for o in entry.options.values()} | dict(options)
-    law = str(law.get("noise_law", ""))
+    values = {o.name: o.default for o in entry.options.values()} | dict(options)
+    law = str(values.get("noise_law", ""))
     yield (
         "A scatter beyond the errors of the file is inferred."
         if curve.error is not None and added
@@ -75,6 +110,7 @@ def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
     )
     if law in NOISE:
         yield NOISE[law]
+    yield from _of_faults(curve, values)
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:
         yield f"The Sun's V magnitude was used for the band {', '.join(unknown)}."

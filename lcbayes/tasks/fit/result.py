@@ -28,7 +28,7 @@ from lcbayes.results.content import FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
-from lcbayes.results.reasons import agreement
+from lcbayes.results.reasons import agreement, rests_on
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 
@@ -104,18 +104,29 @@ class Fit(Result[FitContent]):
         return pd.DataFrame(rows, columns=["solution", "weight", "parameter", "unit", *COLUMNS])
 
     def tables(self) -> dict[str, pd.DataFrame]:
-        return {"parameters": self.summary()}
+        import pandas as pd
+
+        found = {"parameters": self.summary()}
+        if moved := self.content.get("rests_on"):
+            found["rests_on"] = pd.DataFrame(moved).rename_axis("parameter").reset_index()
+        quality = self.content["fit"]
+        if tests := quality.get("tests"):
+            found["residual_tests"] = pd.DataFrame(tests)
+            found["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
+        return found
 
     def lines(self) -> list[str]:
         """Each solution: weight, residuals, mean, standard deviation and 90 % intervals."""
         content = self.content
-        first = [agreement([m["weight"] for m in content["modes"]])] if self.trusted else []
+        weights = [m["weight"] for m in content["modes"]]
+        tested = content["fit"]["chi2"] is not None
+        first = [agreement(weights, tested)] if self.trusted else []
         unit = content["fit"]["rms_unit"]
         lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
         for i, mode in enumerate(content["modes"], 1):
             lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
             lines += self._parameters(mode["parameters"])
-        return lines
+        return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _parameters(self, parameters: Mapping[str, ParameterContent]) -> Iterator[str]:
         rows = {

@@ -72,10 +72,17 @@ def predicted(
         elapsed = np.asarray(Epochs.of(wanted, fitted).passes.elapsed)
         shared = np.hypot(level, drift * elapsed) * _noise_unit(fitted, wanted, own_level)
         sd = np.hypot(sd, shared)
+    if "correlated_sd" in posterior:
+        size = posterior["correlated_sd"].values.reshape(-1)[pick][:, None]
+        sd = np.hypot(sd, size * _noise_unit(fitted, wanted, own_level))
     entry = registry.find(model)
     noise_law = {o.name: o.default for o in entry.options.values()} | dict(options)
     law = noise_law.get("noise_law", "gaussian")
-    drawn = mean + sd * _unit_noise(law, posterior, pick, mean.shape, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    unit_noise = _unit_noise(law, posterior, pick, mean.shape, rng)
+    if "zero_point" in posterior:
+        mean = _calibrated(mean, posterior, fitted, wanted, pick, noise_law["zero_point_sd"], rng)
+    drawn = mean + sd * unit_noise
     name = fitted.kind
     columns = {f"{name}_mean": mean.mean(axis=0)}
     for label, q in zip(
@@ -83,6 +90,24 @@ def predicted(
     ):
         columns[f"{name}_{label}"] = q
     return columns, notes
+
+
+def _calibrated(
+    mean: Floats,
+    posterior: xr.Dataset,
+    fitted: LightCurve,
+    wanted: LightCurve,
+    pick: NDArray[np.intp],
+    prior_sd: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """The brightness (S, T) with zero points: that of the fitted site and night, or a new one."""
+    known = posterior["zero_point"].values
+    known = known.reshape(-1, known.shape[-1])[pick]
+    new = prior_sd * rng.standard_normal((len(known), 1))
+    each = np.concatenate([known, new, np.zeros((len(known), 1))], axis=1)  # −1: none
+    offset = each[:, np.asarray(Epochs.of(wanted, fitted).calibration)]
+    return mean + offset if fitted.kind == "mag" else mean * 10.0 ** (-0.4 * offset)
 
 
 def noise_free(

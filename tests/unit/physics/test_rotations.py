@@ -70,6 +70,23 @@ def test_vectors_are_carried_into_the_turning_body_with_their_derivatives(omega)
         np.testing.assert_allclose(found(w), want, atol=1e-9 * float(np.abs(want).max()))
 
 
+@pytest.mark.parametrize("kind", [jax.jacfwd, jax.jacrev])
+def test_vectors_depend_on_time_and_on_their_inertial_components(kind):
+    w = jnp.array([0.3, -0.1, 0.2])
+    t = jnp.array([-5.0, 0.0, 1e-3, 20.0])
+    vectors = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3)))
+
+    def directly(t, v, w):
+        return rotations.constant_rate_to_body(t, w, v)[0]
+
+    def by_matrices(t, v, w):
+        return rotations.to_body(rotations.constant_rate(t, w), v)
+
+    for k in range(3):
+        found, want = (kind(f, argnums=k)(t, vectors, w) for f in (directly, by_matrices))
+        np.testing.assert_allclose(found, want, atol=1e-12)
+
+
 def test_constant_rate_is_smooth_at_rest_and_across_the_series():
     t = jnp.array([0.0, 1.0, 40.0])
 

@@ -86,6 +86,35 @@ def test_a_turning_body_is_predicted_on_the_fits_clock():
     np.testing.assert_allclose(part["flux_mean"], whole["flux_mean"][25:], rtol=1e-5, atol=1e-6)
 
 
+def test_zero_points_are_those_of_the_site_or_drawn_anew():
+    """A fitted site keeps its zero point; another one scatters by the prior."""
+    from tests.helpers import small_faults
+
+    body = small_faults.body(1, 1)
+    light = small_faults.light_curve(body, small_faults.Fault(zero_point=0.3), n=40, noise=1e-3)
+    problem, data = small_curves.posed(light, n_facets=1, clock_sd=0.0, rate_drift_sd=0.0)
+    sites = {
+        "normals_base": jnp.asarray(body.normals),
+        "log_albedo_area": jnp.log(jnp.asarray(body.areas)),
+        "omega_unit": jnp.asarray(body.omega / 0.1),
+        "log_level": jnp.zeros(0),
+    }
+    known = problem.constrain(problem.ravel(sites), data)
+    kept = {k: np.repeat(np.asarray(v)[None, None], 400, 1) for k, v in known.items()}
+    draws = dataset({k: v for k, v in kept.items() if not k.startswith("zero_point")})
+    zero_point = np.tile([0.0, 0.3], (1, 400, 1))
+    draws["zero_point"] = (("chain", "draw", "calibration"), zero_point)
+    options = {"n_facets": 1, "clock_sd": 0.0, "rate_drift_sd": 0.0, "zero_point_sd": 0.05}
+
+    bright = light.brightness > 0.2 * light.brightness.max()
+    columns, _ = predicted(draws, light, light, "faceted", options)
+    np.testing.assert_allclose(columns["flux_mean"][bright], light.brightness[bright], rtol=0.02)
+    other = replace(light, site=np.full(light.n_obs, "C"))
+    columns, _ = predicted(draws, light, other, "faceted", options)
+    width = (columns["flux_q95"] - columns["flux_q05"])[bright] / columns["flux_mean"][bright]
+    np.testing.assert_allclose(width, 3.29 * 0.4 * np.log(10) * 0.05, rtol=0.15)
+
+
 def test_free_scales_are_carried_to_the_curve_of_that_name(light):
     unknown = replace(
         light,

@@ -1,0 +1,220 @@
+"""Departures from a model that may explain a misfit, as changes of the predicted brightness.
+
+Each alternative is a set of columns (K, T): the changes of the brightness, in units of its
+standard deviation, by unit amounts of a fault. Its amount then follows in closed form from the
+residuals (a score test), without another fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.likelihood import FLUX
+from lcbayes.modelling.problem import Problem, Sites, compiled
+from lcbayes.physics.bodies import facets
+
+Floats = NDArray[np.float64]
+
+CLOCK_STEP_S, ANGLE_STEP = 1e-3, 1e-4  # of differences; brightness is smooth over both
+LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
+GRID = 96  # directions of a further facet
+MAX_FREQUENCIES = 256
+MAX_NAMED = 12  # observers or calibrations with an alternative each
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A fault of one kind.
+
+    Attributes
+    ----------
+    name : str
+        Code of the kind, such as ``zero-point``.
+    about : str
+        The part concerned, such as the name of a site.
+    unit : str
+        Unit of the amount.
+    columns : (M, K, T)
+        M versions of the fault (a frequency, a direction), each with K amounts.
+    labels : tuple of M strings
+        The version, for the sentence.
+    one_sided : bool
+        Whether the amount can only be positive.
+    """
+
+    name: str
+    about: str
+    unit: str
+    columns: Floats
+    labels: tuple[str, ...] = ("",)
+    one_sided: bool = False
+
+
+def alternatives(
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    names: dict[str, tuple[str, ...]],
+    kinds: tuple[str, ...] = (),
+) -> list[Alternative]:
+    """The faults that the data may contain, at the point z (D,).
+
+    Parameters
+    ----------
+    names : mapping
+        Names of the ``observers`` and ``calibrations`` of the data.
+    kinds : tuple of str
+        Only these names of alternatives; all by default.
+    """
+    sites = compiled(problem.constrain)(jnp.asarray(z), data)
+    flux = np.asarray(sites[FLUX])
+    found = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
+    if "omega" in sites:
+        found += _drift(problem, z, data)
+        found += [] if kinds else _nutation(problem, z, data, sites)
+    if "sun_body" in sites and not kinds:
+        found += [*_lobes(sites), *_further_facet(sites)]
+    found = [one for one in found if not kinds or one.name in kinds]
+    return [_in_units_of_noise(problem, z, data, one) for one in found if np.any(one.columns)]
+
+
+def _in_units_of_noise(problem: Problem, z: Floats, data: Epochs, one: Alternative) -> Alternative:
+    """Columns of flux as columns of the brightness over its sd, given earlier points."""
+    flat = one.columns.reshape(-1, one.columns.shape[-1])
+    changed = compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(flat))
+    return replace(one, columns=np.asarray(changed).reshape(one.columns.shape))
+
+
+def _calibration(
+    flux: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+) -> Iterator[Alternative]:
+    """Each observer, and each calibration, is fainter by an amount in mag."""
+    seen = set()
+    for index, which in ((data.observer, "observers"), (data.calibration, "calibrations")):
+        each = np.asarray(index)
+        for k, name in enumerate(names[which][:MAX_NAMED]):
+            here = each == k
+            if here.all() or (key := here.tobytes()) in seen:
+                continue
+            seen.add(key)
+            column = np.where(here, -0.4 * np.log(10.0) * flux, 0.0)
+            yield Alternative("zero-point", name, "mag", column[None, None])
+    phase = np.asarray(data.phase_angle)
+    if np.ptp(phase) > 0.1:
+        column = -0.4 * np.log(10.0) * flux * (phase - phase.mean())
+        yield Alternative("phase-slope", "", "mag/rad", column[None, None])
+
+
+def _clocks(
+    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+) -> Iterator[Alternative]:
+    """The clock of each of several observers is late by an amount in s."""
+    if data.n_observers < 2:
+        return
+    rate = _by_time(problem, z, data, moving=True)
+    for k, name in enumerate(names["observers"][:MAX_NAMED]):
+        column = np.where(np.asarray(data.observer) == k, rate, 0.0)
+        yield Alternative("clock", name, "s", column[None, None])
+
+
+def _drift(problem: Problem, z: Floats, data: Epochs) -> Iterator[Alternative]:
+    """The rate of rotation changes over the light curve by a relative amount."""
+    t, middle = np.asarray(data.t), float(data.t_middle)
+    warp = ((t - middle) ** 2 - middle**2) / (2.0 * float(data.t_span))
+    column = warp * _by_time(problem, z, data, moving=False)
+    yield Alternative("rate-drift", "", "%", 0.01 * column[None, None])
+
+
+def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterator[Alternative]:
+    """The spin axis moves on a cone, at any rate up to twice that of the rotation.
+
+    To first order, the body is turned by a vector of constant length θ perpendicular to the angular
+    momentum, which rotates about it at the rate Ω = L/I_t of a body of equal transverse moments
+    of inertia I_t: from 0 (a needle) to twice the rate of rotation (a disc). The two amounts are
+    the components of the vector at t = 0, in deg.
+    """
+    omega = np.asarray(sites["omega"])
+    rate = float(np.linalg.norm(omega))
+    if rate == 0.0:
+        return
+    pole = omega / rate
+    across = np.stack(facets.across(pole[None])).reshape(2, 3)
+    by_angle = np.array([_by_rotation(problem, z, data, axis) for axis in across])
+    t = np.asarray(data.t)
+    n = int(np.clip(np.ceil(4.0 * rate * float(data.t_span) / np.pi), 4, MAX_FREQUENCIES))
+    ratio = 2.0 * (np.arange(n) + 0.5) / n
+    cos, sin = (f(ratio[:, None] * rate * t) for f in (np.cos, np.sin))
+    first, second = by_angle
+    columns = np.stack([cos * first + sin * second, cos * second - sin * first], axis=1)
+    labels = tuple(f"{r:.2f} times the rate of rotation" for r in ratio)
+    yield Alternative("nutation", "", "deg", np.radians(columns), labels)
+
+
+def _lobes(sites: Sites) -> Iterator[Alternative]:
+    """A facet has a specular lobe; its amount is that of its peak over the diffuse reflectance."""
+    normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))
+    sun, obs = (np.asarray(sites[k]) for k in ("sun_body", "obs_body"))
+    bisector = sun + obs
+    bisector = bisector / np.linalg.norm(bisector, axis=1, keepdims=True)
+    for i, normal in enumerate(normals):
+        seen = (sun @ normal > 0) & (obs @ normal > 0)
+        cosine = np.where(seen, np.maximum(bisector @ normal, 0.0), 0.0)
+        columns = area[i] / np.pi * np.stack([cosine**n for n in LOBES])
+        labels = tuple(f"exponent {n:.0f}" for n in LOBES)
+        about = f"facet {i}"
+        yield Alternative("lobe", about, "", columns[:, None], labels, one_sided=True)
+
+
+def _further_facet(sites: Sites) -> Iterator[Alternative]:
+    """The body has a further diffuse facet, of an albedo-area in m²."""
+    normals = facets.grid(GRID)
+    sun, obs = (np.asarray(sites[k]) @ normals.T for k in ("sun_body", "obs_body"))
+    columns = np.where((sun > 0) & (obs > 0), sun * obs, 0.0).T / np.pi
+    seen = np.any(columns > 0, axis=1)
+    phi, g = facets.angles(jnp.asarray(normals[seen]))
+    labels = tuple(
+        f"phi {p:.1f}, g {c:.1f}" for p, c in zip(np.asarray(phi), np.asarray(g), strict=True)
+    )
+    if seen.any():
+        yield Alternative("facet", "", "m²", columns[seen][:, None], labels, one_sided=True)
+
+
+def _by_time(problem: Problem, z: Floats, data: Epochs, *, moving: bool) -> Floats:
+    """Rate of change (T,) of the flux with the time of each point, 1/s.
+
+    ``moving``: the directions change with time too, at the rates of the data.
+    """
+
+    def at(step: float) -> Floats:
+        t = data.t + step
+        later = replace(data, t=t, orbit=data.orbit._replace(t=t))
+        if moving:
+            later = replace(
+                later,
+                sun=_unit(data.sun + step * data.sun_rate),
+                obs=_unit(data.obs + step * data.obs_rate),
+            )
+        return np.asarray(compiled(problem.flux_at)(jnp.asarray(z), later))
+
+    return (at(CLOCK_STEP_S) - at(-CLOCK_STEP_S)) / (2.0 * CLOCK_STEP_S)
+
+
+def _by_rotation(problem: Problem, z: Floats, data: Epochs, axis: Floats) -> Floats:
+    """Derivative (T,) of the flux by the angle of a rotation of the body about an inertial axis."""
+
+    def at(angle: float) -> Floats:
+        sun, obs = (_unit(v - angle * jnp.cross(axis, v)) for v in (data.sun, data.obs))
+        turned = replace(data, sun=sun, obs=obs)
+        return np.asarray(compiled(problem.flux_at)(jnp.asarray(z), turned))
+
+    return (at(ANGLE_STEP) - at(-ANGLE_STEP)) / (2.0 * ANGLE_STEP)
+
+
+def _unit(v):
+    return v / jnp.linalg.norm(v, axis=-1, keepdims=True)

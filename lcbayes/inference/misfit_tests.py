@@ -1,0 +1,409 @@
+"""Tests of the residuals of a fit, with p-values calibrated by simulation.
+
+Under the model, linearised about the best fit, the residuals in units of their standard deviation
+follow Normal(0, R) with R = I − J F⁻¹ Jᵀ; J is the Jacobian of the prediction over its sd and F the
+information with the prior. Every statistic is computed for the observed residuals and for draws of
+this distribution, so that each p-value is exact up to the number of draws, and so is the limit for
+the smallest of several p-values, however they depend on each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.special import ndtri_exp
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.observers import calibrations, observers
+from lcbayes.data.segments import PASS, split
+from lcbayes.inference.alternatives import Alternative, alternatives
+from lcbayes.inference.correlation import autocorrelation
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+
+Floats = NDArray[np.float64]
+
+FALSE_ALARM = 0.01  # probability that a fit of the correct model is refused by any of the tests
+DRAWS, MAX_NUMBERS = 4000, 4e7  # draws of residuals; numbers of residuals in memory
+STEP = 1e-3  # of differences, in posterior standard deviations
+HARMONICS = 4  # of the rotational phase
+ABSORBED = 1e-3  # share of the effect of an alternative that the parameters leave; below: none
+LAGS = 4  # of the autocorrelation
+MAX_FREQUENCIES = 64  # of the periodogram
+
+
+class ResidualTest(NamedTuple):
+    """A test of the residuals.
+
+    Attributes
+    ----------
+    name : str
+    statistic : float
+    p_value : float
+        At least 1/(draws + 1).
+    """
+
+    name: str
+    statistic: float
+    p_value: float
+
+
+class Explanation(NamedTuple):
+    """An alternative with its amount.
+
+    Attributes
+    ----------
+    name, about, unit, version : str
+        As in `Alternative`; the version is the best-fitting one.
+    amount, sd : float
+        The amount and its standard deviation, sd including the correlation of the noise; for
+        several amounts, the length of their vector.
+    gain : float
+        Decrease of chi2.
+    p_value : float
+        Of a gain as large for any version of this alternative.
+    """
+
+    name: str
+    about: str
+    unit: str
+    version: str
+    amount: float
+    sd: float
+    gain: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Examination:
+    """Tests of the residuals of a fit.
+
+    Attributes
+    ----------
+    tests : list of ResidualTest
+    explanations : list of Explanation
+        From the smallest p-value.
+    limit : float
+        The p-value below which one of these tests refuses the model: the model is refused by
+        mistake with the probability `FALSE_ALARM`, whichever test does it.
+    """
+
+    tests: list[ResidualTest]
+    explanations: list[Explanation]
+    limit: float
+
+    @property
+    def refused(self) -> list[ResidualTest]:
+        """The tests that the model fails, from the smallest p-value; chi2 first among equals."""
+        return sorted((t for t in self.tests if t.p_value < self.limit), key=lambda t: t.p_value)
+
+    @property
+    def cause(self) -> Explanation | None:
+        """The alternative that explains the misfit best, if one is significant."""
+        good = [e for e in self.explanations if e.p_value < self.limit]
+        return max(good, key=lambda e: e.gain, default=None)
+
+
+def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
+    """Names of the observers and calibrations of a curve, as `alternatives` expects them."""
+    seen_by = observers(curve)
+    return {"observers": seen_by.names, "calibrations": calibrations(curve, seen_by).names}
+
+
+def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:
+    """Residuals (T,) as quantiles of the normal distribution, Φ⁻¹(F(y)), given earlier points.
+
+    For Gaussian noise they are (y − m)/σ.
+    """
+    tails = np.asarray(compiled(problem.log_tail)(jnp.asarray(z), data))
+    mean = np.asarray(compiled(problem.moments)(jnp.asarray(z), data).mean)
+    return np.sign(np.asarray(data.brightness) - mean) * -ndtri_exp(tails)
+
+
+def examine(
+    problem: Problem, z: Floats, data: Epochs, curve: LightCurve, *, seed: int = 0
+) -> Examination:
+    """Test the residuals at the best fit z (D,).
+
+    Parameters
+    ----------
+    problem, data
+        ``data.information`` below 1 states that the noise is correlated. The draws then have the
+        autocorrelation of the residuals, and it is not tested.
+    curve : LightCurve
+        The fitted curve.
+
+    References
+    ----------
+    Westfall & Young 1993, Resampling-based Multiple Testing, sec. 2.3 (smallest p-value); Rao 1948,
+    Proc. Camb. Phil. Soc. 44, 50 (score test).
+    """
+    seen_by = observers(curve)
+    passes = split(curve.t, curve.curve * len(seen_by.names) + seen_by.index, PASS)
+    n = int(np.clip(MAX_NUMBERS // curve.n_obs, 500, DRAWS))
+    rng = np.random.default_rng([seed, 4])
+    correlated = float(np.mean(np.asarray(data.information))) < 1.0
+    seen = residuals(problem, z, data)
+    noise = _noise(seen, passes, correlated, n, rng)
+    maker = Projection.of(problem, z, data)
+    drawn = maker.residuals(noise, rng)
+    every = np.vstack([seen + maker.last_step(problem, z, data), drawn])
+
+    statistics = _statistics(problem, z, data, curve, passes, correlated)
+    values = {name: function(every) for name, function in statistics.items()}
+    scores = []
+    for one in alternatives(problem, z, data, names_of(curve)):
+        gains, best = _gains(one, every, maker)
+        values[_code(one)] = gains
+        scores.append((one, gains, best))
+    p_values = {name: _ranks(value) for name, value in values.items()}
+    smallest = np.min(np.stack(list(p_values.values())), axis=0)
+    limit = float(np.quantile(smallest[1:], FALSE_ALARM))
+    tests = [ResidualTest(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
+    found = [
+        _explanation(one, best, every, maker, float(p_values[_code(one)][0]))
+        for one, _, best in scores
+    ]
+    return Examination(tests, sorted(found, key=lambda e: (e.p_value, -e.gain)), limit)
+
+
+def _code(one: Alternative) -> str:
+    return f"{one.name} {one.about}".strip()
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The part of a change of the brightness that the parameters of the model do not absorb.
+
+    Attributes
+    ----------
+    jacobian : (T, D)
+        Of the prediction over its sd, by the parameters in units of the posterior's sd.
+    covariance : (D, D)
+        F⁻¹ in these units.
+    prior_root : (D, D)
+        A root P^(1/2) of the precision of the prior in these units.
+    unit : (D,)
+        The units, 1/√F_kk.
+    power : float
+        Mean power to which the likelihood of a point is raised.
+    """
+
+    jacobian: Floats
+    covariance: Floats
+    prior_root: Floats
+    unit: Floats
+    power: float
+
+    @classmethod
+    def of(cls, problem: Problem, z: Floats, data: Epochs) -> Projection:
+        """At a point z (D,)."""
+        power = float(np.mean(np.asarray(data.information)))
+        fisher = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
+        prior = np.asarray(compiled(problem.prior_precision)(jnp.asarray(z), data))
+        unit = 1.0 / np.sqrt(np.diag(fisher))
+        sd = np.asarray(compiled(problem.moments)(jnp.asarray(z), data).sd)
+        jacobian = np.empty((sd.size, len(z)))
+        for k in range(len(z)):
+            step = np.zeros(len(z))
+            step[k] = STEP * unit[k]
+            up, down = (
+                np.asarray(compiled(problem.moments)(jnp.asarray(z + s), data).mean)
+                for s in (step, -step)
+            )
+            jacobian[:, k] = (up - down) / (2.0 * STEP * sd)
+        prior = prior * np.outer(unit, unit)
+        values, vectors = np.linalg.eigh(prior)
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        # the same Jacobian as in the residuals, so that R is a projection for a flat prior
+        covariance = np.linalg.pinv(power * jacobian.T @ jacobian + prior, hermitian=True)
+        return cls(jacobian, covariance, root, unit, power)
+
+    def residuals(self, noise: Floats, rng: np.random.Generator) -> Floats:
+        """Residuals (n, T) of fits to noise (n, T), with the truth drawn from the prior."""
+        gain = self.power * self.covariance @ self.jacobian.T
+        truth = rng.standard_normal((len(noise), len(self.covariance)))
+        shift = truth @ self.prior_root @ self.covariance
+        return noise - (noise @ self.jacobian) @ gain + shift @ self.jacobian.T
+
+    def last_step(self, problem: Problem, z: Floats, data: Epochs) -> Floats:
+        """Change (T,) of the residuals by a last step from z to the optimum.
+
+        Alternatives that the parameters absorb almost fully would otherwise be misled.
+        """
+        slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))
+        return self.jacobian @ self.covariance @ (self.unit * slope)
+
+    def left(self, columns: Floats) -> Floats:
+        """R c for columns (..., T)."""
+        gain = self.power * self.covariance @ self.jacobian.T
+        return columns - (columns @ self.jacobian) @ gain
+
+
+def _noise(
+    seen: Floats, passes: list[NDArray[np.integer]], correlated: bool, n: int, rng
+) -> Floats:
+    """Noise (n, T) of unit variance, with the autocorrelation of the residuals if ``correlated``.
+
+    Correlated noise is the sum of white noise and an Ornstein-Uhlenbeck process, sampled at the
+    median step.
+    """
+    white = rng.standard_normal((n, seen.size))
+    if not correlated:
+        return white
+    share, decay = _ornstein_uhlenbeck(seen, passes)
+    found = np.sqrt(1.0 - share) * white
+    for rows in passes:
+        own = rng.standard_normal((n, rows.size)) * np.sqrt(1.0 - decay**2)
+        own[:, 0] /= np.sqrt(1.0 - decay**2)
+        found[:, rows] += np.sqrt(share) * lfilter([1.0], [1.0, -decay], own, axis=1)
+    return found
+
+
+def _ornstein_uhlenbeck(seen: Floats, passes: list[NDArray[np.integer]]) -> tuple[float, float]:
+    """Share of the variance and decay per step of ρ_k = share · decay^k, by least squares."""
+    longest = max(rows.size for rows in passes)
+    lags = np.arange(1, max(2, min(longest - 1, 60)))
+    found = autocorrelation(seen, passes, lags)
+    share, decay = np.meshgrid(np.linspace(0.05, 1.0, 20), np.exp(-1.0 / np.geomspace(0.5, 60, 40)))
+    shape = share[..., None] * decay[..., None] ** lags
+    worst = np.sum(found.pairs * (found.rho - shape) ** 2, axis=-1)
+    best = np.unravel_index(np.argmin(worst), worst.shape)
+    return float(share[best]), float(decay[best])
+
+
+def _statistics(
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    curve: LightCurve,
+    passes: list[NDArray[np.integer]],
+    correlated: bool,
+) -> dict[str, Callable[[Floats], Floats]]:
+    """Functions of residuals (n, T), (n,) each; larger if the model is worse."""
+    sites = compiled(problem.constrain)(jnp.asarray(z), data)
+    found: dict[str, Callable[[Floats], Floats]] = {"chi2": lambda e: np.sum(e**2, axis=1)}
+    observer = np.asarray(data.observer)
+    if data.n_observers > 1:
+        found["site"] = _means([np.flatnonzero(observer == k) for k in range(data.n_observers)])
+    if len(passes) > 1:
+        found["pass"] = _means(passes)
+    phase = curve.phase_angle
+    if np.ptp(phase) > 0.02:
+        x = 2.0 * (phase - phase.min()) / np.ptp(phase) - 1.0
+        found["phase angle"] = _projected(
+            np.asarray(np.polynomial.legendre.legvander(x, 3)[:, 1:], float)
+        )
+    period = _period_s(sites)
+    if period is not None and period < 0.9 * float(data.t_span):
+        angle = 2.0 * np.pi * np.asarray(data.t)[:, None] / period * np.arange(1, HARMONICS + 1)
+        found["rotational phase"] = _projected(np.hstack([np.cos(angle), np.sin(angle)]))
+    if max(rows.size for rows in passes) > 2 * LAGS:
+        if not correlated:
+            found["autocorrelation"] = _autocorrelation(passes)
+        found["periodogram"] = _periodogram(np.asarray(data.t), passes)
+    return found
+
+
+def _period_s(sites) -> float | None:
+    if "period_h" in sites:
+        return 3600.0 * float(sites["period_h"])
+    rate = float(np.linalg.norm(sites["omega"])) if "omega" in sites else 0.0
+    return 2.0 * np.pi / rate if rate else None
+
+
+def _means(groups: list[NDArray[np.integer]]) -> Callable[[Floats], Floats]:
+    """Sum over the groups of the squared sums, each over its number of points."""
+    return lambda e: np.sum([e[:, g].sum(axis=1) ** 2 / len(g) for g in groups], axis=0)
+
+
+def _projected(columns: Floats) -> Callable[[Floats], Floats]:
+    """Squared length of the residuals along the space of the columns (T, K)."""
+    basis = np.linalg.qr(columns)[0]
+    return lambda e: np.sum((e @ basis) ** 2, axis=1)
+
+
+def _autocorrelation(passes: list[NDArray[np.integer]]) -> Callable[[Floats], Floats]:
+    """Largest standardised sum of the autocorrelations up to a lag."""
+
+    def statistic(e: Floats) -> Floats:
+        total, pairs, best = np.zeros(len(e)), 0, np.full(len(e), -np.inf)
+        for lag in range(1, LAGS + 1):
+            for rows in passes:
+                if rows.size > lag:
+                    total += np.sum(e[:, rows[lag:]] * e[:, rows[:-lag]], axis=1)
+                    pairs += rows.size - lag
+            best = np.maximum(best, total / np.sqrt(max(pairs, 1)))
+        return best
+
+    return statistic
+
+
+def _periodogram(t: Floats, passes: list[NDArray[np.integer]]) -> Callable[[Floats], Floats]:
+    """Largest power at any frequency, summed over the passes without regard to phase."""
+    longest = max(float(np.ptp(t[rows])) for rows in passes)
+    most = max(rows.size for rows in passes)
+    count = max(2, min(MAX_FREQUENCIES, most // 2))
+    frequency = np.arange(1, count + 1) / max(longest, 1e-300)
+
+    def statistic(e: Floats) -> Floats:
+        power = np.zeros((len(e), count))
+        for rows in passes:
+            angle = 2.0 * np.pi * t[rows][:, None] * frequency
+            part = e[:, rows]
+            power += ((part @ np.cos(angle)) ** 2 + (part @ np.sin(angle)) ** 2) * 2.0 / rows.size
+        return power.max(axis=1)
+
+    return statistic
+
+
+def _gains(one: Alternative, every: Floats, maker: Projection) -> tuple[Floats, int]:
+    """Largest standardised gain (n,) of any version, and the version for the first row."""
+    gains = np.stack([_gain(columns, every, maker, one.one_sided) for columns in one.columns])
+    # with correlated noise the gain of a slow version is larger by chance; its mean removes that
+    typical = gains[:, 1:].mean(axis=1, keepdims=True)
+    gains = gains / np.maximum(typical, 1e-12)
+    return gains.max(axis=0), int(np.argmax(gains[:, 0]))
+
+
+def _gain(columns: Floats, every: Floats, maker: Projection, one_sided: bool) -> Floats:
+    """Decrease of chi2 (n,) by the best amounts of columns (K, T)."""
+    information = columns @ maker.left(columns).T
+    along = every @ columns.T
+    if _absorbed(information, columns):
+        return np.zeros(len(every))
+    gain = np.sum(along * np.linalg.solve(information, along.T).T, axis=1)
+    return np.where(along[:, 0] > 0, gain, 0.0) if one_sided else gain
+
+
+def _absorbed(information: Floats, columns: Floats) -> bool:
+    """Whether the parameters of the model have the same effect as the columns."""
+    size = np.einsum("kt,kt->k", columns, columns)
+    return bool(np.linalg.eigvalsh(information).min() <= ABSORBED * size.max())
+
+
+def _explanation(
+    one: Alternative, best: int, every: Floats, maker: Projection, p_value: float
+) -> Explanation:
+    columns = one.columns[best]
+    information = columns @ maker.left(columns).T
+    if _absorbed(information, columns):
+        return Explanation(one.name, one.about, one.unit, "", 0.0, np.inf, 0.0, 1.0)
+    amounts = np.linalg.solve(information, columns @ every.T)  # (K, 1 + n)
+    amount = float(amounts[0, 0]) if len(columns) == 1 else float(np.linalg.norm(amounts[:, 0]))
+    sd = float(np.sqrt(np.mean(np.var(amounts[:, 1:], axis=1))))
+    gain = float(amounts[:, 0] @ information @ amounts[:, 0])
+    return Explanation(one.name, one.about, one.unit, one.labels[best], amount, sd, gain, p_value)
+
+
+def _ranks(values: Floats) -> Floats:
+    """p-value of each value among the drawn ones, values[1:]."""
+    drawn = np.sort(values[1:])
+    above = drawn.size - np.searchsorted(drawn, values, "left")
+    return np.concatenate([(above[:1] + 1) / (drawn.size + 1), above[1:] / drawn.size])

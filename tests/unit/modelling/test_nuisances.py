@@ -1,0 +1,179 @@
+"""Zero points, clocks and a change of rate, against dense covariances and another simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import nuisances, registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from tests.helpers import small_faults
+from tests.helpers.small_faults import Fault
+
+BODY = small_faults.body(1, 2)
+ALONE = {"zero_point_sd": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
+
+
+def posed(light, **options):
+    data = Epochs.of(light)
+    return Problem(registry.find("faceted").bind({"n_facets": 2} | options), data), data
+
+
+def at_truth(problem, **sites):
+    known = {
+        "normals_base": jnp.asarray(BODY.normals),
+        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
+        "omega_unit": jnp.asarray(BODY.omega / 0.1),
+        "log_level": jnp.zeros(0),
+    }
+    return problem.ravel(known | {k: jnp.asarray(v) for k, v in sites.items()})
+
+
+@pytest.fixture(scope="module")
+def light():
+    return small_faults.light_curve(BODY, n=32)
+
+
+@pytest.mark.parametrize("kind", ["flux", "mag"])
+def test_zero_points_are_integrated_out(light, kind):
+    """The density is that of a Gaussian with covariance D + s² h hᵀ within each site."""
+    if kind == "mag":
+        m = -2.5 * np.log10(np.maximum(light.brightness, 0.02)) - 26.76
+        error = np.full(32, 0.03)
+        light = replace(light, kind="mag", brightness=m, error=error, range_km=np.full(32, 1e-3))
+    problem, data = posed(light, **(ALONE | {"zero_point_sd": 0.05}))
+    plain, _ = posed(light, **ALONE)
+    z = at_truth(problem)
+    mean, sd = (np.asarray(x) for x in plain.moments(z, data))
+    h = np.ones(32) if kind == "mag" else -0.4 * np.log(10) * mean
+    same = light.site[:, None] == light.site
+    dense = multivariate_normal(mean, np.diag(sd**2) + 0.05**2 * np.outer(h, h) * same)
+    found = float(jnp.sum(problem.log_likelihood(z, data)))
+    assert found == pytest.approx(dense.logpdf(light.brightness), abs=1e-8)
+
+    sites = problem.constrain(z, data)
+    for g, site in enumerate(("A", "B")):
+        here = light.site == site
+        cross = 0.05**2 * h[here]
+        gain = np.linalg.solve(dense.cov[np.ix_(here, here)], cross)
+        want = gain @ (light.brightness - mean)[here]
+        assert float(sites["zero_point_mean"][g]) == pytest.approx(want, abs=1e-10)
+        want = np.sqrt(0.05**2 - gain @ cross)
+        assert float(sites["zero_point_sd"][g]) == pytest.approx(want, rel=1e-8)
+
+
+def test_correlated_noise_and_zero_points_are_those_of_the_dense_covariance(light):
+    """D + a² exp(−|Δt|/τ) within a pass of a site, and s² h hᵀ within a site."""
+    options = ALONE | {"zero_point_sd": 0.05, "correlated_noise": True}
+    problem, data = posed(light, **options)
+    plain, _ = posed(light, **ALONE)
+    noise = {"log_correlated_sd": np.log(0.03), "log_correlated_time_s": np.log(40.0)}
+    z = at_truth(problem, **noise)
+    mean, sd = (np.asarray(x) for x in plain.moments(at_truth(plain), data))
+    h = -0.4 * np.log(10) * mean
+    same = light.site[:, None] == light.site
+    apart = np.abs(light.t[:, None] - light.t)
+    size = 0.03 * np.abs(light.brightness).mean()
+    covariance = np.diag(sd**2) + 0.05**2 * np.outer(h, h) * same
+    covariance += size**2 * np.exp(-apart / 40.0) * (same & (apart < 600.0))
+    want = multivariate_normal(mean, covariance).logpdf(light.brightness)
+    assert float(jnp.sum(problem.log_likelihood(z, data))) == pytest.approx(want, abs=1e-7)
+
+    gain = 0.05**2 * (h * (light.site == "A")) @ np.linalg.inv(covariance)
+    found = problem.constrain(z, data)["zero_point_mean"][0]
+    assert float(found) == pytest.approx(gain @ (light.brightness - mean), abs=1e-9)
+
+    slope = jax.grad(lambda z: problem.log_likelihood(z, data).sum())(z)
+    step = 1e-5 * jnp.eye(len(z))
+    numeric = [
+        (problem.log_likelihood(z + e, data).sum() - problem.log_likelihood(z - e, data).sum())
+        / 2e-5
+        for e in step[problem.rows(noise)]
+    ]
+    np.testing.assert_allclose(slope[problem.rows(noise)], numeric, rtol=1e-5)
+
+
+def test_information_on_the_body_is_that_of_the_dense_covariance(light):
+    """Jᵀ C⁻¹ J of magnitudes, whose zero points do not depend on the body."""
+    m = -2.5 * np.log10(np.maximum(light.brightness, 0.02)) - 26.76
+    error = np.full(32, 0.03)
+    light = replace(light, kind="mag", brightness=m, error=error, range_km=np.full(32, 1e-3))
+    problem, data = posed(light, **(ALONE | {"zero_point_sd": 0.05}))
+    plain, _ = posed(light, **ALONE)
+    z = at_truth(problem)
+    jacobian = np.asarray(jax.jacfwd(lambda z: plain.moments(z, data).mean)(z))
+    same = light.site[:, None] == light.site
+    covariance = 0.03**2 * np.eye(32) + 0.05**2 * same
+    want = jacobian.T @ np.linalg.solve(covariance, jacobian)
+    found = problem.fisher(z, data) - problem.prior_precision(z, data)
+    np.testing.assert_allclose(found, want, rtol=1e-7, atol=1e-6)
+
+
+def test_drawn_zero_points_have_their_mean_and_sd():
+    rng = np.random.default_rng(0)
+    mean, sd = np.full((2, 5000, 1), 0.1), np.full((2, 5000, 1), 0.02)
+    found = nuisances.drawn({"a": mean, "zero_point_mean": mean, "zero_point_sd": sd}, rng)
+    assert sorted(found) == ["a", "zero_point"]
+    assert found["zero_point"].mean() == pytest.approx(0.1, abs=1e-3)
+    assert found["zero_point"].std() == pytest.approx(0.02, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("fault", "site"),
+    [
+        (Fault(clock=0.5), {"clock_offset_unit": [0.0, -0.5 / 0.3, 0.0]}),
+        (Fault(drift=0.02), {"rate_drift_unit": 2.0}),
+    ],
+)
+def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
+    light = small_faults.light_curve(BODY, fault, n=80, noise=1e-9)
+    problem, data = posed(light)
+    neutral = {"clock_offset_unit": np.zeros(3), "rate_drift_unit": 0.0}
+    found, without = (
+        np.asarray(problem.constrain(at_truth(problem, **(neutral | s)), data)["expected"])
+        for s in (site, {})
+    )
+    miss, effect = (np.abs(x - light.brightness).max() for x in (found, without))
+    # directions are moved linearly to the true times
+    assert miss < (0.03 if fault.clock else 1e-6) * effect
+    assert effect > 0.005 * light.brightness.max()
+
+
+def test_there_is_no_fault_where_the_data_cannot_contain_it():
+    light = small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=1)
+    alone, _ = posed(light, **ALONE)
+    default, _ = posed(light)
+    assert default.names == alone.names
+    z = at_truth(alone)
+    data = Epochs.of(light)
+    assert float(default.potential(z, data)) == float(alone.potential(z, data))
+    two, _ = posed(small_faults.light_curve(BODY, n=40, n_sites=2, n_passes=1))
+    assert set(two.names) - set(alone.names) == {"clock_offset_unit", "rate_drift_unit"}
+    two, _ = posed(small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=2))
+    assert set(two.names) - set(alone.names) == {"rate_drift_unit"}
+
+
+def test_replicates_follow_the_fitted_zero_points(light):
+    """0.3 mag between the sites is in the replicates, although the body does not explain it."""
+    fainter = light.brightness * np.where(light.site == "B", 10 ** (-0.4 * 0.3), 1.0)
+    problem, data = posed(
+        replace(light, brightness=fainter, error=light.error / 20),
+        **(ALONE | {"zero_point_sd": 1.0}),
+    )
+    z = at_truth(problem)
+    keys = jax.random.split(jax.random.key(0), 200)
+    drawn = np.asarray(jax.vmap(problem.replicate, (None, None, 0))(z, data, keys))
+    bright = fainter > 0.3 * fainter.max()
+    ratio = (drawn.mean(axis=0) / fainter)[bright]
+    assert np.all(np.abs(ratio - 1.0) < 0.15)
+
+
+def test_a_negative_width_is_refused(light):
+    with pytest.raises(InputError, match="clock_sd is -1"):
+        posed(light, clock_sd=-1.0)
