@@ -1,10 +1,15 @@
-"""Formatting of numbers; the uncertainty determines the number of digits."""
+"""Formatting of numbers, whose uncertainty determines the number of digits, and names of axes."""
 
 from __future__ import annotations
 
 import datetime
 import math
 
+FRAMES = {
+    "icrs": "ICRS (equatorial, J2000)",
+    "ecliptic-j2000": "ecliptic J2000",
+    "inertial": "the inertial axes of the input file",
+}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

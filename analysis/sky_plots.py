@@ -8,18 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.numerals import FRAMES
 from lcbayes.analysis.quantities import facet_normals, readable, spin
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.geometry.spherical import lon_lat_deg, unit_vector
 
 Floats = NDArray[np.float64]
 CLOUD = 400
-
-FRAMES = {
-    "icrs": "ICRS (equatorial, J2000)",
-    "ecliptic-j2000": "ecliptic J2000",
-    "inertial": "the inertial axes of the input file",
-}
 
 
 def frame_words(results: Results) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes.analysis.numerals import show
-from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
+from lcbayes.analysis.numerals import FRAMES, show
+from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg

@@ -38,7 +38,8 @@ class LightCurve:
         ``flux`` is in W/m² (visible band) if ``range_km`` is given, otherwise reduced to unit
         distances and unit solar irradiance. ``mag`` is an apparent magnitude in ``band``.
     sun, obs : (T, 3)
-        Unit vectors from the object to the Sun and to the observer, axes of ``frame``.
+        Unit vectors from the object to the Sun and to the observer, axes of ``frame``; all NaN if
+        only the brightness is known, which is sufficient for `lcbayes.look` alone.
     range_km : (T,) or None
         Distance between object and observer.
     position_km, velocity_km_s : (T, 3) or None
@@ -158,6 +159,8 @@ class LightCurve:
         _reject("exposure_s", self.exposure_s, _below(self.exposure_s, 0), "< 0", _EXPOSURES)
         for name in ("sun", "obs"):
             vectors: Floats = getattr(self, name)
+            if self.brightness_only:
+                continue
             length: Floats = np.linalg.norm(vectors, axis=1)
             bad = ~(np.abs(length - 1.0) <= UNIT_TOLERANCE)
             _reject(name, vectors, bad, "not of length 1", _UNIT)
@@ -207,8 +210,13 @@ class LightCurve:
         return bool(np.isnan(self.brightness).all())
 
     @property
+    def brightness_only(self) -> bool:
+        """Whether the directions to Sun and observer are unknown throughout."""
+        return bool(np.isnan(self.sun).all() and np.isnan(self.obs).all())
+
+    @property
     def phase_angle(self) -> Floats:
-        """Angle Sun-object-observer, rad, (T,)."""
+        """Angle Sun-object-observer, rad, (T,); NaN if the directions are unknown."""
         cross = np.linalg.norm(np.cross(self.sun, self.obs), axis=1)
         return np.arctan2(cross, np.sum(self.sun * self.obs, axis=1))
 

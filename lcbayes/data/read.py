@@ -66,6 +66,7 @@ def read(
     error_floor: float | None = None,
     error: float | None = None,
     columns: str | Mapping[str, str] | None = None,
+    geometry: bool = True,
 ) -> LightCurve:
     """Read a light curve.
 
@@ -82,6 +83,8 @@ def read(
     columns : names of the columns in the file, as ``{"mag": "V", "mag_err": "err"}`` or as
         ``"mag=V,mag_err=err"``; common names are recognised automatically. ``ignore`` names a
         column to be ignored
+    geometry : whether directions to Sun and observer are required; if False, a CSV or ECSV file
+        without them gives a curve with ``brightness_only``, which only `lcbayes.look` accepts
 
     Returns
     -------
@@ -97,7 +100,14 @@ def read(
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
     asked = ReadOptions.of(given)
-    options = Options(_path(asked.tle), asked.site, asked.error, asked.error_floor, columns=mapping)
+    options = Options(
+        _path(asked.tle),
+        asked.site,
+        asked.error,
+        asked.error_floor,
+        brightness_only=not geometry,
+        columns=mapping,
+    )
     curve = _read(path, format, options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")

@@ -43,8 +43,9 @@ def _columns(curve: LightCurve) -> dict[str, Any]:
         columns[curve.kind] = curve.brightness
     if curve.error is not None:
         columns[f"{curve.kind}_err"] = curve.error
-    both = np.concatenate([curve.sun, curve.obs], axis=1)
-    columns |= dict(zip(VECTORS, both.T, strict=True))
+    if not curve.brightness_only:
+        both = np.concatenate([curve.sun, curve.obs], axis=1)
+        columns |= dict(zip(VECTORS, both.T, strict=True))
     if curve.range_km is not None:
         columns["range_km"] = curve.range_km
     for names, vectors in ((PLACE, curve.position_km), (VELOCITY, curve.velocity_km_s)):
