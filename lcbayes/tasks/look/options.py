@@ -22,7 +22,7 @@ TASK = Task(
     details="""\
 examples:
   lcbayes look pass.csv
-  lcbayes look pass.csv --columns mag=V,mag_err=err --tle object.tle --site -47.06,15.49,490
+  lcbayes look pass.csv --columns mag=V,mag_err=err --tle object.tle --site=-47.06,15.49,490
   lcbayes look 43_Ariadne.lcs -o look
 
 The first command for a new file; it takes seconds. Directions to Sun and observer
