@@ -38,7 +38,7 @@ def look(curve: LightCurve, options: LookOptions, context: Context) -> LookResul
     >>> curve = lcbayes.simulate("one-facet", seed=1).data
     >>> result = lcbayes.look(curve)
     >>> result.content["n_passes"]
-    2
+    1
     """
     found = candidate_periods(
         curve, n_shuffles=options.shuffles, seed=options.seed, progress=context.progress
