@@ -201,7 +201,8 @@ def _enlarge(
     left, right = figure.subplots(1, 2)
     figure.get_layout_engine().set(wspace=0.09)
     hue = colour(mode.index)
-    left.plot(_some(lon.values), _some(lat.values), ".", ms=3, color=hue, alpha=0.4, mew=0)
+    dots = {"ms": 3, "color": hue, "alpha": 0.4, "mew": 0, "rasterized": True}
+    left.plot(_some(lon.values), _some(lat.values), ".", **dots)
     left.plot(lon.mean, lat.mean, "+", ms=9, color=DATA)
     left.set_xlabel(f"{lon.words.split(', ')[-1]} (deg)")
     left.set_ylabel(f"{lat.words.split(', ')[-1]} (deg)")

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from lcbayes.cli.options import add_options, options_from
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED, InputError
-from lcbayes.core.files import json_text
 from lcbayes.data.options import ReadOptions
 from lcbayes.tasks.task import CURVE, FILE, FOLDER, REQUIRED_FOLDER, SOURCE, TEXT, Task
 
@@ -95,6 +94,8 @@ def run(args: Namespace, task: Task) -> int:
 def _print(args: Namespace, task: Task, result: Result) -> None:
     folder = Path(args.source) if task.out == SOURCE else args.out
     if getattr(args, "json", False):
+        from lcbayes.core.files import json_text
+
         path = None if folder is None else folder / "summary.json"
         sys.stdout.write(path.read_text(encoding="utf-8") if path else json_text(result.content))
         return

@@ -66,6 +66,8 @@ STATS = {
     "diverging": "diverging",
     "energy": "energy",
 }
+EXPECTED = "expected"  # the site of the brightness without noise
+CURVES = 40  # draws of which the brightness without noise is stored
 FACTORS = "factors"  # ln of the factors of a prior, besides the densities of its sites
 METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
@@ -126,7 +128,9 @@ def tree(
     observed_data, constant_data
         The complete light curve: `lcbayes.load_light_curve`.
     modes/k
-        ``posterior`` and ``sample_stats`` of each solution, with all its draws.
+        ``posterior`` and ``sample_stats`` of each solution, with all its draws; ``curves``, the
+        brightness without noise of the draw that fits best and of forty others, with their
+        chains and draws.
     """
     problem, data = posterior.problem, posterior.data
     modes = posterior.modes
@@ -157,6 +161,8 @@ def tree(
         groups[name].attrs = _sampling(posterior, modes)
     for i, mode in enumerate(modes):
         groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
+        if (curves := _curves(problem, mode, data)) is not None:
+            groups[f"modes/{i}/curves"] = curves
         groups[f"modes/{i}/sample_stats"] = _stats(mode).assign_attrs(_sampling(posterior, [mode]))
     return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
 
@@ -233,6 +239,34 @@ def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs)
         return problem.log_likelihood(row, data), problem.replicate(row, data, key)
 
     return jax.lax.map(one, (rows, keys))
+
+
+def _curves(problem: Problem, mode: Mode, data: Epochs) -> xr.Dataset | None:
+    """Brightness without noise of the best draw and of `CURVES` others; None if not recorded."""
+    chains, draws = mode.z.shape[:2]
+    energy = np.asarray(mode.stats["potential_energy"]).reshape(-1)
+    best = int(np.nanargmin(energy)) if np.isfinite(energy).any() else 0
+    spread = np.linspace(0, chains * draws - 1, min(CURVES, chains * draws)).round().astype(int)
+    rows = np.array([best, *spread[spread != best]])
+    brightness = _expected(problem, jnp.asarray(mode.z.reshape(chains * draws, -1)[rows]), data)
+    if brightness is None:
+        return None
+    return xr.Dataset(
+        {EXPECTED: (("curve_draw", "time"), np.asarray(brightness))},
+        {
+            "chain_of": ("curve_draw", rows // draws),
+            "draw_of": ("curve_draw", rows % draws),
+            "time": np.arange(brightness.shape[1]),
+        },
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def _expected(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array | None:
+    def one(row: jax.Array) -> jax.Array | None:
+        return problem.constrain(row, data).get(EXPECTED)
+
+    return jax.lax.map(one, rows)
 
 
 def _log_likelihood(

@@ -121,7 +121,7 @@ def candidate_periods(
     progress = progress or Silent()
     found: list[Candidates] = []
     for joined in (False, True):
-        passes, notes = _limited(_season(curve) if joined else _passes(curve), work)
+        passes, notes = within(_season(curve) if joined else _passes(curve), work)
         if not passes or (found and passes[0].length < NIGHTS * _longest(found[0])):
             continue
         spin = periodicity(
@@ -165,8 +165,15 @@ def _season(curve: LightCurve) -> list[Pass]:
     return [Pass("season", curve.t[rows], y[rows], noise, curve.sun[rows], curve.obs[rows])]
 
 
-def _limited(passes: list[Pass], work: float) -> tuple[list[Pass], list[str]]:
-    """The longest passes whose periodogram is within ``work``, and a note on what is left out."""
+def within(passes: list[Pass], work: float) -> tuple[list[Pass], list[str]]:
+    """The passes with most points whose periodogram is within ``work``, and a note on the rest.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    work : float
+        Largest number of points × frequencies.
+    """
     chosen: list[Pass] = []
     for one in sorted(passes, key=lambda p: -p.t.size):
         with_it = [*chosen, one]
