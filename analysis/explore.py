@@ -6,14 +6,14 @@ step, so that 3,000 points with forty draws of two solutions take about a megaby
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lcbayes.analysis import light_curve_plots, shape_plots
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.explore_curve import MOST_POINTS, packed
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import colour
 from lcbayes.core.constants import HOUR_S
@@ -24,7 +24,6 @@ from lcbayes.physics.bodies.minkowski import minkowski
 Floats = NDArray[np.float64]
 
 DRAWS, SOLID_DRAWS = 40, 16  # of a solution; a convex body of each takes a tenth of a second
-MOST_POINTS = 20_000  # of the light curve; above, the page has still pictures only
 MOST_NUMBERS = 600_000  # draws × points
 PERIODS = 200  # draws of the period
 
@@ -60,11 +59,6 @@ def payload(results: Results, modes: list[Mode], shapes: list[shape_plots.Shape]
         ],
         "modes": [_mode(results, m, order, power, shapes) for m in modes],
     }
-
-
-def packed(values: ArrayLike, kind: str) -> str:
-    """Base64 of an array of numbers."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
 
 def quantised(values: Floats) -> dict[str, Any]:

@@ -178,8 +178,10 @@ def rough(seconds: float | None) -> str:
     return ""
 
 
-def write_page(folder: Path, result: Result, draw: Callable[[Gallery], None]) -> None:
-    """Write ``report.html`` and ``figures/`` of a look."""
+def write_page(
+    folder: Path, result: Result, draw: Callable[[Gallery], None], explored: Any
+) -> None:
+    """Write ``report.html`` and ``figures/`` of a look; ``explored`` is its interactive curve."""
     figures = folder / "figures"
     figures.mkdir()
     with drawing():
@@ -195,6 +197,7 @@ def write_page(folder: Path, result: Result, draw: Callable[[Gallery], None]) ->
         "commands": [one for one in commands if one["suits"]],
         "others": [one for one in commands if not one["suits"]],
         "images": gallery.images,
+        "explored": explored,
         "version": installed_version(),
     }
     page = environment().get_template("look.html.j2").render(values)

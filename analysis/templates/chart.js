@@ -158,7 +158,7 @@ window.lcbayes = window.lcbayes || {};
       if (this.folded) {
         const marks = ticks(a, b, (area.right - area.left) / 80);
         for (const v of marks.values) { const x = Math.round(this.sx(v)) + 0.5; across(x); pen.fillText(marks.text(v), x, area.bottom + 6); }
-        pen.fillText("rotations", (area.left + area.right) / 2, area.bottom + 22);
+        pen.fillText(this.data.modes[this.mode].candidates ? "cycles" : "rotations", (area.left + area.right) / 2, area.bottom + 22);
         return;
       }
       const shown = this.data.segments.filter((s) => s.start <= b && s.start + s.length >= a);
@@ -248,6 +248,7 @@ window.lcbayes = window.lcbayes || {};
 
     // the cursor, an element of the page so that it moves without painting
     mark() {
+      if (!this.area) return;  // not laid out yet
       const x = this.cursor === undefined ? NaN : this.sx(this.x(this.cursor));
       const inside = x >= this.area.left && x <= this.area.right;
       this.line.hidden = !inside;
@@ -270,7 +271,7 @@ window.lcbayes = window.lcbayes || {};
       lines.push(`${d.label}: ${d.y[i].toPrecision(5)}${error}`);
       if (Number.isFinite(this.model(i))) lines.push(`residual ${this.residual(i).toPrecision(3)}${d.sigma[i] > 0 ? " σ" : ""}`);
       if (d.sites[d.site[i]]) lines.push(`site ${d.sites[d.site[i]]}`);
-      lines.push(`phase angle ${d.phase[i].toFixed(1)}°`);
+      if (Number.isFinite(d.phase[i])) lines.push(`phase angle ${d.phase[i].toFixed(1)}°`);
       return lines;
     }
     hover(px, py) {

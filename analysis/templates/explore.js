@@ -30,7 +30,7 @@
   }
 
   const chart = new lcbayes.Chart(get("chart"), data);
-  const body = lcbayes.player(get("body"), data);
+  const body = lcbayes.player && lcbayes.player(get("body"), data);
   const state = { mode: 0, draw: 0, index: 0, playing: false };
   chart.moveTo(0);
 
@@ -48,6 +48,9 @@
     draws.max = Math.max(0, (m.draws || 1) - 1);
     draws.closest("label").hidden = !(m.curves || (body && body.has(k)));
     get("fold").disabled = !m.periods;
+    const named = m.candidates || [];
+    options(get("candidate"), named.map((c) => `${c.label}: ${lcbayes.duration(c.seconds)}`));
+    get("player").hidden = !(m.curves || (body && body.has(k)));
     if (!m.periods) fold(false);
     setDraw(0); setPeriod();
     if (get("body")) get("body").hidden = !(body && body.has(k));
@@ -61,6 +64,13 @@
   function setPeriod() {
     const m = data.modes[state.mode];
     if (!m.periods) return;
+    if (m.candidates) {  // ± 2 % about a candidate
+      const p = m.candidates[Number(get("candidate").value)].seconds;
+      chart.period = p * (1 + 0.02 * (Number(get("period").value) - 500) / 500) * Number(get("multiple").value);
+      get("period-text").textContent = lcbayes.duration(chart.period, chart.period * 1e-6);
+      if (chart.folded) chart.paint();
+      return;
+    }
     const p = m.periods, low = p[0], high = p[p.length - 1], middle = p[p.length >> 1];
     const margin = Math.max(high - low, 1e-6 * middle);
     const slid = low - 0.5 * margin + Number(get("period").value) / 1000 * 2 * margin;
@@ -122,12 +132,13 @@
   get("zoom-out").addEventListener("click", () => chart.zoom(1 / 0.6));
   get("reset").addEventListener("click", () => { get("segment").value = "0"; chart.reset(); });
   get("fold").addEventListener("click", () => { setPeriod(); fold(!chart.folded); });
+  get("candidate").addEventListener("input", () => { get("period").value = 500; setPeriod(); });
   for (const name of ["period", "multiple"]) get(name).addEventListener("input", setPeriod);
   get("draw").addEventListener("input", (e) => setDraw(Number(e.target.value)));
   get("time").max = data.t.length - 1;
   get("time").addEventListener("input", (e) => { play(false); setIndex(Number(e.target.value)); });
   get("play").addEventListener("click", () => play(!state.playing));
-  get("colours").addEventListener("change", (e) => { if (body) body.paintBy(e.target.value); });
+  if (body) get("colours").addEventListener("change", (e) => body.paintBy(e.target.value));
   document.addEventListener("lcbayes-theme", () => { chart.paint(); if (body) body.paint(); });
   fold(false); setMode(0); setIndex(0);
 })(window.lcbayes);

@@ -181,6 +181,7 @@ def recorded(task: Task, result: Result, options: Options, value: Any) -> Result
     from lcbayes.results.record import record_of
 
     if task.out != SOURCE:
+        result.source = value
         result.record = record_of(task.name, options, task.source, value) | result.record
     return result
 

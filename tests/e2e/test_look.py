@@ -53,7 +53,7 @@ def test_a_spinning_satellite(tmp_path, capsys, look):
     commands = {one["command"].split()[1]: one for one in found["commands"]}
     assert commands["spin"]["suits"]
     assert sum(one["n_obs"] for one in found["passes"]) == curve.n_obs
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
 
 
 def test_the_commands_can_be_pasted(capsys):
@@ -83,7 +83,7 @@ def test_twenty_points_without_directions(bare, tmp_path, capsys, look):
     assert "# epoch_jd" in told
     assert not (tmp_path / "out").exists()
     assert main.main(["look", str(bare), "-o", str(tmp_path / "out")]) == EXIT_DONE
-    look(tmp_path / "out" / "report.html")
+    look(tmp_path / "out" / "report.html", turning=1)
 
 
 def test_other_tasks_refuse_a_curve_without_directions(bare, tmp_path, capsys):

@@ -70,7 +70,12 @@ class LookResult(DeterministicResult):
         return look_report.words(self.content)
 
     def write_page(self, folder: Any) -> None:
-        look_report.write_page(folder, self, self.draw)
+        look_report.write_page(folder, self, self.draw, self.explored())
+
+    def candidates(self) -> list[tuple[str, float]]:
+        if self.data is None or not self.data.significant:
+            return []
+        return [(f"candidate {i}", one.period_s) for i, one in enumerate(self.data.listed, 1)]
 
     def draw(self, gallery: Gallery) -> None:
         look_report.draw(self.curve, self._passes, self.data, gallery)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+MOST_CANDIDATES = 4  # sidereal periods offered for folding
 COLUMNS = {
     "weight": "weight",
     "pole_lon_deg": "pole_lon_deg",
@@ -66,8 +67,15 @@ class SpinResult(DeterministicResult):
     def draw(self, gallery: Gallery) -> None:
         spin_report.draw(self.data, self._curve, gallery)
 
+    def candidates(self) -> list[tuple[str, float]]:
+        base = self.content["photometric_period_s"]
+        found = [] if base is None else [("brightness repeats", base)]
+        for i, one in enumerate(self.content["solutions"][:MOST_CANDIDATES], 1):
+            found.append((f"sidereal period, solution {i}", one["period_s"]))
+        return found
+
     def plot_periodogram(self) -> Figure:
-        """Power against frequency, with the base frequency and its harmonics."""
+        """Power against period, with the base period and its harmonics."""
         return figure_of(spin_report.draw_periodogram, self.data)
 
     def plot_synodic_periods(self) -> Figure:
