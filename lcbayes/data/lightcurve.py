@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.errors import InputError, RowError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
@@ -219,6 +224,38 @@ class LightCurve:
         """Angle Sun-object-observer, rad, (T,); NaN if the directions are unknown."""
         cross = np.linalg.norm(np.cross(self.sun, self.obs), axis=1)
         return np.arctan2(cross, np.sum(self.sun * self.obs, axis=1))
+
+    def __len__(self) -> int:
+        return self.n_obs
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per point with the columns of a CSV file; ``attrs`` holds epoch and frame.
+
+        `lcbayes.read` restores the light curve from it.
+        """
+        import pandas as pd
+
+        from lcbayes.data.formats.written import columns_of, meta_of
+
+        table = pd.DataFrame(columns_of(self))
+        table.attrs.update(meta_of(self))
+        return table
+
+    def plot(self, ax: Axes | None = None) -> Figure:
+        """Brightness against time, one colour per site and band.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw on; by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+        """
+        from lcbayes.data.plot import plot
+
+        return plot(self, ax)
 
     def select(self, mask: ArrayLike) -> LightCurve:
         """The points selected by a boolean mask or by indices, in that order.
