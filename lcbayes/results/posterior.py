@@ -24,6 +24,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
+from lcbayes.modelling.variables import unit
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 
@@ -164,7 +165,17 @@ def tree(
         if (curves := _curves(problem, mode, data)) is not None:
             groups[f"modes/{i}/curves"] = curves
         groups[f"modes/{i}/sample_stats"] = _stats(mode).assign_attrs(_sampling(posterior, [mode]))
+    _add_units(groups, curve)
     return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+
+
+def _add_units(groups: Mapping[str, xr.Dataset], curve: LightCurve) -> None:
+    """Set the attribute ``units`` of every variable of the posterior and of the prior."""
+    relative, magnitude = bool(np.all(curve.free_scale)), curve.kind == "mag"
+    for name, group in groups.items():
+        if name.split("/")[-1] in ("posterior", "prior"):
+            for key, variable in group.data_vars.items():
+                variable.attrs["units"] = unit(str(key), relative=relative, magnitude=magnitude)
 
 
 def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:

@@ -26,7 +26,7 @@ from lcbayes.results.scan_start import read_scan
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
 from lcbayes.tasks.fit.assumptions import assumptions
-from lcbayes.tasks.fit.options import TASK, FitOptions
+from lcbayes.tasks.fit.options import PRIORS, TASK, FitOptions
 from lcbayes.tasks.fit.result import Fit
 from lcbayes.tasks.task import Context, execute, task_function
 
@@ -123,10 +123,14 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     check_curve(curve)
     spins = [] if options.start_from is None else read_scan(options.start_from, curve)
     asked = options.for_model
+    if PRIORS in asked:
+        entry = entry.with_priors(asked.pop(PRIORS))
     if spins and "period" in entry.options:
         asked = {"period": spins[0]["period_h"]} | asked
     checked = entry.check(asked)
     identity = engine.identity(curve, entry, checked, settings, installed_version())
+    if PRIORS in options.others:
+        identity[PRIORS] = options.as_dict()[PRIORS]
     if spins:
         identity |= {"start_from": repr(spins)}
     checkpoint = context.checkpoint(identity)
@@ -135,7 +139,8 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     tree = results.tree(posterior, curve, entry, checked, options.seed)
     content, reasons = summarise(posterior, tree, curve, identity, options.seed)
     content["model_options"] = checked
-    tree.attrs |= _attributes(curve, content["n_facets"], entry, options.seed, checked)
+    stated = checked | {k: v for k, v in options.as_dict().items() if k == PRIORS}
+    tree.attrs |= _attributes(curve, content["n_facets"], entry, options.seed, stated)
     tree.attrs |= _verdict(reasons)
     return Fit(tree, content, reasons)
 
