@@ -61,7 +61,7 @@ class Known:
     facts: dict[str, Any]
     period: float | None
     cycles: float  # in the series from which the period comes
-    repeats: bool  # whether the period is that after which the brightness repeats
+    joined: bool  # whether the period comes from nights joined
     passes: int
     asteroid: bool
     low: bool
@@ -103,7 +103,7 @@ def _known(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -
         facts=facts,
         period=period,
         cycles=0.0 if found is None or period is None else found.listed[0].cycles,
-        repeats=found is not None and (found.joined or found.spin.base is not None),
+        joined=found is not None and found.joined,
         passes=facts["n_passes"],
         asteroid=asteroid,
         low=ranges is not None and bool(np.median(ranges) < LOW_KM),
@@ -191,11 +191,15 @@ def _scan(known: Known) -> Iterator[Advice]:
 
 
 def _period_range(known: Known) -> tuple[float, float]:
-    """Sidereal periods to scan, s: near the period, or up to twice it if it is not the base."""
+    """Sidereal periods to scan, s: near the period, and up to twice it for single passes.
+
+    Most bodies repeat their brightness twice in a rotation. For joined nights, the period is that
+    of a Fourier series, which contains such repetitions.
+    """
     if known.period is None:
         return np.nan, np.nan
     margin = 1.0 / max(known.cycles, 20.0)
-    return (1 - margin) * known.period, (1 + margin) * known.period * (1 if known.repeats else 2)
+    return (1 - margin) * known.period, (1 + margin) * known.period * (1 if known.joined else 2)
 
 
 def _faceted(known: Known) -> Iterator[Advice]:
