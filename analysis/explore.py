@@ -18,6 +18,9 @@ from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import colour
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.priors import inertia_tensor
+from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
 
@@ -25,6 +28,7 @@ Floats = NDArray[np.float64]
 
 DRAWS, SOLID_DRAWS = 40, 16  # of a solution; a convex body of each takes a tenth of a second
 MOST_NUMBERS = 600_000  # draws × points
+MOST_DIRECTIONS = 30_000  # draws × points of bodies that tumble
 PERIODS = 200  # draws of the period
 
 
@@ -78,6 +82,8 @@ def _mode(
     shape = next((s for s in shapes if s.mode is mode), None)
     solid = shape is not None and shape.body is not None
     most = min(SOLID_DRAWS if solid else DRAWS, max(2, MOST_NUMBERS // max(order.size, 1)))
+    if "inertia_base" in mode.draws:
+        most = min(most, max(4, MOST_DIRECTIONS // max(order.size, 1)))
     rows, curves = _curves(results, mode, most)
     bands = light_curve_plots.bands(mode)
     found: dict[str, Any] = {
@@ -87,7 +93,7 @@ def _mode(
         "bands": None if bands is None else quantised(bands[:, order] / power),
         "curves": None if curves is None else quantised(curves[:, order] / power),
         "periods": _periods(mode),
-        "attitude": _attitude(mode, rows, results),
+        "attitude": _attitude(mode, rows, results, order),
     }
     if shape is not None:
         found |= {"axis": shape.scene["axis"], "solid": solid}
@@ -130,11 +136,16 @@ def _periods(mode: Mode) -> list[float] | None:
     return np.sort(values[rows]).tolist()
 
 
-def _attitude(mode: Mode, rows: NDArray[np.int64], results: Results) -> dict[str, Any] | None:
-    """What gives the orientation of each draw: an angular velocity, or a pole and a period."""
+def _attitude(
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+) -> dict[str, Any] | None:
+    """What gives the orientation of each draw: an angular velocity, a pole and a period, or, for a
+    body that tumbles, the directions to Sun and observer in its frame."""
     names = set(map(str, mode.draws.data_vars))
-    if "inertia_ratio" in names or (results.attrs.get("model") == "stabilised"):
-        return None  # not a rotation about a fixed axis
+    if {"inertia_base", "omega"} <= names:
+        return _tumbling(mode, rows, results, order)
+    if "inertia_ratio" in names or results.attrs.get("model") == "stabilised":
+        return None  # not a rotation that the page can compute
     if "omega" in names:
         return {"kind": "rate", "omega": packed(_stacked(mode, "omega")[rows], "<f8")}
     if {"pole_lon_deg", "pole_lat_deg", "period_h"} <= names:
@@ -147,6 +158,26 @@ def _attitude(mode: Mode, rows: NDArray[np.int64], results: Results) -> dict[str
     if results.attrs.get("model") in ("faceted", "faceted-brdf"):
         return {"kind": "fixed"}
     return None
+
+
+def _tumbling(
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+) -> dict[str, Any]:
+    """Directions to Sun and observer in the frame of each draw, as 16-bit integers."""
+    sd = float((results.summary.get("model_options") or {}).get("inertia_sd", 1.0))
+    t = jnp.asarray(results.t)
+    sun, obs = (jnp.asarray(results.constant[k].to_numpy()) for k in ("sun", "obs"))
+
+    def turned(free: Any, omega: Any) -> Any:
+        return jnp.stack(torque_free_to_body(t, omega, inertia_tensor(free, sd)[0], sun, obs))
+
+    free, omega = (jnp.asarray(_stacked(mode, k)[rows]) for k in ("inertia_base", "omega"))
+    found = np.asarray(jax.lax.map(lambda pair: turned(*pair), (free, omega)))[:, :, order]
+    return {
+        "kind": "directions",
+        "sun": packed(np.round(32000 * found[:, 0]), "<i2"),
+        "obs": packed(np.round(32000 * found[:, 1]), "<i2"),
+    }
 
 
 def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) -> dict[str, Any]:

@@ -72,23 +72,26 @@
           polygons = discs(Array.from({ length: n }, (_, k) => [...normals.subarray(3 * (row * n + k), 3 * (row * n + k) + 3)]),
             [...areas.subarray(row * n, row * n + n)]);
         }
-        made.set(key, polygons && { polygons, rotate: toBody(m.attitude, row) });
+        const tumbles = m.attitude && m.attitude.kind === "directions";
+        const part = (name) => numbers(m.attitude[name], Int16Array).subarray(3 * row * data.t.length, 3 * (row + 1) * data.t.length);
+        made.set(key, polygons && { polygons, rotate: tumbles ? null : toBody(m.attitude, row),
+          sun: tumbles && part("sun"), obs: tumbles && part("obs") });
       }
       return made.get(key);
     }
     function between(values, index) {
       const i = Math.floor(index), f = index - i, j = Math.min(i + 1, data.t.length - 1);
       const a = [...values.subarray(3 * i, 3 * i + 3)];
-      return f && data.segmentOf[i] === data.segmentOf[j] ? unit(a.map((x, k) => x + f * (values[3 * j + k] - x))) : a;
+      return unit(f && data.segmentOf[i] === data.segmentOf[j] ? a.map((x, k) => x + f * (values[3 * j + k] - x)) : a);
     }
     function paint() {
       const m = data.modes[now.mode], found = m && m.bodies && body(now.mode, now.row);
       if (!found) { canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height); return; }
       const i = Math.floor(now.index), f = now.index - i, j = Math.min(i + 1, data.t.length - 1);
       const t = data.t[i] + (data.segmentOf[i] === data.segmentOf[j] ? f * (data.t[j] - data.t[i]) : 0);
-      const rotate = found.rotate(t), known = m.attitude;
-      const obs = known ? rotate(between(data.obs, now.index)) : unit([1, 0.6, 0.5]);
-      const sun = known ? rotate(between(data.sun, now.index)) : null;
+      const rotate = found.rotate ? found.rotate(t) : (v) => v, known = m.attitude;
+      const obs = known ? rotate(between(found.obs || data.obs, now.index)) : unit([1, 0.6, 0.5]);
+      const sun = known ? rotate(between(found.sun || data.sun, now.index)) : null;
       const axis = m.axis && (m.attitude && m.attitude.kind === "rate" ? axisOf(m, now.row) : m.axis);
       let up = axis || rotate([0, 0, 1]);
       up = plus(up, obs, -dot(up, obs));

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import lcbayes
 from lcbayes.analysis import contents
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jnp
 from lcbayes.geometry.spherical import unit_vector
+from lcbayes.modelling.priors import inertia_tensor
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from tests.helpers import browser_pages, results_folders
 
 CHART, BODY = "[data-is=chart] canvas", "[data-is=body] canvas"
@@ -173,6 +177,35 @@ def test_the_body_is_turned_as_the_model_turns_it(opened, folders, kind):
             draws["period_h"] * HOUR_S,
         )
     seen = rotations.to_body(rotation, jnp.asarray(results.constant["obs"].to_numpy()))
+    for index in (0, 10, results.t.size - 1):
+        page.set("time", index)
+        assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
+
+
+def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
+    """The satellite's draws, with an inertia tensor of each."""
+    source = folders["satellite"]
+    folder = shutil.copytree(source, source.with_name("tumbling"))
+    rng = np.random.default_rng(2)
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
+        tree = stored.load()
+    for k in range(2):
+        node = tree[f"modes/{k}/posterior"].to_dataset()
+        shape = (node.sizes["chain"], node.sizes["draw"], 5)
+        node["inertia_base"] = (("chain", "draw", "shape"), 0.5 * rng.standard_normal(shape))
+        tree[f"modes/{k}/posterior"] = xr.DataTree(node)
+    (folder / "posterior.nc").unlink()
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    lcbayes.report(folder)
+    folders["tumbling"] = folder
+    page = opened("tumbling")
+    results = contents.read(folder)
+    draws = results.modes[0].draws.isel(chain=0, draw=0)
+    tensor, moments = inertia_tensor(jnp.asarray(draws["inertia_base"].to_numpy()), 1.0)
+    assert moments[0] < 0.9 * moments[2]
+    vectors = (results.constant[k].to_numpy() for k in ("sun", "obs"))
+    omega = jnp.asarray(draws["omega"].to_numpy())
+    _, seen = torque_free_to_body(jnp.asarray(results.t), omega, tensor, *vectors)
     for index in (0, 10, results.t.size - 1):
         page.set("time", index)
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
