@@ -40,7 +40,7 @@ SHOWN = {
 
 
 def write_page(folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any]) -> None:
-    """Write ``report.html`` and ``figures/batch.png`` of a batch into a folder.
+    """Write ``report.html`` and ``figures/batch.svg``, ``.pdf`` of a batch into a folder.
 
     Parameters
     ----------

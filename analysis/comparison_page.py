@@ -27,7 +27,7 @@ CAPTION = (
 def write_page(
     folder: Path, summary: Mapping[str, Any], run: Mapping[str, Any], options: type[Options]
 ) -> None:
-    """Write ``report.html`` and ``figures/compare.png`` of a comparison into a folder.
+    """Write ``report.html`` and ``figures/compare.svg``, ``.pdf`` of a comparison into a folder.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def write_page(
 
 
 def draw(
-    rows: list[Mapping[str, Any]],
+    rows: Sequence[Mapping[str, Any]],
     gallery: style.Gallery,
     ruled_out: Sequence[Mapping[str, Any]] = (),
 ) -> Any:
@@ -105,7 +105,7 @@ def draw(
     return figure
 
 
-def _probabilities(axes: Any, n: np.ndarray, rows: list[Mapping[str, Any]]) -> None:
+def _probabilities(axes: Any, n: np.ndarray, rows: Sequence[Mapping[str, Any]]) -> None:
     p = np.array([[row[f"probability{q}"] for row in rows] for q in ("", "_q05", "_q95")])
     axes.bar(n, p[0], width=0.62, color=style.colour(0), alpha=0.85)
     reach = np.maximum([p[0] - p[1], p[2] - p[0]], 0.0)

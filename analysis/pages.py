@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lcbayes.core.options import Options, declared_options
+from lcbayes.core.options import Option, Options, declared_options
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -23,19 +23,23 @@ def command(record: Mapping[str, Any], options: type[Options]) -> str:
     words = ["lcbayes", record["task"], record.get("curve", "CURVE")]
     declared = declared_options(options)
     for name, value in record["options"].items():
-        if name not in declared:
-            words += ["--set", f"{name}={value}"]
-        elif isinstance(value, bool):
-            words += [declared[name].flag] if value else []
-        elif isinstance(value, list) and declared[name].declared.parse is None:
-            words += [word for item in value for word in (declared[name].flag, item)]
-        elif isinstance(value, list):
-            words += [declared[name].flag, ",".join(map(str, value))]
-        elif value != declared[name].default:
-            words += [declared[name].flag, value]
+        words += _option(declared.get(name), name, value)
     for name, value in record.get("reading", {}).items():
         words += ["--" + name.replace("_", "-"), value]
     return shlex.join(map(str, [*words, "-o", "DIR"]))
+
+
+def _option(declared: Option | None, name: str, value: Any) -> list[Any]:
+    """The words of one option on a command line; none if it has its default value."""
+    if declared is None:
+        return ["--set", f"{name}={value}"]
+    if isinstance(value, bool):
+        return [declared.flag] if value else []
+    if not isinstance(value, list):
+        return [declared.flag, value] if value != declared.default else []
+    if declared.declared.parse is None:
+        return [word for item in value for word in (declared.flag, item)]
+    return [declared.flag, ",".join(map(str, value))]
 
 
 def environment() -> Any:

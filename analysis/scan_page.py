@@ -12,7 +12,7 @@ from lcbayes.analysis.pages import command, environment
 from lcbayes.analysis.sky_plots import FRAMES
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Options
-from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron
@@ -20,7 +20,7 @@ from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 def write_page(
     folder: Path,
-    found: Found,
+    scan: AttitudeScan,
     summary: Mapping[str, Any],
     run: Mapping[str, Any],
     options: type[Options],
@@ -35,14 +35,14 @@ def write_page(
     """
     figures = folder / "figures"
     figures.mkdir()
-    body = body_of(found)
+    body = body_of(scan)
     with style.drawing():
         gallery = style.Gallery(figures)
         drawn = [
-            scan_plots.draw_sky(found, gallery),
-            scan_plots.draw_periods(found, gallery),
-            scan_plots.draw_laws(found, gallery),
-            scan_plots.draw_fit(found, gallery),
+            scan_plots.draw_sky(scan, gallery),
+            scan_plots.draw_periods(scan, gallery),
+            scan_plots.draw_laws(scan, gallery),
+            scan_plots.draw_fit(scan, gallery),
             None if body is None else scan_plots.draw_shape(body, gallery),
         ]
     page = (
@@ -55,8 +55,8 @@ def write_page(
             images=[image for image in drawn if image is not None],
             rows=_rows(summary),
             spins=any("period_h" in s for s in summary["solutions"]),
-            frame=FRAMES.get(found.frame, found.frame),
-            took=duration(sum(found.timing.values())),
+            frame=FRAMES.get(scan.frame, scan.frame),
+            took=duration(sum(scan.timing.values())),
             command=command(run, options),
             version=run["version"],
         )
@@ -81,9 +81,9 @@ def headline(summary: Mapping[str, Any]) -> str:
     )
 
 
-def body_of(found: Found) -> Polyhedron | None:
+def body_of(scan: AttitudeScan) -> Polyhedron | None:
     """The convex body of the best solution, if its facets close."""
-    best = found.solutions[0]
+    best = scan.solutions[0]
     if best.coefficients is None:
         return None  # facets of unknown albedos do not close
     try:

@@ -12,7 +12,7 @@ from lcbayes.analysis.sky_plots import FRAMES, mollweide, nearest_pixels, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.core.constants import HOUR_S
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.attitude_scan.result import Found, Solution, readable_period
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, readable_period
 from lcbayes.physics.bodies.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
@@ -25,12 +25,12 @@ LEVELS = 65  # residual levels between which colours change evenly
 MARGIN = 0.08  # fraction of the range of periods added on either side, for searches that left it
 
 
-def draw_sky(found: Found, gallery: Gallery) -> Image | None:
+def draw_sky(scan: AttitudeScan, gallery: Gallery) -> Image | None:
     """Residuals against the direction of the pole, at the best period."""
-    if found.sky is None or found.screened is None:
+    if scan.sky is None or scan.screened is None:
         return None
-    poles, chi2 = found.sky
-    least = min(float(found.screened.chi2.min()), float(chi2.min()))
+    poles, chi2 = scan.sky
+    least = min(float(scan.screened.chi2.min()), float(chi2.min()))
     worse = np.sqrt(chi2 / least)
     figure = gallery.figure(7.0, 3.7)
     axes = mollweide(figure)
@@ -54,13 +54,13 @@ def draw_sky(found: Found, gallery: Gallery) -> Image | None:
     ticks = np.linspace(0.0, 1.0, 6)
     values = np.interp(ticks, np.linspace(0.0, 1.0, len(steps)), steps)
     bar.set_ticks(ticks, labels=[f"{x:.3g}" for x in values])
-    for i, s in _spins(found):
+    for i, s in _spins(scan):
         if s.relation in ("period-alias", "period", "half-period", "double-period"):
             continue  # its period differs from that of the map
         assert s.pole is not None
         x, y = place(*map(np.array, lon_lat_deg(s.pole)))
         _ring(axes, float(x), float(y), str(i + 1))
-    frame = FRAMES.get(found.frame, found.frame)
+    frame = FRAMES.get(scan.frame, scan.frame)
     caption = (
         f"Residuals of the best body against the pole of its spin, {frame}, at the period of "
         "solution 1, relative to the smallest. Each direction was held fixed and the body fitted. "
@@ -81,17 +81,17 @@ def _ring(axes: Any, x: float, y: float, text: str) -> None:
     label.set_path_effects(halo)
 
 
-def _spins(found: Found) -> list[tuple[int, Solution]]:
+def _spins(scan: AttitudeScan) -> list[tuple[int, Solution]]:
     """Constant spins among the first solutions, with their ranks."""
-    return [(i, s) for i, s in enumerate(found.solutions[:SHOWN]) if s.pole is not None]
+    return [(i, s) for i, s in enumerate(scan.solutions[:SHOWN]) if s.pole is not None]
 
 
-def draw_periods(found: Found, gallery: Gallery) -> Image | None:
+def draw_periods(scan: AttitudeScan, gallery: Gallery) -> Image | None:
     """Residuals against the final period of each search, and the best per trial period."""
-    table = found.screened
-    if table is None or found.n_periods < 3:
+    table = scan.screened
+    if table is None or scan.n_periods < 3:
         return None
-    shortest, longest = found.settings.period_range_h
+    shortest, longest = scan.settings.period_range_h
     wide = longest > WIDE * shortest
     ends = np.array([shortest, longest])
     scaled = np.log(ends) if wide else ends
@@ -115,7 +115,7 @@ def draw_periods(found: Found, gallery: Gallery) -> Image | None:
     dots = {"ms": 5, "color": colour(0)}
     axes.plot(unit * reached[best], worse[best], ".", label="best near each trial period", **dots)
     bold = {"ha": "center", "fontsize": 8.5, "weight": "bold", "color": colour(1)}
-    for at, low, text in _numbers(found, reached, worse, (first, last)):
+    for at, low, text in _numbers(scan, reached, worse, (first, last)):
         axes.annotate(text, (unit * at, low), (0, -11), textcoords="offset points", **bold)
     axes.set_yscale("log")
     top = float(np.quantile(worse, 0.98))
@@ -150,14 +150,14 @@ def _least_near(tried: Floats, frequency: Floats, worse: Floats) -> NDArray[np.i
 
 
 def _numbers(
-    found: Found, reached: Floats, worse: Floats, shown: tuple[float, float]
+    scan: AttitudeScan, reached: Floats, worse: Floats, shown: tuple[float, float]
 ) -> list[tuple[float, float, str]]:
     """Positions (h, residuals) and labels of solutions; solutions at one position share a label."""
     places: list[list[Any]] = []
     reach = 0.02 * (shown[1] - shown[0])
-    for i, s in _spins(found):
+    for i, s in _spins(scan):
         at = 1.0 / (HOUR_S * (s.frequency or np.inf))
-        if s.chi2 > CEILING**2 * found.solutions[0].chi2 or not shown[0] <= at <= shown[1]:
+        if s.chi2 > CEILING**2 * scan.solutions[0].chi2 or not shown[0] <= at <= shown[1]:
             continue
         near = next((p for p in places if abs(p[0] - at) < reach), None)
         if near is None:
@@ -168,11 +168,11 @@ def _numbers(
     return [(at, low, text) for at, low, text in places]
 
 
-def draw_laws(found: Found, gallery: Gallery) -> Image | None:
+def draw_laws(scan: AttitudeScan, gallery: Gallery) -> Image | None:
     """Residuals under each law, best first."""
-    if not found.n_laws:
+    if not scan.n_laws:
         return None
-    shown = found.solutions[:25]
+    shown = scan.solutions[:25]
     figure = gallery.figure(7.0, 0.9 + 0.23 * len(shown))
     axes = figure.subplots()
     names = [
@@ -192,27 +192,27 @@ def _period(s: Solution) -> tuple[float, str]:
     return readable_period(s.spin()["period_h"])
 
 
-def draw_fit(found: Found, gallery: Gallery) -> Image:
+def draw_fit(scan: AttitudeScan, gallery: Gallery) -> Image:
     """The curves with most points, observed and fitted, against rotational phase or time."""
-    best = found.solutions[0]
-    counts = np.bincount(found.curve)
+    best = scan.solutions[0]
+    counts = np.bincount(scan.curve)
     chosen = np.sort(np.argsort(-counts, kind="stable")[:SHOWN])
     rows = -(-len(chosen) // 3)
     columns = min(3, len(chosen))
     figure = gallery.figure(7.0, 1.0 + 1.6 * rows)
-    fitted = found.flux - best.residual
-    middle = 0.5 * (found.t.min() + found.t.max())
-    folded = best.frequency is not None and np.ptp(found.t) * best.frequency > 3
+    fitted = scan.flux - best.residual
+    middle = 0.5 * (scan.t.min() + scan.t.max())
+    folded = best.frequency is not None and np.ptp(scan.t) * best.frequency > 3
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for axes in grid.flat[len(chosen) :]:
         axes.set_visible(False)
     for axes, group in zip(grid.flat, chosen, strict=False):
-        here = found.curve == group
-        t, x = found.t[here], (found.t[here] - found.t[here].min()) / 60.0
+        here = scan.curve == group
+        t, x = scan.t[here], (scan.t[here] - scan.t[here].min()) / 60.0
         if folded and best.frequency is not None:
             x = np.mod((t - middle) * best.frequency, 1.0)
         order = np.argsort(x, kind="stable")
-        axes.plot(x[order], found.flux[here][order], ".", ms=3, color=DATA)
+        axes.plot(x[order], scan.flux[here][order], ".", ms=3, color=DATA)
         line = fitted[here][order]
         dense = folded and np.ptp(t) * (best.frequency or 0.0) < 5
         # a line across a gap would suggest data there

@@ -10,7 +10,7 @@ from lcbayes.analysis.light_curve_plots import runs
 from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet
+from lcbayes.inversion.separated.single_facet import SURE, SingleFacet
 
 SIDES = {  # of laws with z towards nadir and x along the direction of flight
     "forward": [1, 0, 0],
@@ -41,7 +41,7 @@ def words(result: SingleFacet) -> list[str]:
     )
     likely = max(result.kind, key=lambda name: result.kind[name])
     sure = result.kind[likely]
-    if sure >= TOLD:
+    if sure >= SURE:
         lines.append(f"cause of the edges: {_kind(likely)} (probability {sure:.3f})")
     else:
         odds = ", ".join(f"{k} {v:.2f}" for k, v in result.kind.items() if v >= 0.01)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,8 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-
-from lcbayes.core.files import write_atomic
 
 # Okabe & Ito 2008, safe for colour-blind readers, without yellow, which is invisible on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
@@ -95,7 +92,7 @@ def _palette(code: str) -> str:
 
 @dataclass
 class Gallery:
-    """Collects the figures of a report and writes each to ``folder`` as SVG."""
+    """Collects the figures of a report and writes each to ``folder`` as SVG and PDF."""
 
     folder: Path
     images: list[Image] = field(default_factory=list)
@@ -110,7 +107,7 @@ class Gallery:
         return figure
 
     def add(self, figure: Any, name: str, alt: str, caption: str = "") -> Image:
-        """Save the figure as ``name``.svg and return it as an image for the page."""
+        """Save the figure as ``name``.svg and .pdf, and return it as an image for the page."""
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", dpi=DPI, metadata={"Date": None, "Creator": None})
         # the XML header is not needed in a page; single spaces make the text a quarter smaller
@@ -118,6 +115,9 @@ class Gallery:
         text = re.sub(r"\n\s*", "\n", text[text.index("<svg") :])
         head = '<?xml version="1.0" encoding="utf-8"?>\n'
         (self.folder / f"{name}.svg").write_text(head + text, encoding="utf-8")
+        figure.set_layout_engine("none")  # keeps the layout, which took as long as the drawing
+        path = self.folder / f"{name}.pdf"
+        figure.savefig(path, dpi=170, metadata={"CreationDate": None, "Producer": None})
         width, height = figure.get_size_inches()
         image = Image(
             name,
@@ -154,12 +154,9 @@ def figures(draw: Callable[[Gallery], object]) -> list[Any]:
 def picture(
     folder: Path, name: str, draw: Callable[[Gallery], Any], alt: str, caption: str
 ) -> Image:
-    """The single figure of a page: written to ``figures/name.png`` in the folder, and returned."""
+    """The single figure of a page, written to ``figures/`` in the folder."""
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
-    with drawing(), tempfile.TemporaryDirectory() as scratch:
-        gallery = Gallery(Path(scratch))
-        figure = draw(gallery)
-        image = gallery.add(figure, name, alt, caption)
-        write_atomic(figures / f"{name}.png", lambda p: figure.savefig(p, dpi=170))
-    return image
+    with drawing():
+        gallery = Gallery(figures)
+        return gallery.add(draw(gallery), name, alt, caption)

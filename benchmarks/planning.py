@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.levenberg_marquardt import levenberg_marquardt, of_residuals
 from lcbayes.geometry.tle import parse_tle
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import shapes
@@ -161,24 +162,11 @@ def tangents(theta, truth):
 
 
 def least_squares(residuals, start, steps):
-    """Levenberg–Marquardt: the final point, and the sum of squares there."""
-
-    def step(_, state):
-        theta, now, damping = state
-        r, j = residuals(theta), jax.jacfwd(residuals)(theta)
-        normal = j.T @ j
-        damped = normal + jnp.diag(jnp.diag(normal) * damping + 1e-12)
-        trial = theta - jnp.linalg.solve(damped, j.T @ r)
-        after = jnp.sum(residuals(trial) ** 2)
-        better = after < now
-        return (
-            jnp.where(better, trial, theta),
-            jnp.where(better, after, now),
-            jnp.where(better, 0.2 * damping, 8.0 * damping),
-        )
-
-    begin = (start, jnp.sum(residuals(start) ** 2), 1e-3)
-    return jax.lax.fori_loop(0, steps, step, begin)[:2]
+    """Levenberg–Marquardt: the final point, and half the sum of squares there."""
+    end = levenberg_marquardt(
+        of_residuals(residuals), start, num_steps=steps, tolerance=0.0, damping=1e-3
+    )
+    return end.position, end.model.value
 
 
 @jax.jit

@@ -20,7 +20,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from scipy.spatial.transform import Rotation
 
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.separated.shape_match import Surface, candidates, sent, shape_match, turned
+from lcbayes.inversion.separated.shape_match import (
+    Surface,
+    candidates,
+    reflected_flux,
+    shape_match,
+    turned,
+)
 from lcbayes.modelling.ephemeris import frames
 from lcbayes.physics.attitude import catalogue
 from tests.helpers.simulated_passes import passes
@@ -42,7 +48,7 @@ def at_random(name: str, noise: float, seed: int) -> LightCurve:
     sun, obs = turned(np.radians(rng.uniform(20.0, 140.0, POINTS)), rng)
     return noisy(
         1000.0 * np.arange(POINTS),
-        sent(candidates()[name], Surface(), sun, obs),
+        reflected_flux(candidates()[name], Surface(), sun, obs),
         sun,
         obs,
         noise,
@@ -59,7 +65,7 @@ def spinning(geometry: LightCurve, name: str, noise: float, seed: int) -> LightC
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
     made = noisy(
         geometry.t,
-        sent(candidates()[name], Surface(), sun, obs),
+        reflected_flux(candidates()[name], Surface(), sun, obs),
         geometry.sun,
         geometry.obs,
         noise,
@@ -78,7 +84,7 @@ def held(geometry: LightCurve, name: str, noise: float, seed: int) -> LightCurve
     sun, obs = (turn.inv().apply(v) for v in (geometry.sun, geometry.obs))
     made = noisy(
         geometry.t,
-        sent(candidates()[name], Surface(), sun, obs),
+        reflected_flux(candidates()[name], Surface(), sun, obs),
         geometry.sun,
         geometry.obs,
         noise,

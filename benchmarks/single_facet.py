@@ -18,7 +18,7 @@ from attitude_test import share
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.separated.single_facet import TOLD, SingleFacet, single_facet
+from lcbayes.inversion.separated.single_facet import SURE, SingleFacet, single_facet
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
 from tests.helpers.single_facet_passes import (
@@ -82,7 +82,7 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
     rows, drawn = [], with_edge(cases)
     for both in (False, True):
         for noise in NOISE:
-            error, radius, inside, told, right, refused = [], [], [], [], [], 0
+            error, radius, inside, sure_and_right, right, refused = [], [], [], [], [], 0
             for seed, normal in drawn:
                 curve = sites(one_pass(seed), both)
                 curve = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), noise, seed)
@@ -96,8 +96,8 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
                 radius.append(found.radius_deg)
                 inside.append(holds(found, normal))
                 best = max(found.kind, key=lambda k, f=found: f.kind[k])
-                told.append(found.kind[best] >= TOLD)
-                if told[-1]:
+                sure_and_right.append(found.kind[best] >= SURE)
+                if sure_and_right[-1]:
                     right.append(best == kind_of(curve, normal))
             rows.append(
                 [
@@ -106,7 +106,7 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
                     f"{np.median(error):.2f}, {np.quantile(error, 0.9):.2f}",
                     f"{np.median(radius):.1f}",
                     share(inside),
-                    share(told),
+                    share(sure_and_right),
                     share(right),
                     f"{refused} of {cases}",
                 ]

@@ -178,7 +178,7 @@ def agreement() -> None:
     summary = found.content
     rows = []
     for k, mode in enumerate(summary["modes"], start=1):
-        shares = np.array(mode["weight_by_run"])
+        shares = np.array(mode.get("weight_by_run"))
         spin = ", ".join(f"{1e3 * mode[f'omega_{x}_rad_s']:+.1f}" for x in "xyz")
         far = float(np.abs(shares - mode["weight"]).max())
         rows.append(
@@ -197,7 +197,7 @@ def agreement() -> None:
         f"Four facets and ω as above, {len(SEEDS)} runs of 250 particles in one "
         f'`lcbayes.fit(…, sampler="smc")`, {took:.0f} s. Solutions above 5 %: {len(heavy)}; the '
         f"farthest run is {max(heavy):.3f} off (goal 0.05).\n\n{table(heads, rows)}\n\n"
-        f"Reasons told: {'; '.join(summary['reasons']) or 'none'}."
+        f"Reasons told: {'; '.join(map(str, found.reasons)) or 'none'}."
     )
     write_section("Agreement of independent runs", "python benchmarks/smc.py agreement", text)
 

@@ -31,6 +31,7 @@ from lcbayes.inversion.spin import Spin, estimate  # noqa: E402
 from lcbayes.inversion.spin.detrended import Pass  # noqa: E402
 from lcbayes.inversion.spin.mean_frequency import mean_frequency  # noqa: E402
 from lcbayes.inversion.spin.sidereal import MEASURABLE, REPEATS  # noqa: E402
+from lcbayes.results.reasons import reasons  # noqa: E402
 from tests.helpers.low_earth_orbit import spinner, steady  # noqa: E402
 
 PASSES = (2, 4, 6)
@@ -165,7 +166,7 @@ def asteroids() -> list[list[str]]:
             continue
         begun = time.perf_counter()
         found = estimate(read(folder / f"{name}.lcs"), n_shuffles=SHUFFLES)
-        said = "; ".join(map(str, found.reasons)) or "; ".join(
+        said = "; ".join(map(str, reasons(found.reasons))) or "; ".join(
             f"{1 / s.frequency / 3600:.6f} h" for s in found.solutions
         )
         rows.append([name, said, f"{time.perf_counter() - begun:.1f}"])

@@ -57,10 +57,10 @@ def band(axes, t: Floats, drawn: Floats, off: Floats, unit: float, colour: str, 
 
 def main() -> None:
     args = _script.parser(__doc__ or "", draws=8000).parse_args()
-    both, told = simulate(one_facet.experiment(2), args.seed)
+    both, truth = simulate(one_facet.experiment(2), args.seed)
     second = np.flatnonzero(both.t >= 200.0)
     first = np.flatnonzero(both.t < 200.0)
-    clean = np.array(told["flux"])
+    clean = np.array(truth["flux"])
     figure = _script.figure(8.6, 4.8)
     panels = figure.subplots(2, 2, sharex="col", height_ratios=(2.2, 1.0))
     blue, orange = style.PALETTE[0], style.PALETTE[1]

@@ -37,8 +37,8 @@ def main() -> None:
     z = six_facets.pooled(runs, args.draws)
     areas, normals = by_side(*six_facets.facets(problem, data, z))
     chi2 = six_facets.misfit(problem, data, z)
-    told = ", ".join(f"{r.log_evidence:.2f}" for r in runs)
-    print(f"ln Z of the runs: {told}; chi2 {np.median(chi2):.0f} at {data.t.size} epochs")
+    evidences = ", ".join(f"{r.log_evidence:.2f}" for r in runs)
+    print(f"ln Z of the runs: {evidences}; chi2 {np.median(chi2):.0f} at {data.t.size} epochs")
     figure = _script.figure(10.0, 4.6)
     rows = figure.subplots(2, len(SIDES), sharex="row")
     for i, side in enumerate(SIDES):

@@ -34,7 +34,7 @@ ENTRY = registry.find("faceted-brdf")
 CHAINS, TRANSITIONS, PARTICLES, RUNS = 3, 200, 80, 2
 
 
-def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
+def problem_of(n_facets: int, data: Epochs, **options: float) -> Problem:
     return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
 
 
@@ -61,15 +61,15 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=PARTICLES)
     args = parser.parse_args()
     what = scenario.load(SCENARIO)
-    curve, told = simulate(what, args.seed)
-    data, clean = Epochs.of(curve), np.array(told["flux"])
+    curve, truth = simulate(what, args.seed)
+    data, clean = Epochs.of(curve), np.array(truth["flux"])
     reflected = [what.materials[k].parameters for k in what.body.labels]
     area = sum(
         a * (p["r_diff"] + p["r_spec"]) for a, p in zip(what.body.areas, reflected, strict=True)
     )
     if args.facets:
         weight = sparse.weight(float(area))
-        many = posed(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
+        many = problem_of(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
         found = burn_in.run(many, data, weight, args.chains, args.transitions, args.seed)
         for c in np.argsort(found.ends.mean(axis=1)):
             path = found.path(int(c), ENTRY.facet_sites)
@@ -78,7 +78,7 @@ def main() -> None:
                 f"that remain {path.n_facets} {path.shares}"
             )
 
-    problem = posed(3, data)
+    problem = problem_of(3, data)
     runs = six_facets.sample(problem, data, args.seed, args.particles, RUNS, "glint", args.out)
     z = six_facets.pooled(runs, args.draws)
     chi2 = six_facets.misfit(problem, data, z)

@@ -13,7 +13,7 @@ import numpy as np
 
 from lcbayes.analysis import style
 from lcbayes.core.jax_setup import jnp
-from lcbayes.inversion.separated.shape_match import Surface, sent, turned
+from lcbayes.inversion.separated.shape_match import Surface, reflected_flux, turned
 from lcbayes.physics import photometry
 from lcbayes.physics.bodies import shapes
 
@@ -35,7 +35,7 @@ def main() -> None:
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     for k, ((name, body), axes) in enumerate(zip(BODIES.items(), panels, strict=True)):
         phase = np.arccos(rng.uniform(-1.0, 1.0, args.draws))
-        flux = sent(body, Surface(), *turned(phase, rng))
+        flux = reflected_flux(body, Surface(), *turned(phase, rng))
         m = np.asarray(
             photometry.magnitude(jnp.asarray(flux), RANGE_M, photometry.sun_magnitude("V"))
         )

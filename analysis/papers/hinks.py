@@ -82,7 +82,7 @@ def numbers() -> list[tuple[str, str]]:
     top = int(np.nanargmax(np.where(near, cut.slope, np.nan)))
     far = (np.abs(pitch) > 12.0) & (np.abs(pitch) < 40.0)
     r_spec, r_diff = SURFACE["r_spec"], SURFACE["r_diff"]
-    told = MAGNITUDE_PER_NEPER / (1.0 - r_spec)  # (25) with ρ_diff = ρ_total
+    expected = MAGNITUDE_PER_NEPER / (1.0 - r_spec)  # (25) with ρ_diff = ρ_total
     typical = {
         "attitude 1 deg": cut.slope[top] * np.radians(1.0),
         "R_spec 0.05": 0.05 * np.nanmax(np.abs(cut.by["r_spec"][near])),
@@ -112,7 +112,7 @@ def numbers() -> list[tuple[str, str]]:
             "fig. 5: by R_spec, 12 to 40 deg away",
             f"{np.nanmin(cut.by['r_spec'][far]):.4f} to {np.nanmax(cut.by['r_spec'][far]):.4f} mag",
         ),
-        ("fig. 5: the same by (25)", f"{told:.4f} mag"),
+        ("fig. 5: the same by (25)", f"{expected:.4f} mag"),
         (
             "below fig. 5: by R_diff there, negative of it for R_diff = 1 − R_spec",
             f"{np.nanmean(cut.by['r_diff'][far]):.4f} mag (R_diff {r_diff:g}, R_spec {r_spec:g})",

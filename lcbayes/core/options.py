@@ -20,7 +20,7 @@ from dataclasses import MISSING, Field, dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from typing import Any, Self, cast, get_args, get_origin, get_type_hints
 
 from lcbayes.core.errors import InputError
 
@@ -69,7 +69,8 @@ def option(default: Any = MISSING, *, help: str, **declared: Any) -> Any:
     """A field of an options dataclass; `Declaration` lists the possible properties."""
     metadata = {_KEY: Declaration(help, **declared)}
     if isinstance(default, list | dict):
-        return dataclasses.field(default_factory=default.copy, metadata=metadata)
+        factory = cast("Callable[[], Any]", default.copy)
+        return dataclasses.field(default_factory=factory, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -147,7 +148,8 @@ class Option:
 
     def _items(self, value: Any) -> Sequence[Any]:
         if self.length is None:
-            return value if isinstance(value, tuple | list) else (value,)
+            several = isinstance(value, tuple | list)
+            return cast("Sequence[Any]", value) if several else (value,)
         given = value.split(",") if isinstance(value, str) else value
         try:
             items = [self._converted(item) for item in given]
@@ -272,7 +274,7 @@ class Options:
 def declared_options(cls: type) -> dict[str, Option]:
     """The options of a dataclass by name, in the order of declaration."""
     hints = get_type_hints(cls)
-    found = {}
+    found: dict[str, Option] = {}
     for field in dataclasses.fields(cls):
         if _KEY in field.metadata:
             found[field.name] = _option(field, hints[field.name])

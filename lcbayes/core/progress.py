@@ -109,7 +109,7 @@ class Parts:
 
     def __init__(self, track: Track, units: int, total: float) -> None:
         self.track, self.units, self.total = track, units, total
-        self.done, self.told = 0.0, 0
+        self.done, self.reported = 0.0, 0
 
     @contextmanager
     def part(self, cost: float, name: str, n_stages: int) -> Iterator[Silent]:
@@ -122,9 +122,9 @@ class Parts:
 
     def reach(self, done: float, note: str) -> None:
         self.done = done
-        whole = max(self.told, int(self.units * done / self.total + 1e-9))  # the total may grow
-        self.track.advance(whole - self.told, note)
-        self.told = whole
+        whole = max(self.reported, int(self.units * done / self.total + 1e-9))  # the total may grow
+        self.track.advance(whole - self.reported, note)
+        self.reported = whole
 
 
 class _Part(Silent):

@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
+
+
+class ReasonContent(TypedDict):
+    """A reason not to trust a result, in ``summary.json``."""
+
+    code: str
+    text: str
 
 
 class Finding(NamedTuple):
@@ -49,3 +56,8 @@ class Reason(NamedTuple):
 
     def __str__(self) -> str:
         return self.text
+
+    @property
+    def content(self) -> ReasonContent:
+        """The reason as written to ``summary.json``."""
+        return {"code": self.code, "text": self.text}

@@ -35,7 +35,7 @@ class Mode:
     weight_sd: float = 0.0
     apart: float = 1.0  # R-hat between independent runs in this region, if several
     run_weights: Floats | None = None  # (C,) from each independent population, if any
-    tuning: dict[str, NDArray] = field(default_factory=dict)  # (C,) each, of `sampling.Chains`
+    tuning: dict[str, NDArray] = field(default_factory=dict)  # (C, ...) each, of `sampling.Chains`
 
 
 class _Region(NamedTuple):

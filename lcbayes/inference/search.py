@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.levenberg_marquardt import Quadratic, levenberg_marquardt
 from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
 from lcbayes.modelling.epochs import Epochs
@@ -34,6 +35,7 @@ TIME_ORDERED_ROUNDS = (
     (1.0, 150, 1.0),
 )
 MIN_STARTS = 12
+TOLERANCE = 1e-2  # gain in nats below which successive steps end a search
 
 
 class SearchState(NamedTuple):
@@ -51,25 +53,6 @@ def init(z: NDArray | jax.Array, damping: float = 1.0) -> SearchState:
     return SearchState(np.asarray(z), np.full(n, np.inf), np.full(n, damping), np.zeros(n, int))
 
 
-def _step(problem: Problem, data: Epochs, state: SearchState) -> SearchState:
-    """One damped step of one start; rejected steps raise the damping."""
-    z, old, damping, stalled = state
-    gradient = jax.grad(problem.potential)(z, data)
-    metric = problem.fisher(z, data)
-    scale = jnp.diagonal(metric)
-    step = jnp.linalg.solve(metric + jnp.diag(damping * scale + 1e-10), -gradient)
-    trial = z + step
-    new = problem.potential(trial, data)
-    better = jnp.isfinite(new) & (new < old)
-    gain = jnp.where(better, old - new, 0.0)
-    return SearchState(
-        jnp.where(better, trial, z),
-        jnp.where(better, new, old),
-        jnp.clip(jnp.where(better, damping / 5.0, damping * 4.0), 1e-9, 1e9),
-        jnp.where(better & (gain < 1e-2), stalled + 1, 0) + jnp.where(damping > 1e8, 3, 0),
-    )
-
-
 def chunk_size(problem: Problem, data: Epochs) -> int:
     """Number of starts advanced together: many if overhead dominates a step, otherwise one."""
     return int(np.clip(60_000 // (problem.dim * data.t.size), 1, 32))
@@ -84,19 +67,20 @@ def advance(
     The potential is recomputed for these data.
     """
 
+    def model(z: jax.Array) -> Quadratic:
+        value, gradient = jax.value_and_grad(problem.potential)(z, data)
+        return Quadratic(value, gradient, problem.fisher(z, data))
+
     def one(row: SearchState) -> SearchState:
-        here = problem.potential(row.z, data)
-        row = row._replace(potential=jnp.where(jnp.isfinite(here), here, jnp.inf))
-
-        def cond(carry):
-            i, s = carry
-            return (i < n_steps) & (s.stalled < 3)
-
-        def body(carry):
-            i, s = carry
-            return i + 1, _step(problem, data, s)
-
-        return jax.lax.while_loop(cond, body, (0, row))[1]
+        end = levenberg_marquardt(
+            model,
+            row.z,
+            num_steps=n_steps,
+            tolerance=TOLERANCE,
+            damping=row.damping,
+            stalled=row.stalled,
+        )
+        return SearchState(end.position, end.model.value, end.damping, end.stalled)
 
     return jax.vmap(one)(state) if len(state.z) > 1 else jax.lax.map(one, state)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
 from lcbayes.inference import search
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.search import SearchState
@@ -20,7 +21,8 @@ SAME = 2.0  # whitened distance per √dimension within which two end points are
 MAX_RELATIVE_MISFIT = 1.05  # rms residual relative to the best: dropped above this ...
 MAX_EVIDENCE_DEFICIT = 10.0  # ... unless its Laplace evidence is within this many nats of the best
 MAX_IMAGE_DIFFERENCE = 0.1  # largest difference in ln density of a solution and its image, nats
-MAX_STEPS, MIN_GAIN = 40, 1e-2  # of an optimisation; gain in nats below which it ends
+MAX_STEPS = 60  # of the optimisation of the parameters that a simpler problem lacks
+CONTROLS = Controls(largest_damping=1e6, patience=1)
 
 
 @dataclass(frozen=True)
@@ -169,24 +171,25 @@ def _is_spread(name: str) -> bool:
 def _climbed(
     problem: Problem, data: Epochs, z: Floats, free: NDArray[np.intp]
 ) -> tuple[Floats, float]:
-    """Levenberg-Marquardt along some coordinates: the end point and the potential there."""
-    damping, old = 1e-2, float(compiled(problem.potential)(jnp.asarray(z), data))
-    for _ in range(MAX_STEPS):
-        slope = np.asarray(compiled(problem.slope)(jnp.asarray(z), data))[free]
-        metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))[np.ix_(free, free)]
-        while damping < 1e6:
-            trial = z.copy()
-            trial[free] -= np.linalg.solve(metric + np.diag(damping * np.diag(metric)), slope)
-            new = float(compiled(problem.potential)(jnp.asarray(trial), data))
-            if np.isfinite(new) and new < old:
-                break
-            damping *= 5.0
-        else:
-            break
-        gain, z, old, damping = old - new, trial, new, damping / 5.0
-        if gain < MIN_GAIN:
-            break
-    return z, old
+    """The end point of a minimisation along some coordinates, and the potential there."""
+
+    def at(position: Floats) -> Floats:
+        moved = z.copy()
+        moved[free] = position
+        return moved
+
+    def model(position: Floats) -> Quadratic:
+        where = jnp.asarray(at(position))
+        return Quadratic(
+            float(compiled(problem.potential)(where, data)),
+            np.asarray(compiled(problem.slope)(where, data))[free],
+            np.asarray(compiled(problem.fisher)(where, data))[np.ix_(free, free)],
+        )
+
+    end = levenberg_marquardt(
+        model, z[free], num_steps=MAX_STEPS, tolerance=search.TOLERANCE, controls=CONTROLS
+    )
+    return at(end.position), end.model.value
 
 
 def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:

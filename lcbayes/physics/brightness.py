@@ -219,7 +219,7 @@ def flux_brdf(
     Hinks, Linares & Crassidis 2013, eqs. (3)-(6).
     """
     found, lit = geometry(sun_body, obs_body, normals, u_axes)
-    sent = get_law(law).brdf(found, params) * found.mu0 * found.mu
+    reflected = get_law(law).brdf(found, params) * found.mu0 * found.mu
     if visible is not None:
-        sent = sent * visible
-    return jnp.where(lit, sent, 0.0) @ area
+        reflected = reflected * visible
+    return jnp.where(lit, reflected, 0.0) @ area

@@ -98,15 +98,17 @@ def closed_form(
         z = nu * share_u + nv * share_v
         log_lobe = nv * log_n + (nu - nv) * xu**2 * by_sin2
     norm = jnp.sqrt((nu + 1.0) * (nv + 1.0)) / (8.0 * jnp.pi)
-    sent = jnp.where(lit, area * xa * xb, 0.0)
-    lobe = sent * norm * jnp.exp(log_lobe) / denominator  # specular flux over the Fresnel factor
+    reflected = jnp.where(lit, area * xa * xb, 0.0)
+    lobe = (
+        reflected * norm * jnp.exp(log_lobe) / denominator
+    )  # specular flux over the Fresnel factor
     specular = lobe * fresnel
     k = 28.0 / (23.0 * jnp.pi)
-    both = sent * k * shoulder(xa) * shoulder(xb)
+    both = reflected * k * shoulder(xa) * shoulder(xb)
     diffuse = both * r_diff * (1.0 - r_spec)
     flux = specular + diffuse
 
-    slope = 2.5 * sent * k * r_diff * (1.0 - r_spec)
+    slope = 2.5 * reflected * k * r_diff * (1.0 - r_spec)
     c1 = specular * (z / (xa + xb) - dq_a) + slope * shoulder(xb) * (1.0 - 0.5 * xa) ** 4
     c2 = specular * (z / (xa + xb) - dq_b) + slope * shoulder(xa) * (1.0 - 0.5 * xb) ** 4
     c1, c2 = c1 + flux / xa, c2 + flux / xb

@@ -10,6 +10,7 @@ from typing import Any
 from lcbayes.core.files import printable
 from lcbayes.core.reasons import Finding
 from lcbayes.modelling.variables import SPIN
+from lcbayes.results.content import BatchNumbers
 
 TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
 ROW = (
@@ -53,11 +54,11 @@ def summarise(
     reused: int,
     seconds: float,
     who: str,
-) -> tuple[dict[str, Any], list[Finding]]:
+) -> tuple[BatchNumbers, list[Finding]]:
     """The content of ``summary.json`` besides the verdict, and the findings against the result."""
     count = Counter(row["status"] for row in rows)
     new = len(rows) - reused
-    against = []
+    against: list[Finding] = []
     if count[FAILED]:
         names = [row["name"] for row in rows if row["status"] == FAILED]
         values = {"count": count[FAILED], "objects": n_objects, "names": _few(names)}
@@ -69,7 +70,7 @@ def summarise(
     if len(rows) < n_objects:
         values = {"count": n_objects - len(rows), "objects": n_objects}
         against.append(Finding("objects-not-done", values))
-    content = {
+    content: BatchNumbers = {
         "catalogue": str(catalogue),
         "n_objects": n_objects,
         "n_trusted": count[TRUSTED],
@@ -79,7 +80,7 @@ def summarise(
         "seconds": seconds,
         "objects_per_hour": 3600.0 * new / seconds if new else None,
         "workers": who,
-        "objects": list(rows),
+        "objects": [dict(row) for row in rows],
     }
     return content, against
 

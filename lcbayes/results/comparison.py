@@ -15,6 +15,7 @@ from lcbayes.inference import odds
 from lcbayes.inference.facet_count import Candidate, Compared
 from lcbayes.inference.loo import BAD_K, Stacked, stacking
 from lcbayes.inference.odds import facets
+from lcbayes.results.content import CandidateContent, CompareNumbers
 from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
@@ -46,7 +47,7 @@ COLUMNS = {
 
 def summarise(
     found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
-) -> tuple[dict[str, Any], list[Reason]]:
+) -> tuple[CompareNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
     candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
     n_runs = len(candidates[0].log_evidences)
@@ -58,7 +59,7 @@ def summarise(
     worth = found.information
     rows = _rows(found, errors, chances, stacked)
     against = [*found.failed, *odds.undecided(counts, chances), *_findings(found, verdict)]
-    content = {
+    content: CompareNumbers = {
         "model": identity["model"],
         "n_obs": n_obs,
         "seed": seed,
@@ -94,10 +95,10 @@ def summarise(
 
 def _rows(
     found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
-) -> list[dict[str, Any]]:
+) -> list[CandidateContent]:
     """The candidates, with their probabilities and stacking weights."""
     worth = found.information
-    rows = []
+    rows: list[CandidateContent] = []
     for k, c in enumerate(found.candidates):
         elpd, khat = c.loo
         rows.append(
@@ -125,7 +126,7 @@ def _rows(
                 "dof": c.misfit.dof,
                 "gradients": c.gradients,
                 "seconds": c.seconds,
-                "reasons": [reason._asdict() for reason in reasons(c.reasons)],
+                "reasons": [reason.content for reason in reasons(c.reasons)],
             }
         )
     return rows
@@ -151,7 +152,7 @@ def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
         yield Finding("no-number-explains-data", values)
 
 
-TOLD = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+PRINTED = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
 
 
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -169,8 +170,9 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         f"k > {BAD_K}",
         "chi2/dof",
     ]
-    rows = []
-    ends = (summary["sparse"] or {}).get("n_facets")
+    rows: list[list[str]] = []
+    path: Mapping[str, Any] = summary["sparse"] or {}
+    ends = path.get("n_facets")
     for row in summary["candidates"]:
         k = row["max_pareto_k"]
         rows.append(
@@ -201,7 +203,7 @@ def _per_dof(row: Mapping[str, Any]) -> str:
 
 def notes(summary: Mapping[str, Any]) -> list[str]:
     """Notes on the table."""
-    said = []
+    said: list[str] = []
     worth = summary["information_per_point"]
     if worth < 1.0:
         said.append(
@@ -232,12 +234,12 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
 def table(summary: Mapping[str, Any]) -> list[str]:
     """The table, its notes and the conclusion, with the columns that fit on a terminal."""
     heads, rows = cells(summary)
-    shown = [heads.index(name) for name in TOLD]
-    told = [[line[i] for i in shown] for line in (heads, *rows)]
-    widths = [max(map(len, column)) for column in zip(*told, strict=True)]
+    shown = [heads.index(name) for name in PRINTED]
+    printed = [[line[i] for i in shown] for line in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*printed, strict=True)]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in told
+        for line in printed
     ]
     said = summary["conclusion"]
     return [*lines, *notes(summary), "", said[0].upper() + said[1:] + "."]

@@ -1,5 +1,9 @@
 """Equally weighted draws of a posterior whose chains belong to solutions of unequal weight."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import numpy as np

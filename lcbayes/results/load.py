@@ -1,12 +1,16 @@
 """Read the files of a results folder; any fault in them raises an InputError."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from lcbayes.core.errors import InputError
 from lcbayes.results.store import SCHEMA, SUMMARY
@@ -32,7 +36,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
         found.get("schema") == SCHEMA
         and isinstance(found.get("trusted"), bool)
         and isinstance(reasons, list)
-        and all(isinstance(r, dict) and {"code", "text"} <= r.keys() for r in reasons)
+        and all(map(_is_reason, cast("list[Any]", reasons)))
         and found["trusted"] == (not reasons)
     )
     if not valid:
@@ -41,6 +45,10 @@ def read_summary(folder: Path) -> dict[str, Any]:
             "command that wrote it again"
         )
     return found
+
+
+def _is_reason(entry: Any) -> bool:
+    return isinstance(entry, dict) and {"code", "text"} <= entry.keys()
 
 
 def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
@@ -58,9 +66,10 @@ def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
     except json.JSONDecodeError as fault:
         raise InputError(f"{path}, line {fault.lineno}: {fault.msg}; {again}") from None
     except (OSError, ValueError, RecursionError) as fault:
-        raise InputError(f"{path} cannot be read ({_told(fault)}); {again}") from None
+        raise InputError(f"{path} cannot be read ({_first_line(fault)}); {again}") from None
     if not isinstance(found, dict):
         raise InputError(f"{path} is no JSON object; {again}")
+    found = cast("dict[str, Any]", found)
     for key, kind in kinds.items():
         if not isinstance(found.get(key), kind | None):
             said = {dict: "an object", list: "a list", str: "a string"}[kind]
@@ -69,7 +78,7 @@ def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
 
 
 @contextmanager
-def open_posterior(folder: Path) -> Iterator[xr.DataTree]:
+def open_posterior(folder: Path) -> Generator[xr.DataTree]:
     """The ``posterior.nc`` of a fit. It is read lazily, so a fault may appear here or later.
 
     Raises
@@ -91,9 +100,9 @@ def open_posterior(folder: Path) -> Iterator[xr.DataTree]:
         raise
     except (OSError, ValueError, KeyError, RuntimeError) as fault:
         raise InputError(
-            f"{path} cannot be read ({_told(fault)}); run `lcbayes fit` again"
+            f"{path} cannot be read ({_first_line(fault)}); run `lcbayes fit` again"
         ) from fault
 
 
-def _told(fault: Exception) -> str:
+def _first_line(fault: Exception) -> str:
     return (str(fault).splitlines() or [type(fault).__name__])[0]

@@ -1,5 +1,10 @@
 """The files of a fit: the posterior as an ArviZ DataTree, the summary, and the record."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+# pyright: reportUnknownParameterType=false, reportUnknownLambdaType=false
+
 from __future__ import annotations
 
 import sys
@@ -27,6 +32,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.modelling.variables import unit
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
+from lcbayes.samplers.chains import INVERSE_MASS
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +88,7 @@ METRIC = {
 }
 
 
-def dataset(draws: Mapping[str, NDArray]) -> xr.Dataset:
+def dataset(draws: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     """Draws {name: (C, S, ...)} with named axes."""
     variables = {}
     for name, values in draws.items():
@@ -129,9 +135,11 @@ def tree(
     observed_data, constant_data
         The complete light curve: `lcbayes.load_light_curve`.
     modes/k
-        ``posterior`` and ``sample_stats`` of each solution, with all its draws; ``curves``, the
-        brightness without noise of the draw that fits best and of forty others, with their
-        chains and draws.
+        ``posterior`` and ``sample_stats`` of each solution, with all its draws. If NUTS sampled
+        it, ``sample_stats`` holds the inverse mass matrix of each chain, of the unconstrained
+        coordinates before labels of facets were matched.
+        ``curves`` holds the brightness without noise of the draw that fits best and of forty
+        others, with their chains and draws.
     """
     problem, data = posterior.problem, posterior.data
     modes = posterior.modes
@@ -162,9 +170,10 @@ def tree(
         groups[name].attrs = _sampling(posterior, modes)
     for i, mode in enumerate(modes):
         groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
+        stats = _stats(mode).assign(_mass(problem, mode))
+        groups[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
         if (curves := _curves(problem, mode, data)) is not None:
             groups[f"modes/{i}/curves"] = curves
-        groups[f"modes/{i}/sample_stats"] = _stats(mode).assign_attrs(_sampling(posterior, [mode]))
     _add_units(groups, curve)
     return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
 
@@ -214,6 +223,27 @@ def _stats(mode: Mode) -> xr.Dataset:
     return xr.Dataset(stats, {k: np.arange(n) for k, n in shape})
 
 
+def _mass(problem: Problem, mode: Mode) -> dict[str, xr.DataArray]:
+    """The inverse mass matrix of each chain, with the names of the sampled coordinates."""
+    if INVERSE_MASS not in mode.tuning:
+        return {}
+    names = [
+        name if len(rows) == 1 else f"{name}[{i}]"
+        for name in problem.names
+        for rows in [problem.rows([name])]
+        for i in range(len(rows))
+    ]
+    values = mode.tuning[INVERSE_MASS]
+    chains = np.arange(len(values))
+    axes = {"chain": chains, "coordinate": names, "other_coordinate": names}
+    about = {
+        "description": "inverse mass matrix of NUTS after the warm-up, in the unconstrained "
+        "coordinates that were sampled",
+        "units": "products of the units of the two coordinates",
+    }
+    return {INVERSE_MASS: xr.DataArray(values, axes, tuple(axes), attrs=about)}
+
+
 def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
     """Sampler settings as attributes: one value, or one for each chain where they differ."""
     asked, timing = posterior.settings, posterior.timing
@@ -226,7 +256,7 @@ def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
         "sampling_time": timing.sampling_s,
     }
     tuned = [m for m in modes if m.tuning]
-    for name in tuned[0].tuning if tuned else ():
+    for name in [k for k in tuned[0].tuning if k != INVERSE_MASS] if tuned else ():
         found[name] = np.concatenate([m.tuning[name] for m in tuned])
     if "step_size" in found:
         steps = np.concatenate([m.stats["num_steps"].mean(axis=1) for m in tuned])
@@ -245,7 +275,7 @@ def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[
 
 @partial(jax.jit, static_argnums=0)
 def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs):
-    def one(args):
+    def one(args: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         row, key = args
         return problem.log_likelihood(row, data), problem.replicate(row, data, key)
 

@@ -1,4 +1,4 @@
-"""The sentence for each code of a reason not to trust a fit, a comparison, a scan or a batch."""
+"""The sentence for each code of a reason not to trust a result, and for conditions of a spin."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ SENTENCES = {
     "more probable: {why}",
     # scans
     "no-hypothesis-explains-data": "{misfit}: none of the hypotheses explains the light curve{to}",
-    "too-many-parameters": "{fitted} numbers were fitted to {points} points: other attitudes would "
+    "too-many-parameters": "{fitted} numbers were fitted to {points} points: other {others} would "
     "do as well",
     "fit-too-close": "chi2 is {ratio:.2f} per degree of freedom: the errors are too large, or the "
     "body follows the noise",
@@ -61,17 +61,124 @@ SENTENCES = {
     "period-at-end-of-range": "the best period lies {where}: widen it",
     "best-hypothesis-once": "fewer than two starts came to the best solution: there may be a "
     "better one; raise --n-poles",
+    # spins
+    "no-period": "no period is seen: noise has a peak as high with probability {false_alarm:.2g}, "
+    "and {level:g} is asked for",
+    "too-few-cycles": "the spin is not rapid enough: the longest pass holds {cycles:.1f} cycles of "
+    "the period of the brightness, {period_s:.4g} s, and {least:g} are needed to measure it within "
+    "a pass",
+    "not-repeating": "the brightness does not repeat steadily: with {period_s:.4g} s a stretch "
+    "predicts {percent:.0f} % of the variance of the next, and {least:.0f} % are asked for",
+    "second-period": "the spin is not stable: a line at {other_s:.4g} s, no harmonic of "
+    "{period_s:.4g} s, has {percent:.0f} % of the variance, as when a body tumbles",
+    "unsteady-harmonics": "no harmonic keeps an amplitude of five times its error all along a "
+    "pass, so the period cannot be followed within one",
+    "constant-synodic-period": "the synodic period does not measurably differ from the sidereal "
+    "one: one constant period explains all passes (p = {p_value:.2g})",
+    "no-constant-spin": "no constant spin explains the phases: chi2 is {chi2:.0f} for {dof} "
+    "degrees of freedom; the spin changes, or the axis moves",
+    "too-few-passes": "{count} pass(es) show steady harmonics, and {least} are needed: with fewer "
+    "the shape of the body cannot be separated from its pole",
+    "pole-undetermined": "the difference between synodic and sidereal period does not determine "
+    "the pole: its 90 % region is {percent:.0f} % of the sky, and at most {most:.0f} % is "
+    "accepted; add passes of other geometry",
+    "ambiguous-period": "the sidereal period is ambiguous: the solutions have periods from "
+    "{shortest_s:.4g} to {longest_s:.4g} s, as the number of brightness cycles per turn is not "
+    "determined (the likeliest has probability {probability:.2f}, and {least:g} is asked for)",
+    "many-poles": "{count} separate poles explain the phases, and at most {most} are accepted as "
+    "an answer; add passes of other geometry",
+    # albedo-areas
+    "misfit": "chi2 is {ratio:.2f} per degree of freedom (p = {p_value:.1g}): no convex body of "
+    "material {materials} with this attitude gives this light curve to its errors{remedy}; the "
+    "errors are too small, the body shades itself, or law or attitude differ",
+    "large-residuals": "residuals are {percent:.0f} % of the mean flux: no convex body of material "
+    "{materials} with this attitude gives this light curve{remedy}",
+    "residuals-follow-geometry": "residuals depend on the directions to Sun and observer "
+    "(p = {p_value:.1g}): the body shades itself or is not convex, or its law or attitude differs, "
+    "and facets may stand for that",
+    "insignificant-facets": "facets of {areas} m2 lower chi2 by less than they cost once errors "
+    "are scaled to the misfit: they may not exist",
+    "areas-undetermined": "the flux does not constrain the areas of {count} of {facets} facets: "
+    "their standard deviations exceed {percent:.0f} %",
+    "not-closed": "areas had to be changed by {percent:.0f} % of their sum to close: albedos "
+    "differ, or facets are missing, and the shape is not the body's",
+    "directions-unseen": "{percent:.0f} % of all directions were never lit and seen at once: what "
+    "faces there is unknown, and the shape with it",
+    # tests of attitudes
+    "too-few-pairs": "no law could be tested; {count} of {laws}: each has fewer than {pairs} pairs "
+    "among {points} measurements within {separation_deg:g} deg of each other that were not taken "
+    "one after the other; observe more passes under like geometry",
+    "no-power": "no law could be tested; {count} of {laws}: each has pairs, but brightness changes "
+    "so fast along passes that unrelated brightness would pass as well: the body may spin, and no "
+    "law of this kind can be tested",
+    "law-not-applicable": "no law could be tested; {count} of {laws}: each {why}",
+    # shape matches
+    "too-few-independent-points": "{count} observations are independent of each other, and {least} "
+    "are needed: brightness follows itself from point to point; observe more passes",
+    "narrow-phase-angles": "phase angles span {span_deg:.0f} deg (5 to 95 %), and {least_deg:g} "
+    "deg are needed",
+    "stabilised": "the object looks stabilised: where the law {law!r} repeats the directions, "
+    "brightness repeats itself (p = {p_value:.3f}, differences {percent:.0f} % of those between "
+    "points at random), so that orientations are not random",
+    # glints
+    "no-glint": "no glint stands out: none has a false-alarm probability below {alarm:g}",
+    "one-glint": "one glint alone fixes no direction: nothing tests that it is a facet's",
+    "no-common-direction": "{count} glint(s) fix no direction: no two share a facet's normal and "
+    "no axis is perpendicular to all bisectors; the attitude may be another one",
+    "one-glint-no-offset": "one glint alone fixes no offset: nothing tests that a panel makes it",
+    "no-common-offset": "the glints share no offset from the Sun: chi2 is {chi2:.1f} for {dof} "
+    "degrees of freedom",
+    # single facets
+    "no-edge": "no edge of a facet is seen: noise on a smooth curve does as well with "
+    "p = {p_value:.3f}",
+    "narrow-sweep": "the direction to the observer turns by {sweep_deg:.1f} deg in the body's "
+    "axes, and {least_deg:g} deg are needed: the method is for passes of low orbits",
+    "one-facet-misfit": "one facet over a smooth rest does not explain the curve (chi2 {chi2:.0f} "
+    "for {dof} degrees of freedom): more than one facet changes, or the law is wrong",
+    "small-share": "the facet sends {share:.1%} of the light at most, and the rest of the body "
+    "need not be as smooth as that",
+    "normal-unconstrained": "the normal is not constrained: the region is {part:.0%} of the sphere",
+    "always-seen": "with {probability:.0%} probability the facet is lit and seen throughout, and "
+    "what it looks like is the smooth rest's to decide",
     # batches
     "objects-failed": "{count} of {objects} objects failed: {names}",
     "objects-not-trusted": "{count} of {objects} results must not be trusted: {names}",
     "objects-not-done": "{count} of {objects} objects were not done",
 }
 
+# Conditions of a spin that are met, by the code of the reason if they are not.
+CONDITIONS = {
+    "no-period": "a period is seen (false-alarm probability {false_alarm:.2g})",
+    "too-few-cycles": "the longest pass has {cycles:.1f} cycles",
+    "not-repeating": "a stretch predicts {percent:.0f} % of the variance of the next",
+    "second-period": "no second period",
+    "unsteady-harmonics": "harmonics are steady and strong enough",
+    "constant-synodic-period": "the synodic period varies (p = {p_value:.1g} for a constant one)",
+    "no-constant-spin": "a pole explains the phases (chi2 {chi2:.1f} for {dof} degrees of freedom)",
+    "too-few-passes": "{count} passes show steady harmonics",
+    "pole-undetermined": "the pole lies within {percent:.2g} % of the sky",
+    "ambiguous-period": "the number of cycles per turn has probability {probability:.2f}",
+    "many-poles": "{count} pole(s)",
+}
+
+# What to try, by the value "remedy" of a finding.
+REMEDIES = {
+    "": "",
+    "another-law": "; another law may (--material non-lambertian, the one that fit takes by "
+    "default)",
+}
+
+
+def condition(finding: Finding, *, met: bool) -> str:
+    """The sentence about a condition of a spin, with the values of its finding."""
+    return (CONDITIONS if met else SENTENCES)[finding.code].format(**finding.values)
+
 
 def reason(finding: Finding) -> Reason:
     """The reason with its sentence."""
     about = f"{finding.about}: " if finding.about else ""
-    return Reason(finding.code, about + SENTENCES[finding.code].format(**finding.values))
+    values = finding.values | {"remedy": REMEDIES[finding.values.get("remedy", "")]}
+    return Reason(finding.code, about + SENTENCES[finding.code].format(**values))
 
 
 def reasons(findings: Iterable[Finding]) -> list[Reason]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import printable, read_bytes
@@ -69,7 +70,7 @@ def _of_curve(path: str | None, curve: LightCurve) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
+        return [_plain(item) for item in cast("Sequence[Any]", value)]
     return value if isinstance(value, bool | int | float) else str(value)
 
 
@@ -190,7 +191,7 @@ def read_record(path: Path) -> Record:
     empty = root.blank()
     options = root.table("options", empty).values
     for name, value in options.items():
-        items = value if isinstance(value, list) else [value]
+        items = cast("list[Any]", value) if isinstance(value, list) else [value]
         if not all(isinstance(item, str | int | float) for item in items):
             raise root.table("options").fault(name, "is no text and no number")
     reading = ReadOptions.of(root.table("reading", empty).values).as_dict()

@@ -1,5 +1,9 @@
 """The result that every task returns: a verdict, a table, the data, and methods to write them."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import html
@@ -8,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
@@ -43,8 +47,8 @@ class Page:
         )
 
 
-class Result(ABC):
-    """The result of a task.
+class Result[C: Mapping[str, object]](ABC):
+    """The result of a task; its type parameter is that of ``content``.
 
     Parameters
     ----------
@@ -66,9 +70,9 @@ class Result(ABC):
     source: Any = None
 
     def __init__(
-        self, content: Mapping[str, Any], reasons: Sequence[Reason], record: Mapping[str, Any]
+        self, content: Mapping[str, object], reasons: Sequence[Reason], record: Mapping[str, Any]
     ) -> None:
-        self._content = dict(content)
+        self._content: dict[str, Any] = dict(content)
         self.reasons = tuple(reasons)
         self.record = dict(record)
 
@@ -78,15 +82,15 @@ class Result(ABC):
         return not self.reasons
 
     @property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> C:
         """The content of ``summary.json``."""
-        verdict = {
+        verdict: dict[str, Any] = {
             "schema": store.SCHEMA,
             "task": self.task,
             "trusted": self.trusted,
-            "reasons": [reason._asdict() for reason in self.reasons],
+            "reasons": [reason.content for reason in self.reasons],
         }
-        return verdict | self._content
+        return cast(C, verdict | self._content)
 
     @property
     def data(self) -> Any:

@@ -1,5 +1,9 @@
 """The file of a scan, with everything that its report shows."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import json
@@ -13,7 +17,7 @@ import xarray as xr
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
 from lcbayes.inversion.attitude_scan.engine import Settings
-from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, Table
 
 ABOUT = "about"  # attribute: JSON of everything that is not an array
 ARRAYS = ("residual", "normals", "areas", "pole", "coefficients")
@@ -27,18 +31,18 @@ AXES = {  # no axis has the name of its variable, which would make that variable
 SCREENED = ("start", "tried", "pole", "frequency", "chi2", "steps")
 
 
-def save_scan(found: Found, path: Path) -> None:
+def save_scan(scan: AttitudeScan, path: Path) -> None:
     """Write netCDF: ``light_curve``, ``screened``, ``sky`` and ``solutions/0`` (the best), …"""
     groups = {
-        "/": xr.Dataset(attrs={ABOUT: json.dumps(_plain(found))}),
-        "light_curve": xr.Dataset({k: ("time", getattr(found, k)) for k in ("t", "curve", "flux")}),
+        "/": xr.Dataset(attrs={ABOUT: json.dumps(_plain(scan))}),
+        "light_curve": xr.Dataset({k: ("time", getattr(scan, k)) for k in ("t", "curve", "flux")}),
     }
-    if found.screened is not None:
-        columns = {k: np.asarray(getattr(found.screened, k)) for k in SCREENED}
+    if scan.screened is not None:
+        columns = {k: np.asarray(getattr(scan.screened, k)) for k in SCREENED}
         groups["screened"] = _dataset(columns, "hypothesis")
-    if found.sky is not None:
-        groups["sky"] = _dataset({"pole": found.sky[0], "chi2": found.sky[1]}, "direction")
-    for i, solution in enumerate(found.solutions):
+    if scan.sky is not None:
+        groups["sky"] = _dataset({"pole": scan.sky[0], "chi2": scan.sky[1]}, "direction")
+    for i, solution in enumerate(scan.solutions):
         arrays = {k: v for k in ARRAYS if (v := getattr(solution, k)) is not None}
         about = {k: v for k, v in asdict(solution).items() if k not in ARRAYS}
         variables = {k: ((AXES[k], "xyz")[: np.ndim(v)], np.asarray(v)) for k, v in arrays.items()}
@@ -51,14 +55,14 @@ def _dataset(columns: dict[str, np.ndarray], axis: str) -> xr.Dataset:
     return xr.Dataset({k: ((axis, "xyz")[: v.ndim], v) for k, v in columns.items()})
 
 
-def _plain(found: Found) -> dict[str, Any]:
+def _plain(scan: AttitudeScan) -> dict[str, Any]:
     names = ("n_obs", "dof", "error_known", "frame", "n_laws", "n_periods", "left_out", "timing")
-    about = {k: getattr(found, k) for k in names}
-    about["error_known"] = bool(found.error_known)
-    return about | {"settings": asdict(found.settings)}
+    about = {k: getattr(scan, k) for k in names}
+    about["error_known"] = bool(scan.error_known)
+    return about | {"settings": asdict(scan.settings)}
 
 
-def load_scan(path: Path) -> Found:
+def load_scan(path: Path) -> AttitudeScan:
     """Read a file of `save_scan`.
 
     Raises
@@ -70,13 +74,13 @@ def load_scan(path: Path) -> Found:
         raise InputError(f"{path} is missing; run `lcbayes scan` again")
     try:
         with xr.open_datatree(path, engine="h5netcdf") as tree:
-            return _found(tree.load())
+            return _scan(tree.load())
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as fault:
         said = (str(fault).splitlines() or [type(fault).__name__])[0]
         raise InputError(f"{path} cannot be read ({said}); run `lcbayes scan` again") from fault
 
 
-def _found(tree: xr.DataTree) -> Found:
+def _scan(tree: xr.DataTree) -> AttitudeScan:
     about = json.loads(tree.attrs[ABOUT])
     asked = about.pop("settings")
     if asked["period_range_h"] is not None:
@@ -93,7 +97,7 @@ def _found(tree: xr.DataTree) -> Found:
         sky = tree["sky"]["pole"].to_numpy(), tree["sky"]["chi2"].to_numpy()
     nodes = tree["solutions"].children
     solutions = [_solution(nodes[name].to_dataset()) for name in sorted(nodes, key=int)]
-    return Found(settings, solutions, screened=screened, sky=sky, **light, **about)
+    return AttitudeScan(settings, solutions, screened=screened, sky=sky, **light, **about)
 
 
 def _solution(data: xr.Dataset) -> Solution:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
@@ -31,16 +31,16 @@ def read_scan(folder: str | Path, curve: LightCurve) -> list[dict[str, Any]]:
         raise InputError(
             f"the scan in {folder} is of another light curve; scan this one, then start from that"
         )
-    spins = [s for s in summary.get("solutions") or [] if _spin(s) and s.get("near_equal")]
+    solutions: list[Any] = summary.get("solutions") or []
+    spins: list[dict[str, Any]] = [s for s in solutions if _spin(s) and s.get("near_equal")]
     if not spins:
         raise InputError(f"the scan in {folder} found no constant spin to start from")
     return spins
 
 
-def _spin(solution: object) -> bool:
+def _spin(solution: Any) -> bool:
     """Whether a solution is a constant spin with all the entries that a scan writes for one."""
     if not isinstance(solution, dict):
         return False
-    return all(
-        isinstance(solution.get(k), int | float) and math.isfinite(solution[k]) for k in SPIN
-    )
+    entries = cast("dict[str, Any]", solution)
+    return all(isinstance(entries.get(k), int | float) and math.isfinite(entries[k]) for k in SPIN)

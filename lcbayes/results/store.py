@@ -14,7 +14,7 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,7 @@ class ResultsFolder:
         return Checkpoint(self.path / CHECKPOINT, identity, say)
 
     @contextlib.contextmanager
-    def staging(self, replaces: tuple[str, ...] = WRITTEN) -> Iterator[Path]:
+    def staging(self, replaces: tuple[str, ...] = WRITTEN) -> Generator[Path]:
         """A folder to write a result into. At the end of the block its files replace those of the
         earlier result that match ``replaces``."""
         scratch = Path(tempfile.mkdtemp(prefix=STAGING, dir=self.path))
@@ -79,7 +79,7 @@ class ResultsFolder:
 
 
 @contextlib.contextmanager
-def results_folder(out: str | Path, task: str) -> Iterator[ResultsFolder]:
+def results_folder(out: str | Path, task: str) -> Generator[ResultsFolder]:
     """The folder, created if necessary, locked, and cleared of the remains of a killed run.
 
     Raises

@@ -1,10 +1,14 @@
 """The summary of a fit: numbers per parameter and mode, and the reasons not to trust them."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
@@ -19,6 +23,18 @@ from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.variables import SPIN, label, reported
+from lcbayes.results.content import (
+    FitNumbers,
+    FitQuality,
+    ModeContent,
+    Outlier,
+    Outliers,
+    OutlierSite,
+    OutlierTime,
+    ParameterContent,
+    RunWeights,
+    SpinMeans,
+)
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
 from lcbayes.results.reasons import reasons
@@ -27,13 +43,13 @@ from lcbayes.samplers.settings import PUBLISHED
 
 Floats = NDArray[np.float64]
 
-# Limits of what is trusted, besides those of `enough`
+# Limits of what is trusted, besides those of `samplers.convergence`
 MAX_APART = 1.05  # R-hat between independent runs
 LIKELY = 0.5  # probability above which a point counts as an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
-def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
+def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
     """Mean, sd, quantiles, R-hat and ESS of each scalar, by ``name`` or ``name[i]``."""
     import arviz as az
 
@@ -44,7 +60,7 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, dict[str, float]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # constant draws give NaN, which the caller handles
         rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
-    found = {}
+    found: dict[str, ParameterContent] = {}
     for name, values in shown.items():
         quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
         for index in np.ndindex(values.shape[2:]):
@@ -68,26 +84,30 @@ def summarise(
     curve: LightCurve,
     identity: Mapping[str, Any],
     seed: int,
-) -> tuple[dict[str, Any], list[Reason]]:
+) -> tuple[FitNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
-    modes = []
+    modes: list[ModeContent] = []
     for i, mode in enumerate(posterior.modes):
         draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
         table = parameters(draws)
+        spin = cast("SpinMeans", {k: table[k]["mean"] for k in SPIN if k in table})
+        by_run: RunWeights = {}
+        if mode.run_weights is not None:
+            by_run = {"weight_by_run": mode.run_weights}
         modes.append(
             {
                 "weight": mode.weight,
                 "weight_sd": mode.weight_sd,
-                **({} if mode.run_weights is None else {"weight_by_run": mode.run_weights}),
+                **by_run,
                 "log_evidence": mode.log_evidence.value,
                 "log_evidence_se": mode.log_evidence.se,
                 "rms": mode.solution.rms,
                 "hits": mode.solution.hits,
                 "divergences": int(mode.stats["diverging"].sum()),
-                "max_rhat": _extreme(table, "rhat", np.max),
-                "min_ess_bulk": _extreme(table, "ess_bulk", np.min),
-                "min_ess_tail": _extreme(table, "ess_tail", np.min),
-                **{k: table[k]["mean"] for k in SPIN if k in table},
+                "max_rhat": max(_finite(row["rhat"] for row in table.values())),
+                "min_ess_bulk": min(_finite(row["ess_bulk"] for row in table.values())),
+                "min_ess_tail": min(_finite(row["ess_tail"] for row in table.values())),
+                **spin,
                 "parameters": table,
             }
         )
@@ -97,7 +117,7 @@ def summarise(
     if identity["settings"]["sampler"] == PUBLISHED:
         found_wrong.insert(0, Finding("published-sampler"))
     timing = posterior.timing
-    content = {
+    content: FitNumbers = {
         "model": identity["model"],
         "n_facets": int(found["posterior"].sizes.get("facet", 0)),
         "n_obs": curve.n_obs,
@@ -125,9 +145,9 @@ def summarise(
     return content, reasons(found_wrong)
 
 
-def _extreme(table, key: str, pick) -> float:
-    values = [row[key] for row in table.values() if np.isfinite(row[key])]
-    return float(pick(values)) if values else float("nan")
+def _finite(values: Iterable[float]) -> list[float]:
+    """The finite values, or NaN alone."""
+    return [v for v in values if np.isfinite(v)] or [float("nan")]
 
 
 def _misfit(posterior: Posterior) -> Misfit:
@@ -140,9 +160,7 @@ def _misfit(posterior: Posterior) -> Misfit:
     return goodness_of_fit.measure(posterior.problem, posterior.data, rows)
 
 
-def _fit(
-    posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit
-) -> dict[str, Any]:
+def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit) -> FitQuality:
     best = posterior.modes[0]
     predicted = found["log_likelihood"].attrs
     return {
@@ -159,7 +177,7 @@ def _fit(
     }
 
 
-def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
+def _outliers(found: xr.DataTree, curve: LightCurve) -> Outliers:
     """Points with a probability above `LIKELY` of being outliers, if the noise law has outliers."""
     predicted = found["posterior_predictive"]
     if OUTLIER not in predicted:
@@ -171,25 +189,25 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> dict[str, Any]:
     middle = drawn[OBSERVED].mean(("chain", "draw")).to_numpy()
     rows = np.flatnonzero(probability > LIKELY)
     moments = None if curve.epoch_jd is None else Times.of(curve.epoch_jd, curve.t[rows])
-    return {
-        "outliers": [
+    outliers: list[Outlier] = []
+    for i, k in enumerate(rows):
+        when: OutlierTime = {} if moments is None else {"utc": moments.text(i)}
+        where: OutlierSite = {"site": str(curve.site[k])} if curve.site[k] else {}
+        outliers.append(
             {
                 "row": int(k),
                 "t": float(curve.t[k]),
-                **({} if moments is None else {"utc": moments.text(i)}),
+                **when,
                 "curve": curve.curve_names[curve.curve[k]],
-                **({"site": str(curve.site[k])} if curve.site[k] else {}),
+                **where,
                 "probability": float(probability[k]),
                 "residual": float(curve.brightness[k] - middle[k]),
             }
-            for i, k in enumerate(rows)
-        ]
-    }
+        )
+    return {"outliers": outliers}
 
 
-def _findings(
-    posterior: Posterior, modes: list[dict[str, Any]], missed: Misfit
-) -> Iterator[Finding]:
+def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         # A solution of negligible weight is shown, but does not affect the verdict.
@@ -202,7 +220,7 @@ def _findings(
             values = {"rhat": entry["max_rhat"], "limit": MAX_RHAT}
             yield Finding("chains-disagree", values, about)
         for kind in ("bulk", "tail"):
-            size = entry[f"min_ess_{kind}"]
+            size = entry["min_ess_bulk"] if kind == "bulk" else entry["min_ess_tail"]
             if not size >= MIN_ESS:
                 values = {"ess": size, "kind": kind, "limit": MIN_ESS}
                 yield Finding("few-effective-draws", values, about)

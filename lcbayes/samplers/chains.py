@@ -5,8 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from numpyro import handlers
@@ -21,6 +22,7 @@ from lcbayes.samplers import kernels
 
 SPREAD = 0.3
 DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
+INVERSE_MASS = "inverse_mass_matrix"
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
 
 
@@ -80,10 +82,15 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
         return kinds[sampler](potential_fn=potential, fisher_fn=fisher)
 
 
-def tuning(kernel: MCMCKernel, state) -> dict[str, float]:
+def tuning(kernel: MCMCKernel, state, whitening: Whitening) -> dict[str, Any]:
     """Parameters adapted in the warm-up of one chain, given its last state (`sampling.Chains`)."""
     if isinstance(kernel, NUTS):
-        return {"step_size": float(state.adapt_state.step_size)}
+        (variances,) = state.adapt_state.inverse_mass_matrix.values()  # diagonal, of y
+        factor = np.asarray(whitening.factor)
+        return {
+            "step_size": float(state.adapt_state.step_size),
+            INVERSE_MASS: (factor * np.asarray(variances)) @ factor.T,
+        }
     found = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
     if isinstance(kernel, kernels.AHMC):
         found["proposal_scale"] = kernel.proposal_scale(state)

@@ -43,10 +43,10 @@ class Chains(NamedTuple):
     z : (C, S, D)
     stats : statistics of each draw, (C, S) each
     whitening : Whitening
-    tuning : results of the warm-up of each chain, (C,) each
-        ``step_size``; for the kernels of this package also ``num_fallback``, the number of draws at
-        which the metric was singular and a constant one was used; for AHMC also
-        ``proposal_scale``, its δ.
+    tuning : results of the warm-up of each chain, (C, ...) each
+        ``step_size``; for NUTS ``inverse_mass_matrix`` (C, D, D) of z; for the kernels of this
+        package also ``num_fallback``, the number of draws at which the metric was singular and a
+        constant one was used; for AHMC also ``proposal_scale``, its δ.
     """
 
     z: Floats
@@ -136,7 +136,7 @@ class Sampler:
         n = self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
         kernel = chains.kernel(self.problem, self.settings.sampler)
-        each = [chains.tuning(kernel, state) for state in states]
+        each = [chains.tuning(kernel, state, whitening) for state in states]
         tuning = {k: np.array([one[k] for one in each]) for k in each[0]}
         return Chains(draws[:, :n], stats, whitening, tuning)
 

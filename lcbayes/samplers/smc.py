@@ -59,7 +59,7 @@ class Plan:
     """Settings of a run; the defaults were determined with benchmarks/smc.py."""
 
     # Factor on the number of chains while points are added, when solutions are found or lost.
-    crowd: int = 4
+    oversampling: int = 4
     share: float = 0.8  # of the particles that remains effective in a step
     length: float = 1.5  # of a trajectory: a quarter turn of a Gaussian in its own metric
     max_steps: int = 12  # leapfrog steps of a move
@@ -176,7 +176,7 @@ class _Run:
         self.path = TimePath.of(
             data, problem.dim, tempering_path.rotates(problem, data, jax.random.key(0))
         )
-        self.step_size, self.gradients, self.told = 0.5, 0, 0
+        self.step_size, self.gradients, self.reported = 0.5, 0, 0
         self.stages: list[Stage] = []
         self.reasons: list[Finding] = []
 
@@ -201,7 +201,7 @@ class _Run:
             s = new
             key, key_choice, key_move = jax.random.split(key, 3)
             uniform = float(jax.random.uniform(key_choice))
-            n_chains = self.n if s > FULL_DATA else self.n * self.plan.crowd
+            n_chains = self.n if s > FULL_DATA else self.n * self.plan.oversampling
             chosen = tempering.systematic(log_weights, n_chains, uniform)
             z, log_likelihood = self._moved(key_move, s, z[chosen], log_evidence)
             log_weights = np.full(len(z), -np.log(len(z)))
@@ -219,7 +219,7 @@ class _Run:
 
     def _first(self, key: jax.Array) -> tuple[Floats, Floats, Floats, float]:
         """Draws from the prior, weighted by the model's factors, enough for n particles."""
-        drawn, n_pool, wanted = [], 0, self.n * self.plan.crowd
+        drawn, n_pool, wanted = [], 0, self.n * self.plan.oversampling
         for i in range(self.plan.max_pool):
             parts = self._blocks(
                 lambda k: moves.draw(
@@ -328,8 +328,8 @@ class _Run:
         """Report the progress in per cent of s."""
         now = self.stages[-1]
         done = int(100 * now.s)
-        self.track.advance(done - self.told, f"{now.accept:.0%} accepted")
-        self.told = done
+        self.track.advance(done - self.reported, f"{now.accept:.0%} accepted")
+        self.reported = done
 
 
 def _keys(key: jax.Array, n: int) -> NDArray[np.uint32]:

@@ -1,29 +1,43 @@
 """Results of deterministic methods: data, a verdict and figures, without a posterior."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypedDict
 
 from lcbayes.analysis import explore_curve, small_report
 from lcbayes.analysis.style import Gallery, figures
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.results.reasons import reasons
 from lcbayes.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class DeterministicResult(Result):
+class CurveContent(TypedDict):
+    """The light curve of a deterministic method."""
+
+    curve: str
+    frame: str
+    points_in_penumbra_left_out: int
+
+
+class DeterministicResult[D, C: Mapping[str, object]](Result[C]):
     """Result of a method that does not sample a posterior.
 
     Parameters
     ----------
     data : output of the method
     content : content of ``summary.json`` besides the verdict
+    findings : findings against the result; empty if it is trusted
 
     Attributes
     ----------
@@ -33,13 +47,13 @@ class DeterministicResult(Result):
     refused: ClassVar[str] = small_report.UNTRUSTED
 
     def __init__(
-        self, data: Any, content: Mapping[str, Any], reasons: Sequence[Reason] = ()
+        self, data: D, content: Mapping[str, object], findings: Iterable[Finding] = ()
     ) -> None:
-        super().__init__(content, reasons, {})
+        super().__init__(content, reasons(findings), {})
         self._data = data
 
     @property
-    def data(self) -> Any:
+    def data(self) -> D:
         """The output of the method, as arrays."""
         return self._data
 
@@ -60,7 +74,7 @@ class DeterministicResult(Result):
         return []
 
 
-def about(curve: LightCurve) -> dict[str, Any]:
+def about(curve: LightCurve) -> CurveContent:
     """The entries of ``summary.json`` about the light curve."""
     return {
         "curve": curve.source.get("file", ""),

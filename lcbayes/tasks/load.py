@@ -1,5 +1,9 @@
 """`lcbayes.load`: load the result in a results folder."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import json
@@ -22,7 +26,7 @@ if TYPE_CHECKING:
 CLASSES = {"fit": "Fit", "compare": "Comparison", "scan": "Scan", "batch": "Batch"}
 
 
-def load(folder: str | Path) -> Result:
+def load(folder: str | Path) -> Result[Any]:
     """Load the result in a results folder.
 
     Nothing outside the folder is read, and no code named in the folder is run.
@@ -77,7 +81,7 @@ def load(folder: str | Path) -> Result:
     return result
 
 
-class SavedResult(Result):
+class SavedResult(Result[dict[str, Any]]):
     """A result loaded with its content and tables, but without its arrays."""
 
     def __init__(
@@ -122,7 +126,7 @@ class SavedResult(Result):
     def lines(self) -> list[str]:
         return [f"{name}: {json.dumps(value)}" for name, value in self._plain().items()]
 
-    def write_page(self, _: Path) -> None:
+    def write_page(self, folder: Path) -> None:  # noqa: ARG002
         raise InputError(
             f"the figures of lcbayes {self.task} are drawn only when it runs; run it again with "
             f"lcbayes {self.task} --config {self.folder}/{RECORD} -o DIR"

@@ -12,10 +12,11 @@ import pytest
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.results.result import DO_NOT_TRUST
 from tests.helpers.known_bodies import curve_of
 from tests.helpers.refused_input import assert_refused
+from tests.helpers.results_folders import figures
 
 BRICK = shapes.box(2.0, 1.4, 0.8)
 QUICK = ["--n-normals", "250", "--nulls", "19", "--bootstrap", "20"]
@@ -54,11 +55,10 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
         "arc",
         "uniform",
     }
-    body = shapes.read_obj(out / "shape.obj")
+    body = mesh.read_body(out / "shape.obj")
     assert np.sort(body.areas) == pytest.approx(np.sort(BRICK.areas), rel=0.02)
     assert (out / "shape.ply").read_text().startswith("ply\n")
-    names = {p.name for p in (out / "figures").iterdir()}
-    assert names == {"albedo-area.svg", "fit.svg", "shape.svg"}
+    assert figures(out) == {"albedo-area", "fit", "shape"}
     with (out / "tables" / "facets.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["albedo_area_m2"]) for row in rows] == [

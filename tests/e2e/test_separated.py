@@ -13,6 +13,7 @@ from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.separated import ensemble
 from lcbayes.physics.attitude import catalogue
 from lcbayes.results.result import DO_NOT_TRUST
+from tests.helpers.results_folders import figures
 from tests.helpers.simulated_passes import measured, passes
 from tests.helpers.single_facet_passes import crossing, flux_of, one_pass, with_noise
 
@@ -55,7 +56,7 @@ def test_attitude_test(files, tmp_path, capsys, look):
     assert "consistent" in told.splitlines()[1]
     found = json.loads((out / "summary.json").read_text())
     assert found["laws"][0]["name"] == "lvlh"
-    assert {p.name for p in (out / "figures").iterdir()} == {"laws.svg", "pairs.svg"}
+    assert figures(out) == {"laws", "pairs"}
     look(out / "report.html", turning=1)
     assert main.main(["attitude-test", "--list"]) == EXIT_DONE
     assert "yaw-steering" in capsys.readouterr().out
@@ -72,7 +73,7 @@ def test_single_facet(files, tmp_path, capsys, look):
     assert found["law"] == "lvlh"
     assert found["kind"]["visibility"] + found["kind"]["illumination"] > 0.0
     assert len(found["region"]["normals"]) >= 150
-    assert {p.name for p in (out / "figures").iterdir()} == {"edge.svg", "normal.svg"}
+    assert figures(out) == {"edge", "normal"}
     look(out / "report.html", turning=1)
 
 

@@ -19,6 +19,7 @@ from lcbayes.physics.attitude.laws import ConstantRate
 from lcbayes.results.result import DO_NOT_TRUST
 from tests.helpers.low_earth_orbit import spinner, steady
 from tests.helpers.refused_input import assert_refused
+from tests.helpers.results_folders import figures
 from tests.helpers.simulated_glints import no_flashes, wire_flashes
 
 RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
@@ -39,11 +40,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     lon, lat = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
     pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
     assert np.degrees(np.arccos(truth["pole"] @ pole)) < 10
-    assert {p.name for p in (out / "figures").iterdir()} == {
-        "periodogram.svg",
-        "synodic.svg",
-        "pole.svg",
-    }
+    assert figures(out) == {"periodogram", "synodic", "pole"}
     assert {p.name for p in out.iterdir()} == RESULTS
     rows = list(csv.DictReader((out / "tables" / "solutions.csv").read_text().splitlines()))
     assert float(rows[0]["sidereal_period_s"]) == best["period_s"]
@@ -77,7 +74,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     found = json.loads((out / "summary.json").read_text())
     assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert found["glints"][0]["sharp_and_small"] in (True, False)
-    assert {p.name for p in (out / "figures").iterdir()} == {"glints.svg", "directions.svg"}
+    assert figures(out) == {"glints", "directions"}
     look(out / "report.html", turning=1)
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]

@@ -12,7 +12,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.data.read import read, read_geometry
 from lcbayes.geometry.tle import read_tle
 from lcbayes.physics.attitude import catalogue
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh
 from lcbayes.results.record import read_record
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.tasks.batch.objects import objects
@@ -91,7 +91,7 @@ READERS = {
     "scenario": Reader(
         ".toml", load, tuple((SCENARIOS / f"{n}.toml").read_text("utf-8") for n in NAMED)
     ),
-    "body": Reader(".obj", shapes.read_obj, (OBJ,)),
+    "body": Reader(".obj", mesh.read_body, (OBJ,)),
     "configuration": Reader(".toml", read_record, (RUN,)),
     "catalogue": Reader(".csv", objects, (BATCH,)),
     "table of objects": Reader(".toml", objects, (TABLE,)),

@@ -16,6 +16,17 @@ RUN_TOML = (
 )
 
 
+def figures(folder: Path) -> set[str]:
+    """Names of the figures in a results folder, each of which is there as SVG and as PDF."""
+    kinds = {
+        suffix: {p.stem for p in (folder / "figures").iterdir() if p.suffix == suffix}
+        for suffix in (".svg", ".pdf")
+    }
+    assert kinds[".svg"] == kinds[".pdf"]
+    assert len(list((folder / "figures").iterdir())) == 2 * len(kinds[".svg"])
+    return kinds[".svg"]
+
+
 def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 

@@ -22,7 +22,7 @@ def test_ariadne(data_dir):
     found = lcbayes.scan(curve, period=5.762, common_noise=True, n_sky=0)
     best, mirror = found.solutions[:2]
     assert off(best, 253.2, -17.2) < 1.5
-    assert best["period_h"] == pytest.approx(5.761980, abs=2e-6)
+    assert best.get("period_h") == pytest.approx(5.761980, abs=2e-6)
     assert best["rms"] ** 2 * curve.n_obs < 0.353
     assert mirror["relation"] == "mirror"
     assert off(mirror, 70.3, -16.1) < 1.5
@@ -35,8 +35,8 @@ def test_hertha(data_dir):
     found = lcbayes.scan(curve, period=8.4006, n_sky=0)
     near = [s for s in found.solutions if s["near_equal"]]
     assert len(near) == 2
-    one, other = sorted(near, key=lambda s: s["pole_lon_deg"])
+    one, other = sorted(near, key=lambda s: s.get("pole_lon_deg", np.nan))
     assert off(other, 272.0, 52.0) < 5.0
     assert off(one, 92.0, 55.0) < 5.0
     assert {s["relation"] for s in near} == {"best", "mirror"}
-    assert other["period_h"] == pytest.approx(8.400599, abs=1e-5)
+    assert other.get("period_h") == pytest.approx(8.400599, abs=1e-5)

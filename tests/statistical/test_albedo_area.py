@@ -7,7 +7,7 @@ import pytest
 
 from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import grid, solve
-from lcbayes.inversion.albedo_area.facets import few, refine
+from lcbayes.inversion.albedo_area.facets import refine, select_facets
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import Fixed
@@ -28,7 +28,7 @@ def test_areas_directions_and_volume_scatter_as_they_say():
         normals, which = grid(200)
         matrix = columns(seen, normals, which)
         coarse = solve(seen, normals, which, matrix)
-        found = few(seen, refine(seen, coarse, matrix, ONE), ONE)
+        found = select_facets(seen, refine(seen, coarse, matrix, ONE), ONE)
         index = np.argmax(BRICK.normals @ found.normals.T, axis=1)
         area.append((found.areas[index] - BRICK.areas) / found.area_sd[index])
         sine = np.linalg.norm(np.cross(BRICK.normals, found.normals[index]), axis=1)

@@ -19,7 +19,7 @@ from tests.helpers.false_alarms import EACH, limit
 
 N_MIRRORED = 8
 N_RUNS = 24  # degrees of freedom of an error that is told by their scatter: 23
-PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
+PLAN = smc.Plan(oversampling=1)  # one solution: none to lose on the way
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.levenberg_marquardt import (
+    Controls,
+    Quadratic,
+    gauss_newton,
+    levenberg_marquardt,
+)
 from lcbayes.inversion.albedo_area.distribution import GAUGE, Distribution, solve
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns, slopes
 from lcbayes.inversion.albedo_area.observed import Observed
@@ -19,6 +25,7 @@ LEVELS = 6  # halvings of the grid spacing about non-zero areas: 10 degrees to 0
 RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 25.0)  # degrees; merging radii
 NEIGHBOURS = 6
 MAX_STEPS = 60
+CONTROLS = Controls(largest_damping=1e6, patience=2)
 SETTLED = 1e-3  # gain in χ² of two successive steps that ends a descent; negligible change in χ²
 ROUGHLY = 0.02  # the same relative to the cost of a facet, while facets are being selected
 LEAST = 1e-14  # rounding level relative to the largest eigenvalue
@@ -68,10 +75,10 @@ def explain(
     fine : Distribution
         From `refine`.
     few : Facets
-        From `few`.
+        From `select_facets`.
     """
     cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
-    found = []
+    pairs = []
     alone = range(len(materials)) if len(materials) > 1 else ()
     for only in (None, *alone):
         start, part = coarse, matrix
@@ -84,8 +91,8 @@ def explain(
             if not np.any(start.areas > 0):
                 continue
         fine = refine(seen, start, part, materials)
-        found.append((fine, few(seen, fine, materials, cost)))
-    return min(found, key=lambda pair: pair[1].chi2 + cost * len(pair[1].areas))
+        pairs.append((fine, select_facets(seen, fine, materials, cost)))
+    return min(pairs, key=lambda pair: pair[1].chi2 + cost * len(pair[1].areas))
 
 
 def refine(
@@ -110,32 +117,32 @@ def refine(
         The number of final columns that do not belong to the grid and are not refined.
     """
     spacing = float(np.sqrt(4.0 * np.pi / np.bincount(coarse.which).max()))
-    found = coarse
+    solution = coarse
     for level in range(LEVELS):
-        kept = found.areas > 0
+        kept = solution.areas > 0
         kept[len(coarse.areas) - still : len(coarse.areas)] = False
-        around = _around(found.normals[kept], 0.6 * spacing / 2**level)
-        normals = np.concatenate([found.normals[kept], around])
-        which = np.concatenate([found.which[kept], np.repeat(found.which[kept], NEIGHBOURS)])
+        around = _around(solution.normals[kept], 0.6 * spacing / 2**level)
+        normals = np.concatenate([solution.normals[kept], around])
+        which = np.concatenate([solution.which[kept], np.repeat(solution.which[kept], NEIGHBOURS)])
         more = columns(seen, normals, which, materials)
-        found = solve(
+        solution = solve(
             seen,
             np.concatenate([coarse.normals, normals]),
             np.concatenate([coarse.which, which]),
             np.hstack([matrix, more]),
-            start=found,
+            start=solution,
         )
-    light = found.scale[seen.curve, None] * np.hstack([matrix, more]) * found.areas
+    light = solution.scale[seen.curve, None] * np.hstack([matrix, more]) * solution.areas
     worth = np.sum((light / seen.error[:, None]) ** 2, axis=0)
     kept = worth > min(SETTLED, 0.5 * worth.max())
     kept[len(coarse.areas) - still : len(coarse.areas)] = still > 0
     return Distribution(
-        found.normals[kept],
-        found.which[kept],
-        found.areas[kept],
-        found.scale,
-        found.flux,
-        found.chi2,
+        solution.normals[kept],
+        solution.which[kept],
+        solution.areas[kept],
+        solution.scale,
+        solution.flux,
+        solution.chi2,
     )
 
 
@@ -147,7 +154,7 @@ def _around(normals: Floats, angle: float) -> Floats:
     return (np.cos(angle) * normals[:, None] + np.sin(angle) * ring).reshape(-1, 3)
 
 
-def few(
+def select_facets(
     seen: Observed,
     fine: Distribution,
     materials: Sequence[Material] = (LAMBERTIAN,),
@@ -174,18 +181,18 @@ def few(
     """
     cost = 3.0 * float(np.log(len(seen.flux))) if cost is None else cost
     roughly = max(SETTLED, ROUGHLY * cost)
-    merged = [_settle(seen, *_merged(fine, r), fine.scale, materials, roughly) for r in RADII]
-    best = min(merged, key=lambda found: found.chi2 + cost * len(found.areas))
-    for enough in (roughly, SETTLED):
+    merged = [_optimised(seen, *_merged(fine, r), fine.scale, materials, roughly) for r in RADII]
+    best = min(merged, key=lambda solution: solution.chi2 + cost * len(solution.areas))
+    for tolerance in (roughly, SETTLED):
         vectors = best.areas[:, None] * best.normals
-        best = _settle(seen, vectors, best.which, best.scale, materials, enough)
-        while (found := _without_one(seen, best, cost, materials, enough)) is not None:
-            best = found
+        best = _optimised(seen, vectors, best.which, best.scale, materials, tolerance)
+        while (solution := _without_one(seen, best, cost, materials, tolerance)) is not None:
+            best = solution
     return best
 
 
 def _without_one(
-    seen: Observed, best: Facets, cost: float, materials: Sequence[Material], enough: float
+    seen: Observed, best: Facets, cost: float, materials: Sequence[Material], tolerance: float
 ) -> Facets | None:
     """The solution with one facet fewer, if removing one of the weakest lowers the total cost."""
     value = best.chi2 + cost * len(best.areas)
@@ -194,9 +201,11 @@ def _without_one(
         kept = np.arange(len(vectors)) != weakest
         if not np.any(kept):
             break
-        found = _settle(seen, vectors[kept], best.which[kept], best.scale, materials, enough)
-        if found.chi2 + cost * len(found.areas) < value:
-            return found
+        solution = _optimised(
+            seen, vectors[kept], best.which[kept], best.scale, materials, tolerance
+        )
+        if solution.chi2 + cost * len(solution.areas) < value:
+            return solution
     return None
 
 
@@ -219,58 +228,49 @@ def _merged(fine: Distribution, degrees: float) -> tuple[Floats, NDArray[np.inte
     return np.array(vectors), np.array(which)
 
 
-def worth(found: Facets) -> Floats:
+def worth(solution: Facets) -> Floats:
     """Increase of χ² on removal of each facet, to second order: wᵢᵀ Cᵢᵢ⁻¹ wᵢ."""
-    vectors = found.areas[:, None] * found.normals
-    own = np.einsum("iaib->iab", found.covariance)
+    vectors = solution.areas[:, None] * solution.normals
+    own = np.einsum("iaib->iab", solution.covariance)
     return np.einsum("ia,iab,ib->i", vectors, np.linalg.pinv(own, hermitian=True), vectors)
 
 
-def _settle(
+def _optimised(
     seen: Observed,
     vectors: Floats,
     which: NDArray[np.integer],
     scale: Floats,
     materials: Sequence[Material],
-    enough: float,
+    tolerance: float,
 ) -> Facets:
     """The least χ² near these area vectors, by Levenberg-Marquardt, until two successive steps gain
-    less than ``enough``."""
-    n, small = len(vectors), 0
+    less than ``tolerance`` in χ²."""
+    n = len(vectors)
 
-    def evaluated(parameters: Floats) -> tuple[Distribution, Floats, Floats]:
+    def model(parameters: Floats) -> Quadratic:
         every = np.ones(len(seen.free))
         every[seen.free] = parameters[3 * n :]
-        return linear(seen, parameters[: 3 * n].reshape(n, 3), which, every, materials)
+        solution, jacobian, residual = linear(
+            seen, parameters[: 3 * n].reshape(n, 3), which, every, materials
+        )
+        return gauss_newton(-residual, jacobian, (solution, jacobian))
 
-    here = np.concatenate([vectors.ravel(), scale[seen.free]])
-    found, jacobian, residual = evaluated(here)
-    damping = 1e-3
-    for _ in range(MAX_STEPS):
-        normal = jacobian.T @ jacobian
-        size = _sizes(normal)
-        ridge = damping * np.eye(len(here))  # in scaled units, never singular
-        step = np.linalg.solve(normal / np.outer(size, size) + ridge, jacobian.T @ residual / size)
-        step /= size
-        new = evaluated(here + step)
-        if new[0].chi2 < found.chi2:
-            small = small + 1 if found.chi2 - new[0].chi2 < enough else 0
-            here = here + step
-            found, jacobian, residual = new
-            damping = max(damping / 5.0, 1e-9)
-            if small == 2:
-                break
-        else:
-            damping *= 4.0
-            if damping > 1e6:
-                break
-    vectors = found.areas[:, None] * found.normals
+    end = levenberg_marquardt(
+        model,
+        np.concatenate([vectors.ravel(), scale[seen.free]]),
+        num_steps=MAX_STEPS,
+        tolerance=0.5 * tolerance,  # of χ²/2
+        damping=1e-3,
+        controls=CONTROLS,
+    )
+    solution, jacobian = end.model.aux
+    vectors = solution.areas[:, None] * solution.normals
     # a step may move a facet to where it is never lit and seen, and the gradient vanishes
     light = np.einsum("tia,ia->ti", jacobian[:, : 3 * n].reshape(-1, n, 3), vectors)
     kept = np.sum(light**2, axis=0) > SETTLED
     if np.any(kept) and not np.all(kept):
-        return _settle(seen, vectors[kept], which[kept], found.scale, materials, enough)
-    return _with_covariance(seen, found, jacobian)
+        return _optimised(seen, vectors[kept], which[kept], solution.scale, materials, tolerance)
+    return _with_covariance(seen, solution, jacobian)
 
 
 def _sizes(normal: Floats) -> Floats:
@@ -309,8 +309,8 @@ def linear(
     jacobian = np.hstack([of[:, None] * by.reshape(len(model), -1), by_scale])
     residual = (seen.flux - of * model) / seen.error
     chi2 = float(residual @ residual)
-    found = Distribution(normals, which, areas, scale, of * model, chi2)
-    return found, jacobian / seen.error[:, None], residual
+    solution = Distribution(normals, which, areas, scale, of * model, chi2)
+    return solution, jacobian / seen.error[:, None], residual
 
 
 def held(seen: Observed, count: int) -> Floats:
@@ -321,9 +321,9 @@ def held(seen: Observed, count: int) -> Floats:
     return row
 
 
-def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> Facets:
-    n, count = len(found.areas), jacobian.shape[1]
-    areas, scale = found.areas, found.scale
+def _with_covariance(seen: Observed, solution: Distribution, jacobian: Floats) -> Facets:
+    n, count = len(solution.areas), jacobian.shape[1]
+    areas, scale = solution.areas, solution.scale
     normal = jacobian.T @ jacobian
     row = held(seen, count)
     normal += np.outer(row, row) * np.trace(normal) / count
@@ -334,4 +334,6 @@ def _with_covariance(seen: Observed, found: Distribution, jacobian: Floats) -> F
     vector /= size[:, None]  # undetermined directions have a large variance, not zero
     covariance = (vector / np.maximum(value, LEAST * value[-1])) @ vector.T
     covariance = covariance[: 3 * n, : 3 * n].reshape(n, 3, n, 3)
-    return Facets(found.normals, found.which, areas, scale, found.flux, found.chi2, covariance)
+    return Facets(
+        solution.normals, solution.which, areas, scale, solution.flux, solution.chi2, covariance
+    )

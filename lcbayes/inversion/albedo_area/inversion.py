@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.core.threads import single_threaded_blas
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons
 from lcbayes.inversion.albedo_area import bootstrap, cues, misfit
 from lcbayes.inversion.albedo_area.distribution import (
     Distribution,
@@ -75,8 +74,8 @@ class Inversion:
         Fraction of all directions that were never lit and seen at once.
     dof : int
         Number of points minus fitted parameters.
-    reasons : list of Reason
-        Reasons why the result is unreliable; empty if there are none.
+    reasons : list of Finding
+        Findings against the result; empty if there are none.
     """
 
     seen: Observed
@@ -93,7 +92,7 @@ class Inversion:
     no_shape: str
     unseen: float
     dof: int
-    reasons: list[Reason] = field(default_factory=list)
+    reasons: list[Finding] = field(default_factory=list)
 
     @property
     def best(self) -> Distribution:
@@ -285,7 +284,8 @@ def _shape(
     if gap > OPEN:
         why = "so no convex body of one albedo has them"
         if unseen > 0:
-            why = f"so albedos differ, or facets are missing: {reasons.unseen_part(unseen)}"
+            why = f"so albedos differ, or facets are missing: {100 * unseen:.0f} % of all "
+            why += "directions were never lit and seen at once"
         return (
             None,
             0.0,
@@ -299,41 +299,48 @@ def _shape(
     return body, float(np.sum(np.abs(closed - best.areas)) / best.areas.sum()), ""
 
 
-def _doubts(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
-    """Reasons why the result is unreliable."""
+def _doubts(result: Inversion, cost: float | None, seed: int) -> list[Finding]:
+    """Findings against the result."""
     out = _misfits(result, cost, seed)
     used = len(result.seen.flux) - result.dof
     if result.facets is not None:
         if used > result.dof:
-            out.append(reasons.too_many_parameters(used, len(result.seen.flux)))
+            values = {"fitted": used, "points": len(result.seen.flux), "others": "facets"}
+            out.append(Finding("too-many-parameters", values))
         vague = int(np.sum(result.facets.area_sd > VAGUE * result.facets.areas))
         if vague:
-            out.append(reasons.areas_undetermined(vague, len(result.facets.areas), VAGUE))
+            values = {"count": vague, "facets": len(result.facets.areas), "percent": 100 * VAGUE}
+            out.append(Finding("areas-undetermined", values))
     if result.changed > CHANGED:
-        out.append(reasons.not_closed(result.changed))
+        out.append(Finding("not-closed", {"percent": 100 * result.changed}))
     if result.unseen > UNSEEN:
-        out.append(reasons.directions_unseen(result.unseen))
+        out.append(Finding("directions-unseen", {"percent": 100 * result.unseen}))
     return out
 
 
-def _misfits(result: Inversion, cost: float | None, seed: int) -> list[Reason]:
-    """Reasons from the residuals."""
+def _misfits(result: Inversion, cost: float | None, seed: int) -> list[Finding]:
+    """Findings from the residuals."""
     out = []
     lambertian = tuple(result.materials) == (LAMBERTIAN,)
-    body = reasons.convex_body(" and ".join(map(str, result.materials)), lambertian)
+    body = {
+        "materials": " and ".join(map(str, result.materials)),
+        "remedy": "another-law" if lambertian else "",
+    }
     chi2 = result.best.chi2
     p_value = misfit.chi2_p_value(chi2, result.dof)
     misfits = result.seen.error_known and p_value < misfit.LEVEL
     if misfits:
-        out.append(reasons.misfit(chi2 / result.dof, p_value, body))
+        values = {"ratio": chi2 / result.dof, "p_value": p_value} | body
+        out.append(Finding("misfit", values))
     if not result.seen.error_known and result.rms > LOOSE:
-        out.append(reasons.large_residuals(result.rms, body))
+        out.append(Finding("large-residuals", {"percent": 100 * result.rms} | body))
     by_geometry = misfit.geometry_p_value(result.seen, result.best.flux, seed)
     if by_geometry < misfit.GEOMETRY_LEVEL:
-        out.append(reasons.residuals_follow_geometry(by_geometry))
+        out.append(Finding("residuals-follow-geometry", {"p_value": by_geometry}))
     if result.facets is not None and (misfits or by_geometry < misfit.GEOMETRY_LEVEL):
         cost = 3.0 * float(np.log(len(result.seen.flux))) if cost is None else cost
         ghosts = misfit.doubtful(result.facets, result.dof, cost)
         if len(ghosts):
-            out.append(reasons.insignificant_facets(result.facets.areas[ghosts]))
+            sizes = ", ".join(f"{a:.3g}" for a in sorted(result.facets.areas[ghosts]))
+            out.append(Finding("insignificant-facets", {"areas": sizes}))
     return out

@@ -23,7 +23,7 @@ from lcbayes.inversion.attitude_scan import search, stabilised
 from lcbayes.inversion.attitude_scan.faceted import polish
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.points import Points
-from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, Table
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.solutions import Geometry, counted, distinct
 from lcbayes.inversion.attitude_scan.spin import Ends, in_convention
@@ -75,7 +75,7 @@ def run(
     n_workers: int | None,
     checkpoint: Checkpoint,
     progress: Silent,
-) -> Found:
+) -> AttitudeScan:
     """Screen every hypothesis, refine the best, relate them, and map the sky for the best period.
 
     Raises
@@ -97,44 +97,42 @@ def run(
         curve, phase_law_known=not settings.smooth, common_noise=settings.common_noise
     )
     flux = relative(curve)
-    found = Found(
+    scan = AttitudeScan(
         settings, [], curve.n_obs, 0, points.error_known, curve.frame, curve.t, curve.curve, flux
     )
-    chosen, found.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
-    found.n_laws = len(chosen)
+    chosen, scan.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
+    scan.n_laws = len(chosen)
     with worker_pool(scheduler, n_workers) as workers:
         if spins:
-            _spins(curve, points, settings, found, workers, checkpoint, progress)
+            _spins(curve, points, settings, scan, workers, checkpoint, progress)
         if chosen:
-            with _timed(found, "laws_s"), progress.stage("laws", len(chosen), "laws") as track:
-                judged, dark = stabilised.judge(curve, chosen, settings.reflectance, workers, track)
-                found.solutions += judged
-                found.left_out |= dark
-    found.solutions.sort(key=lambda s: s.chi2)
-    best = found.solutions[0]
-    found.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
+            with _timed(scan, "laws_s"), progress.stage("laws", len(chosen), "laws") as track:
+                fitted, dark = stabilised.fit_laws(
+                    curve, chosen, settings.reflectance, workers, track
+                )
+                scan.solutions += fitted
+                scan.left_out |= dark
+    scan.solutions.sort(key=lambda s: s.chi2)
+    best = scan.solutions[0]
+    scan.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
     if not points.error_known and best.coefficients is None:
-        _rescaled(found)
-    _relate(found, Geometry.of(points))
-    return found
+        _rescaled(scan)
+    _relate(scan, Geometry.of(points))
+    return scan
 
 
 def _spins(
     curve: LightCurve,
     points: Points,
     settings: Settings,
-    found: Found,
+    scan: AttitudeScan,
     run: Run,
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> None:
-    """Add constant spins to ``found``: screen them, map the sky, and refine the best."""
+    """Add constant spins to ``scan``: screen them, map the sky, and refine the best."""
     span = float(points.span)
     closed = settings.smooth
-    tried = grid(
-        settings.n_poles, span, settings.period_h, settings.period_range_h, settings.period_step
-    )
-    found.n_periods = len(tried.frequencies)
     coarse = SmoothBody.of(
         COARSE_FACETS,
         min(COARSE_DEGREE, settings.degree),
@@ -143,35 +141,11 @@ def _spins(
         dtype=np.float32,
     )
     fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance, closed=closed)
-    with (
-        _timed(found, "screen_s"),
-        progress.stage("scanning", tried.size, "hypotheses") as track,
-    ):
-        ends = search.screen(points, coarse, tried, run, checkpoint, "screen", track)
-        others = _aliases(tried, float(ends.frequency[np.argmin(ends.value)]), span)
-    with (
-        _timed(found, "aliases_s"),
-        progress.stage("period aliases", others.size, "hypotheses") as track,
-    ):
-        more = search.screen(points, coarse, others, run, checkpoint, "alias", track)
-    rows = [np.concatenate(x) for x in zip(tried.rows(), others.rows(), strict=True)]
-    ends = Ends.joined([ends, more])
-    least = ends.squares[np.argmin(ends.value)]
-    found.screened = Table(
-        rows[0],
-        rows[1],
-        ends.pole,
-        ends.frequency,
-        search.misfit(points, ends.squares, least),
-        ends.steps,
-    )
+    ends = _screened(points, settings, coarse, scan, run, checkpoint, progress)
     kept, _ = distinct(ends, span, settings.keep)
     if settings.n_sky > 0:
         # if few poles were tried, the map may contain better ones
-        with _timed(found, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
-            poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
-            held = search.sky(points, coarse, poles, best, run, checkpoint, track)
-            found.sky = poles, search.misfit(points, held.squares, least)
+        held = _sky(points, settings, coarse, ends, scan, run, checkpoint, progress)
         kept = Ends.joined([kept, distinct(held, span, FROM_MAP)[0]])
     hits = counted(ends, kept, span)
     if not len(hits):
@@ -179,25 +153,81 @@ def _spins(
             "no hypothesis explains anything of the light curve; check its errors and geometry"
         )
     with (
-        _timed(found, "refine_s"),
+        _timed(scan, "refine_s"),
         progress.stage("refining", len(hits), "solutions") as track,
     ):
         better = search.refine(points, fine, kept, run, checkpoint, "refine", track)
     if closed:
-        found.solutions += _smooth_solutions(points, fine, better, hits, span)
-    else:
-        with (
-            _timed(found, "facets_s"),
-            progress.stage("facets", len(hits), "solutions") as track,
-        ):
-            found.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+        scan.solutions += _smooth_solutions(points, fine, better, hits, span)
+        return
+    with (
+        _timed(scan, "facets_s"),
+        progress.stage("facets", len(hits), "solutions") as track,
+    ):
+        scan.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+
+
+def _screened(
+    points: Points,
+    settings: Settings,
+    coarse: SmoothBody,
+    scan: AttitudeScan,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Ends:
+    """Every hypothesis of the grid, and the aliases of the best one, fitted with a coarse body."""
+    span = float(points.span)
+    tried = grid(
+        settings.n_poles, span, settings.period_h, settings.period_range_h, settings.period_step
+    )
+    scan.n_periods = len(tried.frequencies)
+    with (
+        _timed(scan, "screen_s"),
+        progress.stage("scanning", tried.size, "hypotheses") as track,
+    ):
+        ends = search.screen(points, coarse, tried, run, checkpoint, "screen", track)
+        others = _aliases(tried, float(ends.frequency[np.argmin(ends.value)]), span)
+    with (
+        _timed(scan, "aliases_s"),
+        progress.stage("period aliases", others.size, "hypotheses") as track,
+    ):
+        more = search.screen(points, coarse, others, run, checkpoint, "alias", track)
+    poles, frequencies = (np.concatenate(x) for x in zip(tried.rows(), others.rows(), strict=True))
+    ends = Ends.joined([ends, more])
+    chi2 = search.misfit(points, ends.squares, _least(ends))
+    scan.screened = Table(poles, frequencies, ends.pole, ends.frequency, chi2, ends.steps)
+    return ends
+
+
+def _sky(
+    points: Points,
+    settings: Settings,
+    coarse: SmoothBody,
+    ends: Ends,
+    scan: AttitudeScan,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Ends:
+    """The sky mapped at the best frequency, with the pole fixed at each point of a grid."""
+    with _timed(scan, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
+        poles, best = facets.grid(settings.n_sky), float(ends.frequency[np.argmin(ends.value)])
+        held = search.sky(points, coarse, poles, best, run, checkpoint, track)
+        scan.sky = poles, search.misfit(points, held.squares, _least(ends))
+    return held
+
+
+def _least(ends: Ends) -> Floats:
+    """Sums of squares (K,) of the best hypothesis."""
+    return ends.squares[np.argmin(ends.value)]
 
 
 @contextmanager
-def _timed(found: Found, name: str) -> Iterator[None]:
+def _timed(scan: AttitudeScan, name: str) -> Iterator[None]:
     begun = time.monotonic()
     yield
-    found.timing[name] = time.monotonic() - begun
+    scan.timing[name] = time.monotonic() - begun
 
 
 def _aliases(tried: Grid, best: float, span: float) -> Grid:
@@ -256,8 +286,8 @@ def _faceted_solutions(
     """The spins refined with free facets; solutions that converge to the same spin are merged."""
     rows = [(ends.tilt[i], float(ends.frequency[i])) for i in range(len(hits))]
     done: dict[int, tuple] = {}
-    for i, found in run(_polished, (curve, span, settings.reflectance), rows):
-        done[i] = found
+    for i, body in run(_polished, (curve, span, settings.reflectance), rows):
+        done[i] = body
         track.advance(1)
     turned = [done[i][0] for i in range(len(rows))]
     ends = Ends(
@@ -306,17 +336,17 @@ def _rms(residual: Floats) -> float:
     return float(np.sqrt(np.mean(residual**2)))
 
 
-def _rescaled(found: Found) -> None:
+def _rescaled(scan: AttitudeScan) -> None:
     """Rescale χ² to the noise level of the best solution, for unknown errors."""
-    by = found.dof / max(found.solutions[0].chi2, 1e-20)
-    found.solutions = [replace(s, chi2=s.chi2 * by) for s in found.solutions]
+    by = scan.dof / max(scan.solutions[0].chi2, 1e-20)
+    scan.solutions = [replace(s, chi2=s.chi2 * by) for s in scan.solutions]
 
 
-def _relate(found: Found, geometry: Geometry) -> None:
+def _relate(scan: AttitudeScan, geometry: Geometry) -> None:
     """Name the relation of each solution to the best."""
-    best = found.solutions[0]
+    best = scan.solutions[0]
     related = []
-    for s in found.solutions:
+    for s in scan.solutions:
         if s is best:
             name, words = "best", "the best"
         elif s.pole is None or best.pole is None:
@@ -326,7 +356,7 @@ def _relate(found: Found, geometry: Geometry) -> None:
             assert best.frequency is not None
             name, words = geometry.relation(s.pole, s.frequency, best.pole, best.frequency)
         related.append(replace(s, relation=name, words=words))
-    found.solutions = related
+    scan.solutions = related
 
 
 __all__ = ["HOUR_S", "Settings", "run"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from scipy import stats
 
-from lcbayes.inversion.attitude_scan.result import Found
+from lcbayes.inversion.attitude_scan.result import AttitudeScan
 
 WORSE = 1.05  # rms relative to the best that model errors alone may cause
 MISSED = 0.05  # rate at which noise may exclude the true hypothesis
 
 
-def limit(found: Found) -> float:
+def limit(scan: AttitudeScan) -> float:
     """The χ² limit: the larger of 5 % larger residuals and the effect of noise alone.
 
     A fit of d superfluous parameters lowers χ² by an amount distributed as χ²_d, and the best of H
@@ -24,11 +24,11 @@ def limit(found: Found) -> float:
     ----------
     Meyer & Woodroofe 2000, Ann. Stat. 28, 1083 (degrees of freedom of fits with constraints).
     """
-    least = found.solutions[0].chi2
-    d = max(max(s.n_fitted for s in found.solutions), 1)
-    rate = MISSED / found.n_hypotheses
-    if found.error_known:
+    least = scan.solutions[0].chi2
+    d = max(max(s.n_fitted for s in scan.solutions), 1)
+    rate = MISSED / scan.n_hypotheses
+    if scan.error_known:
         by_noise = float(stats.chi2.isf(rate, d))
     else:
-        by_noise = d * float(stats.f.isf(rate, d, found.dof)) * least / found.dof
+        by_noise = d * float(stats.f.isf(rate, d, scan.dof)) * least / scan.dof
     return max(WORSE**2 * least, least + by_noise)

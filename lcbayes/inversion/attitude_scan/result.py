@@ -97,7 +97,7 @@ class Table:
 
 
 @dataclass
-class Found:
+class AttitudeScan:
     """Complete result of a scan.
 
     Attributes

@@ -96,8 +96,8 @@ def _from_bodies(shared: tuple, tilt: Floats, frequency: Floats, coefficients: F
 
 
 def _solved(body: SmoothBody, points: Points, starts: Any, free: Any, effort: Effort) -> Ends:
-    found = solve(body, points, starts, np.asarray(free), effort.steps, effort.tolerance)
-    return Ends(*map(np.asarray, found))
+    ends = solve(body, points, starts, np.asarray(free), effort.steps, effort.tolerance)
+    return Ends(*map(np.asarray, ends))
 
 
 def _spread(

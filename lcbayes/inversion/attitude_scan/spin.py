@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.levenberg_marquardt import NIELSEN, Quadratic, levenberg_marquardt
 from lcbayes.inversion.attitude_scan.points import Points
-from lcbayes.inversion.attitude_scan.smooth import Normal, SmoothBody, Spin, normal_equations
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody, Spin, normal_equations
 from lcbayes.physics.attitude import rotations
 
 Floats = NDArray[np.float64]
 
 FREE = (1.0, 1.0, 1.0)  # two rotations of the pole, frequency
-START_DAMPING, LARGEST_DAMPING = 1e-2, 1e8
-FASTEST_FALL = 0.1  # smallest factor of the damping in one step
-PATIENCE = 3  # successive steps with a gain below the tolerance that end the search
 
 
 class Ends(NamedTuple):
@@ -59,65 +57,6 @@ class Ends(NamedTuple):
         return Ends(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
-class _Search(NamedTuple):
-    spin: Spin
-    normal: Normal
-    damping: jax.Array
-    growth: jax.Array
-    idle: jax.Array
-    steps: jax.Array
-
-
-def _solve_one(
-    body: SmoothBody, points: Points, spin: Spin, free: jax.Array, most: Any, tolerance: Any
-) -> _Search:
-    """Minimise the objective for one hypothesis.
-
-    The damping follows the ratio of actual to predicted gain (Nielsen 1999). Few steps are then
-    rejected; a rejected step costs as much as an accepted one.
-    """
-    # half a turn over the span: of the order of the frequency uncertainty
-    unit = 0.5 / points.span
-    hold = jnp.concatenate([free, jnp.ones(spin.coefficients.shape[0])])
-
-    def at(spin: Spin) -> Normal:
-        found = normal_equations(body, points, spin, unit)
-        return found._replace(
-            gradient=found.gradient * hold, curvature=found.curvature * hold * hold[:, None]
-        )
-
-    def going(s: _Search):
-        return (s.steps < most) & (s.idle < PATIENCE) & (s.damping < LARGEST_DAMPING)
-
-    def advance(s: _Search) -> _Search:
-        now = s.normal
-        size = jnp.diagonal(now.curvature)
-        size = jnp.where(size > 0.0, size, 1.0)
-        factor = jax.scipy.linalg.cho_factor(now.curvature + jnp.diag((s.damping + 1e-12) * size))
-        step = -jax.scipy.linalg.cho_solve(factor, now.gradient)
-        predicted = -(now.gradient @ step) - 0.5 * step @ (now.curvature @ step)
-        spin = s.spin.moved(step, unit)
-        new = at(spin)
-        gain = now.value - new.value
-        better = jnp.isfinite(new.value) & (gain > 0.0)
-        ratio = gain / jnp.maximum(predicted, 1e-300)
-        less = jnp.maximum(FASTEST_FALL, 1.0 - (2.0 * ratio - 1.0) ** 3)
-        kept = jax.tree.map(lambda a, b: jnp.where(better, a, b), (spin, new), (s.spin, now))
-        return _Search(
-            kept[0],
-            kept[1],
-            jnp.where(better, s.damping * less, s.damping * s.growth),
-            jnp.where(better, 2.0, 2.0 * s.growth),
-            jnp.where(better, jnp.where(gain < tolerance, s.idle + 1, 0), s.idle),
-            s.steps + 1,
-        )
-
-    begin = _Search(
-        spin, at(spin), jnp.asarray(START_DAMPING), jnp.asarray(2.0), jnp.asarray(0), jnp.asarray(0)
-    )
-    return jax.lax.while_loop(going, advance, begin)
-
-
 @jax.jit
 def solve(
     body: SmoothBody,
@@ -148,12 +87,27 @@ def solve(
 
     References
     ----------
-    Marquardt 1963; Nielsen 1999, IMM-REP-1999-05 (damping); Kaasalainen, Torppa & Muinonen 2001.
+    Kaasalainen, Torppa & Muinonen 2001.
     """
+    # half a turn over the span: of the order of the frequency uncertainty
+    unit = 0.5 / points.span
+    hold = jnp.concatenate([free, jnp.ones(starts.coefficients.shape[1])])
+
+    def model(spin: Spin) -> Quadratic:
+        value, gradient, curvature, squares = normal_equations(body, points, spin, unit)
+        return Quadratic(value, gradient * hold, curvature * hold * hold[:, None], squares)
 
     def one(spin: Spin) -> Ends:
-        s = _solve_one(body, points, spin, free, most, tolerance)
-        return Ends(*s.spin, s.normal.value, s.normal.squares, s.steps)
+        end = levenberg_marquardt(
+            model,
+            spin,
+            num_steps=most,
+            tolerance=tolerance,
+            controls=NIELSEN,
+            move=lambda spin, step: spin.moved(step, unit),
+        )
+        tilt, frequency, coefficients = end.position
+        return Ends(tilt, frequency, coefficients, end.model.value, end.model.aux, end.steps)
 
     # one at a time: a hypothesis occupies a core, and its arrays fill the core's cache
     return jax.lax.map(one, starts)

@@ -61,7 +61,7 @@ def chosen(
             laws.append(law)
     if names and not laws:
         raise InputError(
-            "none of the laws can be judged: " + next(iter(left_out.values()), "none is given")
+            "none of the laws can be tested: " + next(iter(left_out.values()), "none is given")
         )
     return catalogue.by_unique_name(laws), left_out
 
@@ -74,7 +74,7 @@ def _named(name: str, period_h: float | None) -> Attitude:
     return catalogue.parse(name)
 
 
-def judge(
+def fit_laws(
     curve: LightCurve, laws: Mapping[str, Attitude], reflectance: str, run: Run, track: Track
 ) -> tuple[list[Solution], dict[str, str]]:
     """Each law with its best-fitting facets on a grid and on its array. Laws that are redundant
@@ -87,7 +87,7 @@ def judge(
     mean = (np.bincount(curve.curve, np.abs(flux)) / np.bincount(curve.curve))[curve.curve]
     out: dict[int, Solution] = {}
     dark: dict[str, str] = {}
-    for i, body in run(_judged, (curve, reflectance), rows):
+    for i, body in run(_fitted, (curve, reflectance), rows):
         name = names[i]
         track.advance(1, name)
         unlit = rows[i][1] is not None and body.areas[-2:].sum() < UNLIT * body.areas.sum()
@@ -120,7 +120,7 @@ def _offset(law: Law) -> tuple[float, ...]:
     return tuple(float(x) for x in (law.yaw_deg, law.pitch_deg, law.roll_deg))
 
 
-def _judged(shared: tuple, frames: Floats, array: Floats | None) -> Distribution:
+def _fitted(shared: tuple, frames: Floats, array: Floats | None) -> Distribution:
     curve, reflectance = shared
     return best_body(
         curve,

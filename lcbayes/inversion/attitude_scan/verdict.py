@@ -12,7 +12,7 @@ from lcbayes.core.constants import HOUR_S
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import equivalence
-from lcbayes.inversion.attitude_scan.result import Found, Solution, written_period
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, written_period
 from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
 
 POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesis explains the data;
@@ -21,11 +21,11 @@ LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains 
 NAMED = 5  # number of equivalent solutions listed by name
 
 
-def summarise(found: Found, curve: LightCurve) -> tuple[dict[str, Any], list[Finding]]:
+def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], list[Finding]]:
     """Contents of ``summary.json`` other than the verdict, and reasons against the result."""
-    best = found.solutions[0]
-    limit = equivalence.limit(found)
-    solutions = [_row(s, found, limit) for s in found.solutions]
+    best = scan.solutions[0]
+    limit = equivalence.limit(scan)
+    solutions = [_row(s, scan, limit) for s in scan.solutions]
     smooth = best.coefficients is not None
     content = {
         "model": "attitude-scan",
@@ -33,11 +33,11 @@ def summarise(found: Found, curve: LightCurve) -> tuple[dict[str, Any], list[Fin
         "n_obs": curve.n_obs,
         "seed": 0,
         "frame": curve.frame,
-        "n_hypotheses": found.n_hypotheses,
-        "n_periods": found.n_periods,
-        "n_laws": found.n_laws,
-        "laws_left_out": found.left_out,
-        "reflectance": found.settings.reflectance,
+        "n_hypotheses": scan.n_hypotheses,
+        "n_periods": scan.n_periods,
+        "n_laws": scan.n_laws,
+        "laws_left_out": scan.left_out,
+        "reflectance": scan.settings.reflectance,
         "body": "harmonics" if smooth else "facets",
         "solutions": solutions,
         "parameters": {
@@ -48,19 +48,19 @@ def summarise(found: Found, curve: LightCurve) -> tuple[dict[str, Any], list[Fin
         "fit": {
             "rms": best.rms,
             "chi2": best.chi2,
-            "dof": found.dof,
+            "dof": scan.dof,
             "chi2_near_equal": limit,
-            "sd_from_fit": not found.error_known,
+            "sd_from_fit": not scan.error_known,
         },
-        "timing": found.timing,
+        "timing": scan.timing,
     }
-    return content, list(_findings(found, solutions))
+    return content, list(_findings(scan, solutions))
 
 
-def _row(s: Solution, found: Found, limit: float) -> dict[str, Any]:
+def _row(s: Solution, scan: AttitudeScan, limit: float) -> dict[str, Any]:
     spin = s.spin()
     if spin:
-        spin["period_resolution_h"] = found.resolution_h(spin["period_h"])
+        spin["period_resolution_h"] = scan.resolution_h(spin["period_h"])
     return {
         "law": s.law,
         **spin,
@@ -74,20 +74,21 @@ def _row(s: Solution, found: Found, limit: float) -> dict[str, Any]:
     }
 
 
-def _findings(found: Found, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
-    best = found.solutions[0]
-    if found.error_known and best.chi2 > POOR * found.dof:
-        misfit = f"chi2 is {best.chi2 / found.dof:.1f} per degree of freedom"
+def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
+    best = scan.solutions[0]
+    if scan.error_known and best.chi2 > POOR * scan.dof:
+        misfit = f"chi2 is {best.chi2 / scan.dof:.1f} per degree of freedom"
         values = {"misfit": misfit, "to": " to its errors"}
         yield Finding("no-hypothesis-explains-data", values)
-    if not found.error_known and best.rms > LOOSE:
+    if not scan.error_known and best.rms > LOOSE:
         misfit = f"residuals are {100 * best.rms:.0f} % of the mean flux"
         yield Finding("no-hypothesis-explains-data", {"misfit": misfit, "to": ""})
-    used = found.n_obs - found.dof
-    if used > found.dof:
-        yield Finding("too-many-parameters", {"fitted": used, "points": found.n_obs})
-    elif found.error_known and _too_close(best.chi2, found):
-        yield Finding("fit-too-close", {"ratio": best.chi2 / found.dof})
+    used = scan.n_obs - scan.dof
+    if used > scan.dof:
+        values = {"fitted": used, "points": scan.n_obs, "others": "attitudes"}
+        yield Finding("too-many-parameters", values)
+    elif scan.error_known and _too_close(best.chi2, scan):
+        yield Finding("fit-too-close", {"ratio": best.chi2 / scan.dof})
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
@@ -100,17 +101,17 @@ def _findings(found: Found, solutions: list[dict[str, Any]]) -> Iterator[Finding
     laws = [s["law"] for s in near if s["relation"] == "law"]
     if laws:
         yield Finding("attitude-not-unique", {"others": _fit_as_well(laws)})
-    settings = found.settings
-    if best.frequency is not None and (end := _end_of_range(best.frequency, found)):
+    settings = scan.settings
+    if best.frequency is not None and (end := _end_of_range(best.frequency, scan)):
         yield Finding("period-at-end-of-range", {"where": end})
     if best.frequency is not None and best.hits < 2 and settings.n_poles > 1:
         yield Finding("best-hypothesis-once")
 
 
-def _too_close(chi2: float, found: Found) -> bool:
+def _too_close(chi2: float, scan: AttitudeScan) -> bool:
     """Whether χ² is far below its degrees of freedom, beyond chance for the least of many."""
-    chance = float(stats.chi2.cdf(chi2, found.dof)) * found.n_hypotheses
-    return chi2 < found.dof / POOR and chance < equivalence.MISSED
+    chance = float(stats.chi2.cdf(chi2, scan.dof)) * scan.n_hypotheses
+    return chi2 < scan.dof / POOR and chance < equivalence.MISSED
 
 
 def _fit_as_well(names: Iterable[str]) -> str:
@@ -121,18 +122,18 @@ def _fit_as_well(names: Iterable[str]) -> str:
     return f"{few}{more} {'fit' if len(names) > 1 else 'fits'} as well"
 
 
-def _end_of_range(frequency: float, found: Found) -> str:
+def _end_of_range(frequency: float, scan: AttitudeScan) -> str:
     """The end of the period range, if the best period lies within one grid step of it."""
-    settings = found.settings
+    settings = scan.settings
     if settings.period_range_h is None:
         return ""
-    span = float(np.ptp(found.t))
+    span = float(np.ptp(scan.t))
     step = 0.5 * settings.period_step / span
     low, high = (1.0 / (HOUR_S * p) for p in reversed(settings.period_range_h))
     inside, end = min((frequency - low, low), (high - frequency, high))
     if inside >= step:
         return ""
-    resolution = found.resolution_h(1.0 / (HOUR_S * frequency))
+    resolution = scan.resolution_h(1.0 / (HOUR_S * frequency))
     at = f"the end of the range, {written_period(1.0 / (HOUR_S * end), resolution)}"
     if inside < 0:
         return f"beyond {at}"

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.segments import labels, nights
-from lcbayes.inversion import reasons as why
 from lcbayes.inversion.albedo_area.observed import UNKNOWN_ERROR, Observed
 from lcbayes.inversion.glints.detect import Baseline, Glint, detect
 from lcbayes.inversion.glints.directions import (
@@ -61,7 +60,7 @@ class Glints:
     single: list[Direction]
     cylinder: Direction | None
     panel: Tracking | None
-    reasons: list[Reason]
+    reasons: list[Finding]
     notes: list[str]
 
 
@@ -125,7 +124,7 @@ def analyse(
     single: list[Direction] = []
     axle = panel = None
     if not glints:
-        reasons.append(why.no_glint(alarm))
+        reasons.append(Finding("no-glint", {"alarm": alarm}))
     elif axis is not None:
         panel = _panel(t, sun, parts, glints, seen, np.asarray(axis, float), reasons)
     else:
@@ -134,7 +133,8 @@ def analyse(
         single = [g for g in groups if len(g.members) == 1]
         axle = _cylinder(seen, notes)
         if not shared and axle is None:
-            reasons.append(why.no_direction(len(glints)))
+            code = "one-glint" if len(glints) == 1 else "no-common-direction"
+            reasons.append(Finding(code, {"count": len(glints)}))
     glints = [replace(one, row=int(rows[one.row])) for one in glints]
     return Glints(t, flux, level, glints, seen, shared, single, axle, panel, reasons, notes)
 
@@ -218,7 +218,7 @@ def _panel(
     glints: list[Glint],
     seen: list[Sighting],
     axis: Floats,
-    reasons: list[Reason],
+    reasons: list[Finding],
 ) -> Tracking | None:
     at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
     found = tracking(
@@ -228,9 +228,10 @@ def _panel(
         axis / np.linalg.norm(axis),
     )
     if len(glints) < 2:
-        reasons.append(why.one_glint_no_offset())
+        reasons.append(Finding("one-glint-no-offset"))
         return None
     if found.p_value < MIN_FIT:
-        reasons.append(why.no_common_offset(found.chi2, found.freedom))
+        values = {"chi2": found.chi2, "dof": found.freedom}
+        reasons.append(Finding("no-common-offset", values))
         return None
     return found

@@ -35,9 +35,8 @@ from scipy.spatial import KDTree
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
@@ -139,7 +138,7 @@ class AttitudeTest:
     n_glints: int
     n_obs: int
     seen: Reduced
-    reasons: list[Reason]
+    reasons: list[Finding]
 
     def rejected(self, verdict: Verdict) -> bool:
         return verdict.tested and verdict.p_value < self.level
@@ -209,17 +208,21 @@ def attitude_test(
     return AttitudeTest(tuple(found), level, int(glint.sum()), len(seen.t), seen, reasons)
 
 
-def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Reason]:
-    """Reasons why no law could be tested, the most frequent first."""
+def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Finding]:
+    """Findings why no law could be tested, the most frequent first."""
+    pairs = {"pairs": MIN_PAIRS, "points": MIN_POINTS, "separation_deg": separation_deg}
     each = Counter(
-        why.too_few_pairs(MIN_PAIRS, MIN_POINTS, separation_deg)
+        ("too-few-pairs", "")
         if v.sparse
-        else why.no_power()
+        else ("no-power", "")
         if v.powerless
-        else Reason("law-not-applicable", v.reason)
+        else ("law-not-applicable", v.reason)
         for v in found
     )
-    return [why.no_law_tested(n, len(found), one) for one, n in each.most_common()]
+    return [
+        Finding(code, {"count": n, "laws": len(found), "why": why, **pairs})
+        for (code, why), n in each.most_common()
+    ]
 
 
 def _smallest(n_null: int) -> float:

@@ -29,9 +29,8 @@ from scipy.spatial.transform import Rotation
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated.conditions import (
     REACH_MAG,
     STABLE_P,
@@ -148,7 +147,7 @@ class ShapeMatch:
     n_faint: int
     stride: int
     correlation: float
-    reasons: list[Reason]
+    reasons: list[Finding]
 
     @property
     def consistent(self) -> list[Match]:
@@ -230,16 +229,19 @@ def shape_match(
 
 def _reasons(
     curve: LightCurve, seen: Reduced, phase: Floats, magnitude: Floats, rng: np.random.Generator
-) -> list[Reason]:
+) -> list[Finding]:
     out = []
     if len(phase) < MIN_INDEPENDENT:
-        out.append(why.too_few_independent(len(phase), MIN_INDEPENDENT))
+        values = {"count": len(phase), "least": MIN_INDEPENDENT}
+        out.append(Finding("too-few-independent-points", values))
     span = float(np.degrees(np.subtract(*np.quantile(phase, [0.95, 0.05]))))
     if span < LEAST_SPAN_DEG:
-        out.append(why.narrow_phase_angles(span, LEAST_SPAN_DEG))
+        values = {"span_deg": span, "least_deg": LEAST_SPAN_DEG}
+        out.append(Finding("narrow-phase-angles", values))
     stable, law, ratio = stabilised(curve, seen, phase, magnitude, rng)
     if stable < STABLE_P and ratio < STABLE_RATIO:
-        out.append(why.stabilised(law, stable, ratio))
+        values = {"law": law, "p_value": stable, "percent": 100 * ratio}
+        out.append(Finding("stabilised", values))
     return out
 
 
@@ -253,7 +255,7 @@ def turned(phase: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     return sun, np.cos(phase)[:, None] * sun + np.sin(phase)[:, None] * side
 
 
-class Cast:
+class PhaseSample:
     """Brightness of a shape at every phase angle, for a fixed set of random orientations.
 
     A draw uses one of the two sampled angles adjacent to the requested one; the nearer angle is the
@@ -263,7 +265,7 @@ class Cast:
     def __init__(self, body: shapes.Body, surface: Surface) -> None:
         self.angles = np.radians(np.arange(0.0, 180.0 + STEP_DEG / 2, STEP_DEG))
         rng = np.random.default_rng(0)
-        flux = sent(body, surface, *turned(np.repeat(self.angles, TURNS), rng))
+        flux = reflected_flux(body, surface, *turned(np.repeat(self.angles, TURNS), rng))
         self.flux = flux.reshape(-1, TURNS)
 
     def draw(self, phase: Floats, rng: np.random.Generator) -> Floats:
@@ -273,20 +275,20 @@ class Cast:
         return self.flux[node, rng.integers(TURNS, size=len(phase))]
 
 
-_CASTS: dict[tuple[int, Surface], tuple[shapes.Body, Cast]] = {}
+_SAMPLES: dict[tuple[int, Surface], tuple[shapes.Body, PhaseSample]] = {}
 
 
-def cast(body: shapes.Body, surface: Surface) -> Cast:
-    """The `Cast` of a body, cached for the lifetime of the body."""
+def phase_sample(body: shapes.Body, surface: Surface) -> PhaseSample:
+    """The `PhaseSample` of a body, cached for the lifetime of the body."""
     key = id(body), surface
-    if key not in _CASTS or _CASTS[key][0] is not body:
-        if len(_CASTS) > 64:
-            _CASTS.clear()
-        _CASTS[key] = body, Cast(body, surface)
-    return _CASTS[key][1]
+    if key not in _SAMPLES or _SAMPLES[key][0] is not body:
+        if len(_SAMPLES) > 64:
+            _SAMPLES.clear()
+        _SAMPLES[key] = body, PhaseSample(body, surface)
+    return _SAMPLES[key][1]
 
 
-def sent(body: shapes.Body, surface: Surface, sun: Floats, obs: Floats) -> Floats:
+def reflected_flux(body: shapes.Body, surface: Surface, sun: Floats, obs: Floats) -> Floats:
     """Flux at unit distance under unit irradiance, m², (n,)."""
     n, count = len(sun), len(body.areas)
     block = max(1, BLOCK // count)
@@ -342,7 +344,7 @@ def _match(
     n, phase = len(of.phase), of.phase
     # one observed point per draw, each equally often: the same distribution of phase angles
     which = np.arange(3 * of.n_draws) % n
-    flux = cast(body, surface).draw(phase[which], rng)
+    flux = phase_sample(body, surface).draw(phase[which], rng)
     values, kept = _noisy(flux * _level(flux, of.seen), which, of.kind, of.seen, rng)
     which, values = which[kept], values[kept]
     if len(values) < 2 * n:
@@ -410,7 +412,9 @@ def _spinning_samples(
             turn.apply(of.seen.sun, inverse=True),
             turn.apply(of.seen.obs, inverse=True),
         )
-    flux = sent(body, surface, sun.reshape(-1, 3), obs.reshape(-1, 3)).reshape(of.n_nulls, n)
+    flux = reflected_flux(body, surface, sun.reshape(-1, 3), obs.reshape(-1, 3)).reshape(
+        of.n_nulls, n
+    )
     samples = []
     for one in flux:
         magnitude, kept = _noisy(one * _level(one, of.seen), np.arange(n), of.kind, of.seen, rng)

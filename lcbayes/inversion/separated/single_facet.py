@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons as why
 from lcbayes.inversion.separated.reduced import Floats, Ints, Reduced, in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude.laws import Attitude
@@ -37,7 +36,7 @@ MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # cells subdivided at once, levels; r
 KEPT = (0.3, 0.8, 0.95, 0.99)  # fraction of the largest D for subdivision, by level
 ENOUGH = 150  # cells in the region that end the refinement
 REGION = 0.9
-NO_EDGE, MISFIT, KNOWN, TOLD, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
+NO_EDGE, MISFIT, KNOWN, SURE, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
 LEAST_SWEEP_DEG, MIN_POINTS = 20.0, 20
 KINDS = ("visibility", "illumination", "both", "none")
 
@@ -108,7 +107,7 @@ class SingleFacet:
     model: Floats
     smooth: Floats
     seen: Reduced
-    reasons: list[Reason]
+    reasons: list[Finding]
 
     @property
     def area_sr(self) -> float:
@@ -231,26 +230,27 @@ def single_facet(
     return found
 
 
-def _reasons(found: SingleFacet, obs: Floats) -> list[Reason]:
-    """Conditions that are not met, in words."""
+def _reasons(found: SingleFacet, obs: Floats) -> list[Finding]:
+    """Conditions that are not met."""
     out = []
     if found.p_value > NO_EDGE:
-        out.append(why.no_edge(found.p_value))
+        out.append(Finding("no-edge", {"p_value": found.p_value}))
     sweep = max(
         np.degrees(np.arccos(np.clip((obs[rows] @ obs[rows].T).min(), -1.0, 1.0)))
         for i in np.unique(found.seen.one_pass)
         for rows in [np.flatnonzero(found.seen.one_pass == i)]
     )
     if sweep < LEAST_SWEEP_DEG:
-        out.append(why.narrow_sweep(float(sweep), LEAST_SWEEP_DEG))
+        values = {"sweep_deg": float(sweep), "least_deg": LEAST_SWEEP_DEG}
+        out.append(Finding("narrow-sweep", values))
     if stats.chi2.sf(found.chi2, found.dof) < MISFIT:
-        out.append(why.one_facet_misfit(found.chi2, found.dof))
+        out.append(Finding("one-facet-misfit", {"chi2": found.chi2, "dof": found.dof}))
     if found.share < LEAST_SHARE:
-        out.append(why.small_share(found.share))
+        out.append(Finding("small-share", {"share": found.share}))
     if found.area_sr > KNOWN * 4.0 * np.pi:
-        out.append(why.normal_unconstrained(found.area_sr / (4 * np.pi)))
-    if found.kind["none"] > 1.0 - TOLD:
-        out.append(why.always_seen(found.kind["none"]))
+        out.append(Finding("normal-unconstrained", {"part": found.area_sr / (4 * np.pi)}))
+    if found.kind["none"] > 1.0 - SURE:
+        out.append(Finding("always-seen", {"probability": found.kind["none"]}))
     return out
 
 

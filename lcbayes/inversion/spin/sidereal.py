@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion import reasons
 from lcbayes.inversion.spin import periods
 from lcbayes.inversion.spin.detrended import Pass, split
 from lcbayes.inversion.spin.mean_frequency import MeanFrequency, mean_frequency
@@ -37,12 +37,11 @@ UNIQUE = "unique"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition for the validity of the method, and the reason if it is not met."""
+    """A condition for the validity of the method, and the finding if it is not met."""
 
     name: str
     met: bool
-    words: str
-    code: str = ""
+    finding: Finding
 
 
 @dataclass(frozen=True)
@@ -108,16 +107,14 @@ class Spin:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def reasons(self) -> list[Reason]:
-        """Reasons why pole and period are unreliable; empty if there are none."""
-        return [Reason(c.code, c.words) for c in self.conditions if not c.met]
+    def reasons(self) -> list[Finding]:
+        """Findings against pole and period; empty if there are none."""
+        return [c.finding for c in self.conditions if not c.met]
 
-    def ask(self, name: str, met: bool, yes: str, no: Reason) -> bool:
-        """Record a condition and whether it is met."""
+    def require(self, name: str, met: bool, code: str, **values: Any) -> bool:
+        """Record a condition and whether it is met, with the code of the reason if it is not."""
         met = bool(met)
-        self.conditions.append(
-            Condition(name, met, yes if met else no.text, "" if met else no.code)
-        )
+        self.conditions.append(Condition(name, met, Finding(code, values)))
         return met
 
 
@@ -205,12 +202,8 @@ def periodicity(
 def _periodic(result: Spin) -> bool:
     """Whether the brightness has one sufficiently short period; sets base and harmonics."""
     passes, grid = result.passes, result.grid
-    if not result.ask(
-        REPEATS,
-        result.false_alarm <= ALARM,
-        f"a period is seen (false-alarm probability {result.false_alarm:.2g})",
-        reasons.no_period(result.false_alarm, ALARM),
-    ):
+    alarm = result.false_alarm
+    if not result.require(REPEATS, alarm <= ALARM, "no-period", false_alarm=alarm, level=ALARM):
         return False
     line = float(grid[np.argmax(result.power)])
     base, harmonics = periods.base(passes, periods.refine(passes, line, [1]))
@@ -224,26 +217,32 @@ def _periodic(result: Spin) -> bool:
         base, harmonics = base / multiple, list(range(1, multiple * max(harmonics) + 1))
         base = periods.refine(passes, base, harmonics)
     cycles = longest * base
-    if not result.ask(
+    if not result.require(
         RAPID,
         cycles >= MIN_CYCLES,
-        f"the longest pass has {cycles:.1f} cycles",
-        reasons.too_few_cycles(cycles, 1.0 / base, MIN_CYCLES),
+        "too-few-cycles",
+        cycles=cycles,
+        period_s=1.0 / base,
+        least=MIN_CYCLES,
     ):
         return False
     result.skill = periods.skill(passes, base, harmonics)
-    if not result.ask(
+    if not result.require(
         STABLE,
         result.skill >= MIN_SKILL,
-        f"a stretch predicts {100 * result.skill:.0f} % of the variance of the next",
-        reasons.not_repeating(1.0 / base, result.skill, MIN_SKILL),
+        "not-repeating",
+        period_s=1.0 / base,
+        percent=100 * max(result.skill, 0.0),
+        least=100 * MIN_SKILL,
     ):
         return False
-    if not result.ask(
+    if not result.require(
         STABLE,
         part <= MAX_OTHER,
-        "no second period",
-        reasons.second_period(1.0 / other, 1.0 / base, part),
+        "second-period",
+        other_s=1.0 / other,
+        period_s=1.0 / base,
+        percent=100 * part,
     ):
         return False
     result.base, result.harmonics = base, harmonics
@@ -257,22 +256,12 @@ def _followed(result: Spin) -> bool:
     result.mean = mean_frequency(max(passes, key=lambda p: p.length), base, result.harmonics)
     seen = phases(passes, base, result.harmonics)
     result.phases = seen
-    if not result.ask(
-        RAPID,
-        seen is not None,
-        "harmonics are steady and strong enough",
-        reasons.unsteady_harmonics(),
-    ):
+    if not result.require(RAPID, seen is not None, "unsteady-harmonics"):
         return False
     assert seen is not None
     result.windows = synodic(passes, base, result.harmonics)
     same = periods.constant(seen.phase, seen.error, np.column_stack([seen.t, seen.constants]))
-    return result.ask(
-        MEASURABLE,
-        same <= ALARM,
-        f"the synodic period varies (p = {same:.1g} for a constant one)",
-        reasons.constant_synodic_period(same),
-    )
+    return result.require(MEASURABLE, same <= ALARM, "constant-synodic-period", p_value=same)
 
 
 def _solve_pole(result: Spin) -> None:
@@ -280,42 +269,35 @@ def _solve_pole(result: Spin) -> None:
     assert result.phases is not None
     result.sky = sky = posterior(result.phases)
     fit = float(stats.chi2.sf(sky.chi2, max(sky.freedom, 1)))
-    stable = result.ask(
-        STABLE,
-        fit >= MIN_FIT,
-        f"a pole explains the phases (chi2 {sky.chi2:.1f} for {sky.freedom} degrees of freedom)",
-        reasons.no_constant_spin(sky.chi2, sky.freedom),
+    stable = result.require(
+        STABLE, fit >= MIN_FIT, "no-constant-spin", chi2=sky.chi2, dof=sky.freedom
     )
     count = len(np.unique(result.phases.which))
-    several = result.ask(
-        MEASURABLE,
-        count >= MIN_PASSES,
-        f"{count} passes show steady harmonics",
-        reasons.too_few_passes(count, MIN_PASSES),
+    several = result.require(
+        MEASURABLE, count >= MIN_PASSES, "too-few-passes", count=count, least=MIN_PASSES
     )
-    measured = result.ask(
+    measured = result.require(
         MEASURABLE,
         sky.area <= MAX_AREA,
-        f"the pole lies within {100 * sky.area:.2g} % of the sky",
-        reasons.pole_undetermined(sky.area, MAX_AREA),
+        "pole-undetermined",
+        percent=100 * sky.area,
+        most=100 * MAX_AREA,
     )
     if not (stable and several and measured):
         return
     result.solutions = found = solutions(sky)
     likeliest = float(sky.weight.sum(axis=0).max())
     turn = [1.0 / s.frequency for s in found]
-    result.ask(
+    result.require(
         UNIQUE,
         likeliest >= MIN_MULTIPLE,
-        f"the number of cycles per turn has probability {likeliest:.2f}",
-        reasons.ambiguous_period(min(turn), max(turn), likeliest, MIN_MULTIPLE),
+        "ambiguous-period",
+        shortest_s=min(turn),
+        longest_s=max(turn),
+        probability=likeliest,
+        least=MIN_MULTIPLE,
     )
-    result.ask(
-        UNIQUE,
-        len(found) <= MAX_POLES,
-        f"{len(found)} pole(s)",
-        reasons.many_poles(len(found), MAX_POLES),
-    )
+    result.require(UNIQUE, len(found) <= MAX_POLES, "many-poles", count=len(found), most=MAX_POLES)
 
 
 def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:

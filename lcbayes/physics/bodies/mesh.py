@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, printable, read_text
 from lcbayes.physics.bodies.primitives import Panels, flat
+from lcbayes.physics.bodies.shapes import LARGEST_M, Body
 from lcbayes.physics.bodies.solids import flat_solid, vector_area
 
 Floats = NDArray[np.float64]
 
-LARGEST_M = 1e6
+SMALLEST_PLANAR_AREA, SMALLEST_AREA = 1e-9, 1e-12  # of a face, over its extent squared
 PLANAR = 1e-4  # how far a vertex may lie off its face's plane, over the face's extent
 MOST_FACES = 200_000
 _FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -49,6 +50,33 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> Panels:
         One line with the file and the line or number of the face at fault: a face without area,
         not planar or not convex, or a number that is not finite.
     """
+    faces = _faces(path)
+    for polygon, _, where in faces:
+        check_polygon(polygon, where)
+    polygons = [scale * polygon for polygon, _, _ in faces]
+    made = flat(polygons, tuple(label for _, label, _ in faces))
+    return made._replace(solids=[flat_solid(p) for p in polygons], convex=False)
+
+
+def read_body(path: str | Path) -> Body:
+    """The faces of an OBJ or STL file as facets that do not shade each other; lengths in m.
+
+    Faces need not be planar or convex: only their area vectors count.
+
+    Raises
+    ------
+    InputError
+        One line with the file and the line or number of the face at fault.
+    """
+    faces = _faces(path)
+    for polygon, _, where in faces:
+        _check_area(polygon, where, SMALLEST_AREA)
+    made = flat([polygon for polygon, _, _ in faces], tuple(label for _, label, _ in faces))
+    return Body(made.normals, made.areas, made.u_axes, made.sides)
+
+
+def _faces(path: str | Path) -> list[Face]:
+    """The faces of an OBJ or STL file; at least one."""
     name = Path(path).suffix.lower()
     if name == ".obj":
         faces = list(_obj(read_text(path)))
@@ -62,20 +90,13 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> Panels:
         raise InputError(
             f"{printable(path)} has {len(faces):,} faces, more than {MOST_FACES:,}; decimate it"
         )
-    for polygon, _, where in faces:
-        check_polygon(polygon, where)
-    polygons = [scale * polygon for polygon, _, _ in faces]
-    made = flat(polygons, tuple(label for _, label, _ in faces))
-    return made._replace(solids=[flat_solid(p) for p in polygons], convex=False)
+    return faces
 
 
 def check_polygon(polygon: Floats, where: str) -> None:
     """Refuse a polygon (k, 3) that has no area, is not planar or is not convex."""
-    vector = vector_area(polygon)
-    area, extent = float(np.linalg.norm(vector)), float(np.ptp(polygon, axis=0).max())
-    if not area > 1e-9 * extent**2:
-        raise InputError(f"{where}: the face has no area; remove it or correct its vertices")
-    unit = vector / area
+    unit = _check_area(polygon, where, SMALLEST_PLANAR_AREA)
+    extent = float(np.ptp(polygon, axis=0).max())
     off = float(np.abs((polygon - polygon.mean(axis=0)) @ unit).max()) / extent
     if off > PLANAR:
         raise InputError(
@@ -88,24 +109,36 @@ def check_polygon(polygon: Floats, where: str) -> None:
         raise InputError(f"{where}: the face is not convex; divide it into triangles")
 
 
+def _check_area(polygon: Floats, where: str, least: float) -> Floats:
+    """The unit normal (3,) of a polygon whose area exceeds ``least`` times its extent squared."""
+    vector = vector_area(polygon)
+    area = float(np.linalg.norm(vector))
+    if not area > least * float(np.ptp(polygon, axis=0).max()) ** 2:
+        raise InputError(f"{where}: the face has no area; remove it or correct its vertices")
+    return vector / area
+
+
 def _obj(file: TextFile) -> Iterator[Face]:
     vertices: list[list[float]] = []
     group, material = "body", ""
     for number, line in enumerate(file.text.split("\n"), 1):
-        word, *rest = line.split("#", 1)[0].split() or [""]
-        if word == "v":
-            vertices.append(_numbers(rest[:3], file.at(number)))
-        elif word in ("g", "o"):
-            group = " ".join(rest) or "body"
-        elif word == "usemtl":
-            material = " ".join(rest)
-        elif word == "f":
-            indices = [_index(w, len(vertices), file.at(number)) for w in rest]
-            if len(indices) < 3:
-                raise InputError(
-                    f"{file.at(number)}: the face has {len(indices)} vertices; give three or more"
-                )
-            yield np.array([vertices[i] for i in indices]), material or group, file.at(number)
+        where = file.at(number)
+        match line.split("#", 1)[0].split():
+            case ["v", *words]:
+                vertices.append(_numbers(words[:3], where))
+            case ["g" | "o", *words]:
+                group = " ".join(words) or "body"
+            case ["usemtl", *words]:
+                material = " ".join(words)
+            case ["f", *words]:
+                yield _corners(words, vertices, where), material or group, where
+
+
+def _corners(words: Sequence[str], vertices: list[list[float]], where: str) -> Floats:
+    """The corners of a face of an OBJ file, (k, 3)."""
+    if len(words) < 3:
+        raise InputError(f"{where}: the face has {len(words)} vertices; give three or more")
+    return np.array([vertices[_index(word, len(vertices), where)] for word in words])
 
 
 def _numbers(words: Sequence[str], where: str) -> list[float]:
@@ -164,19 +197,21 @@ def _stl_text(file: TextFile) -> Iterator[Face]:
     label, corners, begin = "body", [], 0
     for number, line in enumerate(file.text.split("\n"), 1):
         word, *rest = line.split() or [""]
-        word = word.lower()
-        if word == "solid":
-            label = " ".join(rest) or "body"
-        elif word == "facet":
-            corners, begin = [], number
-        elif word == "vertex":
-            corners.append(_numbers(rest, file.at(number)))
-        elif word == "endfacet":
-            if len(corners) != 3:
-                raise InputError(
-                    f"{file.at(begin)}: the facet has {len(corners)} vertices; an STL facet has 3"
-                )
-            yield np.array(corners), label, file.at(begin)
+        match word.lower():
+            case "solid":
+                label = " ".join(rest) or "body"
+            case "facet":
+                corners, begin = [], number
+            case "vertex":
+                corners.append(_numbers(rest, file.at(number)))
+            case "endfacet":
+                yield _triangle(corners, file.at(begin)), label, file.at(begin)
+
+
+def _triangle(corners: list[list[float]], where: str) -> Floats:
+    if len(corners) != 3:
+        raise InputError(f"{where}: the facet has {len(corners)} vertices; an STL facet has 3")
+    return np.array(corners)
 
 
 def to_obj(polygons: Sequence[Floats], labels: Sequence[str]) -> str:

@@ -1,16 +1,14 @@
-"""Faceted bodies: built-in shapes for scenarios, and Wavefront OBJ files."""
+"""Faceted bodies: built-in shapes for scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import TextFile, read_text
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.facets import grid
 
@@ -175,84 +173,3 @@ def shape(name: str, **sizes: float) -> Body:
         return SHAPES[name](**sizes)
     except TypeError as fault:
         raise InputError(f"shape {name!r} cannot be made with {sizes}: {fault}") from None
-
-
-def read_obj(path: str | Path) -> Body:
-    """Facets from the vertices and polygons of a Wavefront OBJ file; other content is ignored.
-
-    The vertices of a polygon are counter-clockwise as seen from outside. Its label is the current
-    material (``usemtl``) or, without a material, the current group (``g``, ``o``).
-
-    Raises
-    ------
-    InputError
-        A one-line message with the file and the invalid line.
-    """
-    file = read_text(path)
-    vertices: list[list[float]] = []
-    normals, areas, axes, labels = [], [], [], []
-    group, material = "body", ""
-    for number, line in enumerate(file.text.split("\n"), 1):
-        word, *rest = line.split("#", 1)[0].split() or [""]
-        if word == "v":
-            vertices.append(_vertex(rest, file, number))
-        elif word in ("g", "o"):
-            group = " ".join(rest) or "body"
-        elif word == "usemtl":
-            material = " ".join(rest)
-        elif word == "f":
-            rows = _indices(rest, len(vertices), file, number)
-            normal, area, axis = _polygon(np.array([vertices[i] for i in rows]), file, number)
-            normals.append(normal)
-            areas.append(area)
-            axes.append(axis)
-            labels.append(material or group)
-    if not normals:
-        raise InputError(f"{file.name}: no facets (lines that begin with 'f'); give an OBJ file")
-    return Body(np.array(normals), np.array(areas), np.array(axes), tuple(labels))
-
-
-def _polygon(corners: Floats, file: TextFile, number: int) -> tuple[Floats, float, Floats]:
-    """Normal, area and the direction of the longest edge of a polygon with corners (K, 3)."""
-    vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
-    area = float(np.linalg.norm(vector))
-    extent = float(np.ptp(corners, axis=0).max())
-    if not area > 1e-12 * extent**2:
-        raise InputError(f"{file.at(number)}: the facet has no area; remove it or fix its vertices")
-    edges = np.roll(corners, -1, axis=0) - corners
-    longest = edges[np.argmax(np.linalg.norm(edges, axis=1))]
-    normal = vector / area
-    longest = longest - normal * (longest @ normal)
-    return normal, area, longest / np.linalg.norm(longest)
-
-
-def _vertex(words: list[str], file: TextFile, number: int) -> list[float]:
-    try:
-        xyz = [float(w) for w in words[:3]]
-    except ValueError:
-        xyz = []
-    if len(xyz) != 3 or not np.all(np.abs(xyz) <= LARGEST_M):
-        raise InputError(
-            f"{file.at(number)}: vertex {' '.join(words)[:80]!r} is not three finite numbers "
-            f"of at most {LARGEST_M:g} m"
-        )
-    return xyz
-
-
-def _indices(words: list[str], count: int, file: TextFile, number: int) -> list[int]:
-    """0-based vertex indices; OBJ counts from 1, or backwards from the last if negative."""
-    found = []
-    for word in words:
-        try:
-            i = int(word.split("/")[0])
-        except ValueError:
-            i = 0
-        if i == 0 or not -count <= i <= count:
-            raise InputError(
-                f"{file.at(number)}: facet names vertex {word[:80]!r}, but {count} "
-                "vertices stand above it; indices count from 1"
-            )
-        found.append(i - 1 if i > 0 else count + i)
-    if len(found) < 3:
-        raise InputError(f"{file.at(number)}: facet has {len(found)} vertices; give at least three")
-    return found

@@ -371,8 +371,8 @@ class Haario(NamedTuple):
         if self.covariance is None:
             # A random walk needs about 3 D transitions per independent draw.
             scale = estimate(t.running, t.scale, 3.0 * z.shape[0])
-            enough = t.running.n > 2 * z.shape[0]
-            scale = jax.tree.map(lambda a, b: jnp.where(enough, a, b), scale, t.scale)
+            sufficient = t.running.n > 2 * z.shape[0]
+            scale = jax.tree.map(lambda a, b: jnp.where(sufficient, a, b), scale, t.scale)
             t = t._replace(scale=scale)
         fresh = jax.tree.map(jnp.zeros_like, t.running)
         forget = jnp.any(i + 1 == edges)

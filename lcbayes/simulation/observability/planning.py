@@ -201,7 +201,7 @@ def _choose(measured: jax.Array, targets: jax.Array, order: jax.Array, n: int, c
         score = _fall(a, b) if criterion == "A" else _gain(a, b)
         best = jnp.argmax(jnp.where(used, -jnp.inf, score))
         chosen = jnp.where(order[i] == ANY, best, order[i])
-        told = _gain(a[:, chosen][:, None], b)[0]
+        gained = _gain(a[:, chosen][:, None], b)[0]
         a, b = jax.lax.fori_loop(
             0, a.shape[2], lambda j, state: learn(state[0][:, chosen, j], *state), (a, b)
         )
@@ -210,7 +210,7 @@ def _choose(measured: jax.Array, targets: jax.Array, order: jax.Array, n: int, c
             b,
             used.at[chosen].set(True),
             visits.at[i].set(chosen),
-            gain.at[i].set(told),
+            gain.at[i].set(gained),
             variance.at[i].set(jnp.mean(jnp.sum(b**2, axis=2))),
         )
 

@@ -238,7 +238,7 @@ def linearity_words(found: Findings) -> str:
             f"measurements set: intervals from the bounds are right to {share:.0f} %"
         )
     worst = bent[np.argsort(-off[bent])][:3]
-    told = [
+    texts = [
         f"{parameters[i].words} ({100.0 * off[i]:.0f} %)"
         if off[i] < 1.0
         else f"{parameters[i].words} (more than their length)"
@@ -247,7 +247,7 @@ def linearity_words(found: Findings) -> str:
     return (
         f"the bound is rough for {len(bent)} of the {seen} unknowns that the measurements set: the "
         "brightness is not linear within two standard deviations, and intervals are off, most "
-        f"for {join_words(told)}"
+        f"for {join_words(texts)}"
     )
 
 
@@ -275,8 +275,8 @@ def bound_words(c: Campaign) -> list[str]:
         lines.append(f"bound of {group}: {said[0] if len(rows) == 1 else both}")
     pole = pole_bound(c)
     if pole is not None:
-        told = [f"{name} {sd:.3g} deg" for name, sd in pole.items() if sd is not None]
-        lines += [f"bound of the pole: {', '.join(told)}"] if told else []
+        texts = [f"{name} {sd:.3g} deg" for name, sd in pole.items() if sd is not None]
+        lines += [f"bound of the pole: {', '.join(texts)}"] if texts else []
     return lines
 
 

@@ -77,9 +77,9 @@ def trades(found: Campaign, measured: Measurements) -> list[Trade]:
             rest = rest - rest @ known @ known.T
         _, size, rest = np.linalg.svd(rest, full_matrices=False)
         for v in varimax(rest[size > 0.5].T).T:
-            told = float(np.sum((scaled @ v) ** 2))
+            gained = float(np.sum((scaled @ v) ** 2))
             v = v * np.sign(v[np.argmax(np.abs(v))])
-            other.append(Trade(_sentence(unknowns, v, told, exact, paths), sd * v, told, exact))
+            other.append(Trade(_sentence(unknowns, v, gained, exact, paths), sd * v, gained, exact))
     return named + sorted(other, key=lambda trade: trade.information)
 
 
@@ -158,12 +158,12 @@ def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
     the flux of the facet.
     """
     body = unknowns.scenario.body
-    sent = by_facet(unknowns.scenario, measured.sun_body, measured.obs_body)
+    reflected = by_facet(unknowns.scenario, measured.sun_body, measured.obs_body)
     half = measured.sun_body + measured.obs_body
     half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
     found = {}
     for i, (n, u) in enumerate(zip(body.normals, body.u_axes, strict=True)):
-        weight = sent[:, i]
+        weight = reflected[:, i]
         if weight.sum() <= 0.0:
             continue
         plane = np.stack([u, np.cross(n, u)])
@@ -174,13 +174,15 @@ def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
 
 
 def _sentence(
-    unknowns: Unknowns, v: Floats, told: float, exact: bool, paths: dict[int, Floats]
+    unknowns: Unknowns, v: Floats, gained: float, exact: bool, paths: dict[int, Floats]
 ) -> str:
     parts = _parts(unknowns, v, paths)
     top = parts[0].size
     kept = [p for p in parts if p.size >= MIN_SHOWN_SHARE * top][:6]
     how = (
-        "not seen at all" if exact else f"known to {100 / np.sqrt(1 + told):.0f} % of the prior sd"
+        "not seen at all"
+        if exact
+        else f"known to {100 / np.sqrt(1 + gained):.0f} % of the prior sd"
     )
     if len(kept) == 1:
         return f"the {kept[0].words} {'are' if kept[0].plural else 'is'} open: {how}"

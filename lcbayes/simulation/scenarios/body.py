@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.toml import REQUIRED, Table
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.physics.bodies.shapes import LARGEST_M, SMALLEST_M
 from lcbayes.physics.reflectance import LAWS
 
@@ -74,14 +74,14 @@ def read_body(
         raise table.fault("shadows", "needs places; give the body as [[body.parts]]")
     only = next(iter(materials)) if len(materials) == 1 else None
     default = table.text("material", only, tuple(materials))
-    told: list[bool | None] = []
+    on_arrays: list[bool | None] = []
     if ways == ["facets"]:
-        body, told = _facets(table, default, materials)
+        body, on_arrays = _facets(table, default, materials)
     elif ways == ["shape"]:
         name = table.text("shape", choices=tuple(shapes.SHAPES))
         body = shapes.shape(name, **_sizes(table, name))
     else:
-        body = shapes.read_obj(table.path.parent / table.text("file"))
+        body = mesh.read_body(table.path.parent / table.text("file"))
     table.done()
     for label in body.labels:
         if label not in materials and default is None:
@@ -90,10 +90,10 @@ def read_body(
                 f"has a part {label!r} without a material; describe [materials.{label}] or set "
                 "body.material",
             )
-    told = told or [None] * len(body.labels)
+    on_arrays = on_arrays or [None] * len(body.labels)
     on_array = tuple(
         label in ON_ARRAY if one is None else one
-        for one, label in zip(told, body.labels, strict=True)
+        for one, label in zip(on_arrays, body.labels, strict=True)
     )
     labels = tuple(label if label in materials else str(default) for label in body.labels)
     return body._replace(labels=labels), on_array

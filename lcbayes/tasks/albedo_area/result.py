@@ -1,9 +1,14 @@
 """Result of `lcbayes.albedo_area`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -13,8 +18,9 @@ from lcbayes.core.files import write_text
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.albedo_area.inversion import Inversion
+from lcbayes.results.content import Floats, Verdict
 from lcbayes.tasks.albedo_area.options import AlbedoAreaOptions
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +39,93 @@ FACETS = {
 }
 
 
-class AlbedoAreaResult(DeterministicResult):
+class Asked(TypedDict):
+    """The options of the inversion."""
+
+    attitude: dict[str, Any]
+    options: dict[str, Any]
+
+
+class AreaFit(TypedDict):
+    """Goodness of fit of the facets, or of the smooth distribution."""
+
+    chi2: float
+    dof: int
+    rms_relative: float
+    errors: str
+
+
+class CueContent(TypedDict):
+    """The test of one property of a body."""
+
+    name: str
+    statistic: float
+    p_value: float
+    null: str
+    words: str
+    details: Mapping[str, Any]
+
+
+class FacetContent(TypedDict):
+    """A facet in the body frame; areas in m² if the light curve is calibrated."""
+
+    normal: Floats
+    lon_deg: float
+    lat_deg: float
+    direction_sd_deg: float
+    material: int
+    albedo_area: float
+    share: float
+    sd: float
+    sd_bootstrap: float | None
+
+
+class BodyContent(TypedDict):
+    """The convex body of one albedo: m, m³, and moments of inertia of unit density."""
+
+    n_faces: int
+    dimensions: Floats
+    dimensions_sd: Floats | None
+    volume: float | None
+    volume_sd: float | None
+    volume_finer_facets: float | None
+    moments_of_inertia: Floats
+    principal_axes: Any
+
+
+class DistributionContent(TypedDict):
+    """The distribution on the grid: normals (n, 3), index of material, area and its sd (n,)."""
+
+    normals: Any
+    material: Any
+    albedo_area: Floats
+    albedo_area_sd: Floats | None
+
+
+class Numbers(TypedDict):
+    """Numbers of an inversion."""
+
+    n_obs: int
+    n_curves: int
+    calibrated: bool
+    fit: AreaFit
+    unseen: float
+    scales: dict[str, float]
+    materials: list[str]
+    cues: list[CueContent]
+    facets: list[FacetContent]
+    gap: float
+    changed_to_close: float
+    shape: BodyContent | None
+    no_shape: str | None
+    distribution: DistributionContent
+
+
+class AlbedoAreaContent(Verdict, CurveContent, Asked, Numbers):
+    """Content of the summary of `lcbayes.albedo_area`."""
+
+
+class AlbedoAreaResult(DeterministicResult[Inversion, AlbedoAreaContent]):
     """Facets for a known attitude, shape cues, and the convex body if the facets close.
 
     Attributes
@@ -44,11 +136,11 @@ class AlbedoAreaResult(DeterministicResult):
     task = "albedo-area"
 
     def __init__(self, found: Inversion, curve: LightCurve, options: AlbedoAreaOptions) -> None:
-        asked = {
+        asked: Asked = {
             "attitude": options.attitude_settings(),
             "options": {name: getattr(options, name) for name in OPTIONS},
         }
-        content = about(curve) | asked | _numbers(found, curve)
+        content = {**about(curve), **asked, **_numbers(found, curve)}
         super().__init__(found, content, found.reasons)
         self._curve = curve
 
@@ -109,7 +201,7 @@ class AlbedoAreaResult(DeterministicResult):
         return figure_of(albedo_area_plots.draw_shape, self.data)
 
 
-def _numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
+def _numbers(result: Inversion, curve: LightCurve) -> Numbers:
     """Content of ``summary.json``: m², m³, m and degrees, body frame."""
     seen, best, found = result.seen, result.best, result.on_grid
     calibrated = not np.all(seen.free)
@@ -155,19 +247,19 @@ def _numbers(result: Inversion, curve: LightCurve) -> dict[str, Any]:
     }
 
 
-def _facets(result: Inversion) -> list[dict[str, Any]]:
+def _facets(result: Inversion) -> list[FacetContent]:
     few = result.facets
     if few is None:
         return []
-    spread = [None] * len(few.areas)
+    spread: Sequence[float | None] = [None] * len(few.areas)
     if result.draws is not None:
-        spread = list(np.linalg.norm(result.draws.vectors, axis=2).std(axis=0))
+        spread = np.linalg.norm(result.draws.vectors, axis=2).std(axis=0).tolist()
     lon, lat = lon_lat_deg(few.normals)
     return [
         {
             "normal": few.normals[i],
-            "lon_deg": lon[i],
-            "lat_deg": lat[i],
+            "lon_deg": float(lon[i]),
+            "lat_deg": float(lat[i]),
             "direction_sd_deg": float(np.degrees(few.direction_sd[i])),
             "material": int(few.which[i]),
             "albedo_area": few.areas[i],
@@ -175,11 +267,11 @@ def _facets(result: Inversion) -> list[dict[str, Any]]:
             "sd": few.area_sd[i],
             "sd_bootstrap": spread[i],
         }
-        for i in np.argsort(-few.areas)
+        for i in map(int, np.argsort(-few.areas))
     ]
 
 
-def _body(result: Inversion, calibrated: bool) -> dict[str, Any] | None:
+def _body(result: Inversion, calibrated: bool) -> BodyContent | None:
     body = result.shape
     if body is None:
         return None

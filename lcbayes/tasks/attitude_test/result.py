@@ -1,32 +1,26 @@
 """Result of `lcbayes.attitude_test`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, TypedDict
 
 from lcbayes.analysis import attitude_test_report
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated.attitude_test import AttitudeTest
+from lcbayes.results.content import Verdict
 from lcbayes.tasks.attitude_test.options import AttitudeTestOptions
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-LAWS = (
-    "name",
-    "settings",
-    "tested",
-    "reason",
-    "p_value",
-    "statistic",
-    "expected",
-    "n_pairs",
-    "n_points",
-    "same_as",
-)
 COLUMNS = (
     "law",
     "tested",
@@ -41,7 +35,44 @@ COLUMNS = (
 )
 
 
-class AttitudeTestResult(DeterministicResult):
+class LawContent(TypedDict):
+    """The test of one attitude law."""
+
+    name: str
+    settings: Mapping[str, object]
+    tested: bool
+    rejected: bool
+    reason: str
+    p_value: float
+    statistic: float
+    expected: float
+    n_pairs: int
+    n_points: int
+    same_as: Sequence[str]
+
+
+class Asked(TypedDict):
+    """The options of a test of attitudes."""
+
+    separation_deg: float
+    n_bodies: int
+    seed: int
+
+
+class Numbers(TypedDict):
+    """Numbers of a test of attitudes."""
+
+    n_obs: int
+    n_glints_left_out: int
+    level: float
+    laws: list[LawContent]
+
+
+class AttitudeTestContent(Verdict, CurveContent, Asked, Numbers):
+    """Content of the summary of `lcbayes.attitude_test`."""
+
+
+class AttitudeTestResult(DeterministicResult[AttitudeTest, AttitudeTestContent]):
     """The p-value of each attitude law.
 
     Attributes
@@ -54,12 +85,12 @@ class AttitudeTestResult(DeterministicResult):
     def __init__(
         self, found: AttitudeTest, curve: LightCurve, options: AttitudeTestOptions
     ) -> None:
-        asked = {
+        asked: Asked = {
             "separation_deg": options.separation,
             "n_bodies": options.bodies,
             "seed": options.seed,
         }
-        content = about(curve) | asked | _numbers(found)
+        content = {**about(curve), **asked, **_numbers(found)}
         super().__init__(found, content, found.reasons)
 
     def summary(self) -> pd.DataFrame:
@@ -91,13 +122,25 @@ class AttitudeTestResult(DeterministicResult):
         return figure_of(attitude_test_report.draw_pairs, self.data)
 
 
-def _numbers(result: AttitudeTest) -> dict[str, Any]:
+def _numbers(result: AttitudeTest) -> Numbers:
     return {
         "n_obs": result.n_obs,
         "n_glints_left_out": result.n_glints,
         "level": result.level,
         "laws": [
-            {k: getattr(v, k) for k in LAWS} | {"rejected": result.rejected(v)}
+            {
+                "name": v.name,
+                "settings": v.settings,
+                "tested": v.tested,
+                "reason": v.reason,
+                "p_value": v.p_value,
+                "statistic": v.statistic,
+                "expected": v.expected,
+                "n_pairs": v.n_pairs,
+                "n_points": v.n_points,
+                "same_as": v.same_as,
+                "rejected": result.rejected(v),
+            }
             for v in result.verdicts
         ],
     }

@@ -1,5 +1,9 @@
 """Result of `lcbayes.batch`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lcbayes.analysis import batch_page, style
 from lcbayes.core.reasons import Reason
 from lcbayes.results.catalogue import cells, heads
+from lcbayes.results.content import BatchContent
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 
@@ -17,14 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Batch(Result):
+class Batch(Result[BatchContent]):
     """The results of many objects, each with a results folder ``objects/NAME``."""
 
     task = "batch"
 
     @classmethod
     def from_folder(
-        cls, _: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+        cls, _: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
     ) -> Batch:
         """The batch in a results folder."""
         return cls(content, reasons, record.content)

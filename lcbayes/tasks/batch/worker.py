@@ -61,8 +61,8 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     except Exception as fault:  # a fault in one object must not stop the others
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
-        told = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
-        return failed(one, f"{told}; see {folder / 'error.txt'}", time.monotonic() - begun)
+        message = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
+        return failed(one, f"{message}; see {folder / 'error.txt'}", time.monotonic() - begun)
     row = _row(one, found, time.monotonic() - begun)
     row["page"] = f"objects/{one.name}/report.html" if with_report else None
     write_json({"identity": identity(one), "row": row}, folder / MARK)

@@ -125,7 +125,7 @@ def calibrate(
     plain, _ = build_problem(entry, entry.check(options), data)
     rest = dict(asked)
     kernel = rest.pop("sampler", "nuts")
-    told = quantities or scalars
+    quantities_of = quantities or scalars
     places, trusted, kept = [], [], ()
     with (progress or Silent()).stage("calibrating", n, "fits") as track:
         for i in range(n):
@@ -141,8 +141,8 @@ def calibrate(
             true = {k: np.asarray(v)[0] for k, v in true.items()}
             likelihood = compiled(plain.log_likelihood)(truth, Epochs.of(seen))
             among = np.asarray(pointwise(draws)).sum(axis=-1).ravel()
-            of_draws = told(sites) | {LIKELIHOOD: among}
-            of_truth = told(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
+            of_draws = quantities_of(sites) | {LIKELIHOOD: among}
+            of_truth = quantities_of(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)
             places.append([_place(of_truth[k][0], of_draws[k]) for k in kept])
             trusted.append(found.trusted)

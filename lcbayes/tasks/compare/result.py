@@ -1,14 +1,19 @@
 """Result of `lcbayes.compare`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lcbayes.analysis import comparison_page, style
 from lcbayes.core.reasons import Reason
 from lcbayes.results.comparison import COLUMNS, table
+from lcbayes.results.content import CandidateContent, CompareContent, RuledOutContent
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 from lcbayes.tasks.compare.options import CompareOptions
@@ -18,14 +23,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Comparison(Result):
+class Comparison(Result[CompareContent]):
     """Numbers of facets with their evidence, and the conclusion."""
 
     task = "compare"
 
     @classmethod
     def from_folder(
-        cls, _: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+        cls, _: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
     ) -> Comparison:
         """The comparison in a results folder."""
         return cls(content, reasons, record.content)
@@ -66,6 +71,6 @@ class Comparison(Result):
 
         return style.figures(draw)
 
-    def _rows(self) -> list[dict[str, Any]]:
+    def _rows(self) -> list[CandidateContent | RuledOutContent]:
         every = [*self.content["candidates"], *self.content["ruled_out"]]
         return sorted(every, key=lambda row: row["n_facets"])

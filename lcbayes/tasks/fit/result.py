@@ -1,5 +1,9 @@
 """Result of `lcbayes.fit`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections import Counter
@@ -20,6 +24,7 @@ from lcbayes.analysis import report as page
 from lcbayes.analysis.numerals import show
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.results.content import FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
@@ -36,7 +41,7 @@ LISTED = 24  # quantities of a solution in the text, and values of one quantity
 COLUMNS = ("mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk", "ess_tail")
 
 
-class Fit(Result):
+class Fit(Result[FitContent]):
     """A posterior with its summary.
 
     Attributes
@@ -50,7 +55,7 @@ class Fit(Result):
     def __init__(
         self,
         tree: xr.DataTree,
-        content: Mapping[str, Any],
+        content: Mapping[str, object],
         reasons: Sequence[Reason],
         record: Mapping[str, Any] | None = None,
     ) -> None:
@@ -59,7 +64,7 @@ class Fit(Result):
 
     @classmethod
     def from_folder(
-        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+        cls, folder: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
     ) -> Fit:
         """The fit in a results folder."""
         with open_posterior(folder) as tree:
@@ -122,7 +127,7 @@ class Fit(Result):
             shown = f"{mean:>10s} ± {show(q.sd, q.sd)} {q.unit}"
             yield f"  {q.words:22s} {shown:32s} {low} to {high}"
 
-    def _parameters(self, parameters: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    def _parameters(self, parameters: Mapping[str, ParameterContent]) -> Iterator[str]:
         rows = {
             name: row
             for name, row in parameters.items()
@@ -133,7 +138,9 @@ class Fit(Result):
         short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]
         for name in short:
             row = rows[name]
-            mean, sd, low, high = (show(row[k], row["sd"]) for k in ("mean", "sd", "q05", "q95"))
+            mean, sd, low, high = (
+                show(value, row["sd"]) for value in (row["mean"], row["sd"], row["q05"], row["q95"])
+            )
             yield f"  {name:22s} {f'{mean:>10s} ± {sd} {self._unit(name)}':32s} {low} to {high}"
         if len(rows) > len(short):
             yield f"  … and {len(rows) - len(short)} more in summary.json"
@@ -205,4 +212,4 @@ class Fit(Result):
             yield mode, quantities.important(list(quantities.quantities(results, mode)))
 
     def _contents(self) -> contents.Results:
-        return contents.assemble(self.folder or Path(), self.tree, self.content, "")
+        return contents.assemble(self.folder or Path(), self.tree, dict(self.content), "")

@@ -1,8 +1,13 @@
 """Result of `lcbayes.glints`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -12,7 +17,8 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.glints.attitude import Glints
 from lcbayes.inversion.glints.directions import Direction, Tracking
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.results.content import Floats, Verdict
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 from lcbayes.tasks.glints.options import GlintsOptions
 
 if TYPE_CHECKING:
@@ -45,7 +51,79 @@ DIRECTIONS = (
 )
 
 
-class GlintsResult(DeterministicResult):
+class GlintContent(TypedDict):
+    """A glint, and the phase-angle bisector at its peak in body axes."""
+
+    row: int
+    stretch: int
+    t: float
+    t_error: float
+    fwhm: float
+    height: float
+    baseline: float
+    significance: float
+    false_alarm: float
+    resolved: bool
+    bisector: Floats
+    lon_deg: float
+    lat_deg: float
+    sharp_and_small: bool
+
+
+class DirectionContent(TypedDict):
+    """A direction in body axes with its 90 % ellipse; covariance in rad²."""
+
+    vector: Floats
+    lon_deg: float
+    lat_deg: float
+    semi_axes_90_deg: list[float]
+    covariance: Any
+    chi2: float
+    dof: int
+    p_value: float
+    glints: list[int]
+
+
+class PanelContent(TypedDict):
+    """The offset of a Sun-tracking panel from the Sun, for all glints and for each."""
+
+    offset_deg: float
+    offset_sd_deg: float
+    chi2: float
+    dof: int
+    p_value: float
+    glint_offset_deg: Floats
+    glint_offset_sd_deg: Floats
+    glint_tilt_deg: Floats
+    glint_sun_tilt_deg: Floats
+
+
+class Asked(TypedDict):
+    """The options of a search for glints."""
+
+    attitude: dict[str, Any]
+    sun_tracking: Sequence[float] | None
+    alarm: float
+    longest_s: float | None
+
+
+class Numbers(TypedDict):
+    """Numbers of a search for glints."""
+
+    n_obs: int
+    notes: list[str]
+    glints: list[GlintContent]
+    facets: list[DirectionContent]
+    facets_of_one_glint: list[DirectionContent]
+    cylinder: DirectionContent | None
+    sun_tracking_panel: PanelContent | None
+
+
+class GlintsContent(Verdict, CurveContent, Asked, Numbers):
+    """Content of the summary of `lcbayes.glints`."""
+
+
+class GlintsResult(DeterministicResult[Glints, GlintsContent]):
     """Glints, and the directions of the reflecting facets, cylinders or panels.
 
     Attributes
@@ -57,13 +135,13 @@ class GlintsResult(DeterministicResult):
     refused = glints_report.REFUSED
 
     def __init__(self, found: Glints, curve: LightCurve, options: GlintsOptions) -> None:
-        asked = {
+        asked: Asked = {
             "attitude": options.attitude_settings(),
             "sun_tracking": options.sun_tracking,
             "alarm": options.alarm,
             "longest_s": options.longest,
         }
-        content = about(curve) | asked | _numbers(found, curve)
+        content = {**about(curve), **asked, **_numbers(found, curve)}
         super().__init__(found, content, found.reasons)
         self._curve = curve
 
@@ -109,14 +187,23 @@ class GlintsResult(DeterministicResult):
         return figure_of(glints_report.draw_panel, self.data)
 
 
-def _numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
+def _numbers(result: Glints, curve: LightCurve) -> Numbers:
     """Content of ``summary.json``: times in s, flux as in the data, body axes, degrees."""
-    rows = []
+    rows: list[GlintContent] = []
     for i, (one, seen) in enumerate(zip(result.glints, result.seen, strict=True)):
         lon, lat = lon_lat_deg(seen.bisector)
         rows.append(
-            vars(one)
-            | {
+            {
+                "row": one.row,
+                "stretch": one.stretch,
+                "t": one.t,
+                "t_error": one.t_error,
+                "fwhm": one.fwhm,
+                "height": one.height,
+                "baseline": one.baseline,
+                "significance": one.significance,
+                "false_alarm": one.false_alarm,
+                "resolved": one.resolved,
                 "bisector": seen.bisector,
                 "lon_deg": float(lon),
                 "lat_deg": float(lat),
@@ -134,7 +221,7 @@ def _numbers(result: Glints, curve: LightCurve) -> dict[str, Any]:
     }
 
 
-def _panel(panel: Tracking) -> dict[str, Any]:
+def _panel(panel: Tracking) -> PanelContent:
     return {
         "offset_deg": np.degrees(panel.mean),
         "offset_sd_deg": np.degrees(panel.error),
@@ -148,7 +235,7 @@ def _panel(panel: Tracking) -> dict[str, Any]:
     }
 
 
-def _direction(d: Direction) -> dict[str, Any]:
+def _direction(d: Direction) -> DirectionContent:
     lon, lat = lon_lat_deg(d.vector)
     longer, shorter = d.ellipse
     return {

@@ -57,7 +57,6 @@ def describe(curve: LightCurve) -> Description:
         else [float(curve.brightness.min()), float(curve.brightness.max())],
         "errors": _errors(curve, passes),
         "geometry": not curve.brightness_only,
-        "frame": None if curve.brightness_only else curve.frame,
         "phase_angle_range_deg": _range(np.degrees(curve.phase_angle)),
         "range_km": None if curve.range_km is None else _range(curve.range_km),
         "orbit": curve.position_km is not None,

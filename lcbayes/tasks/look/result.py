@@ -1,17 +1,23 @@
 """Result of `lcbayes.look`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from lcbayes.analysis import look_report
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.candidates import Candidates
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.results.content import Verdict
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 from lcbayes.tasks.look.advice import COST, Advice
 from lcbayes.tasks.look.description import Description, rows_of_passes
+from lcbayes.tasks.spin.conditions import ConditionContent, condition_content
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +27,72 @@ ADVICE = ("command", "answers", "suits", "why", "cost_s")
 PERIODS = ("period_s", "explained", "cycles", "of_base")
 
 
-class LookResult(DeterministicResult):
+class PeriodContent(TypedDict):
+    """One candidate period; ``of_base`` is its harmonic of the base period, or 0."""
+
+    period_s: float
+    explained: float
+    cycles: float
+    of_base: int
+
+
+class PeriodsContent(TypedDict):
+    """Candidate periods and the range searched."""
+
+    significant: bool
+    false_alarm_probability: float
+    nights_joined: bool
+    longest_searched_s: float
+    shortest_searched_s: float
+    listed: list[PeriodContent]
+    conditions: list[ConditionContent]
+    notes: list[str]
+
+
+class CommandContent(TypedDict):
+    """A command that could be run; ``cost_s`` is not a number if the curve does not suit it."""
+
+    command: str
+    answers: str
+    suits: bool
+    why: str
+    cost_s: float
+
+
+class Numbers(TypedDict):
+    """What the light curve holds."""
+
+    format: str
+    notes: list[str]
+    kind: str
+    n_obs: int
+    n_curves: int
+    curves_of_unknown_scale: int
+    n_passes: int
+    span_s: float
+    first_jd: float | None
+    last_jd: float | None
+    cadence_s: float | None
+    longest_pass_s: float
+    sites: dict[str, int]
+    bands: dict[str, int]
+    brightness_range: list[float]
+    errors: dict[str, Any]
+    geometry: bool
+    phase_angle_range_deg: list[float] | None
+    range_km: list[float] | None
+    orbit: bool
+    passes: list[dict[str, Any]]
+    periods: PeriodsContent | None
+    commands: list[CommandContent]
+    cost_basis: str
+
+
+class LookContent(Verdict, CurveContent, Numbers):
+    """Content of the summary of `lcbayes.look`."""
+
+
+class LookResult(DeterministicResult[Candidates | None, LookContent]):
     """Content of a light curve, candidate periods and possible commands.
 
     Attributes
@@ -40,7 +111,7 @@ class LookResult(DeterministicResult):
         found: Candidates | None,
         advice: list[Advice],
     ) -> None:
-        content = about(curve) | description.facts
+        content: dict[str, Any] = {**about(curve), **description.facts}
         content["passes"] = rows_of_passes(curve, description.passes)
         content["periods"] = _periods(found)
         content["commands"] = [asdict(one) for one in advice]
@@ -59,7 +130,8 @@ class LookResult(DeterministicResult):
         """Commands, passes, and candidate periods."""
         import pandas as pd
 
-        listed = (self.content["periods"] or {}).get("listed", [])
+        found = self.content["periods"]
+        listed = [] if found is None else found["listed"]
         return {
             "commands": self.summary(),
             "passes": pd.DataFrame(self.content["passes"]),
@@ -108,6 +180,6 @@ def _periods(found: Candidates | None) -> dict[str, Any] | None:
         "longest_searched_s": 1.0 / float(found.spin.grid[0]),
         "shortest_searched_s": 1.0 / float(found.spin.grid[-1]),
         "listed": [asdict(one) for one in found.listed],
-        "conditions": [vars(c) for c in found.spin.conditions],
+        "conditions": [condition_content(c) for c in found.spin.conditions],
         "notes": found.notes,
     }

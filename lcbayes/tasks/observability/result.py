@@ -1,10 +1,14 @@
 """Result of `lcbayes.observability`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -30,7 +34,7 @@ MEASUREMENTS = {
 }
 
 
-class Observability(Result):
+class Observability(Result[dict[str, Any]]):
     """Information, bounds and undetermined combinations of a scenario, and a plan if requested.
 
     Attributes
@@ -105,7 +109,8 @@ class Observability(Result):
         options = self.record.get("options", {})
         words = ["lcbayes", "observability", str(self.record.get("scenario", "SCENARIO"))]
         for name, value in options.items():
-            text = ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+            several = isinstance(value, tuple | list)
+            text = ",".join(map(str, cast("list[Any]", value))) if several else str(value)
             words += [f"--{name}", text]
         return shlex.join([*words, "-o", "DIR"])
 

@@ -1,5 +1,9 @@
 """Result of `lcbayes.predict`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import csv
@@ -13,6 +17,7 @@ import numpy as np
 from lcbayes.analysis import style
 from lcbayes.core.files import write_text
 from lcbayes.core.reasons import Reason
+from lcbayes.results.content import Verdict
 from lcbayes.results.result import Result
 
 if TYPE_CHECKING:
@@ -20,7 +25,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Prediction(Result):
+class PredictContent(Verdict):
+    """Content of the summary of `lcbayes.predict`."""
+
+    notes: list[str]
+
+
+class Prediction(Result[PredictContent]):
     """Predicted brightness: mean and central 50 % and 90 % intervals at each epoch.
 
     It is trusted if the fit is trusted; ``notes`` explain the numbers.

@@ -1,14 +1,21 @@
 """Result of `lcbayes.scan`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lcbayes.analysis import scan_page, scan_plots, style
 from lcbayes.core.reasons import Reason
-from lcbayes.inversion.attitude_scan.result import Found, written_period
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
+from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 from lcbayes.results.scan_file import load_scan, save_scan
@@ -31,35 +38,35 @@ COLUMNS = {
 }
 
 
-class Scan(Result):
+class Scan(Result[ScanContent]):
     """Solutions of an attitude scan, best first."""
 
     task = "scan"
 
     def __init__(
         self,
-        found: Found,
-        content: Mapping[str, Any],
+        scan: AttitudeScan,
+        content: Mapping[str, object],
         reasons: Sequence[Reason],
         record: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(content, reasons, record or {})
-        self._found = found
+        self._scan = scan
 
     @classmethod
     def from_folder(
-        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
+        cls, folder: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
     ) -> Scan:
         """The scan in a results folder."""
         return cls(load_scan(folder / FILE), content, reasons, record.content)
 
     @property
-    def data(self) -> Found:
+    def data(self) -> AttitudeScan:
         """Every hypothesis and every solution, as arrays."""
-        return self._found
+        return self._scan
 
     @property
-    def solutions(self) -> list[dict[str, Any]]:
+    def solutions(self) -> list[ScanSolution]:
         """Solutions, best first: pole and period or law, chi2, rms, and relation to the best."""
         return self.content["solutions"]
 
@@ -73,7 +80,7 @@ class Scan(Result):
         """Solutions, and every hypothesis with its chi2."""
         import pandas as pd
 
-        heads, rows = self._found.table()
+        heads, rows = self._scan.table()
         return {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
 
     def lines(self) -> list[str]:
@@ -85,9 +92,10 @@ class Scan(Result):
         ]
         for i, s in enumerate(self.solutions, start=1):
             what = f"{s['law']:29s}"
-            if "period_h" in s:
-                period = written_period(s["period_h"], s["period_resolution_h"])
-                what = f"{s['pole_lon_deg']:6.1f}  {s['pole_lat_deg']:+6.1f}  {period:>13s}"
+            if (period := s.get("period_h")) is not None:
+                shown = written_period(period, s.get("period_resolution_h", 0.0))
+                lon, lat = s.get("pole_lon_deg", np.nan), s.get("pole_lat_deg", np.nan)
+                what = f"{lon:6.1f}  {lat:+6.1f}  {shown:>13s}"
             mark = "=" if s["near_equal"] else " "
             lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
         limit = content["fit"]["chi2_near_equal"]
@@ -97,28 +105,28 @@ class Scan(Result):
         return lines
 
     def write_files(self, folder: Path) -> None:
-        save_scan(self._found, folder / FILE)
+        save_scan(self._scan, folder / FILE)
 
     def write_page(self, folder: Path) -> None:
-        scan_page.write_page(folder, self._found, self.content, self.record, ScanOptions)
+        scan_page.write_page(folder, self._scan, self.content, self.record, ScanOptions)
 
     def plot_light_curve(self) -> list[Figure]:
         """Observed brightness with the best solution."""
-        return style.figures(lambda g: scan_plots.draw_fit(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_fit(self._scan, g))
 
     def plot_sky(self) -> list[Figure]:
         """Goodness of fit of poles over the whole sky at the best period."""
-        return style.figures(lambda g: scan_plots.draw_sky(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_sky(self._scan, g))
 
     def plot_periods(self) -> list[Figure]:
         """Goodness of fit of the trial periods."""
-        return style.figures(lambda g: scan_plots.draw_periods(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_periods(self._scan, g))
 
     def plot_laws(self) -> list[Figure]:
         """Goodness of fit of the stabilised attitudes."""
-        return style.figures(lambda g: scan_plots.draw_laws(self._found, g))
+        return style.figures(lambda g: scan_plots.draw_laws(self._scan, g))
 
     def plot_body(self) -> list[Figure]:
         """The body of the best solution, if its facets close."""
-        body = scan_page.body_of(self._found)
+        body = scan_page.body_of(self._scan)
         return [] if body is None else style.figures(lambda g: scan_plots.draw_shape(body, g))

@@ -77,7 +77,7 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
         "settings": repr(settings),
         "version": installed_version(),
     }
-    found = engine.run(
+    complete = engine.run(
         curve,
         settings,
         options.scheduler,
@@ -85,5 +85,5 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
         context.checkpoint(identity),
         context.progress,
     )
-    content, against = summarise(found, curve)
-    return Scan(found, content, reasons(against))
+    content, against = summarise(complete, curve)
+    return Scan(complete, content, reasons(against))

@@ -1,14 +1,19 @@
 """Result of `lcbayes.shape_match`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from lcbayes.analysis import shape_match_report
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated.shape_match import ShapeMatch, Surface
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.results.content import Verdict
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +31,44 @@ CANDIDATES = (
 )
 
 
-class ShapeMatchResult(DeterministicResult):
+class ShapeContent(TypedDict):
+    """The comparison with one shape."""
+
+    name: str
+    p_value: float
+    p_kolmogorov: float
+    p_energy: float
+    p_fixed_axis: float
+    kolmogorov: float
+    energy: float
+    excess: float
+
+
+class Asked(TypedDict):
+    """The options of a shape match."""
+
+    seed: int
+    surface: dict[str, float]
+
+
+class Numbers(TypedDict):
+    """Numbers of a shape match; ``consistent`` are names of candidates."""
+
+    n_obs: int
+    n_faint_left_out: int
+    n_used: int
+    points_per_independent_one: float
+    level: float
+    assumptions: Any
+    consistent: list[str]
+    candidates: list[ShapeContent]
+
+
+class ShapeMatchContent(Verdict, CurveContent, Asked, Numbers):
+    """Content of the summary of `lcbayes.shape_match`."""
+
+
+class ShapeMatchResult(DeterministicResult[ShapeMatch, ShapeMatchContent]):
     """The p-value of each candidate shape.
 
     Attributes
@@ -37,7 +79,8 @@ class ShapeMatchResult(DeterministicResult):
     task = "shape-match"
 
     def __init__(self, found: ShapeMatch, curve: LightCurve, surface: Surface, seed: int) -> None:
-        content = about(curve) | {"seed": seed, "surface": vars(surface)} | _numbers(found)
+        asked: Asked = {"seed": seed, "surface": vars(surface)}
+        content = {**about(curve), **asked, **_numbers(found)}
         super().__init__(found, content, found.reasons)
 
     def summary(self) -> pd.DataFrame:
@@ -63,7 +106,7 @@ class ShapeMatchResult(DeterministicResult):
         return figure_of(shape_match_report.draw, self.data)
 
 
-def _numbers(result: ShapeMatch) -> dict[str, Any]:
+def _numbers(result: ShapeMatch) -> Numbers:
     return {
         "n_obs": result.n_obs,
         "n_faint_left_out": result.n_faint,
@@ -72,5 +115,17 @@ def _numbers(result: ShapeMatch) -> dict[str, Any]:
         "level": result.level,
         "assumptions": shape_match_report.assumptions(result),
         "consistent": [m.name for m in result.consistent],
-        "candidates": [{k: getattr(m, k) for k in CANDIDATES} for m in result.matches],
+        "candidates": [
+            {
+                "name": m.name,
+                "p_value": m.p_value,
+                "p_kolmogorov": m.p_kolmogorov,
+                "p_energy": m.p_energy,
+                "p_fixed_axis": m.p_fixed_axis,
+                "kolmogorov": m.kolmogorov,
+                "energy": m.energy,
+                "excess": m.excess,
+            }
+            for m in result.matches
+        ],
     }

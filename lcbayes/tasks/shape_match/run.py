@@ -8,7 +8,7 @@ from typing import Any
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import shape_match as method
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.results.record import input_file
 from lcbayes.tasks.shape_match.options import TASK, ShapeMatchOptions
 from lcbayes.tasks.shape_match.result import ShapeMatchResult
@@ -79,7 +79,7 @@ def _candidates(options: ShapeMatchOptions) -> tuple[dict[str, shapes.Body], dic
             stem = Path(name).stem
             if stem in bodies:
                 raise InputError(f"two candidates are called {stem!r}; rename the file {name}")
-            bodies[stem] = shapes.read_obj(name)
+            bodies[stem] = mesh.read_body(name)
             inputs[f"input.shape-{len(inputs) + 1}"] = {"name": stem, **input_file(name)}
         else:
             raise InputError(

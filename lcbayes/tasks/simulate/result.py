@@ -1,5 +1,9 @@
 """Result of `lcbayes.simulate`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
 import json
@@ -11,6 +15,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_text
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.write import write
+from lcbayes.results.content import Verdict
 from lcbayes.results.result import Result
 from lcbayes.simulation.simulate import sidecar
 
@@ -20,7 +25,14 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv", ".ecsv")
 
 
-class Simulation(Result):
+class SimulateContent(Verdict):
+    """Content of the summary of `lcbayes.simulate`."""
+
+    n_obs: int
+    truth: dict[str, Any]
+
+
+class Simulation(Result[SimulateContent]):
     """A simulated light curve and the truth from which it was generated.
 
     Attributes

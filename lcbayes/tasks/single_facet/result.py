@@ -1,8 +1,12 @@
 """Result of `lcbayes.single_facet`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -11,7 +15,8 @@ from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.separated.single_facet import SingleFacet
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.results.content import Floats, Verdict
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +41,49 @@ EDGES = {
 }
 
 
-class SingleFacetResult(DeterministicResult):
+class NormalRegion(TypedDict):
+    """The 90 % region of a normal; ``normals`` (n, 3) in body axes."""
+
+    probability: float
+    area_deg2: float
+    farthest_deg: float
+    normals: Any
+
+
+class EdgeContent(TypedDict):
+    """A crossing of the facet's edge in a pass."""
+
+    one_pass: int
+    site: str
+    t: float
+    error: float
+    kind: str
+    brightens: bool
+
+
+class Numbers(TypedDict):
+    """Numbers of a single facet, in body axes of the law."""
+
+    n_obs: int
+    law: str
+    normal: Floats
+    lon_deg: float
+    lat_deg: float
+    region: NormalRegion
+    albedo_area_m2: float
+    share: float
+    kind: dict[str, float]
+    p_no_edge: float
+    chi2: float
+    dof: int
+    edges: list[EdgeContent]
+
+
+class SingleFacetContent(Verdict, CurveContent, Numbers):
+    """Content of the summary of `lcbayes.single_facet`."""
+
+
+class SingleFacetResult(DeterministicResult[SingleFacet, SingleFacetContent]):
     """The normal of a facet with its 90 % region, and the edges that determine it.
 
     Attributes
@@ -47,7 +94,7 @@ class SingleFacetResult(DeterministicResult):
     task = "single-facet"
 
     def __init__(self, found: SingleFacet, curve: LightCurve) -> None:
-        super().__init__(found, about(curve) | _numbers(found), found.reasons)
+        super().__init__(found, {**about(curve), **_numbers(found)}, found.reasons)
 
     def summary(self) -> pd.DataFrame:
         """One row: normal (deg, body axes of the law), its region, albedo-area (m²)."""
@@ -86,7 +133,7 @@ class SingleFacetResult(DeterministicResult):
         return figure_of(single_facet_report.draw_region, self.data)
 
 
-def _numbers(result: SingleFacet) -> dict[str, Any]:
+def _numbers(result: SingleFacet) -> Numbers:
     """Content of ``summary.json``: body axes of the law, degrees, s, m²."""
     lon, lat = lon_lat_deg(result.normal[None])
     return {
@@ -107,5 +154,15 @@ def _numbers(result: SingleFacet) -> dict[str, Any]:
         "p_no_edge": result.p_value,
         "chi2": result.chi2,
         "dof": result.dof,
-        "edges": [vars(e) for e in result.edges],
+        "edges": [
+            {
+                "one_pass": e.one_pass,
+                "site": e.site,
+                "t": e.t,
+                "error": e.error,
+                "kind": e.kind,
+                "brightens": e.brightens,
+            }
+            for e in result.edges
+        ],
     }

@@ -1,8 +1,12 @@
 """Result of `lcbayes.spin`."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# (pandas, xarray, ArviZ and JAX come without complete types)
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -12,7 +16,9 @@ from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.sidereal import Solution, Spin
-from lcbayes.tasks.deterministic import DeterministicResult, about, figure_of
+from lcbayes.results.content import Floats, Verdict
+from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
+from lcbayes.tasks.spin.conditions import ConditionContent, condition_content
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +36,68 @@ COLUMNS = {
 }
 
 
-class SpinResult(DeterministicResult):
+class SpinPass(TypedDict):
+    """A pass with enough points."""
+
+    name: str
+    n_obs: int
+    length_s: float
+
+
+class LongestPass(TypedDict):
+    """Mean period of the longest pass, and its drift."""
+
+    period_s: float
+    period_sd_s: float
+    drift: float
+    drift_sd: float
+
+
+SynodicContent = TypedDict(
+    "SynodicContent",
+    {"t": Floats, "period_s": Floats, "period_sd_s": Floats, "pass": Any},
+)
+
+
+class SpinSolution(TypedDict):
+    """A connected part of the 90 % region of the pole."""
+
+    pole_lon_deg: float
+    pole_lat_deg: float
+    radius_deg: float
+    period_h: float
+    period_s: float
+    period_sd_s: float
+    cycles_per_turn: int
+    weight: float
+
+
+class Numbers(TypedDict):
+    """Numbers of a spin; those of the sky are no result if a condition fails."""
+
+    n_obs: int
+    passes: list[SpinPass]
+    notes: list[str]
+    conditions: list[ConditionContent]
+    false_alarm_probability: float
+    photometric_period_s: float | None
+    harmonics: list[int]
+    repeatability: float | None
+    longest_pass: LongestPass | None
+    synodic: SynodicContent | None
+    solutions: list[SpinSolution]
+    sky_fraction: float | None
+    symmetry: Any
+    shape_shift_deg: float | None
+    chi2: float | None
+    dof: int | None
+
+
+class SpinContent(Verdict, CurveContent, Numbers):
+    """Content of the summary of `lcbayes.spin`."""
+
+
+class SpinResult(DeterministicResult[Spin, SpinContent]):
     """Sidereal periods and poles, with the conditions under which they hold.
 
     Attributes
@@ -42,7 +109,7 @@ class SpinResult(DeterministicResult):
     refused = spin_report.REFUSED
 
     def __init__(self, found: Spin, curve: LightCurve) -> None:
-        super().__init__(found, about(curve) | _content(found, curve), found.reasons)
+        super().__init__(found, {**about(curve), **_content(found, curve)}, found.reasons)
         self._curve = curve
 
     def summary(self) -> pd.DataFrame:
@@ -87,7 +154,7 @@ class SpinResult(DeterministicResult):
         return figure_of(spin_report.draw_sky, self.data, self._curve)
 
 
-def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
+def _content(result: Spin, curve: LightCurve) -> Numbers:
     """The content of `summary.json` besides the verdict."""
     base, sky, windows = result.base, result.sky, result.windows
     return {
@@ -96,7 +163,7 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],
         "notes": result.notes,
-        "conditions": [vars(c) for c in result.conditions],
+        "conditions": [condition_content(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
@@ -127,7 +194,7 @@ def _content(result: Spin, curve: LightCurve) -> dict[str, Any]:
     }
 
 
-def _solution(s: Solution) -> dict[str, Any]:
+def _solution(s: Solution) -> SpinSolution:
     lon, lat = lon_lat_deg(s.pole)
     return {
         "pole_lon_deg": float(lon),

@@ -128,7 +128,7 @@ def test_reasons():
     assert not wide["trusted"]
 
 
-def test_a_poor_fit_is_told():
+def test_a_poor_fit_is_reported():
     poor = Misfit(200.0, 28.4, "gaussian")
     (reason,) = summary(THREE[0], candidate(3, 1.0, misfit=poor))["reasons"]
     assert reason.startswith("3 facets do not explain the data, and no other number")
@@ -137,7 +137,7 @@ def test_a_poor_fit_is_told():
     assert summary(*(replace(c, misfit=UNKNOWN) for c in THREE))["reasons"] == []
 
 
-def test_residuals_cleaner_than_the_search_found_are_told():
+def test_residuals_cleaner_than_the_search_found_are_reported():
     clean = candidate(4, -2.0, information=0.9)
     assert summary(*THREE[:2], clean, information=0.7)["reasons"] == []
     (reason,) = summary(*THREE[:2], clean, information=0.5)["reasons"]
@@ -146,7 +146,7 @@ def test_residuals_cleaner_than_the_search_found_are_told():
     assert "--num-starts" in reason
 
 
-def test_a_path_that_went_astray_is_told():
+def test_a_path_that_went_astray_is_reported():
     """The best particle of four facets has 54; half of it where points count half."""
     path = SparsePath(6, 0.1, {6: 1.0}, 6, 45.0)
     assert summary(*THREE, path=path)["reasons"] == []
@@ -215,7 +215,7 @@ def test_the_page(tmp_path, good, look):
     told = result(*THREE, failed=failed).content
     comparison_page.write_page(tmp_path, told, RUN, CompareOptions)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (tmp_path / "figures" / "compare.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figures" / "compare.pdf").read_bytes().startswith(b"%PDF")
     assert ("Do not trust these numbers" in page) is not good
     assert ("5 facets: &lt;lost&gt;" in page) is not good
     assert "3 facets are most probable" in page

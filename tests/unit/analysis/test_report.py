@@ -90,7 +90,7 @@ def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_p
         "figures",
         ".lock",
     }
-    assert {p.suffix for p in (copy / "figures").iterdir()} == {".svg"}
+    assert {p.suffix for p in (copy / "figures").iterdir()} == {".svg", ".pdf"}
 
 
 def test_sections_come_in_order(faceted):

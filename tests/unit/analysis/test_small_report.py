@@ -47,7 +47,9 @@ def made(reasons: list[str]) -> Axis:
     curve = steady(1, 50.0, spinning=False)
     curve = replace(curve, source={"file": "/far/<b>pass.csv"})
     content = about(curve) | {"n_obs": 40, "rms": float("nan")}
-    return Axis(None, content, [Reason("some-code", text) for text in reasons])
+    axis = Axis(None, content)
+    axis.reasons = tuple(Reason("some-code", text) for text in reasons)
+    return axis
 
 
 @pytest.mark.parametrize("reasons", [[], ["too few <points>", "no edge"]])

@@ -168,7 +168,7 @@ def test_mirror_images_weigh_the_same_with_the_move():
     light = small_curves.curve(25, 1, noise=0.1, sun=sun, obs=obs)
     problem, data = small_curves.posed(light, n_facets=1, spin="none")
     mirror = symmetry.plane_mirror(problem, data)
-    plan = smc.Plan(crowd=1)
+    plan = smc.Plan(oversampling=1)
     found = smc.run(problem, data, jax.random.key(0), 200, plan=plan, mirror=mirror)
     up = jax.vmap(lambda z: problem.unravel(z)["normals_base"][0, 2])(found.z) > 0
     assert abs(np.mean(up) - 0.5) < limit() * 0.5 / np.sqrt(200)

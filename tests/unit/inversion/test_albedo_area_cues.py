@@ -10,7 +10,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.inversion.albedo_area import cues, nulls
 from lcbayes.inversion.albedo_area.cues import Cue
 from lcbayes.inversion.albedo_area.distribution import Distribution, grid, solve
-from lcbayes.inversion.albedo_area.facets import few, refine
+from lcbayes.inversion.albedo_area.facets import refine, select_facets
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, columns
 from lcbayes.inversion.albedo_area.maps import Maps
 from lcbayes.inversion.albedo_area.observed import Observed
@@ -140,7 +140,7 @@ def test_statistics_of_ideal_maps():
 def cues_of(body: shapes.Body, noise: float = 0.02, seed: int = 5) -> dict[str, Cue]:
     seen = Observed.of(curve_of(body, 250, noise, seed=seed), Fixed())
     found, matrix = on_grid(seen, 250)
-    fewer = few(seen, refine(seen, found, matrix, ONE), ONE)
+    fewer = select_facets(seen, refine(seen, found, matrix, ONE), ONE)
     return {c.name: c for c in cues.find(seen, found, matrix, fewer, ONE, n_null=19, seed=1)}
 
 

@@ -12,12 +12,13 @@ from lcbayes.data.earth_shadow import fully_lit
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area import bootstrap
 from lcbayes.inversion.albedo_area.distribution import Distribution, grid, smooth, solve, typical
-from lcbayes.inversion.albedo_area.facets import Facets, explain, few, linear, refine
+from lcbayes.inversion.albedo_area.facets import Facets, explain, linear, refine, select_facets
 from lcbayes.inversion.albedo_area.inversion import InversionSettings, invert
 from lcbayes.inversion.albedo_area.kernel import LAMBERTIAN, Material, columns
 from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import ConstantRate, Fixed
 from lcbayes.physics.bodies import shapes
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.simulation.scenarios.scenario import load
 from lcbayes.simulation.simulate import simulate
 from tests.helpers.false_alarms import EACH, limit, squares
@@ -33,7 +34,7 @@ def found_in(seen: Observed, materials=ONE, n: int = 200) -> tuple[Distribution,
     coarse = solve(seen, normals, which, matrix)
     fine = refine(seen, coarse, matrix, materials)
     assert fine.chi2 < coarse.chi2
-    return fine, few(seen, fine, materials)
+    return fine, select_facets(seen, fine, materials)
 
 
 def matched(found: Distribution, normals: np.ndarray) -> np.ndarray:
@@ -102,11 +103,11 @@ def test_jacobian_of_facets_is_that_of_differences(brick, free):
     assert jacobian @ change == pytest.approx(difference, abs=1e-7 * np.abs(jacobian).max())
 
 
-def test_a_facet_costs_what_it_is_told(brick):
+def test_a_facet_costs_what_it_is_reported(brick):
     seen, fine, found = brick
-    assert len(few(seen, fine, ONE, cost=0.0).areas) > 6
-    assert len(few(seen, fine, ONE, cost=1e7).areas) < 6
-    assert len(few(seen, fine, ONE, cost=3 * np.log(300)).areas) == len(found.areas)
+    assert len(select_facets(seen, fine, ONE, cost=0.0).areas) > 6
+    assert len(select_facets(seen, fine, ONE, cost=1e7).areas) < 6
+    assert len(select_facets(seen, fine, ONE, cost=3 * np.log(300)).areas) == len(found.areas)
 
 
 @pytest.mark.parametrize("seed", [1, 2])  # a phantom of 38,000 m²; a singular matrix
@@ -148,7 +149,7 @@ def test_a_dark_facet_takes_no_other_with_it():
     below = BRICK.normals[:, 2] < -0.9
     areas, which = np.where(below, 1e8, BRICK.areas), np.zeros(6, int)
     flux = columns(seen, BRICK.normals, which) @ areas
-    found = few(seen, Distribution(BRICK.normals, which, areas, np.ones(1), flux, 0.0))
+    found = select_facets(seen, Distribution(BRICK.normals, which, areas, np.ones(1), flux, 0.0))
     assert len(found.areas) == 5
     index = matched(found, BRICK.normals[~below])
     assert found.areas[index] == pytest.approx(BRICK.areas[~below], rel=0.02)
@@ -162,7 +163,9 @@ def test_an_area_that_one_point_tells_is_in_doubt():
     assert below.any()
     assert (result.facets.area_sd[below] > result.facets.areas[below]).all()
     assert (result.facets.area_sd[~below] < 0.1 * result.facets.areas[~below]).all()
-    assert any("the flux does not constrain the areas of" in str(why) for why in result.reasons)
+    assert any(
+        "the flux does not constrain the areas of" in sentence(why).text for why in result.reasons
+    )
 
 
 def test_a_shiny_panel_on_a_dull_brick():
@@ -323,8 +326,11 @@ def test_a_wrong_attitude_is_not_trusted():
         ConstantRate((0.1, 0.2, 0.3)),
         settings=InversionSettings(n_bootstrap=0, n_null=0),
     )
-    assert "no convex body of material lambertian with this attitude" in str(result.reasons[0])
-    assert "--material non-lambertian" in str(result.reasons[0])
+    assert (
+        "no convex body of material lambertian with this attitude"
+        in sentence(result.reasons[0]).text
+    )
+    assert "--material non-lambertian" in sentence(result.reasons[0]).text
 
 
 def test_an_open_surface_has_no_shape():
@@ -337,7 +343,7 @@ def test_an_open_surface_has_no_shape():
     assert "so no convex body of one albedo has them" in result.no_shape
 
 
-def test_directions_never_lit_are_told():
+def test_directions_never_lit_are_reported():
     curve = curve_of(BRICK, 300)
     up = np.array([0.0, 0.0, 1.0])
     near = curve.obs + 3.0 * up
@@ -346,7 +352,7 @@ def test_directions_never_lit_are_told():
     object.__setattr__(lit, "obs", near)
     object.__setattr__(lit, "sun", near)
     result = invert(lit, Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0))
-    assert any("never lit and seen at once" in str(reason) for reason in result.reasons)
+    assert any("never lit and seen at once" in sentence(reason).text for reason in result.reasons)
     assert "or facets are missing" in result.no_shape
 
 

@@ -15,6 +15,7 @@ from lcbayes.inversion.albedo_area.observed import Observed
 from lcbayes.physics.attitude.laws import Fixed
 from lcbayes.physics.bodies import facets, shapes
 from lcbayes.physics.bodies.closure import close
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH, counts
 from tests.helpers.known_bodies import curve_of, directions
 from tests.helpers.l_shaped_body import boxes, flux
@@ -55,7 +56,7 @@ def test_facets_that_stand_for_shading_are_named():
     result = invert(
         l_shaped(0.3, 50.0), Fixed(), settings=InversionSettings(n_bootstrap=0, n_null=0)
     )
-    (text,) = [str(r) for r in result.reasons if r.code == "insignificant-facets"]
+    (text,) = [sentence(r).text for r in result.reasons if r.code == "insignificant-facets"]
     assert result.facets is not None
     smallest = f"{result.facets.areas.min():.3g}"
     assert smallest in text

@@ -17,7 +17,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.attitude_scan import engine, equivalence, faceted, stabilised
-from lcbayes.inversion.attitude_scan.result import Found, Solution, Table
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, Table
 from lcbayes.inversion.attitude_scan.spin import tilts
 from lcbayes.inversion.attitude_scan.verdict import summarise
 from lcbayes.modelling.ephemeris import ephemeris, frames
@@ -76,7 +76,7 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
 def judged(curve: LightCurve):
     laws, left_out = stabilised.chosen(("all",), curve, None)
     with worker_pool() as run, Silent().stage("", 1, "") as track:
-        found, dark = stabilised.judge(curve, laws, LAW, run, track)
+        found, dark = stabilised.fit_laws(curve, laws, LAW, run, track)
     return sorted(found, key=lambda s: s.chi2), left_out | dark
 
 
@@ -194,7 +194,7 @@ def test_of_a_sphere_no_law_is_named():
     assert named <= counts(runs, equivalence.MISSED)[1]
 
 
-def judged_by_hand(chi2, used, n_obs, *, error_known=True):
+def scan_by_hand(chi2, used, n_obs, *, error_known=True):
     """Laws with these χ² and numbers of facets."""
     settings = engine.Settings(None, None, (), LAW, 12, 0.8, 500, 6, 12, 0, False)
     nothing = np.zeros(n_obs)
@@ -202,7 +202,7 @@ def judged_by_hand(chi2, used, n_obs, *, error_known=True):
         Solution(str(i), c, 0.01, nothing, np.zeros((u + 1, 3)), np.ones(u + 1), relation="law")
         for i, (c, u) in enumerate(zip(chi2, used, strict=True))
     ]
-    return Found(
+    return AttitudeScan(
         settings,
         laws,
         n_obs,
@@ -221,23 +221,23 @@ def test_what_noise_may_do_fits_as_well():
     chi2, used = [150.0, 175.0, 195.0], [6, 15, 10]
     by_noise = stats.chi2.isf(0.05 / 3, 15)
     assert 25.0 < by_noise < 45.0
-    assert equivalence.limit(judged_by_hand(chi2, used, 200)) == pytest.approx(150.0 + by_noise)
+    assert equivalence.limit(scan_by_hand(chi2, used, 200)) == pytest.approx(150.0 + by_noise)
     # χ² of many: 5 % of the residuals are more
-    assert equivalence.limit(judged_by_hand([2000.0], [6], 2000)) == pytest.approx(2205.0)
+    assert equivalence.limit(scan_by_hand([2000.0], [6], 2000)) == pytest.approx(2205.0)
     # what the noise is, is known from the residuals alone
-    free = equivalence.limit(judged_by_hand(chi2, used, 30, error_known=False))
+    free = equivalence.limit(scan_by_hand(chi2, used, 30, error_known=False))
     assert free == pytest.approx(150.0 * (1.0 + 15 / 23 * stats.f.isf(0.05 / 3, 15, 23)))
-    assert list(_reasons(judged_by_hand(chi2, used, 200))) == [
+    assert list(_reasons(scan_by_hand(chi2, used, 200))) == [
         "the attitude is not unique: 1 fits as well"
     ]
 
 
 def test_more_numbers_than_points_and_too_good_a_fit_are_said():
-    (reason,) = _reasons(judged_by_hand([0.0], [24], 40))
+    (reason,) = _reasons(scan_by_hand([0.0], [24], 40))
     assert reason.startswith("25 numbers were fitted to 40 points")
-    (reason,) = _reasons(judged_by_hand([50.0], [9], 210))
+    (reason,) = _reasons(scan_by_hand([50.0], [9], 210))
     assert reason.startswith("chi2 is 0.25 per degree of freedom: the errors are too large")
-    assert not _reasons(judged_by_hand([4.0], [9], 20))  # chance
+    assert not _reasons(scan_by_hand([4.0], [9], 20))  # chance
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_more_numbers_than_points_and_too_good_a_fit_are_said():
     ],
 )
 def test_the_end_of_a_range_is_said_with_how_far_it_is(period_s, words):
-    found = judged_by_hand([100.0], [9], 120)
+    found = scan_by_hand([100.0], [9], 120)
     hours = 1.0 / 3600.0
     settings = replace(found.settings, period_range_h=(40.0 * hours, 120.0 * hours))
     law = found.solutions[0]
@@ -275,7 +275,7 @@ def test_the_law_that_was_flown_is_named_alone():
 
 
 def test_periods_are_drawn_where_searches_ended_and_the_sky_has_its_lines(tmp_path, monkeypatch):
-    found = judged_by_hand([100.0], [9], 120)
+    found = scan_by_hand([100.0], [9], 120)
     hours = 1.0 / 3600.0
     tried, reached = 1.0 / np.linspace(120.0, 40.0, 9), np.full(9, 1.0 / 114.7)
     reached[-1] = 1.0 / 42.0

@@ -16,6 +16,7 @@ from lcbayes.inversion.separated.attitude_test import attitude_test, glints
 from lcbayes.inversion.separated.reduced import in_body, reduce, turns
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.physics.attitude import catalogue
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH
 from tests.helpers.simulated_passes import measured, passes
 
@@ -214,12 +215,15 @@ def test_too_little_is_said(geometry):
     short = curve_of(geometry).select(np.arange(60))
     found = attitude_test(short, [LVLH, INERTIAL], n_bodies=100)
     assert not any(v.tested for v in found.verdicts)
-    assert "no law could be tested; 2 of 2: each has not 60 pairs" in str(found.reasons[0])
+    assert (
+        "no law could be tested; 2 of 2: each has fewer than 60 pairs"
+        in sentence(found.reasons[0]).text
+    )
     assert all("pairs among" in v.reason for v in found.verdicts)
     bare = replace(short, position_km=None, velocity_km_s=None)
     both = attitude_test(bare, [LVLH, SUN, INERTIAL, catalogue.find("velocity")], n_bodies=100)
-    assert "2 of 4: each needs the satellite's orbit" in str(both.reasons[0])
-    assert "observe more passes" in str(both.reasons[-1])
+    assert "2 of 4: each needs the satellite's orbit" in sentence(both.reasons[0]).text
+    assert "observe more passes" in sentence(both.reasons[-1]).text
     assert not any("needs the satellite's orbit" in line for line in words(both))
     assert {"  lvlh, velocity", "2 laws not tested, as said above:"} < set(words(both))
     told = attitude_test(bare, [LVLH], n_bodies=100).verdicts[0]

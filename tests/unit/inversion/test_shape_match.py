@@ -14,17 +14,18 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated import ensemble
 from lcbayes.inversion.separated.reduced import reduce
 from lcbayes.inversion.separated.shape_match import (
-    Cast,
+    PhaseSample,
     Surface,
     candidates,
     correlated,
-    sent,
+    reflected_flux,
     shape_match,
     turned,
 )
 from lcbayes.inversion.separated.two_samples import Reference
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import shapes
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH, counts, limit
 from tests.helpers.simulated_passes import measured, passes
 
@@ -35,7 +36,7 @@ def seen(name: str, n: int = 200, noise: float = 0.02, seed: int = 0) -> LightCu
     """A candidate in random orientations, each point for itself."""
     rng = np.random.default_rng(seed)
     sun, obs = turned(np.radians(rng.uniform(20.0, 140.0, n)), rng)
-    flux = sent(candidates()[name], Surface(), sun, obs)
+    flux = reflected_flux(candidates()[name], Surface(), sun, obs)
     error = np.full(n, noise * np.median(flux[flux > 0]))
     return LightCurve(
         t=1000.0 * np.arange(float(n)),
@@ -101,7 +102,7 @@ def test_orientations_are_uniform_and_of_that_phase():
 def test_the_mean_over_orientations_is_that_of_a_sphere():
     """Cauchy: a convex Lambertian body sends on average what a sphere of its surface sends."""
     surface = Surface(r_diff=0.3, r_spec=0.0)
-    made = Cast(shapes.cube(), surface)
+    made = PhaseSample(shapes.cube(), surface)
     for degrees in (30, 90, 120):
         phase = np.radians(degrees)
         near = made.flux[degrees]
@@ -207,7 +208,7 @@ def test_a_stabilised_object_is_said_to_be_one():
     found = shape_match(
         measured(geometry, law, bodies, 0.05, 0), some("cube"), n_nulls=40, n_draws=2000
     )
-    assert any("looks stabilised" in str(reason) for reason in found.reasons)
+    assert any("looks stabilised" in sentence(reason).text for reason in found.reasons)
 
 
 def test_conditions_that_are_not_met_are_said():
@@ -216,7 +217,7 @@ def test_conditions_that_are_not_met_are_said():
     narrow = seen("sphere", 150)
     keep = np.abs(narrow.phase_angle - 1.2) < 0.2
     told = shape_match(narrow.select(keep), some("sphere"), n_nulls=40, n_draws=2000).reasons
-    assert any("phase angles span" in str(r) for r in told)
+    assert any("phase angles span" in sentence(r).text for r in told)
     curve = seen("cube", 60)
     mixed = replace(curve, band=np.where(np.arange(60) % 2, "V", "R"))
     with pytest.raises(InputError, match=r"has 2 scales .* needs one; give one of them"):

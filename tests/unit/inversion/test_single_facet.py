@@ -15,6 +15,7 @@ from lcbayes.inversion.separated.reduced import reduce
 from lcbayes.inversion.separated.single_facet import single_facet
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.bodies import facets
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH
 from tests.helpers.single_facet_passes import (
     body_directions,
@@ -112,7 +113,9 @@ def test_without_an_edge_nothing_is_claimed(case):
     curve, _ = case
     smooth = flux_of(curve, LVLH, np.array([1.0, 0, 0]), 0.0)
     told = (single_facet(with_noise(curve, smooth, 0.02, s), LVLH).reasons for s in range(4, 9))
-    assert any("no edge of a facet is seen" in str(reason) for one in told for reason in one)
+    assert any(
+        "no edge of a facet is seen" in sentence(reason).text for one in told for reason in one
+    )
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -143,7 +146,7 @@ def test_the_share_is_told_where_the_facet_is_brightest(case):
     found = single_facet(made, LVLH)
     assert found.model[dark] <= 0.0 < found.model[dark] - found.smooth[dark]
     assert found.share == pytest.approx(0.05 / flux[k], rel=0.1)
-    assert any("of the light at most" in str(reason) for reason in found.reasons)
+    assert any("of the light at most" in sentence(reason).text for reason in found.reasons)
 
 
 def test_conditions_that_are_not_met_are_said(case):
@@ -153,10 +156,10 @@ def test_conditions_that_are_not_met_are_said(case):
         single_facet(measured.select(np.flatnonzero(curve.site == "0")[:10]), LVLH)
     still = replace(measured, obs=np.broadcast_to(measured.obs[100], measured.obs.shape))
     told = single_facet(still, catalogue.find("inertial")).reasons
-    assert any("passes of low orbits" in str(reason) for reason in told)
+    assert any("passes of low orbits" in sentence(reason).text for reason in told)
     bumpy = replace(measured, brightness=measured.brightness * (1 + 0.3 * np.sin(measured.t / 9.0)))
     told = single_facet(bumpy, LVLH).reasons
-    assert any("does not explain the curve" in str(reason) for reason in told)
+    assert any("does not explain the curve" in sentence(reason).text for reason in told)
     with pytest.raises(InputError, match=r"needs the satellite's orbit"):
         single_facet(replace(measured, position_km=None, velocity_km_s=None), LVLH)
 

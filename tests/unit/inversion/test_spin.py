@@ -11,6 +11,7 @@ from lcbayes.inversion.spin import detrended, estimate, periods, pole, windows
 from lcbayes.inversion.spin.mean_frequency import mean_frequency
 from lcbayes.inversion.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE, UNIQUE
 from lcbayes.physics.bodies import shapes
+from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH, counts, squares
 from tests.helpers.low_earth_orbit import shine, spinner, spun, steady, triad
 
@@ -75,7 +76,7 @@ def test_a_long_dense_pass_is_searched_finely_or_not_at_all():
     assert np.diff(grid).max() * one.length < 1.001 / periods.OVERSAMPLING
 
 
-def test_periods_that_were_not_looked_for_are_told(monkeypatch):
+def test_periods_that_were_not_looked_for_are_reported(monkeypatch):
     curve = steady(1, 50.0, spinning=False)
     assert estimate(curve, n_shuffles=99).notes == []
     monkeypatch.setattr(periods, "MAX_FREQUENCIES", 100)
@@ -335,7 +336,7 @@ def test_a_constant_has_no_period(value, error, ripple):
     found = estimate(curve, n_shuffles=99)
     assert found.false_alarm == 1.0
     assert found.reasons[0].code == "no-period"
-    assert "no period is seen" in str(found.reasons[0])
+    assert "no period is seen" in sentence(found.reasons[0]).text
 
 
 def test_where_nothing_moves_no_difference_is_measured():
@@ -390,7 +391,7 @@ def test_a_period_too_long_for_the_pass_is_not_taken_for_tumbling():
     )
     (reason,) = found.reasons
     assert reason.code == "too-few-cycles"
-    assert " 80" in str(reason) or " 79." in str(reason)
+    assert " 80" in sentence(reason).text or " 79." in sentence(reason).text
 
 
 def test_a_curve_without_a_dense_pass_is_refused_in_one_line():

@@ -6,7 +6,7 @@ import scipy.special
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.physics.bodies import facets, shapes
+from lcbayes.physics.bodies import facets, mesh, shapes
 from lcbayes.physics.bodies.closure import closure
 
 CUBE = """# a unit cube
@@ -73,7 +73,7 @@ def test_unknown_shape_or_size():
 def test_reads_obj_with_polygons_negative_indices_and_materials(tmp_path):
     path = tmp_path / "cube.obj"
     path.write_text(CUBE)
-    b = shapes.read_obj(path)
+    b = mesh.read_body(path)
     np.testing.assert_allclose(b.areas, 1.0)
     np.testing.assert_allclose(
         b.normals, [[0, 0, -1], [0, 0, 1], [0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0]], atol=1e-15
@@ -88,7 +88,7 @@ def test_facets_of_an_obj_file_by_hand(tmp_path):
     path = tmp_path / "body.obj"
     points = ["v " + " ".join(map(repr, v)) for v in vertices.tolist()]
     path.write_text("\n".join([*points, "f 1 2 3", "f 1 3 4 5", ""]))
-    first = shapes.read_obj(path)
+    first = mesh.read_body(path)
     cross = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
     assert first.areas[0] == pytest.approx(np.linalg.norm(cross) / 2, rel=1e-14)
     np.testing.assert_allclose(first.normals[0], cross / np.linalg.norm(cross), atol=1e-14)
@@ -100,12 +100,12 @@ def test_facets_of_an_obj_file_by_hand(tmp_path):
         ("v 0 0\n", "line 1: vertex '0 0' is not three finite numbers"),
         ("v 0 0 x\n", "line 1: vertex '0 0 x'"),
         ("v 0 0 nan\n", "line 1: vertex '0 0 nan'"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: facet names vertex '4', but 3"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4: facet names vertex '0'"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 a\n", "line 4: facet names vertex 'a'"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: facet has 2 vertices"),
-        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line 4: the facet has no area"),
-        ("v 0 0 0\n", "no facets"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: the face names vertex '4', but 3"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4: the face names vertex '0'"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 a\n", "line 4: the face names vertex 'a'"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: the face has 2 vertices"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line 4: the face has no area"),
+        ("v 0 0 0\n", "has no faces"),
         ("", "is empty"),
         ("v 0 0 0\nv 1e200 0 0\nv 0 1e200 0\nf 1 2 3\n", "line 2: vertex '1e200 0 0' is not"),
     ],
@@ -114,14 +114,14 @@ def test_damaged_obj_names_the_line(tmp_path, text, message):
     path = tmp_path / "bad.obj"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
-        shapes.read_obj(path)
+        mesh.read_body(path)
     assert "bad.obj" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_obj(tmp_path):
     with pytest.raises(InputError, match=r"none\.obj does not exist"):
-        shapes.read_obj(tmp_path / "none.obj")
+        mesh.read_body(tmp_path / "none.obj")
 
 
 def test_normal_and_angles_are_inverse():

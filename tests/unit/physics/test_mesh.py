@@ -170,3 +170,21 @@ def test_faults_of_stl_files(tmp_path):
         mesh.read_mesh(tmp_path / "no.stl")
     with pytest.raises(InputError, match=r"b.ply is neither .obj nor .stl"):
         mesh.read_mesh(tmp_path / "b.ply")
+
+
+def test_a_body_is_read_from_obj_and_stl_alike(tmp_path):
+    """Without shadows a face may be bent or concave: its area vector counts."""
+    polygons = box(2, 1, 3).polygons
+    (tmp_path / "b.obj").write_text(mesh.to_obj(polygons, ["side"] * 6))
+    (tmp_path / "b.stl").write_bytes(mesh.to_stl(polygons))
+    faces, triangles = (mesh.read_body(tmp_path / f"b.{kind}") for kind in ("obj", "stl"))
+    np.testing.assert_allclose(faces.areas, triangles.areas.reshape(6, 2).sum(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(faces.normals, triangles.normals[::2], atol=1e-6)
+    bent = "v 0 0 0\nv 1 0 0\nv 1 1 0.5\nv 0 1 0\nf 1 2 3 4\n"
+    (tmp_path / "bent.obj").write_text(bent)
+    (normal,) = mesh.read_body(tmp_path / "bent.obj").normals
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.5], [0, 1, 0]])
+    vector = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+    np.testing.assert_allclose(normal, vector / np.linalg.norm(vector), atol=1e-15)
+    with pytest.raises(InputError, match="the face is not planar"):
+        mesh.read_mesh(tmp_path / "bent.obj")

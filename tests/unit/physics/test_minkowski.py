@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, KDTree
 
 from lcbayes.core.errors import InputError
-from lcbayes.physics.bodies import shapes
+from lcbayes.physics.bodies import mesh, shapes
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
 from tests.helpers.results_folders import fibonacci
@@ -315,5 +315,5 @@ def test_ply_text_has_its_header_and_the_same_faces():
 def test_files_are_read_as_the_same_body(tmp_path):
     normals, areas, _ = polytope(8, 25)
     (tmp_path / "body.obj").write_text(minkowski(normals, areas).obj())
-    back = shapes.read_obj(tmp_path / "body.obj")
+    back = mesh.read_body(tmp_path / "body.obj")
     assert np.sort(back.areas) == pytest.approx(np.sort(areas), rel=1e-6)

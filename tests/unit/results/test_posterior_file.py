@@ -84,7 +84,10 @@ def modes(problem: Problem, data: Epochs, n: int, apart: float) -> list[Mode]:
             z0 + y @ factor.T,
             stats,
             LogEvidence(0.0, 0.1),
-            tuning={"step_size": np.linspace(0.4, 0.5, CHAINS)},
+            tuning={
+                "step_size": np.linspace(0.4, 0.5, CHAINS),
+                "inverse_mass_matrix": np.tile(factor @ factor.T, (CHAINS, 1, 1)),
+            },
         )
         mode.weight = WEIGHTS[k] if n > 1 else 1.0
         found.append(mode)
@@ -286,6 +289,21 @@ def test_the_prior_of_the_file_is_that_of_facets_that_are_seen(written):
     assert float(jnp.mean(factors < -3.0)) < 0.02
     plain = jax.vmap(lambda k: problem.log_factors(problem.prior_draw(k, data), data))
     assert float(jnp.mean(plain(jax.random.split(jax.random.key(1), 500)) < -3.0)) > 0.2
+
+
+def test_inverse_mass_matrix_of_each_chain():
+    stats = made(2, 0)["modes/1/sample_stats"]
+    matrix = stats["inverse_mass_matrix"]
+    assert matrix.dims == ("chain", "coordinate", "other_coordinate")
+    assert matrix.shape == (CHAINS, PROBLEM.dim, PROBLEM.dim)
+    assert "unconstrained" in matrix.attrs["description"]
+    assert matrix.attrs["units"]
+    names = matrix["coordinate"].to_numpy()
+    assert [n for n in names if n.startswith("normals_base")] == [
+        f"normals_base[{i}]" for i in range(3)
+    ]
+    assert "inverse_mass_matrix" not in stats.attrs
+    assert "inverse_mass_matrix" not in made(2, 0)["sample_stats"]
 
 
 def test_attributes_say_what_ahmc_settled_on():

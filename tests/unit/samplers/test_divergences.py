@@ -52,7 +52,7 @@ def share(stats) -> float:
 
 
 def test_draws_begin_anew_with_half_the_step_where_too_many_diverge(problem, monkeypatch):
-    z, stats, *_ = run(*problem)
+    z, stats, whitening, tuning = run(*problem)
     assert z.shape == (2, 500, 5)
     assert stats["diverging"].shape == (2, 500)
     monkeypatch.setattr(sampling, "HALVINGS", 0)
@@ -60,6 +60,11 @@ def test_draws_begin_anew_with_half_the_step_where_too_many_diverge(problem, mon
     assert share(before) > MAX_DIVERGING
     assert share(stats) < 0.5 * share(before)
     assert stats["num_steps"].mean() > 1.5 * before["num_steps"].mean()
+    inverse = np.linalg.inv(np.asarray(whitening.factor))
+    for matrix in tuning["inverse_mass_matrix"]:  # of z; diagonal in whitened coordinates
+        whitened = inverse @ matrix @ inverse.T
+        assert np.diag(whitened).min() > 0.0
+        np.testing.assert_allclose(whitened, np.diag(np.diag(whitened)), atol=1e-9)
 
 
 def test_a_run_that_was_stopped_goes_on_with_the_same_step(problem, tmp_path):

@@ -21,7 +21,7 @@ from tests.helpers import small_curves
 from tests.helpers.false_alarms import EACH, limit
 
 N, RUNS = 200, 8
-PLAN = smc.Plan(crowd=1)  # one solution: none to lose on the way
+PLAN = smc.Plan(oversampling=1)  # one solution: none to lose on the way
 
 
 def linear(data):
@@ -257,7 +257,7 @@ def test_a_prior_without_density_is_refused():
         smc.run(Problem(nowhere, data), data, jax.random.key(0), 20, plan=smc.Plan(max_pool=1))
 
 
-def test_little_movement_is_told(gaussian):
+def test_little_movement_is_reported(gaussian):
     problem, data = gaussian
     found = smc.run(problem, data, jax.random.key(0), 40, plan=smc.Plan(max_moves=1, length=0.05))
     assert any("the particles moved" in sentence(reason).text for reason in found.reasons)

@@ -399,7 +399,7 @@ def test_a_plan_beats_equal_steps_and_counts_visits(panel, measured, everything)
         campaign_plan.plan(factor, target, m.curve, 99, visit_s=8.0)
 
 
-def test_an_error_within_which_the_brightness_bends_is_told():
+def test_an_error_within_which_the_brightness_bends_is_reported():
     """Against the profile χ² by least squares of its own, and the share falls as the noise does."""
     what = scenario.load("two-facet-spin")
     off = {}

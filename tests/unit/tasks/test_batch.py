@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -161,7 +163,7 @@ def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
     said, against = catalogue.summarise("night.csv", rows(), 3, 0, 10.0, "2 processes")
     said = Batch(said, reasons(against), run).content
 
-    def written(content: dict, run: dict) -> Path:
+    def written(content: Mapping[str, Any], run: dict) -> Path:
         batch_page.write_page(tmp_path, content, run)
         return tmp_path / "report.html"
 
@@ -172,7 +174,7 @@ def test_page_and_figure_of_failed_and_of_good_objects(tmp_path, look):
     other = written({**said, "objects": still}, run).read_text()
     assert "Right: total albedo-area against place in the catalogue" in other
     assert "c.csv, line 3: &#39;x&#39; is no number" in page
-    assert (tmp_path / "figures" / "batch.png").stat().st_size > 5000
+    assert (tmp_path / "figures" / "batch.pdf").stat().st_size > 5000
     evil = failed(
         Object(browser_pages.EVIL_TEXT, browser_pages.EVIL_FILE), browser_pages.EVIL_TEXT, 0.1
     )

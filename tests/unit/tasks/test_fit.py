@@ -33,7 +33,7 @@ def test_the_law_of_noise_is_named(model, options, said):
     assert any("Gaussian" in line for line in told) == said.endswith("Gaussian.")
 
 
-def test_unsure_directions_of_flight_are_told():
+def test_unsure_directions_of_flight_are_reported():
     """Places to 10 m or 10 km over six seconds: directions to some 0.003 and some 3 degrees."""
     t = np.linspace(0.0, 6.0, 30)
     turn = np.stack([np.cos(1.1e-3 * t), np.sin(1.1e-3 * t), 0.0 * t], axis=1)

@@ -1,0 +1,302 @@
+"""The content of ``summary.json`` of fits, comparisons, scans and batches, and its common part.
+
+Each type is the verdict followed by the numbers of the task; the other tasks have theirs in
+``result.py``. Angles are in degrees, areas in m² and times in s unless the name says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NotRequired, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.reasons import ReasonContent
+
+type Floats = NDArray[np.float64] | Sequence[float]
+
+
+class Verdict(TypedDict):
+    """The entries with which every summary begins."""
+
+    schema: int
+    task: str
+    trusted: bool
+    reasons: list[ReasonContent]
+
+
+class ParameterContent(TypedDict):
+    """Posterior of one parameter."""
+
+    mean: float
+    sd: float
+    q05: float
+    q50: float
+    q95: float
+    rhat: float
+    ess_bulk: float
+    ess_tail: float
+
+
+class SpinMeans(TypedDict, total=False):
+    """Means of the spin: those of `modelling.variables.SPIN` that the model has."""
+
+    pole_lon_deg: float
+    pole_lat_deg: float
+    period_h: float
+    omega_x_rad_s: float
+    omega_y_rad_s: float
+    omega_z_rad_s: float
+
+
+class RunWeights(TypedDict, total=False):
+    """The weight of a solution in each independent run, if there are several."""
+
+    weight_by_run: Any
+
+
+class ModeContent(SpinMeans, RunWeights):
+    """One solution."""
+
+    weight: float
+    weight_sd: float
+    log_evidence: float
+    log_evidence_se: float
+    rms: float
+    hits: int
+    divergences: int
+    max_rhat: float
+    min_ess_bulk: float
+    min_ess_tail: float
+    parameters: dict[str, ParameterContent]
+
+
+class FitQuality(TypedDict):
+    """Goodness of fit of the heaviest solution, and predictive density of the posterior."""
+
+    rms: float
+    information_per_point: float
+    rms_unit: str
+    chi2: float | None
+    dof: float
+    elpd_loo: float
+    elpd_se: float
+    max_pareto_k: float
+    log_evidence: float
+    log_evidence_se: float
+
+
+class OutlierTime(TypedDict, total=False):
+    """The time of an outlier, if the light curve has absolute times."""
+
+    utc: str
+
+
+class OutlierSite(TypedDict, total=False):
+    """The site of an outlier, if it has a name."""
+
+    site: str
+
+
+class Outlier(OutlierTime, OutlierSite):
+    """A point that is probably an outlier."""
+
+    row: int
+    t: float
+    curve: str
+    probability: float
+    residual: float
+
+
+class Outliers(TypedDict, total=False):
+    """The probable outliers, if the law of the noise has outliers."""
+
+    outliers: list[Outlier]
+
+
+class FitTiming(TypedDict):
+    """Seconds of each stage, and the number of gradients."""
+
+    search_s: float
+    compile_s: float
+    warmup_s: float
+    sampling_s: float
+    gradients: int
+
+
+class FitNumbers(Outliers):
+    """Numbers of a fit; ``parameters`` are those of the heaviest solution."""
+
+    model: str
+    n_facets: int
+    n_obs: int
+    seed: int
+    max_rhat: float
+    min_ess_bulk: float
+    min_ess_tail: float
+    divergences: int
+    parameters: dict[str, ParameterContent]
+    modes: list[ModeContent]
+    fit: FitQuality
+    timing: FitTiming
+    model_options: NotRequired[dict[str, Any]]
+    n_starts: int
+    notes: str
+    identity: dict[str, Any]
+
+
+class FitContent(Verdict, FitNumbers):
+    """Content of the summary of `lcbayes.fit`."""
+
+
+class CandidateContent(TypedDict):
+    """One number of facets; `results.comparison.COLUMNS` describes the entries."""
+
+    n_facets: int
+    n_parameters: int
+    log_evidence: float
+    log_evidence_se: float
+    log_evidence_spread: float
+    log_evidences: Any
+    log_prior_mass: float
+    probability: float
+    probability_q05: float
+    probability_q95: float
+    elpd_loo: float
+    elpd_se: float
+    elpd_diff: float
+    elpd_diff_se: float
+    max_pareto_k: float
+    n_bad_pareto_k: int
+    n_bounded: int
+    stacking_weight: float
+    chi2: float | None
+    dof: float
+    gradients: int
+    seconds: float
+    reasons: list[ReasonContent]
+
+
+class RuledOutContent(TypedDict):
+    """A number of facets excluded by an upper bound on its evidence."""
+
+    n_facets: int
+    n_parameters: int
+    log_evidence_below: float
+    probability: float
+    chi2: float | None
+    dof: float
+
+
+class CompareTiming(TypedDict):
+    """Seconds of each stage, and the number of gradients."""
+
+    search_s: float
+    sampling_s: float
+    gradients: int
+
+
+class CompareNumbers(TypedDict):
+    """Numbers of a comparison of numbers of facets."""
+
+    model: str
+    n_obs: int
+    seed: int
+    conclusion: str
+    most_probable: int
+    not_told_from_it: Sequence[int]
+    not_excluded: Sequence[int]
+    information_per_point: float
+    weighed_at_n_facets: int | None
+    n_runs: int
+    candidates: list[CandidateContent]
+    ruled_out: list[RuledOutContent]
+    sparse: dict[str, Any] | None
+    timing: CompareTiming
+    identity: dict[str, Any]
+
+
+class CompareContent(Verdict, CompareNumbers):
+    """Content of the summary of `lcbayes.compare`."""
+
+
+class ScanSolution(TypedDict):
+    """A spin, or a law of a stabilised attitude, with its fit."""
+
+    law: str
+    pole_lon_deg: NotRequired[float]
+    pole_lat_deg: NotRequired[float]
+    period_h: NotRequired[float]
+    period_resolution_h: NotRequired[float]
+    chi2: float
+    rms: float
+    near_equal: bool
+    relation: str
+    words: str
+    hits: int
+    coefficients: NotRequired[list[float]]
+
+
+class ScanParameter(TypedDict):
+    """A quantity of the best spin; a scan gives no distribution."""
+
+    mean: float
+    sd: None
+    q05: None
+    q50: None
+    q95: None
+
+
+class ScanFit(TypedDict):
+    """Goodness of fit of the best solution, and the limit of solutions that fit as well."""
+
+    rms: float
+    chi2: float
+    dof: int
+    chi2_near_equal: float
+    sd_from_fit: bool
+
+
+class ScanNumbers(TypedDict):
+    """Numbers of an attitude scan; ``modes`` are the solutions that fit as well as the best."""
+
+    model: str
+    n_facets: int
+    n_obs: int
+    seed: int
+    frame: str
+    n_hypotheses: int
+    n_periods: int
+    n_laws: int
+    laws_left_out: dict[str, str]
+    reflectance: str
+    body: str
+    solutions: list[ScanSolution]
+    parameters: dict[str, ScanParameter]
+    modes: list[ScanSolution]
+    fit: ScanFit
+    timing: dict[str, float]
+
+
+class ScanContent(Verdict, ScanNumbers):
+    """Content of the summary of `lcbayes.scan`."""
+
+
+class BatchNumbers(TypedDict):
+    """Numbers of a batch; each object is a row of ``tables/objects.csv``."""
+
+    catalogue: str
+    n_objects: int
+    n_trusted: int
+    n_not_trusted: int
+    n_failed: int
+    n_done_before: int
+    seconds: float
+    objects_per_hour: float | None
+    workers: str
+    objects: list[dict[str, Any]]
+
+
+class BatchContent(Verdict, BatchNumbers):
+    """Content of the summary of `lcbayes.batch`."""

@@ -1,0 +1,86 @@
+"""Every reason code has one sentence, and every sentence has a code that occurs."""
+
+from __future__ import annotations
+
+import ast
+import string
+from pathlib import Path
+
+import pytest
+
+from lcbayes.core.reasons import Finding
+from lcbayes.inversion.spin import sidereal
+from lcbayes.results.reasons import CONDITIONS, SENTENCES, condition, reason, reasons
+
+ROOT = Path(__file__).resolve().parents[3] / "lcbayes"
+
+
+def _texts(top: str) -> set[str]:
+    """All string constants of a package."""
+    return {
+        node.value
+        for path in (ROOT / top).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+
+
+def _codes() -> set[str]:
+    """The codes of all findings in the source."""
+    codes = set()
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Finding"):
+                first = node.args[0]
+                if isinstance(first, ast.Constant):
+                    codes.add(first.value)
+    return codes
+
+
+def test_every_code_has_a_sentence():
+    assert len(_codes()) > 30
+    assert _codes() <= set(SENTENCES)
+
+
+def test_every_sentence_is_used():
+    used = set().union(*map(_texts, ("samplers", "inference", "inversion", "tasks")))
+    used |= {t for t in _codes() if t in SENTENCES}
+    assert set(SENTENCES) <= used
+
+
+def test_sentences_of_conditions_use_the_values_of_their_reasons():
+    """A condition is met or not with the same finding."""
+
+    def fields(template: str) -> set[str]:
+        return {name for _, name, *_ in string.Formatter().parse(template) if name}
+
+    for code, words in CONDITIONS.items():
+        assert fields(words) <= fields(SENTENCES[code])
+
+
+def test_conditions_of_a_spin():
+    spin = sidereal.Spin([], sidereal.np.zeros(1), sidereal.np.zeros(1), 0.5)
+    assert not spin.require("rapid", False, "too-few-passes", count=2, least=3)
+    assert spin.require("unique", True, "many-poles", count=1, most=4)
+    assert [finding.code for finding in spin.reasons] == ["too-few-passes"]
+    few, one = spin.conditions
+    assert condition(few.finding, met=few.met).startswith("2 pass(es) show steady harmonics, and 3")
+    assert condition(one.finding, met=one.met) == "1 pole(s)"
+
+
+@pytest.mark.parametrize(
+    ("remedy", "words"), [("", "light curve"), ("another-law", "fit takes by default)")]
+)
+def test_a_remedy_is_added_where_there_is_one(remedy, words):
+    values = {"percent": 12.3, "materials": "lambertian", "remedy": remedy}
+    text = reason(Finding("large-residuals", values)).text
+    assert text.startswith("residuals are 12 % of the mean flux: no convex body")
+    assert text.endswith(words)
+
+
+def test_reasons_are_named_once_with_the_part_concerned():
+    finding = Finding("no-glint", {"alarm": 0.01}, about="pass 2")
+    (one,) = reasons([finding, finding])
+    assert str(one) == (
+        "pass 2: no glint stands out: none has a false-alarm probability below 0.01"
+    )
