@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcbayes.core.errors import InputError, RowError
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -233,7 +233,7 @@ class LightCurve:
 
         `lcbayes.read` restores the light curve from it.
         """
-        import pandas as pd
+        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
         from lcbayes.data.formats.written import columns_of, meta_of
 

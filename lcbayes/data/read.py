@@ -155,7 +155,7 @@ def _read(path: str | os.PathLike[str], format: str | None, options: Options) ->
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
     if is_table(path):
         file, format = text_of(path), format or "csv"
-    elif not isinstance(path, str | os.PathLike):
+    elif not isinstance(path, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(
             f"the path is of type {type(path).__name__}; give the path of a file, or a table"
         )
