@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Parts, Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import basins, screening, search, sparse
+from lcbayes.inference import basins, population, screening, search, sparse
 from lcbayes.inference import correlation as information
 from lcbayes.inference import goodness_of_fit as misfit
+from lcbayes.inference.area_prior import AREA, AreaPrior, area_prior_of, bic
 from lcbayes.inference.basins import evenly
+from lcbayes.inference.fit import Posterior, posterior_of
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.loo import Loo, loo
@@ -35,6 +37,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import smc
+from lcbayes.samplers.sampling import Timing
 from lcbayes.samplers.settings import Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
@@ -69,6 +72,11 @@ class Candidate:
         ln likelihood of the best particle, with each point at full weight.
     z_best : (D,)
         The best particle.
+    log_areas : (S, N)
+        ln of the albedo-areas with a log-normal prior, of equally weighted draws; S = 0 if the
+        model has none.
+    posterior : Posterior or None
+        Draws of each solution.
     reasons : list of Finding
         Reasons why the result is unreliable; empty if there are no problems.
     """
@@ -87,6 +95,8 @@ class Candidate:
     gradients: int
     seconds: float
     reasons: list[Finding] = field(default_factory=list)
+    log_areas: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    posterior: Posterior | None = None
 
     @property
     def spread(self) -> float:
@@ -104,6 +114,9 @@ class Compared:
     weighed_at: int  # number of facets of the fit whose residuals give it
     path: sparse.SparsePath | None
     search_s: float
+    area_prior: AreaPrior | None = None
+    path_fault: str = ""  # why there is no sparse path although it was asked for
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the model, without n_facets
 
 
 def run(
@@ -152,11 +165,11 @@ def run(
         problems = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
     begun = time.monotonic()
-    optima = {
+    searched = {
         n: _best_fit(problem, data, key_search, n, settings, workers, checkpoint, progress)
         for n, problem in problems.items()
     }
-    optima = {n: z for n, z in optima.items() if z is not None}
+    optima = {n: z for n, z in searched.items() if z is not None}
     if not optima:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "
@@ -164,26 +177,57 @@ def run(
         )
     weighed_at = max(optima, key=lambda n: _log_likelihood(problems[n], optima[n], data))
     weighed = information.tempered(problems[weighed_at], optima[weighed_at], data)
+    simplest = min(optima, key=lambda n: bic(problems[n], optima[n], weighed))
+    area_prior = area_prior_of(entry, plain, problems[simplest], optima[simplest], data)
+    if area_prior is not None and area_prior.from_data:
+        plain["log_area_mean"] = area_prior.log_mean
+        centred = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
+        optima = {n: _same_body(problems[n], z, centred[n], data) for n, z in optima.items()}
+        problems = centred
     search_s = time.monotonic() - begun
 
     execution = Execution(settings, workers, checkpoint)
-    comparison = _Comparison(entry, execution, problems, optima, data, weighed)
+    comparison = _Comparison(entry, execution, problems, optima, data, weighed, plain)
+    comparison.area_prior = area_prior
     with progress.stage("comparing", 100, "%") as track:
-        parts = Parts(track, 100, sum(map(_cost, (*counts, *filter(None, (upper_bound,))))))
+        parts = Parts(track, 100, sum(map(_cost, counts)))
         if upper_bound:
-            area = _area(problems[weighed_at], optima[weighed_at], data)
-            start = _SparseStart(plain, upper_bound, sparsity or sparse.weight(area))
-            comparison.follow_sparse_path(start, key_path, parts)
+            comparison.follow_sparse_path(upper_bound, sparsity, key_path, parts)
         comparison.measure_all(key_runs, key_mass, parts)
     return comparison.result(weighed_at, search_s)
 
 
-class _SparseStart(NamedTuple):
-    """Start of the sparse path: model options, number of facets, weight of (Σα)²."""
+def reduced(
+    curve: LightCurve,
+    entry: Entry,
+    options: Mapping[str, Any],
+    upper_bound: int,
+    settings: Settings,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> sparse.SparsePath:
+    """The sparse path from the best fit with ``upper_bound`` facets.
 
-    options: Mapping[str, Any]
-    upper_bound: int
-    weight: float
+    Raises
+    ------
+    InputError
+        If no start of the search reaches a finite density.
+    """
+    data = Epochs.of(curve)
+    key_search, key_path = jax.random.split(jax.random.key(settings.seed))
+    workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
+    plain = {k: v for k, v in options.items() if k != "sparsity"} | {"n_facets": upper_bound}
+    with entry.blamed():
+        problem = build_problem(entry, plain, data)[0]
+    z = _best_fit(problem, data, key_search, upper_bound, settings, workers, checkpoint, progress)
+    if z is None:
+        raise InputError(
+            "no start of the search has a finite posterior density; check the errors and the "
+            "geometry, or widen the priors"
+        )
+    weighed = information.tempered(problem, z, data)
+    fits = [sparse.Fit(problem, z)]
+    return sparse.follow(entry, options, upper_bound, fits, weighed, key_path, workers)
 
 
 @dataclass
@@ -196,37 +240,35 @@ class _Comparison:
     optima: dict[int, Floats]  # z of the best fit from each search
     data: Epochs
     weighed: Epochs  # the same data, with the common power of the likelihood
+    options: Mapping[str, Any]  # of the model, without n_facets
+    area_prior: AreaPrior | None = None
     candidates: dict[int, Candidate] = field(default_factory=dict)
     ruled_out: dict[int, RuledOut] = field(default_factory=dict)
     failed: list[Finding] = field(default_factory=list)
     path: sparse.SparsePath | None = None
+    path_fault: str = ""
 
-    def follow_sparse_path(self, start: _SparseStart, key: jax.Array, parts: Parts) -> None:
-        """One run under the sparse prior; its final number of facets joins the candidates."""
-        with parts.part(_cost(start.upper_bound), "sparse path", 1) as within:
-            try:
-                self.path = self._sparse_path(start, key, within)
-            except (smc.Collapse, InputError) as fault:
-                why = f"the sparse path from {start.upper_bound} facets: {fault}"
-                self.failed.append(Finding("number-not-followed", {"why": why}))
-        if self.path and self.path.n_facets not in self.problems:
-            n = self.path.n_facets
-            options = {**start.options, "n_facets": n}
-            self.problems[n] = build_problem(self.entry, options, self.data)[0]
+    def follow_sparse_path(
+        self, upper_bound: int, sparsity: float, key: jax.Array, parts: Parts
+    ) -> None:
+        """The path from the best fits; its final number of facets joins the candidates."""
+        options = dict(self.options) | ({"sparsity": sparsity} if sparsity else {})
+        able = [n for n in self.optima if n <= upper_bound]
+        able.sort(key=lambda n: -self._best_likelihood(n))
+        fits = [sparse.Fit(self.problems[n], self.optima[n]) for n in able]
+        try:
+            self.path = sparse.follow(
+                self.entry, options, upper_bound, fits, self.weighed, key, self.execution.workers
+            )
+        except InputError as fault:
+            self.path_fault = str(fault)
+            return
+        n = self.path.n_facets
+        if n not in self.problems:
+            self.problems[n] = build_problem(
+                self.entry, {**self.options, "n_facets": n}, self.data
+            )[0]
             parts.total += _cost(n)
-
-    def _sparse_path(
-        self, start: _SparseStart, key: jax.Array, progress: Silent
-    ) -> sparse.SparsePath:
-        changed = {
-            **start.options,
-            "n_facets": start.upper_bound,
-            "sparsity": start.weight,
-            "log_area_sd": sparse.LOG_AREA_SD,
-        }
-        problem = build_problem(self.entry, changed, self.weighed)[0]
-        (found,) = self.execution.runs(problem, self.weighed, key, 1, "sparse", progress)
-        return sparse.path(problem, self.weighed, self.entry.facet_sites, found, start.weight)
 
     def measure_all(self, key_runs: jax.Array, key_mass: jax.Array, parts: Parts) -> None:
         """Evidence of each number in order of the best fits, or the reason it is ruled out."""
@@ -257,7 +299,13 @@ class _Comparison:
         measured = basins.measure(
             problem, self.weighed, runs, order, seed=settings.seed, workers=self.execution.workers
         )
-        return _candidate(n, problem, self.weighed, runs, measured.weighed, key_mass)
+        found = _candidate(n, problem, self.weighed, runs, measured.weighed, key_mass)
+        modes, warnings = population.solutions_of(problem, self.weighed, measured, settings)
+        timing = Timing(sampling_s=found.seconds, gradients=found.gradients)
+        posterior = posterior_of(problem, self.weighed, order, modes, measured.weighed.log_evidence)
+        posterior.reasons, posterior.timing = [*found.reasons, *warnings], timing
+        posterior.settings = settings
+        return replace(found, posterior=posterior)
 
     def _best_likelihood(self, n: int) -> float:
         if n not in self.optima:
@@ -308,6 +356,9 @@ class _Comparison:
             weighed_at,
             self.path,
             search_s,
+            self.area_prior,
+            self.path_fault,
+            self.options,
         )
 
 
@@ -337,6 +388,9 @@ def _candidate(
     optimum = search.polish(problem, data, best[None], 1).z[0]
     rows = jnp.asarray(np.vstack([_pooled(runs), best]))
     log_likelihood = np.asarray(_pointwise(problem, rows, data))
+    log_areas = np.zeros((0, 0))
+    if AREA in problem.names:
+        log_areas = np.asarray(_log_areas(problem, rows[:-1], data))
     own = information.tempered(problem, best, data)
     reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
     reasons += weighed.reasons
@@ -355,6 +409,7 @@ def _candidate(
         gradients=sum(r.gradients for r in runs),
         seconds=sum(r.seconds for r in runs),
         reasons=reasons,
+        log_areas=log_areas,
     )
 
 
@@ -383,8 +438,14 @@ def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
     return jax.lax.map(lambda row: problem.log_likelihood(row, data), rows)
 
 
-def _area(problem: Problem, z: Floats, data: Epochs) -> float:
-    return float(np.sum(problem.constrain(jnp.asarray(z), data)["albedo_area"]))
+@partial(jax.jit, static_argnums=0)
+def _log_areas(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda row: problem.constrain(row, data)[AREA], rows)
+
+
+def _same_body(source: Problem, z: Floats, target: Problem, data: Epochs) -> Floats:
+    """z of a problem with another prior that describes the same body."""
+    return np.asarray(target.ravel(source.constrain(jnp.asarray(z), data)))
 
 
 def _cost(n_facets: int) -> float:

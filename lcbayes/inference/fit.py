@@ -179,11 +179,10 @@ class _Fit:
             self.timing,
             self.progress,
         )
-        for mode in modes:
-            mode.z = _in_order(plain, order, mode.z, mode.solution.z, data)
-        return Posterior(
-            plain, data, modes, log_evidence, found.n_starts, self.timing, reasons, self.settings
-        )
+        posterior = posterior_of(plain, data, order, modes, log_evidence)
+        posterior.n_starts, posterior.timing = found.n_starts, self.timing
+        posterior.reasons, posterior.settings = reasons, self.settings
+        return posterior
 
     def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
@@ -215,6 +214,15 @@ class _Fit:
         return Posterior(
             problem, data, modes, log_evidence, found.n_starts, self.timing, reasons, self.settings
         )
+
+
+def posterior_of(
+    problem: Problem, data: Epochs, order: FacetOrder, modes: list[Mode], log_evidence: LogEvidence
+) -> Posterior:
+    """The posterior of particles, with the facets of each solution in order of size."""
+    for mode in modes:
+        mode.z = _in_order(problem, order, mode.z, mode.solution.z, data)
+    return Posterior(problem, data, modes, log_evidence, 1)
 
 
 def _evidence(

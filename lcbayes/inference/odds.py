@@ -60,13 +60,30 @@ def probabilities(log_evidence: Floats, se: Floats, n_runs: int, seed: int = 0) 
     """
     rng = np.random.default_rng(seed)
     error = rng.standard_t(2 * (n_runs - 1), (DRAWS, len(se))) * se
-    low, high = np.quantile(_shares(log_evidence + error), [0.05, 0.95], axis=0)
-    return Odds(_shares(log_evidence), low, high)
+    low, high = np.quantile(shares(log_evidence + error), [0.05, 0.95], axis=0)
+    return Odds(shares(log_evidence), low, high)
 
 
-def _shares(log_evidence: Floats) -> Floats:
+def shares(log_evidence: Floats) -> Floats:
+    """p(N | y) ∝ Z_N of the last axis."""
     share = np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
     return share / share.sum(axis=-1, keepdims=True)
+
+
+def evidence_change(
+    log_areas: Floats, log_mean: float, log_sd: float, other: float
+) -> tuple[float, float]:
+    """Change of ln Z when the mean of the normal prior on ln α of each facet becomes ``other``.
+
+    Z′/Z = E[p′(α)/p(α)] over draws (S, N) of ln α from the posterior under the prior p; the second
+    number is the effective number of draws in this mean. Factors of the prior that do not depend on
+    the areas cancel.
+    """
+    shift = (other - log_mean) / log_sd**2
+    ratio = np.sum(shift * (log_areas - 0.5 * (log_mean + other)), axis=1)
+    top = float(np.max(ratio))
+    weight = np.exp(ratio - top)
+    return top + float(np.log(np.mean(weight))), float(weight.sum() ** 2 / np.sum(weight**2))
 
 
 class Verdict(NamedTuple):

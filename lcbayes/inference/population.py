@@ -26,6 +26,7 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.sampling import Timing
+from lcbayes.samplers.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def sample(
     """
     settings = execution.settings
     runs = _runs(problem, data, execution, key, timing, progress)
-    by_optima, label, placed, weighed = basins.measure(
+    measured = basins.measure(
         problem,
         data,
         runs,
@@ -67,13 +68,20 @@ def sample(
         known=[s.z for s in found],
         workers=execution.workers,
     )
+    reasons = [*(reason for r in runs for reason in r.reasons), *measured.weighed.reasons]
+    modes, warnings = solutions_of(problem, data, measured, settings)
+    return modes, measured.weighed.log_evidence, reasons + warnings
+
+
+def solutions_of(
+    problem: Problem, data: Epochs, measured: basins.Measured, settings: Settings
+) -> tuple[list[Mode], list[Finding]]:
+    """Solutions with their draws and weights, the heaviest first, and warnings about them."""
+    by_optima, label, placed, weighed = measured
     weight = weighed.weight
     shown = [int(k) for k in np.argsort(-weight) if weight[k] >= MIN_WEIGHT]
     kept, left = shown[: settings.max_modes], shown[settings.max_modes :]
-
-    modes = []
-    reasons = [*(reason for r in runs for reason in r.reasons), *weighed.reasons]
-    reasons += left_out(len(left), float(weight[left].sum()))
+    modes, reasons = [], left_out(len(left), float(weight[left].sum()))
     for place, k in enumerate(kept):
         draws, n_found = _chains(placed, label == k, DRAWS_PER_PARTICLE * settings.num_samples)
         shares, sd = weighed.by_run[:, k], float(weighed.weight_sd[k])
@@ -85,12 +93,12 @@ def sample(
         of_all = float(weight[k])
         modes.append(Mode(by_optima.optima[k], draws, stats, own, of_all, sd, run_weights=shares))
         if n_found < 2 and of_all > MAX_LEFT_OUT:
-            few = {"found": n_found, "runs": len(runs), "solution": place + 1}
+            few = {"found": n_found, "runs": len(placed), "solution": place + 1}
             reasons.append(Finding("solution-found-by-few-runs", few))
         if shares.std(ddof=1) > MAX_WEIGHT_SD:
             apart = {"low": float(shares.min()), "high": float(shares.max())}
             reasons.append(Finding("weights-differ", apart | {"solution": place + 1}))
-    return modes, weighed.log_evidence, reasons
+    return modes, reasons
 
 
 def _runs(

@@ -20,6 +20,9 @@ from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number of facets
+AREA_FACTORS = (0.1, 1 / 3, 1.0, 3.0, 10.0)  # of the median of the prior on areas, for the odds
+SAME_MEDIAN = 0.2  # ln of a ratio of two medians, below which one of them is shown
+MIN_DRAWS = 20.0  # effective draws below which a change of the evidence is not given
 LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor run is ignored
 
 # Columns of tables/candidates.csv and of each row of `candidates`, with their descriptions.
@@ -82,7 +85,8 @@ def summarise(
             }
             for r in found.ruled_out
         ],
-        "sparse": None if found.path is None else asdict(found.path),
+        "sparse": _sparse(found),
+        "area_prior": _area_prior(found),
         "timing": {
             "search_s": found.search_s,
             "sampling_s": sum(c.seconds for c in candidates),
@@ -91,6 +95,42 @@ def summarise(
         "identity": dict(identity),
     }
     return content, reasons(against)
+
+
+def _sparse(found: Compared) -> dict[str, Any] | None:
+    """End of the sparse path and the nats by which it fits worse than the best number, or why there
+    is none."""
+    if found.path is None:
+        return {"fault": found.path_fault} if found.path_fault else None
+    fits = max(found.candidates, key=lambda c: c.best)
+    behind = found.information * fits.best - found.path.best
+    return asdict(found.path) | {"behind": behind, "astray": bool(behind > ASTRAY)}
+
+
+def _area_prior(found: Compared) -> dict[str, Any] | None:
+    """The prior on areas, and the probabilities under other medians of it."""
+    prior = found.area_prior
+    if prior is None or not all(c.log_areas.size for c in found.candidates):
+        return None
+    medians = [float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS]
+    if np.min(np.abs(np.log(medians) - prior.default)) > SAME_MEDIAN:
+        medians.append(float(np.exp(prior.default)))
+    scan: list[dict[str, Any]] = []
+    for median in sorted(medians):
+        changes = [
+            odds.evidence_change(c.log_areas, prior.log_mean, prior.log_sd, np.log(median))
+            for c in found.candidates
+        ]
+        if min(draws for _, draws in changes) < MIN_DRAWS:
+            continue
+        value = np.array([c.log_evidence for c in found.candidates]) + [d for d, _ in changes]
+        scan.append({"median_m2": float(median), "probability": odds.shares(value)})
+    return {
+        "median_m2": float(np.exp(prior.log_mean)),
+        "log_sd": prior.log_sd,
+        "from_data": prior.from_data,
+        "scan": scan,
+    }
 
 
 def _rows(
@@ -141,11 +181,6 @@ def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
     if fits.information > CLEANER * found.information:
         worth = {"used": found.information, "found": fits.information}
         yield Finding("points-overcounted", worth)
-    if found.path is not None:
-        behind = found.information * fits.best - found.path.best
-        if behind > ASTRAY:
-            ends = {"start": facets(found.path.upper_bound), "best": facets(fits.n_facets)}
-            yield Finding("sparse-path-astray", ends | {"nats": behind})
     best = next(c for c in found.candidates if c.n_facets == verdict.best)
     if not best.misfit.explained:
         values = {"facets": facets(verdict.best), "why": best.misfit.words}
@@ -171,7 +206,7 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         "chi2/dof",
     ]
     rows: list[list[str]] = []
-    path: Mapping[str, Any] = summary["sparse"] or {}
+    path: Mapping[str, Any] = summary.get("sparse") or {}
     ends = path.get("n_facets")
     for row in summary["candidates"]:
         k = row["max_pareto_k"]
@@ -216,12 +251,8 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
             f"Ruled out by the best fit alone, whose likelihood no evidence can exceed: "
             f"{join_words([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
         )
-    if (path := summary["sparse"]) is not None:
-        shares = ", ".join(f"{n}: {s:.2f}" for n, s in path["shares"].items())
-        said.append(
-            f"* where the sparse path from {facets(path['upper_bound'])} ends (shares of its "
-            f"particles by facets that remain: {shares})."
-        )
+    said += _sparse_notes(summary)
+    said += _area_notes(summary)
     bad = [r["n_facets"] for r in summary["candidates"] if r["n_bad_pareto_k"]]
     if bad:
         said.append(
@@ -229,6 +260,48 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
             f"Pareto k exceeds {BAD_K}: it may be too favourable there."
         )
     return said
+
+
+def _sparse_notes(summary: Mapping[str, Any]) -> Iterator[str]:
+    path = summary.get("sparse")
+    if path is None:
+        return
+    if "fault" in path:
+        yield f"There is no sparse path: {path['fault']}. It does not affect the conclusion."
+        return
+    shares = ", ".join(f"{n}: {s:.2f}" for n, s in path["shares"].items())
+    start = facets(path["upper_bound"])
+    yield (
+        f"* where the sparse path from {start} ends, at the weight {path['sparsity']:.3g} /m⁴ "
+        f"(shares of its optima by facets that remain: {shares})."
+    )
+    if path["astray"]:
+        yield (
+            f"The sparse path fits {path['behind']:.0f} nats worse than the best number, so its "
+            "end means nothing. It does not affect the conclusion."
+        )
+
+
+def _area_notes(summary: Mapping[str, Any]) -> Iterator[str]:
+    """How the probabilities depend on the prior on areas."""
+    prior = summary.get("area_prior")
+    if prior is None:
+        return
+    origin = "that of the best fit" if prior["from_data"] else "as given"
+    numbers = [row["n_facets"] for row in summary["candidates"]]
+    each: list[str] = []
+    for entry in prior["scan"]:
+        shown = [
+            f"{n}: {p:.2f}"
+            for n, p in zip(numbers, entry["probability"], strict=True)
+            if p >= 0.005
+        ]
+        each.append(f"{entry['median_m2']:.3g} m² ({', '.join(shown)})")
+    yield (
+        f"The prior on the area of each facet has the median {prior['median_m2']:.3g} m², {origin},"
+        f" and a factor of {np.exp(prior['log_sd']):.2g} as 1 sd. Probabilities by median: "
+        f"{'; '.join(each)}."
+    )
 
 
 def table(summary: Mapping[str, Any]) -> list[str]:

@@ -141,6 +141,7 @@ class FitNumbers(Outliers):
     fit: FitQuality
     timing: FitTiming
     model_options: NotRequired[dict[str, Any]]
+    sparse: NotRequired[dict[str, Any]]
     n_starts: int
     notes: str
     identity: dict[str, Any]
@@ -213,6 +214,7 @@ class CompareNumbers(TypedDict):
     candidates: list[CandidateContent]
     ruled_out: list[RuledOutContent]
     sparse: dict[str, Any] | None
+    area_prior: dict[str, Any] | None
     timing: CompareTiming
     identity: dict[str, Any]
 

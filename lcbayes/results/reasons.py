@@ -45,8 +45,6 @@ SENTENCES = {
     "points-overcounted": "each point was counted as {used:.2g} independent ones, after the best "
     "fit of the search, but the particles found a better one whose residuals are worth "
     "{found:.2g}: search longer with --num-starts",
-    "sparse-path-astray": "the sparse path from {start} went astray: its best particle fits by "
-    "{nats:.0f} nats worse than that of {best}; take more particles with --num-particles",
     "no-number-explains-data": "{facets} do not explain the data, and no other number tried is "
     "more probable: {why}",
     # scans

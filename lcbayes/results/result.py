@@ -142,16 +142,20 @@ class Result[C: Mapping[str, object]](ABC):
     def write(self, folder: store.ResultsFolder, *, report: bool) -> None:
         """Write into a folder that this process has locked."""
         with folder.staging() as staging:
-            write_json(self.content, staging / store.SUMMARY)
-            if tables := self.tables():
-                (staging / "tables").mkdir()
-            for name, table in tables.items():
-                table.to_csv(staging / "tables" / f"{name}.csv", index=False, lineterminator="\n")
-            self.write_files(staging)
+            self.write_numbers(staging)
             store.write_record(staging, {"task": self.task, **self.record})
             if report:
                 self.write_page(staging)
         self.folder = folder.path
+
+    def write_numbers(self, folder: Path) -> None:
+        """Write ``summary.json``, ``tables/`` and the data files into a plain folder."""
+        write_json(self.content, folder / store.SUMMARY)
+        if tables := self.tables():
+            (folder / "tables").mkdir()
+        for name, table in tables.items():
+            table.to_csv(folder / "tables" / f"{name}.csv", index=False, lineterminator="\n")
+        self.write_files(folder)
 
     def write_report(self) -> Path:
         """Write the report again into the folder of the result; the data do not change."""

@@ -36,6 +36,7 @@ WRITTEN = (
     SUMMARY,
     RECORD,
     "tables",
+    "facets-[0-9]*",
     "observability.json",
 )
 

@@ -22,6 +22,7 @@ from lcbayes.core.errors import (
 from lcbayes.data.write import write
 from lcbayes.inference import facet_count, screening
 from lcbayes.tasks.compare.options import numbers
+from lcbayes.tasks.compare.result import Comparison
 from tests.helpers import small_curves
 from tests.helpers.refused_input import assert_refused
 
@@ -68,12 +69,12 @@ def result(curve) -> tuple[Path, int]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoint, "save", save_or_stop)
         assert main(command) == EXIT_INTERRUPTED
-    assert stored == ["search-1", "search-2", "sparse-0"]
+    assert stored == ["search-1", "search-2", "facets-2-run-0"]
     assert not (out / "summary.json").exists()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoint, "save", lambda _self, name, _arrays: stored.append(name))
         status = main(command)
-    assert stored[3:] == [f"facets-{n}-run-{i}" for n in (2, 1) for i in (0, 1)]  # by fit
+    assert stored[2:] == [f"facets-{n}-run-{i}" for n in (2, 1) for i in (0, 1)]  # by fit
     return out, status
 
 
@@ -86,6 +87,8 @@ def test_what_is_written(result, curve):
         "run.toml",
         "figures",
         "checkpoint",
+        "facets-1",
+        "facets-2",
     }
     told = json.loads((out / "summary.json").read_text())
     assert status == (EXIT_DONE if told["trusted"] else EXIT_NOT_TRUSTED)
@@ -106,10 +109,42 @@ def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     from lcbayes.modelling.epochs import Epochs
     from tests.helpers import one_facet_posterior
 
-    row = json.loads((result[0] / "summary.json").read_text())["candidates"][0]
+    told = json.loads((result[0] / "summary.json").read_text())
+    row, centre = told["candidates"][0], np.log(told["area_prior"]["median_m2"])
     data = Epochs.of(lcbayes.read(curve))
-    exact = one_facet_posterior.Quadrature.of(data).log_evidence(data)
+    grid = one_facet_posterior.Quadrature.of(data)  # with the median 1 m²
+    log_area = grid.axes[0]
+    ratio = np.exp(0.5 * log_area**2 - 0.5 * (log_area - centre) ** 2)
+    exact = grid.log_evidence(data) + np.log(grid.marginal("log_albedo_area") @ ratio)
     assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
+
+
+def test_every_number_keeps_its_posterior_figures_and_page(result):
+    """Also after the comparison is loaded and saved elsewhere."""
+    out, _ = result
+    for n in (1, 2):
+        within = out / f"facets-{n}"
+        assert {"posterior.nc", "summary.json", "tables", "figures", "report.html"} <= {
+            p.name for p in within.iterdir()
+        }
+        assert any((within / "figures").glob("*.svg"))
+    again = lcbayes.load(out)
+    assert isinstance(again, Comparison)
+    assert sorted(again.fits) == [1, 2]
+    assert again.fits[2].posterior["albedo_area"].shape[2] == 2
+    again.save(out.parent / "copy")
+    assert (out.parent / "copy" / "facets-2" / "posterior.nc").is_file()
+    again.write_report()
+    assert (out / "facets-1" / "report.html").is_file()
+
+
+def test_the_prior_on_areas_is_that_of_the_data(result):
+    """The one facet has 6 m²; the model's default median, 1 m², favours more and smaller ones."""
+    told = json.loads((result[0] / "summary.json").read_text())["area_prior"]
+    assert told["from_data"]
+    assert told["median_m2"] == pytest.approx(6.0, rel=0.2)
+    one = {round(row["median_m2"], 2): row["probability"][0] for row in told["scan"]}
+    assert one[round(told["median_m2"], 2)] > one[1.0]
 
 
 def test_the_sparse_path(result):

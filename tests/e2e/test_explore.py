@@ -203,7 +203,7 @@ def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
     draws = results.modes[0].draws.isel(chain=0, draw=0)
     tensor, moments = inertia_tensor(jnp.asarray(draws["inertia_base"].to_numpy()), 1.0)
     assert moments[0] < 0.9 * moments[2]
-    vectors = (results.constant[k].to_numpy() for k in ("sun", "obs"))
+    vectors = (jnp.asarray(results.constant[k].to_numpy()) for k in ("sun", "obs"))
     omega = jnp.asarray(draws["omega"].to_numpy())
     _, seen = torque_free_to_body(jnp.asarray(results.t), omega, tensor, *vectors)
     for index in (0, 10, results.t.size - 1):

@@ -4,7 +4,8 @@ The phases of the warm-up, as fractions of its length in ``EDGES``, are:
 
 - Up to 0.35, S is estimated at the end of increasingly long windows. It is the covariance of the
   draws, shrunk towards the inverse of the mean information or, without a Fisher matrix, towards a
-  small multiple of the unit matrix.
+  small multiple of the unit matrix. The shorter the window in autocorrelation lengths of the draws,
+  the stronger the shrinkage.
 - From 0.35 to 0.85, the candidates for δ are compared in turn, each with a separate step size. The
   trajectories are long, and every length along them is scored (`Scores`). From 0.5 on, the
   trajectories are only twice as long as the best length so far.
@@ -23,6 +24,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from jax.scipy.linalg import solve_triangular
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.samplers.kernels import metric, trajectory
@@ -83,18 +85,20 @@ def steps_update(steps: Steps, k: jax.Array, accept: jax.Array, target: float) -
 
 
 class Running(NamedTuple):
-    """Running mean and scatter of the draws, and the sum of their information matrices."""
+    """Running mean and scatter of the draws and of their jumps, and the sum of the information."""
 
     n: jax.Array
+    last: jax.Array  # (D,), the latest draw
     mean: jax.Array  # (D,)
     scatter: jax.Array  # (D, D)
+    jumps: jax.Array  # (D, D), sum of the outer products of successive differences
     n_information: jax.Array
     information: jax.Array  # (D, D)
 
 
 def running(dim: int) -> Running:
-    square = jnp.zeros((dim, dim))
-    return Running(jnp.zeros(()), jnp.zeros(dim), square, jnp.zeros(()), square)
+    none, row, square = jnp.zeros(()), jnp.zeros(dim), jnp.zeros((dim, dim))
+    return Running(none, row, row, square, square, none, square)
 
 
 def running_add(r: Running, z: jax.Array) -> Running:
@@ -102,7 +106,14 @@ def running_add(r: Running, z: jax.Array) -> Running:
     n = r.n + 1
     before = z - r.mean
     mean = r.mean + before / n
-    return r._replace(n=n, mean=mean, scatter=r.scatter + jnp.outer(before, z - mean))
+    jump = jnp.where(n > 1, z - r.last, 0.0)
+    return r._replace(
+        n=n,
+        last=z,
+        mean=mean,
+        scatter=r.scatter + jnp.outer(before, z - mean),
+        jumps=r.jumps + jnp.outer(jump, jump),
+    )
 
 
 def running_inform(r: Running, information: jax.Array) -> Running:
@@ -125,21 +136,48 @@ def _with(
     return jax.lax.cond(wanted, lambda: running_inform(r, fisher_fn(z)), lambda: r)
 
 
-def estimate(r: Running, old: Scale, correlation: float = 1.0) -> Scale:
+def correlation_length(r: Running, covariance: jax.Array) -> jax.Array:
+    """Transitions per independent draw along the direction that mixes most slowly, in [1, n].
+
+    As in `efficiency`, each direction is modelled as a first-order autoregressive process with
+    1 − ρ = E[(z′ − z)²] / 2 var z, here with the variances of ``covariance`` (D, D). The length is
+    (1 + ρ)/(1 − ρ).
+    """
+    root = jnp.linalg.cholesky(covariance)
+    white = solve_triangular(root, r.jumps / jnp.maximum(r.n - 1, 1), lower=True)
+    white = solve_triangular(root, white.T, lower=True)
+    half = jnp.clip(0.5 * jnp.linalg.eigvalsh(0.5 * (white + white.T))[0], 0.0, 1.0)
+    longest = jnp.maximum(r.n, 1.0)
+    return jnp.nan_to_num(jnp.minimum((2 - half) / half, longest), nan=longest, posinf=longest)
+
+
+def estimate(r: Running, old: Scale, correlation: float | None = None) -> Scale:
     """S of a window: the covariance of the draws, shrunk by D + 5 pseudo-draws from a prior guess.
 
     The number of pseudo-draws is multiplied by ``correlation``, the autocorrelation length of the
-    draws. The guess is the inverse of the mean information; without one, it is 10⁻³ I, with a
-    weight of 5.
+    draws, so that they weigh as much as D + 5 independent draws. Draws that have not explored the
+    posterior in some direction thus leave the guess unchanged. The guess is the inverse of the mean
+    information; without one, it is 10⁻³ I, with a weight of 5.
+
+    Parameters
+    ----------
+    correlation
+        None to measure it by `correlation_length`.
     """
     dim = r.mean.shape[0]
     informed = r.n_information > 0
     mean_information = r.information / jnp.maximum(r.n_information, 1)
     root, _ = metric.inverse_root(jnp.where(informed, mean_information, 0.0), old.precision)
     guess = jnp.where(informed, root @ root.T, 1e-3 * jnp.eye(dim))
-    weight = jnp.where(informed, correlation * (dim + 5.0), 5.0)
-    covariance = (r.scatter + weight * guess) / (jnp.maximum(r.n - 1, 0) + weight)
-    return metric.scale_of(r.mean, covariance, old)
+
+    def shrunk(weight: jax.Array) -> jax.Array:
+        return (r.scatter + weight * guess) / (jnp.maximum(r.n - 1, 0) + weight)
+
+    length = correlation
+    if length is None:
+        length = correlation_length(r, shrunk(jnp.asarray(dim + 5.0)))
+    weight = jnp.where(informed, length * (dim + 5.0), 5.0)
+    return metric.scale_of(r.mean, shrunk(weight), old)
 
 
 class Scores(NamedTuple):

@@ -15,7 +15,7 @@ from numpyro.util import is_prng_key
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.problem import Problem
-from lcbayes.samplers.kernels import adaptation, ahmc, hmc, mh, rmhmc
+from lcbayes.samplers.kernels import adaptation, ahmc, hmc, mh, rmhmc, scoring
 from lcbayes.samplers.kernels.trajectory import Info, State
 
 STARTS = 10  # number of prior draws, the best of which starts a chain
@@ -175,6 +175,7 @@ class Kernel(MCMCKernel):
             )
             worth = jax.vmap(target.potential)(draws)
             z = draws[jnp.argmin(jnp.where(jnp.isfinite(worth), worth, jnp.inf))]
+            z = scoring.ascend(target.potential, target.metric, z)
         else:
             z = ravel_pytree(init_params)[0].astype(float)
         state = self._first(z, target)

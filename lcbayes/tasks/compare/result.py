@@ -8,32 +8,62 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lcbayes.analysis import comparison_page, style
 from lcbayes.core.reasons import Reason
 from lcbayes.results.comparison import COLUMNS, table
 from lcbayes.results.content import CandidateContent, CompareContent, RuledOutContent
+from lcbayes.results.load import read_summary
+from lcbayes.results.reasons import stored
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 from lcbayes.tasks.compare.options import CompareOptions
+from lcbayes.tasks.fit.result import Fit
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
 
+FOLDER = "facets-{}"  # of the posterior with so many facets, in the results folder
+
+
 class Comparison(Result[CompareContent]):
-    """Numbers of facets with their evidence, and the conclusion."""
+    """Numbers of facets with their evidence, and the conclusion.
+
+    Attributes
+    ----------
+    fits : dict
+        The posterior of each number of facets that was sampled. Each is written into a folder
+        ``facets-N``: ``posterior.nc``, ``summary.json``, tables, and with the page also the
+        figures and the shape.
+    """
 
     task = "compare"
 
+    def __init__(
+        self,
+        content: Mapping[str, Any],
+        reasons: Sequence[Reason],
+        record: Mapping[str, Any],
+        fits: Mapping[int, Fit] | None = None,
+    ) -> None:
+        super().__init__(content, reasons, record)
+        self.fits = dict(fits or {})
+
     @classmethod
     def from_folder(
-        cls, _: Path, content: Mapping[str, object], reasons: Sequence[Reason], record: Record
+        cls, folder: Path, content: Mapping[str, Any], reasons: Sequence[Reason], record: Record
     ) -> Comparison:
         """The comparison in a results folder."""
-        return cls(content, reasons, record.content)
+        fits = {}
+        for row in content["candidates"]:
+            within = folder / FOLDER.format(row["n_facets"])
+            if (within / "posterior.nc").is_file():
+                summary = read_summary(within)
+                fits[row["n_facets"]] = Fit.from_folder(within, summary, stored(summary), record)
+        return cls(content, reasons, record.content, fits)
 
     @property
     def conclusion(self) -> str:
@@ -58,7 +88,17 @@ class Comparison(Result[CompareContent]):
         """The table, its notes and the conclusion."""
         return table(self.content)
 
+    def write_files(self, folder: Path) -> None:
+        for n, fit in self.fits.items():
+            within = folder / FOLDER.format(n)
+            within.mkdir()
+            fit.write_numbers(within)
+
     def write_page(self, folder: Path) -> None:
+        for n, fit in self.fits.items():
+            within = folder / FOLDER.format(n)
+            if within.is_dir():  # not if the page alone is written again
+                fit.write_page(within)
         comparison_page.write_page(folder, self.content, self.record, CompareOptions)
 
     def plot_evidence(self) -> list[Figure]:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import facet_count as engine
 from lcbayes.inference.fit import identity as identity_of
+from lcbayes.inference.sparse import check as check_sparse
 from lcbayes.modelling import registry
 from lcbayes.modelling.registry import Entry
 from lcbayes.results.comparison import summarise
 from lcbayes.samplers.settings import PARTICLES, Settings
 from lcbayes.tasks.compare.options import MOST, TASK, CompareOptions
 from lcbayes.tasks.compare.result import Comparison
-from lcbayes.tasks.fit.run import check_curve
+from lcbayes.tasks.fit.result import Fit
+from lcbayes.tasks.fit.run import assembled, check_curve
 from lcbayes.tasks.task import Context, task_function
 
 
@@ -26,6 +29,8 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     For each number, independent runs of tempered particles from the prior to the posterior give the
     evidence; the scatter between runs gives its error. The predictive densities of left-out epochs
     are also given. They answer a different question: which number predicts best, not which is true.
+    The prior on the area of each facet is centred at the typical area of the best fit unless
+    ``log_area_mean`` is given, and the result shows how the probabilities depend on it.
 
     {parameters}
 
@@ -73,7 +78,21 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
         curve, entry, checked, counts, settings, options.sparse, checkpoint, context.progress
     )
     content, reasons = summarise(found, identity, curve.n_obs, options.seed)
-    return Comparison(content, reasons, {})
+    context.progress.say("checking the draws of each number: predicted brightness, leave-one-out")
+    return Comparison(content, reasons, {}, _fits(found, curve, entry, identity))
+
+
+def _fits(
+    found: engine.Compared, curve: LightCurve, entry: Entry, identity: Mapping[str, Any]
+) -> dict[int, Fit]:
+    """The posterior of each number of facets, as the result of a fit."""
+    fits = {}
+    for c in found.candidates:
+        if c.posterior is not None:
+            options = {**found.options, "n_facets": c.n_facets}
+            fits[c.n_facets] = fit = assembled(c.posterior, curve, entry, options, identity)
+            fit.tree.attrs["command"] = "lcbayes compare --config ../run.toml"
+    return fits
 
 
 def _check_model(entry: Entry, sparse: int | None, counts: Sequence[int]) -> None:
@@ -85,12 +104,7 @@ def _check_model(entry: Entry, sparse: int | None, counts: Sequence[int]) -> Non
         )
     if sparse is None:
         return
-    asked = {"sparsity", "log_area_sd"}
-    if not asked <= set(entry.options) or "normals_base" not in entry.facet_sites:
-        raise InputError(
-            f"--sparse goes with faceted and faceted-brdf: {entry.name} lacks their options "
-            "sparsity and log_area_sd, or their site normals_base"
-        )
+    check_sparse(entry, sparse)
     if not counts[0] < sparse <= MOST:
         raise InputError(
             f"--sparse is {sparse}; give an upper bound of facets from {counts[0] + 1} to {MOST}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,9 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Reason
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import facet_count, sparse
 from lcbayes.inference import fit as engine
+from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
@@ -128,21 +130,57 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     if spins and "period" in entry.options:
         asked = {"period": spins[0]["period_h"]} | asked
     checked = entry.check(asked)
+    if options.sparse is not None:
+        _check_sparse(entry, options)
     identity = engine.identity(curve, entry, checked, settings, installed_version())
     if PRIORS in options.others:
         identity[PRIORS] = options.as_dict()[PRIORS]
+    if options.sparse is not None:
+        identity |= {"sparse": options.sparse}
     if spins:
         identity |= {"start_from": repr(spins)}
     checkpoint = context.checkpoint(identity)
+    path = None
+    if options.sparse is not None:
+        arguments = (curve, entry, checked, options.sparse, settings, checkpoint, context.progress)
+        path = facet_count.reduced(*arguments)
+        checked = checked | {"n_facets": path.n_facets}
+        checked.pop("sparsity", None)
     posterior = engine.run(curve, entry, checked, settings, checkpoint, context.progress, spins)
     context.progress.say("checking the draws: predicted brightness, leave-one-out")
-    tree = results.tree(posterior, curve, entry, checked, options.seed)
-    content, reasons = summarise(posterior, tree, curve, identity, options.seed)
-    content["model_options"] = checked
-    stated = checked | {k: v for k, v in options.as_dict().items() if k == PRIORS}
-    tree.attrs |= _attributes(curve, content["n_facets"], entry, options.seed, stated)
+    return assembled(posterior, curve, entry, checked, identity, path)
+
+
+def assembled(
+    posterior: engine.Posterior,
+    curve: LightCurve,
+    entry: Entry,
+    options: Mapping[str, Any],
+    identity: Mapping[str, Any],
+    path: SparsePath | None = None,
+) -> Fit:
+    """The result of a posterior: its DataTree, summary and verdict."""
+    seed = posterior.settings.seed
+    tree = results.tree(posterior, curve, entry, options, seed)
+    content, reasons = summarise(posterior, tree, curve, identity, seed)
+    content["model_options"] = dict(options)
+    if path is not None:
+        content["sparse"] = asdict(path)
+    stated = {**options, **{k: identity[k] for k in (PRIORS,) if k in identity}}
+    tree.attrs |= _attributes(curve, content["n_facets"], entry, seed, stated)
+    if path is not None:
+        listed = [*json.loads(tree.attrs["assumptions"]), path.sentence]
+        tree.attrs["assumptions"] = json.dumps(listed)
     tree.attrs |= _verdict(reasons)
     return Fit(tree, content, reasons)
+
+
+def _check_sparse(entry: Entry, options: FitOptions) -> None:
+    sparse.check(entry, options.sparse or 0)
+    if options.n_facets is not None:
+        raise InputError(
+            "--sparse finds the number of facets, and --n-facets gives it; give one of them"
+        )
 
 
 def check_curve(curve: LightCurve) -> None:

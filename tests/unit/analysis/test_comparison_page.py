@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from lcbayes.analysis import comparison_page
 from lcbayes.core.reasons import Finding
+from lcbayes.inference.area_prior import AreaPrior
 from lcbayes.inference.facet_count import Candidate, Compared
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.loo import Loo
@@ -146,15 +148,44 @@ def test_residuals_cleaner_than_the_search_found_are_reported():
     assert "--num-starts" in reason
 
 
-def test_a_path_that_went_astray_is_reported():
+def test_a_path_that_went_astray_does_not_decide():
     """The best particle of four facets has 54; half of it where points count half."""
     path = SparsePath(6, 0.1, {6: 1.0}, 6, 45.0)
-    assert summary(*THREE, path=path)["reasons"] == []
-    (reason,) = summary(*THREE, path=replace(path, best=14.0))["reasons"]
-    assert "the sparse path from 6 facets went astray" in reason
-    assert "40 nats worse than that of 4 facets" in reason
+    assert not summary(*THREE, path=path)["sparse"]["astray"]
+    told = summary(*THREE, path=replace(path, best=14.0))
+    assert (told["trusted"], told["reasons"]) == (True, [])
+    assert any("40 nats worse than the best number" in line for line in comparison.notes(told))
     half = [replace(c, information=0.5) for c in THREE]
-    assert summary(*half, path=replace(path, best=20.0), information=0.5)["reasons"] == []
+    assert not summary(*half, path=replace(path, best=20.0), information=0.5)["sparse"]["astray"]
+    none = summary(*THREE, path_fault="no start")
+    assert none["trusted"]
+    assert "There is no sparse path: no start." in comparison.notes(none)[0]
+
+
+def test_the_odds_under_other_priors_on_areas():
+    """Draws without scatter: the ratio of two log-normal densities at their areas, exactly."""
+    prior = AreaPrior(np.log(4.0), 1.0, 0.0, True)
+    at = [np.log([[4.0, 4.0]] * 30), np.log([[4.0, 4.0, 0.1]] * 30)]
+    pair = [replace(candidate(n, 0.0), log_areas=x) for n, x in zip((2, 3), at, strict=True)]
+    told = summary(*pair, area_prior=prior)
+    scan = {round(row["median_m2"], 3): row["probability"] for row in told["area_prior"]["scan"]}
+    assert list(scan) == [0.4, 1.0, 1.333, 4.0, 12.0, 40.0]
+    np.testing.assert_allclose(scan[4.0], [0.5, 0.5])
+    density = [
+        float(norm.logpdf(x[0], np.log(12.0)).sum() - norm.logpdf(x[0], np.log(4.0)).sum())
+        for x in at
+    ]
+    want = np.exp(density) / np.exp(density).sum()
+    np.testing.assert_allclose(scan[12.0], want)
+    (note,) = comparison.notes(told)
+    assert "has the median 4 m², that of the best fit" in note
+    assert f"12 m² (2: {want[0]:.2f}, 3: {want[1]:.2f})" in note
+    rng = np.random.default_rng(0)
+    wide = [
+        replace(c, log_areas=c.log_areas + 5 * rng.normal(size=c.log_areas.shape)) for c in pair
+    ]
+    medians = [row["median_m2"] for row in summary(*wide, area_prior=prior)["area_prior"]["scan"]]
+    assert medians == [pytest.approx(4.0)]  # too few effective draws for the others
 
 
 def test_the_table():
@@ -168,7 +199,7 @@ def test_the_table():
     assert "LOO from best" in lines[0]
     assert lines[1].rstrip().endswith("–")
     assert lines[2].strip().startswith("3 *")
-    assert "sparse path from 6 facets ends (shares" in lines[4]
+    assert "sparse path from 6 facets ends, at the weight 0.1 /m⁴ (shares" in lines[4]
     assert "3: 0.75, 4: 0.25" in lines[4]
     assert lines[5].startswith("LOO of 4 facets rests")
     assert lines[-1].startswith("3 facets are most probable")

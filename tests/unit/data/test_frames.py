@@ -49,7 +49,7 @@ def test_other_names_dates_and_text(make, tmp_path):
 def test_astropy_times_quantities_and_masks():
     table = Table({"utc": Time(["2026-01-01", "2026-01-02"]), "mag": np.ma.array([8.0, 9.0])})
     assert lcbayes.read(table, geometry=False).t.tolist() == [0.0, 86400.0]
-    table["mag"].mask = [False, True]
+    table = Table({"utc": table["utc"], "mag": np.ma.array([8.0, 9.0], mask=[False, True])})
     with pytest.raises(InputError, match="mag"):
         lcbayes.read(table, geometry=False)
 

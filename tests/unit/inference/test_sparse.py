@@ -1,13 +1,14 @@
-"""The sparse path: what is dropped, what is merged, and where particles end."""
+"""The sparse path: where it starts, what is dropped, what is merged, and where it ends."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import sparse
-from lcbayes.samplers import smc
+from lcbayes.modelling import registry
 from tests.helpers import small_curves
 
 AXES = np.eye(3)
@@ -66,8 +67,9 @@ def test_errors_that_go_together_do_not_blur_a_distance():
 
 
 @pytest.mark.parametrize("swap", [False, True])
-def test_particles_of_a_known_body(swap):
-    """Two facets, one of them once more and one tiny: two remain of four in every particle."""
+def test_optima_of_a_known_body(swap):
+    """Two facets, one of them once more and one tiny: two remain of four at every optimum near the
+    best. An optimum that is 11 nats higher does not count, nor does one without a density."""
     problem, data = small_curves.posed(small_curves.curve(40, 2), n_facets=4, spin="none")
     rng = np.random.default_rng(0)
     far = np.array([0.5, -0.2, 0.8])
@@ -75,22 +77,55 @@ def test_particles_of_a_known_body(swap):
     areas = np.array([3.0, 3.5, 3.0, 1e-3])
     if swap:
         normals, areas = normals[::-1], areas[::-1]
-    z = np.stack(
-        [
-            np.asarray(
-                problem.ravel(
-                    {
-                        "normals_base": jnp.asarray(normals + 1e-3 * rng.standard_normal((4, 3))),
-                        "log_albedo_area": jnp.log(jnp.asarray(areas)),
-                    }
-                )
-            )
-            for _ in range(6)
-        ]
-    )
-    run = smc.Result(z, np.arange(6.0), 0.0, [], 1, 0, 0.0)
-    found = sparse.path(problem, data, ("normals_base", "log_albedo_area"), run, 0.5)
-    assert found == sparse.SparsePath(4, 0.5, {2: 1.0}, 2, 5.0)
+
+    def row(areas: np.ndarray) -> np.ndarray:
+        sites = {
+            "normals_base": jnp.asarray(normals + 1e-3 * rng.standard_normal((4, 3))),
+            "log_albedo_area": jnp.log(jnp.asarray(areas)),
+        }
+        return np.asarray(problem.ravel(sites))
+
+    z = np.stack([row(areas), row(areas), row(np.full(4, 2.0)), row(np.full(4, 2.0))])
+    sites = ("normals_base", "log_albedo_area")
+    found = sparse.path(problem, data, sites, z, np.array([5.0, 3.0, 14.0, np.nan]), 0.5)
+    best = float(problem.log_likelihood(jnp.asarray(z[1]), data).sum())
+    assert found == sparse.SparsePath(4, 0.5, {2: 1.0}, 2, found.best)
+    assert found.best == pytest.approx(best)
+    near = sparse.path(problem, data, sites, z, np.array([5.0, 3.0, 12.0, np.nan]), 0.5)
+    assert near.shares == {2: pytest.approx(2 / 3), 3: pytest.approx(1 / 3)}
+
+
+def test_a_path_that_starts_nowhere_is_refused():
+    problem, data = small_curves.posed(small_curves.curve(40, 2), n_facets=2, spin="none")
+    z = np.zeros((2, problem.dim))
+    with pytest.raises(InputError, match="no start of the sparse path"):
+        sparse.path(problem, data, ("normals_base",), z, np.full(2, np.nan), 0.5)
+
+
+def test_the_path_starts_at_the_fit_that_is_given():
+    """Five facets of which two are needed: the starts fit nearly as well as the fit, the end is as
+    good, and two facets remain. From draws of the prior the same data mislead the path."""
+    curve = small_curves.curve(40, 2)
+    entry = registry.find("faceted")
+    problem, data = small_curves.posed(curve, n_facets=2, spin="none")
+    sites = {
+        "normals_base": jnp.asarray(small_curves.NORMALS),
+        "log_albedo_area": jnp.log(jnp.asarray(small_curves.AREAS)),
+    }
+    fit = sparse.Fit(problem, np.asarray(problem.ravel(sites)))
+    larger, _ = small_curves.posed(curve, n_facets=5, spin="none")
+    key = jax.random.key(0)
+    rows = sparse.widened(fit, larger, entry.facet_sites, data, key, 3)
+    for row in rows:
+        body = larger.constrain(jnp.asarray(row), data)
+        np.testing.assert_allclose(body["normals"][:2], small_curves.NORMALS, atol=1e-9)
+        np.testing.assert_allclose(body["albedo_area"][:2], small_curves.AREAS)
+        assert float(body["albedo_area"][2:].sum()) == pytest.approx(0.95)
+    found = sparse.follow(entry, {"spin": "none"}, 5, [fit], data, key, 1)
+    truth = float(problem.log_likelihood(jnp.asarray(fit.z), data).sum())
+    assert found.best > truth - 2.0
+    assert found.n_facets == 2
+    assert found.sparsity == pytest.approx(50.0 / 9.5**2)
 
 
 def test_the_weight_costs_fifty_nats():

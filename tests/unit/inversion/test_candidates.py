@@ -31,6 +31,8 @@ def test_single_passes_give_the_period_of_the_brightness():
     assert found is not None
     assert found.significant
     assert not found.joined
+    assert found.best is not None
+    assert found.spin.base is not None
     assert found.best == found.listed[0].period_s == pytest.approx(1 / found.spin.base)
     assert found.listed[0].of_base == 1
     assert 7.0 < found.best < 41.0  # the body turns in 15 to 40 s

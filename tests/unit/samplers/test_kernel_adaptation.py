@@ -6,6 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
+from scipy.signal import lfilter
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.samplers.kernels import HMC, adaptation, trajectory
@@ -109,6 +111,56 @@ def shrunk(z: np.ndarray, information: np.ndarray | None, weight: float) -> np.n
     return (scatter + weight * guess) / (len(z) - 1 + weight)
 
 
+def autocorrelation_length(z: np.ndarray, information: np.ndarray) -> float:
+    """(1 + ρ)/(1 − ρ) of the direction with the smallest jumps for its variance, at most n."""
+    jumps = np.diff(z, axis=0)
+    covariance = shrunk(z, information, z.shape[1] + 5.0)
+    half = 0.5 * eigvalsh(jumps.T @ jumps / len(jumps), covariance)[0]
+    return float(min((2.0 - min(half, 1.0)) / min(half, 1.0), len(z)))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.9, 0.99])
+def test_correlation_length_is_that_of_the_slowest_direction(rho):
+    """Two coordinates of a known first-order process, mixed by a matrix; ρ of the other is 0.2.
+
+    At 10⁵ draws the length of ρ = 0.99, 199, has a relative error of 5 %, which is 14 times that
+    of ρ: the error of ρ̂ is √((1 − ρ²)/n).
+    """
+    rng = np.random.default_rng(6)
+    n, each = 100_000, np.array([rho, 0.2])
+    z = lfilter_rows(each, rng.standard_normal((n, 2))) @ np.array([[2.0, 0.0], [0.6, 0.1]])
+    r = accumulated(z)
+    found = float(adaptation.correlation_length(r, jnp.asarray(np.cov(z.T))))
+    slowest = max(each)
+    assert found == pytest.approx((1 + slowest) / (1 - slowest), rel=0.2)
+
+
+def lfilter_rows(rho: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Stationary first-order processes of unit variance, one per column."""
+    return np.stack(
+        [
+            lfilter([np.sqrt(1 - a**2)], [1.0, -a], e, zi=[a * s])[0]
+            for a, e, s in zip(rho, noise.T, (0.3, -0.5), strict=True)
+        ],
+        axis=1,
+    )
+
+
+def test_draws_that_have_hardly_moved_leave_the_guess():
+    """A chain that crept along a thousandth of the posterior's width says nothing of the width."""
+    rng = np.random.default_rng(7)
+    z = np.stack([1e-3 * np.linspace(0.0, 1.0, 150), rng.standard_normal(150)], axis=1)
+    r = accumulated(z)
+    for _ in range(5):
+        r = adaptation.running_inform(r, jnp.eye(2))
+    found = adaptation.estimate(r, tuner().init(jnp.zeros(2), None).scale)
+    sd = np.sqrt(np.diag(found.root @ found.root.T))
+    assert sd[0] > 0.9  # it was 0.2 where the draws were taken for independent ones
+    still = accumulated(np.ones((20, 2)))
+    still = adaptation.running_inform(still, jnp.eye(2))
+    assert np.all(np.isfinite(adaptation.estimate(still, found).root))
+
+
 def covariance_of(t: Tuning) -> np.ndarray:
     return np.asarray(t.scale.root @ t.scale.root.T)
 
@@ -188,11 +240,12 @@ def test_each_window_sets_the_covariance(fisher_fn):
     windows = [(0, 10), (10, 20), (20, 40), (40, 70), (40, 170)]
     for begin, end in windows:
         here = np.arange(begin, end)
-        mean = None
+        mean, weight = None, 5.0
         if fisher_fn is not None:
             informed = here[here % adaptation.INFORM_EVERY == 0]
             mean = np.mean([np.asarray(information(z[i])) for i in informed], axis=0)
-        want = shrunk(z[begin:end], mean, 5.0 if mean is None else DIM + 5.0)
+            weight = (DIM + 5.0) * autocorrelation_length(z[begin:end], mean)
+        want = shrunk(z[begin:end], mean, weight)
         t = jax.tree.map(lambda x, end=end: x[end], states)
         np.testing.assert_allclose(covariance_of(t), want, rtol=1e-10)
         np.testing.assert_allclose(t.scale.mean, z[begin:end].mean(axis=0), rtol=1e-10)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import lcbayes
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import registry
@@ -84,3 +86,38 @@ def test_fluxes_without_a_level_are_refused(curve, said):
 )
 def test_fluxes_about_zero_that_have_a_level_are_fitted(curve):
     fitting.check_curve(curve)
+
+
+def test_the_number_of_facets_from_the_sparse_prior():
+    """Two facets of at most three are needed, and the fit with two says how they were found."""
+    found = lcbayes.fit(
+        small_curves.curve(40, 2),
+        sparse=3,
+        spin="none",
+        num_starts=16,
+        num_warmup=50,
+        num_samples=50,
+        num_chains=2,
+    )
+    path = found.content.get("sparse", {})
+    assert found.content["n_facets"] == path["n_facets"] == 2
+    assert path["upper_bound"] == 3
+    area = found.posterior["albedo_area"].mean(("chain", "draw")).to_numpy()
+    np.testing.assert_allclose(sorted(area), sorted(small_curves.AREAS), rtol=0.2)
+    weight = path["sparsity"]
+    assert weight == pytest.approx(50.0 / small_curves.AREAS.sum() ** 2, rel=0.2)
+    (said,) = [line for line in json.loads(found.tree.attrs["assumptions"]) if "squared-L1" in line]
+    assert "facets below 2% of the albedo-area are dropped" in said
+    assert f"weight {weight:.3g} /m⁴" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"n_facets": 2}, "--sparse finds the number of facets, and --n-facets gives it"),
+        ({"model": "stabilised"}, "goes with faceted and faceted-brdf"),
+    ],
+)
+def test_the_sparse_prior_is_refused_where_it_has_no_meaning(options, said):
+    with pytest.raises(InputError, match=said):
+        lcbayes.fit(small_curves.curve(20), sparse=3, **options)

@@ -23,7 +23,7 @@ FEW = {"num_warmup": 60, "num_samples": 60, "num_chains": 2, "num_starts": 4, "s
 def constant(data, *, level: float = 1.0):
     """A body whose flux does not change."""
     flux = numpyro.sample("flux_at_unit", dist.LogNormal(jnp.log(level), 1.0))
-    likelihood.observe(data, flux * jnp.ones(data.t.shape))
+    likelihood.observe(data, jnp.full(data.t.shape, flux))
 
 
 @pytest.fixture(scope="module")
