@@ -80,6 +80,11 @@ demo: $(VENV)/.installed
 # The workers share the cores: a BLAS that takes all of them for each call of each worker is slower.
 test test-all: export OPENBLAS_NUM_THREADS = 1
 
+# Most of the time of the quick run is compilation, so XLA optimises the programs less, and compiles
+# each as one piece instead of 32. `make test-all` tests the programs that a user runs.
+test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
+test: export XLA_FLAGS := $(XLA_FLAGS) --xla_cpu_parallel_codegen_split_count=1
+
 # A file's tests stay with one worker, which makes its fixtures once; in the order of the folders,
 # that of the longest files first, so that both workers end together.
 SHARED := -n $(WORKERS) --dist loadfile --no-loadscope-reorder

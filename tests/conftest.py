@@ -1,4 +1,4 @@
-"""One browser for all tests of pages, and how often the tests may fail by chance."""
+"""One browser for all tests of pages, how XLA optimises, and how often tests may fail by chance."""
 
 from __future__ import annotations
 
@@ -13,6 +13,18 @@ from tests.helpers import browser_pages, false_alarms
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     config.stash[false_alarms.COLLECTED] = false_alarms.check(items)
+
+
+@pytest.fixture(scope="module")
+def full_optimisation() -> Iterator[None]:
+    """Programs as a user's also in the quick run: for modules that run theirs for longer than XLA
+    takes to optimise them."""
+    from lcbayes.core.jax_setup import jax
+
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture(scope="session")

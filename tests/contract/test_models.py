@@ -59,6 +59,26 @@ def test_signature(name):
     assert required == set(NEEDED.get(name, {})) & required
 
 
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        *((name, NEEDED.get(name, {})) for name in registry.BUILT_IN),
+        ("faceted-brdf", {"reflectance": "cook-torrance", "spin": "none"}),
+    ],
+)
+def test_every_model_has_the_sites_of_the_report_and_a_gradient(name, given):
+    """Traced for its shapes, which takes no compilation."""
+    entry, data = registry.find(name), Epochs.of(LIGHT)
+    problem = Problem(entry.bind(entry.check(given)), data)
+    z = jax.eval_shape(problem.prior_draw, jax.random.key(0), data)
+    value, slope = jax.eval_shape(jax.value_and_grad(problem.potential), z, data)
+    assert value.shape == ()
+    assert slope.shape == z.shape == (problem.dim,)
+    sites = jax.eval_shape(problem.constrain, z, data)
+    assert {"flux", "expected", "albedo_area", "scale", "sigma"} <= sites.keys()
+    assert sites["flux"].shape == data.t.shape
+
+
 @pytest.fixture(scope="module")
 def draws(posed):
     """A hundred of the prior of the model."""
@@ -66,14 +86,25 @@ def draws(posed):
     return prior_draws(problem, jax.random.split(jax.random.key(1), 100), data)
 
 
-def test_density_and_gradient_are_finite_at_prior_draws(posed, draws):
+@pytest.fixture(scope="module")
+def density(posed, draws):
+    """Potential and gradient at up to a hundred points (n, D), by one compiled program."""
     *_, data, problem = posed
 
     @jax.jit
-    def density(z, data):
+    def run(z, data):
         return jax.lax.map(lambda row: jax.value_and_grad(problem.potential)(row, data), z)
 
-    value, slope = density(draws, data)
+    def at(z):
+        n = len(z)
+        value, slope = run(draws.at[:n].set(z), data)
+        return np.asarray(value)[:n], np.asarray(slope)[:n]
+
+    return at
+
+
+def test_density_and_gradient_are_finite_at_prior_draws(draws, density):
+    value, slope = density(draws)
     assert np.all(np.isfinite(value))
     assert np.all(np.isfinite(slope))
 
@@ -86,28 +117,28 @@ def test_records_what_the_report_knows(posed, draws):
     assert set(entry.facet_sites) & set(problem.names) or not entry.facet_sites
 
 
-def test_facets_have_no_order(posed, draws):
+def test_facets_have_no_order(posed, draws, density):
     """Permuting the sites that the model calls the facets' leaves the posterior unchanged."""
     from lcbayes.inference.label_switching import FacetOrder
 
-    entry, _, data, problem = posed
+    entry, _, _, problem = posed
     order = FacetOrder(problem, entry.facet_sites)
     if order.n_facets < 2:
         pytest.skip("its facets have places")
     z = np.asarray(draws[3])
     swapped = order.by_size(z, np.arange(float(order.n_facets)))
     assert not np.array_equal(z, swapped)
-    potential = jax.jit(problem.potential)
-    np.testing.assert_allclose(potential(swapped, data), potential(z, data), rtol=1e-12)
+    (one, other), _ = density(np.stack([z, swapped]))
+    np.testing.assert_allclose(other, one, rtol=1e-12)
 
 
-def test_starts_are_points_of_the_model(posed):
+def test_starts_are_points_of_the_model(posed, density):
     entry, options, data, problem = posed
     hook = entry.hook("starts")
     if hook is None:
         pytest.skip("searches from the prior")
     rows = jnp.stack([problem.ravel(s) for s in hook(data, jax.random.key(4), **options)])
-    assert np.all(np.isfinite(jax.jit(jax.vmap(problem.potential, (0, None)))(rows, data)))
+    assert np.all(np.isfinite(density(rows)[0]))
 
 
 def test_coordinates_lead_there_and_back(posed, draws):

@@ -72,7 +72,8 @@ def test_a_task_is_a_function_with_the_options_of_the_command(name):
         )
 
 
-LONG = ("compare", "predict", "batch", "observability")  # their examples sample, or differentiate
+# Their examples sample, as that of `fit`, which is run; or differentiate.
+LONG = ("compare", "predict", "batch", "report", "observability")
 
 
 @pytest.mark.parametrize("name", PUBLIC)

@@ -17,7 +17,7 @@ from lcbayes.tasks.batch import run as batching
 from lcbayes.tasks.batch import worker
 from tests.helpers import small_curves
 
-FEW = ("--n-facets", "1", "--spin", "none", "--num-starts", "8", "--num-chains", "2")
+FEW = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--num-chains", "2")
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def catalogue(tmp_path, monkeypatch):
     monkeypatch.setattr(batching, "find_spec", lambda _: None)
     for i in range(3):
         write(
-            small_curves.curve(16, seed=i), tmp_path / f"{i}.csv"
+            small_curves.curve(20, seed=i), tmp_path / f"{i}.csv"
         )  # one structure, one compilation
     text = (tmp_path / "1.csv").read_text().splitlines()
     (tmp_path / "1.csv").write_text("\n".join([*text[:9], text[9][:12]]) + "\n")
@@ -76,7 +76,7 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     assert json.loads((out / "objects" / "third" / "summary.json").read_text())["seed"] == 5
     assert "DO NOT TRUST" in capsys.readouterr().out
 
-    write(small_curves.curve(16, seed=1), tmp_path / "1.csv")  # mended: it alone is done
+    write(small_curves.curve(20, seed=1), tmp_path / "1.csv")  # mended: it alone is done
     done.clear()
     assert main(command) == EXIT_DONE
     assert done == ["second"]

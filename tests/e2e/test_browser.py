@@ -21,7 +21,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["not trusted", pytest.param("asteroid", marks=pytest.mark.slow)])
 def test_the_report(kind, tmp_path, look):
     folder = KINDS[kind](tmp_path / "results")
     numbers = folder / "summary.json"

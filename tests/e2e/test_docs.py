@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 import lcbayes
 from lcbayes.cli import main
 from lcbayes.simulation.scenarios.scenario import load
-from tests.helpers import documentation_blocks
+from tests.helpers import documentation_blocks, results_folders
 from tests.helpers.documentation_blocks import PAGES, ROOT, Block
 
 # Added to the commands of the pages, so that they end soon; the pages say what a user would give.
@@ -121,6 +122,7 @@ def run_python(page: str, folder: Path) -> dict:
     return names
 
 
+@pytest.mark.slow
 def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, capsys):
     """It is `make demo` too, whose exit status is 0 where the fit is trusted."""
     monkeypatch.chdir(tmp_path)
@@ -132,6 +134,24 @@ def test_the_example_of_the_readme_is_trusted_and_right(tmp_path, monkeypatch, c
     error = omega.mean(("chain", "draw")) - np.array([0.012, -0.020, 0.018])  # of its scenario
     assert np.all(np.abs(error) < 5.0 * omega.std(("chain", "draw")))
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_the_example_of_the_readme_runs_on_a_stored_fit(tmp_path, monkeypatch, capsys):
+    """Every line of it, with a results folder in place of the fit."""
+    monkeypatch.chdir(tmp_path)
+    task = lcbayes.fit
+
+    def stored(*args, **options):
+        given = inspect.signature(task).bind(*args, **options).arguments
+        assert given["curve"].n_obs > 100
+        return lcbayes.load(results_folders.faceted(tmp_path / given["out"]))
+
+    monkeypatch.setattr(lcbayes, "fit", stored, raising=False)
+    names = run_python("README.md", tmp_path)
+    assert "<Fit: trusted>" in capsys.readouterr().out
+    assert len(names["table"]) > 0
+    assert names["draws"]["omega"].sizes["xyz"] == 3
+    assert names["again"].trusted
 
 
 @pytest.mark.usefixtures("few")

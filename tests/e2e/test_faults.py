@@ -38,7 +38,7 @@ FIT = [
     "--num-samples",
     "100",
     "--num-starts",
-    "8",
+    "16",
     "--no-report",
 ]
 
@@ -113,7 +113,7 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
 
 def test_a_run_stopped_at_its_report_goes_on_to_it(tmp_path, capsys, monkeypatch):
     """The earlier result stays as it was meanwhile, and nothing is sampled again."""
-    write(small_curves.curve(40), tmp_path / "curve.csv")
+    write(small_curves.curve(20), tmp_path / "curve.csv")
     out = tmp_path / "out"
     fit = ["fit", str(tmp_path / "curve.csv"), "-o", str(out), *FIT[:-1]]
     assert main.main([*fit, "--seed", "1"]) in (0, 3)

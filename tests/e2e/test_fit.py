@@ -43,9 +43,7 @@ POOR = (
     "--num-samples",
     "20",
     "--num-starts",
-    "8",
-    "--num-chains",
-    "2",
+    "16",
 )
 GROUPS = {
     "posterior",
@@ -98,7 +96,7 @@ def model(data, *, depth: float = 1.0, dimmer: bool = False):
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small_curves.curve(40), path)
+    write(small_curves.curve(20), path)
     return path
 
 
@@ -156,7 +154,7 @@ def test_summary_has_the_keys_of_the_design(good):
     assert summary["modes"][0]["weight"] == 1.0
     assert summary["trusted"] is True
     assert summary["reasons"] == []
-    assert summary["fit"]["dof"] == pytest.approx(40 - 3, abs=0.1)
+    assert summary["fit"]["dof"] == pytest.approx(20 - 3, abs=0.1)
 
 
 def test_posterior_has_the_groups_of_the_design(good):
@@ -164,9 +162,9 @@ def test_posterior_has_the_groups_of_the_design(good):
         assert {n.path.strip("/") for n in tree.subtree} >= GROUPS
         chains = {"chain": 4, "draw": 250}
         assert dict(tree["posterior"]["albedo_area"].sizes) == chains | {"facet": 1}
-        assert dict(tree["posterior_predictive"]["brightness"].sizes) == chains | {"time": 40}
+        assert dict(tree["posterior_predictive"]["brightness"].sizes) == chains | {"time": 20}
         dark = tree["log_likelihood_dark"].sizes["dark_time"]
-        assert dict(tree["log_likelihood"]["brightness"].sizes) == chains | {"time": 40 - dark}
+        assert dict(tree["log_likelihood"]["brightness"].sizes) == chains | {"time": 20 - dark}
         assert np.all(tree["posterior"]["solution"] == 0)
         for group in ("sample_stats", "modes/0/sample_stats"):
             stats = tree[group].to_dataset()
@@ -302,7 +300,7 @@ def test_predict_writes_a_csv(curve, good, tmp_path):
     out = tmp_path / "later.csv"
     assert main(["predict", str(good[0]), str(curve), "-o", str(out)]) == EXIT_DONE
     rows = list(csv.DictReader(out.read_text().splitlines()))
-    assert len(rows) == 40
+    assert len(rows) == 20
     names = ["flux_q05", "flux_q25", "flux_mean", "flux_q75", "flux_q95"]
     table = np.array([[float(r[n]) for n in names] for r in rows])
     assert np.all(np.diff(table[:, [0, 1, 3, 4]], axis=1) > 0)

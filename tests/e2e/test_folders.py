@@ -15,7 +15,7 @@ from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 from tests.helpers import small_curves
 
-FEW = {"num_warmup": 10, "num_samples": 20, "num_starts": 8, "num_chains": 2}
+FEW = {"num_warmup": 10, "num_samples": 20, "num_starts": 16, "num_chains": 2}
 ONE = {"n_facets": 1, "spin": "none", "seed": 1, **FEW}
 MINE = """
 from pathlib import Path
@@ -55,9 +55,31 @@ def test_a_moved_folder_is_used_without_the_files_it_was_made_of(folder, tmp_pat
     assert "DO NOT TRUST" in capsys.readouterr().out
     assert main(["report", str(folder)]) == EXIT_NOT_TRUSTED
     assert (folder / "report.html").is_file()
-    compared = ["compare", str(folder), "-o", str(tmp_path / "c"), "--n-facets", "1,2"]
-    few = ["--spin", "none", "--num-particles", "10", "--num-runs", "2", "--num-starts", "4"]
-    assert main([*compared, *few, "--no-report"]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+
+
+COMPARE = ["--n-facets", "1,2", "--spin", "none", "--num-particles", "10", "--num-runs", "2"]
+
+
+@pytest.mark.slow
+def test_a_moved_folder_is_compared_without_the_files_it_was_made_of(folder, tmp_path):
+    command = ["compare", str(folder), "-o", str(tmp_path / "c"), *COMPARE, "--num-starts", "4"]
+    assert main([*command, "--no-report"]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+
+
+def test_compare_takes_the_curve_from_a_moved_folder(folder, tmp_path, monkeypatch):
+    given = []
+
+    def stop(curve, *_):
+        given.append(curve)
+        raise InputError("stopped")
+
+    monkeypatch.setattr("lcbayes.inference.facet_count.run", stop)
+    assert main(["compare", str(folder), "-o", str(tmp_path / "c"), *COMPARE]) == EXIT_BAD_INPUT
+    (curve,) = given
+    fit = lcbayes.load(folder)
+    assert isinstance(fit, lcbayes.Fit)
+    for name in ("t", "brightness", "error", "sun", "obs"):
+        np.testing.assert_array_equal(getattr(curve, name), getattr(fit.light_curve, name))
 
 
 def test_how_a_curve_was_read_is_recorded_also_from_python(folder, capsys, tmp_path):

@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from lcbayes.data.write import write
+from tests.helpers import small_curves
+
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("pyproject.toml", "LICENSE", "README.md", "lcbayes", "models", "analysis")
 CLI_MISSING = not (ROOT / "lcbayes" / "cli" / "main.py").exists()
@@ -122,9 +125,11 @@ def test_help_from_another_folder(installed, tmp_path):
 @pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli/main.py is not there yet")
 def test_a_tiny_fit_from_another_folder(installed, tmp_path):
     lcbayes = installed / "lcbayes"
-    _run([lcbayes, "simulate", "one-facet", "-o", "c.csv", "--seed", "1"], cwd=tmp_path)
+    _run([lcbayes, "simulate", "one-facet", "-o", "simulated.csv", "--seed", "1"], cwd=tmp_path)
+    assert (tmp_path / "simulated.csv").stat().st_size > 0
+    write(small_curves.curve(20), tmp_path / "c.csv")
     asked = ["--n-facets", "1", "--spin", "none", "--seed", "1"]
-    short = ["--num-warmup", "50", "--num-samples", "50", "--num-starts", "8", "--num-chains", "2"]
+    short = ["--num-warmup", "50", "--num-samples", "50", "--num-starts", "16", "--num-chains", "2"]
     _run([lcbayes, "fit", "c.csv", "-o", "out", *asked, *short], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0

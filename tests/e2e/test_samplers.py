@@ -22,7 +22,7 @@ PROBLEM = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--no-repo
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("curve") / "curve.csv"
-    write(small_curves.curve(40), path)
+    write(small_curves.curve(20), path)
     return path
 
 

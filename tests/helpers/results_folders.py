@@ -85,6 +85,19 @@ def _curves(mean: np.ndarray) -> xr.Dataset:
     )
 
 
+def _rows(mode: xr.Dataset) -> dict[str, dict[str, float]]:
+    """What a summary says of the areas."""
+    rows = {}
+    for i, draws in enumerate(np.moveaxis(mode["albedo_area"].to_numpy(), -1, 0)):
+        quantiles = dict(
+            zip(("q05", "q50", "q95"), np.quantile(draws, (0.05, 0.5, 0.95)), strict=True)
+        )
+        converged = {"rhat": 1.001, "ess_bulk": 900.0, "ess_tail": 800.0}
+        row = {"mean": draws.mean(), "sd": draws.std()} | quantiles | converged
+        rows[f"albedo_area[{i}]"] = {name: float(value) for name, value in row.items()}
+    return rows
+
+
 def _write(
     folder: Path,
     modes: list[xr.Dataset],
@@ -134,6 +147,7 @@ def _write(
     xr.DataTree.from_dict(tree).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     (folder / "run.toml").write_text(RUN_TOML)
     chi2 = float(np.sum(((observed - mean.mean((0, 1))) / sigma) ** 2))
+    rms = float(np.std(observed - mean.mean((0, 1))))
     full = {
         "model": attrs["model"],
         "n_facets": attrs["n_facets"],
@@ -149,9 +163,13 @@ def _write(
         "min_ess_tail": 640.0,
         "divergences": divergences,
         "parameters": {},
-        "modes": [{"weight": w, "weight_sd": 0.03} for w in weights],
+        "modes": [
+            {"weight": w, "weight_sd": 0.03, "rms": rms, "parameters": _rows(mode)}
+            for w, mode in zip(weights, modes, strict=True)
+        ],
         "fit": {
-            "rms": float(np.std(observed - mean.mean((0, 1)))),
+            "rms": rms,
+            "rms_unit": str(attrs["kind"]),
             "chi2": chi2,
             "dof": observed.size - 12,
             "elpd_loo": -118.3,

@@ -37,7 +37,12 @@ PUBLISHED = ({"step_size": 0.4, "num_steps": 5}, 400)
 
 
 @pytest.fixture(
-    scope="module", params=["gaussian", "banana", pytest.param("facet", marks=pytest.mark.slow)]
+    scope="module",
+    params=[
+        pytest.param("gaussian", marks=pytest.mark.slow),
+        "banana",
+        pytest.param("facet", marks=pytest.mark.slow),
+    ],
 )
 def target(request) -> target_densities.Target:
     return getattr(target_densities, request.param)()

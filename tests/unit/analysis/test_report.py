@@ -76,11 +76,14 @@ def test_page_is_one_file_with_described_images(faceted):
     assert "url(" not in (faceted / "report.html").read_text(encoding="utf-8")
 
 
-def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_path):
+def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_path, capsys):
+    """By the command, which prints where the page is."""
     copy = shutil.copytree(faceted, tmp_path / "copy")
     (copy / "shape.obj").write_text("stale")
     before = (copy / "report.html").read_bytes()
-    lcbayes.report(copy)
+    (copy / "report.html").unlink()
+    assert main(["report", str(copy)]) == 0
+    assert capsys.readouterr().out == f"{copy / 'report.html'}\n"
     assert (copy / "report.html").read_bytes() == before
     assert {p.name for p in copy.iterdir()} == {
         "posterior.nc",
@@ -142,24 +145,31 @@ def test_unknown_parameters_are_listed_and_angles_do_not_wrap(faceted):
     assert rows["phi[0]"].sd < 0.1
 
 
-def test_run_that_did_not_converge_says_so_first_and_why(tmp_path):
-    folder = results_folders.faceted(tmp_path, bad=True)
+HOSTILE = "<script>alert(1)</script>.csv"
+
+
+@pytest.fixture(scope="module")
+def not_converged(tmp_path_factory) -> Path:
+    """A fit of magnitudes that did not converge, of a file whose name is code."""
+    folder = tmp_path_factory.mktemp("bad")
+    results_folders.faceted(folder, bad=True, kind="mag", title=HOSTILE.replace("/", "\\"))
     lcbayes.report(folder)
-    text = page(folder).text
+    return folder
+
+
+def test_run_that_did_not_converge_says_so_first_and_why(not_converged):
+    text = page(not_converged).text
     said = text.index("Do not trust these numbers")
     assert said < text.index("R-hat of albedo_area[0] is 2.31") < text.index("Key results")
     assert "explain the data" not in text
     assert "Black crosses are divergent draws" in text
 
 
-def test_magnitudes_and_hostile_names(tmp_path):
-    name = "<script>alert(1)</script>.csv"
-    folder = results_folders.faceted(tmp_path, kind="mag", title=name.replace("/", "\\"))
-    lcbayes.report(folder)
-    html = (folder / "report.html").read_text(encoding="utf-8")
+def test_magnitudes_and_hostile_names(not_converged):
+    html = (not_converged / "report.html").read_text(encoding="utf-8")
     assert "<script>alert" not in html
     assert "&lt;script&gt;alert(1)" in html
-    assert "apparent magnitudes" in page(folder).text
+    assert "apparent magnitudes" in page(not_converged).text
 
 
 def test_asteroid_gets_a_body_and_both_poles(asteroid):
@@ -223,14 +233,6 @@ def test_damaged_folders_are_named_in_one_line(faceted, tmp_path, break_it, mess
         lcbayes.report(folder)
     assert "\n" not in str(fault.value)
     assert (folder / "report.html").read_bytes() == before
-
-
-def test_command_prints_where_the_page_is(faceted, tmp_path, capsys):
-    folder = shutil.copytree(faceted, tmp_path / "d")
-    (folder / "report.html").unlink()
-    assert main(["report", str(folder)]) == 0
-    assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
-    assert (folder / "report.html").is_file()
 
 
 def test_figures_are_given_to_python(faceted):

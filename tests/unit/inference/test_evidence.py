@@ -86,9 +86,9 @@ def test_halves_that_do_not_overlap_leave_the_weight_open(away):
 
 @pytest.fixture(scope="module")
 def one_facet():
-    light = small_curves.curve(16, noise=0.1)
+    light = small_curves.curve(20, noise=0.1)
     options = {"n_facets": 1, "spin": "none"}
-    settings = Settings(num_warmup=200, num_samples=400, num_starts=32)
+    settings = Settings(num_warmup=200, num_samples=400, num_starts=16)
     found = fit.run(
         light, registry.find("faceted"), options, settings, Checkpoint(None, {}), Silent()
     )

@@ -24,6 +24,8 @@ from lcbayes.simulation.simulate import simulate
 from tests.helpers.false_alarms import EACH, limit, squares
 from tests.helpers.known_bodies import curve_of, directions, lambertian
 
+pytestmark = pytest.mark.usefixtures("full_optimisation")
+
 BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)
 
@@ -188,12 +190,15 @@ def test_a_shiny_panel_on_a_dull_brick():
         assert part.areas[index] == pytest.approx(areas[which == m], rel=0.05)
 
 
-def test_a_material_that_is_not_there_is_left_out():
+@pytest.mark.parametrize(
+    ("n_curves", "least"), [(2, 1), pytest.param(6, 4, marks=pytest.mark.slow)]
+)
+def test_a_material_that_is_not_there_is_left_out(n_curves, least):
     """A facet of it may still lower chi2 by more than its cost: by chance, in few curves."""
     materials = (LAMBERTIAN, Material.parse("blinn-phong:n=50"))
     normals, which = grid(60, materials)
     exact = 0
-    for seed in range(6):
+    for seed in range(n_curves):
         seen = Observed.of(curve_of(BRICK, 70, seed=seed), Fixed())
         matrix = columns(seen, normals, which, materials)
         coarse = solve(seen, normals, which, matrix)
@@ -201,7 +206,7 @@ def test_a_material_that_is_not_there_is_left_out():
         diffuse = found.which == 0
         assert found.areas[~diffuse].sum() < 0.01 * found.areas.sum()
         exact += len(found.areas) == 6
-    assert exact >= 4
+    assert exact >= least
 
 
 def test_curves_of_unknown_scale_give_the_proportions():

@@ -118,7 +118,10 @@ def test_as_an_integrator_finds_it(name):
     np.testing.assert_allclose(found[0], np.eye(3), atol=1e-13)
 
 
-@pytest.mark.parametrize("e", [1e-4, 1e-6, 1e-7, 1e-8, 1e-9, 1e-12])
+@pytest.mark.parametrize(
+    "e",
+    [1e-4, 1e-8, 1e-12, *(pytest.param(e, marks=pytest.mark.slow) for e in (1e-6, 1e-7, 1e-9))],
+)
 def test_flips_next_to_the_separatrix(e):
     """Spin but for e about the intermediate axis, for two to six flips.
 
@@ -227,21 +230,29 @@ def first_derivatives(p, *given):
 SECOND = jax.jit(jax.jacfwd(lambda p, *given: jax.grad(weighted, has_aux=True)(p, *given)[0]))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["about the largest", "about the smallest", pytest.param("prolate", marks=pytest.mark.slow)],
-)
-def test_vectors_in_the_body_and_their_derivatives(name):
-    """Those of the attitude; first derivatives in both modes and second ones, by differences. A
-    prolate body has two equal moments, in which nothing can be differentiated: ω alone."""
+def vectors_and_changes(name):
+    """Arguments of `weighted` and the number of its free parameters. A prolate body has two equal
+    moments, in which nothing can be differentiated: ω alone."""
     omega, tensor = turned(*MOTIONS[name])
     rng = np.random.default_rng(4)
     vectors, weights = rng.standard_normal((2, TIMES.size, 3))
     changes = rng.standard_normal((5, 3, 3))
     changes = (changes + np.swapaxes(changes, 1, 2)) * (name != "prolate")
-    free = 3 if name == "prolate" else 8
+    return ((omega, tensor, changes), vectors, weights), 3 if name == "prolate" else 8
 
-    given = (omega, tensor, changes), vectors, weights
+
+DIFFERENTIATED = [
+    "about the largest",
+    "about the smallest",
+    pytest.param("prolate", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("name", DIFFERENTIATED)
+def test_vectors_in_the_body_and_their_first_derivatives(name):
+    """Those of the attitude; derivatives in both modes, by differences."""
+    given, free = vectors_and_changes(name)
+    (omega, tensor, _), vectors, weights = given
     p = np.zeros(free)
     attitudes = np.asarray(RUN(TIMES, omega, tensor))
     body, along, gradient = map(np.asarray, first_derivatives(p, *given))
@@ -253,7 +264,13 @@ def test_vectors_in_the_body_and_their_derivatives(name):
         )
     both = 2.0 * np.einsum("ti,ti,tik->k", weights, body, along)
     np.testing.assert_allclose(gradient, both, rtol=1e-9, atol=1e-9 * np.abs(both).max())
-    second = np.asarray(SECOND(p, *given))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DIFFERENTIATED)
+def test_second_derivatives_of_vectors_in_the_body(name):
+    given, free = vectors_and_changes(name)
+    second = np.asarray(SECOND(np.zeros(free), *given))
     for k, step in enumerate(1e-5 * np.eye(free)):
         after, before = (first_derivatives(x, *given)[2] for x in (step, -step))
         np.testing.assert_allclose(

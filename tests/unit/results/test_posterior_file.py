@@ -108,7 +108,12 @@ def made(n_solutions: int, n_dark: int, apart: float = 0.0) -> xr.DataTree:
     return tree(posterior, light, entry, entry.check(OPTIONS), SEED)
 
 
-CASES = [(1, 0), (1, 5), (2, 0), (2, 5)]
+CASES = [
+    (1, 0),
+    pytest.param((1, 5), marks=pytest.mark.slow),
+    pytest.param((2, 0), marks=pytest.mark.slow),
+    (2, 5),
+]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda c: f"{c[0]} solutions, {c[1]} dark")
@@ -307,8 +312,8 @@ def test_inverse_mass_matrix_of_each_chain():
 
 
 def test_attributes_say_what_ahmc_settled_on():
-    light = lit()
-    settings = {"num_warmup": 100, "num_samples": 50, "num_starts": 8, "num_chains": 2}
+    light = small_curves.curve(20)
+    settings = {"num_warmup": 100, "num_samples": 50, "num_starts": 16, "num_chains": 2}
     found = lcbayes.fit(light, sampler="ahmc", seed=1, **settings, **OPTIONS)
     attrs = found.tree["sample_stats"].attrs
     assert attrs["sampler"] == "ahmc"

@@ -18,6 +18,9 @@ from lcbayes.samplers.convergence import MAX_DIVERGING
 from lcbayes.samplers.settings import Settings
 from tests.helpers import small_curves
 
+# How often two chains diverge depends on their seed, and so on rounding.
+pytestmark = pytest.mark.usefixtures("full_optimisation")
+
 
 def funnel(data: Epochs) -> None:
     """Neal's funnel, of which the brightness tells nothing: its neck is too narrow for the step

@@ -418,7 +418,10 @@ def gaussian_worth(step_size: float, lengths: np.ndarray) -> np.ndarray:
     return np.minimum((1 - x) / (1 + x), (1 - square) / (1 + square)) / lengths
 
 
-@pytest.mark.parametrize("step_size", [0.15, 0.3, 1.2])
+@pytest.mark.parametrize(
+    "step_size",
+    [pytest.param(0.15, marks=pytest.mark.slow), 0.3, pytest.param(1.2, marks=pytest.mark.slow)],
+)
 def test_length_on_a_gaussian(step_size):
     """Given S and ε, warm-up takes a length that is hardly worse than the best in theory.
 
