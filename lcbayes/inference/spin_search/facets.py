@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import search
@@ -28,8 +29,8 @@ SUPPORT = 36  # normals, those of the largest areas, about which a grid is refin
 CANDIDATES = 600  # normals tried for a facet
 PLACES = 3  # best places tried for each facet that is moved
 APART = np.cos(np.radians(25.0))  # between these places
-MOVED = 3  # best bodies whose facets are moved
-ROUNDS = 4
+MOVED = 4  # best bodies whose facets are moved
+ROUNDS = 6
 MIN_GAIN = 0.1  # nats
 
 
@@ -95,26 +96,27 @@ def sharpened(
     return normals, areas
 
 
-def reinserted(
+def climbed(
     problem: Problem,
     data: Epochs,
     points: Points,
     law: DiffuseLaw,
     ends: SearchState,
+    gaps: Floats,
     workers: int,
 ) -> SearchState:
-    """The end points, with better optima reached by moving one facet at a time.
+    """The end points, with better optima reached by moving one facet or adding turns.
 
     Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
     there. Each facet of the best bodies in turn is taken away and put where it explains the most of
-    what the others leave; then all parameters are optimised.
+    what the others leave. A rate may also be wrong by whole turns in one of the ``gaps`` (s)
+    between passes. All parameters are then optimised.
     """
     for _ in range(ROUNDS):
-        rows = [
-            row
-            for z in ends.z[_different(ends)]
-            for row in _moves(problem, data, points, law, np.asarray(z))
-        ]
+        rows = []
+        for i in _different(ends):
+            z = np.asarray(ends.z[i])
+            rows += [*_moves(problem, data, points, law, z), *_aliases(problem, data, gaps, z)]
         if not rows:
             break
         tried = search.polish(problem, data, np.stack(rows), workers)
@@ -124,6 +126,29 @@ def reinserted(
         if not float(ends.potential[0]) < best - MIN_GAIN:
             break
     return ends
+
+
+def _aliases(problem: Problem, data: Epochs, gaps: Floats, z: Floats):
+    """Unconstrained vectors with one or two turns more or fewer in a gap.
+
+    The attitude in the middle of the light curve is unchanged.
+    """
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    omega, rate = sites[OMEGA], float(np.linalg.norm(sites["omega"]))
+    for gap in {*gaps[gaps > 0], *([gaps.sum()] if gaps.size > 1 else [])}:
+        for turns in (-2, -1, 1, 2):
+            change = 2 * np.pi * turns / gap
+            if rate + change <= 0:
+                continue
+            turn = Rotation.from_rotvec(
+                -sites["omega"] / rate * change * float(data.t_middle)
+            ).as_matrix()
+            known = {k: jnp.asarray(sites[k]) for k in problem.names}
+            known |= {
+                OMEGA: jnp.asarray(omega * (1.0 + change / rate)),
+                NORMALS: jnp.asarray(sites[NORMALS] @ turn.T),
+            }
+            yield np.asarray(problem.ravel(known))
 
 
 def _different(ends: SearchState) -> list[int]:

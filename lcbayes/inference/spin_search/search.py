@@ -22,7 +22,7 @@ from lcbayes.inference.spin_search.facets import (
     NORMALS,
     OMEGA,
     Bodies,
-    reinserted,
+    climbed,
     sharpened,
     starts,
 )
@@ -53,9 +53,9 @@ class Stage:
 STAGES = (Stage(240, 0.05, 100, 7), Stage(60, 0.01, 250, 6))
 ALIASES = 24  # spins tried for each state of the last stage
 SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best are improved
-CELLS = 400  # cells tried as they are
+CELLS = 1000  # cells tried as they are
 PER_STATE = 3  # of the aliases of a state, carried on
-CONSTANT = Stage(200, 0.01, 160, 5)  # constant spins with a free body
+CONSTANT = (Stage(240, 0.01, 160, 5), Stage(110, 0.003, 400, 4))  # constant spins with a free body
 OPTIMISED = (
     24,
     16,
@@ -117,14 +117,15 @@ def complete_search(
     cells, coverage = grid.search(workers, progress, SURVIVORS)
     run = _Refinement(points, grid, law, total, fastest, workers)
     with progress.stage(
-        "improving spins", sum(s.states for s in (*STAGES, SCREENED, CONSTANT)), "spins"
+        "improving spins", sum(s.states for s in (*STAGES, SCREENED, *CONSTANT)), "spins"
     ) as bar:
         found = run.constant(cells, run.free(cells, bar), bar)
     starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
     ends = search.successive_halving(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
-    return reinserted(problem, data, points, law, ends, workers), coverage
+    gaps = np.diff(np.sort(np.asarray(arcs.middle)))
+    return climbed(problem, data, points, law, ends, gaps, workers), coverage
 
 
 @dataclass(frozen=True)
@@ -175,18 +176,21 @@ class _Refinement:
         start = np.array(pole), np.array(rate), np.array(phase)[:, None]
         order, screened = self._improved(arcs, *start, SCREENED)
         bar.advance(SCREENED.states)
-        rows = states.within(np.array(group)[order], PER_STATE)[: CONSTANT.states]
+        rows = states.within(np.array(group)[order], PER_STATE)[: CONSTANT[0].states]
         at = screened.pole[rows], screened.rate[rows], screened.phase[rows]
-        arcs = Arcs.whole(self.points, CONSTANT.error)
-        strict = self._improved(arcs, *at, CONSTANT)[1]
-        bar.advance(CONSTANT.states)
+        for stage in CONSTANT:
+            arcs = Arcs.whole(self.points, stage.error)
+            strict = self._improved(arcs, *at, stage)[1]
+            bar.advance(stage.states)
+            rows = states.distinct(strict, span, CONSTANT[-1].states)
+            at = strict.pole[rows], strict.rate[rows], strict.phase[rows]
         return strict.at(states.distinct(strict, span, len(OPTIMISED)))
 
     def bodies(
         self, problem: Problem, data: Epochs, found: States, n_facets: int, omega_sd: float
     ) -> Floats:
         """Unconstrained vectors (n, D) of bodies of N facets at constant spins."""
-        normals = facets.grid(CONSTANT.normals)
+        normals = facets.grid(CONSTANT[-1].normals)
         middle = 0.5 * (self.points.t[0] + self.points.t[-1])
         rng = np.random.default_rng(0)
         parts = []
