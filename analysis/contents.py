@@ -39,6 +39,7 @@ class Mode:
     draws: xr.Dataset  # dims chain, draw, …
     stats: xr.Dataset  # may be empty
     predicted: Floats  # (S, T); S = 0 if the posterior has no draws of it
+    curves: xr.Dataset | None = None  # brightness without noise of some draws
     summary: Mapping[str, Any] = field(default_factory=dict)  # its entry in summary.json
 
     @property
@@ -205,6 +206,7 @@ def _modes(
                     else predicted.transpose("chain", "draw", "time").to_numpy()[0, which == k]
                 ),
                 summary=entry,
+                curves=node["curves"].to_dataset().load() if "curves" in node else None,
             )
         )
     return sorted(found, key=lambda m: -m.weight)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,15 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.numerals import date, duration
+from lcbayes.analysis.numerals import SUPERSCRIPT, date, duration
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
+from lcbayes.core.constants import HOUR_S
 from lcbayes.data.segments import Gap, split
+from lcbayes.inversion.spin import periods
+from lcbayes.inversion.spin.candidates import within
+from lcbayes.inversion.spin.detrended import Pass
 
 Floats = NDArray[np.float64]
 MOST_PANELS = 12
+LARGE = 4  # panels that are drawn across the page
 PANEL = Gap(1800.0, 30.0)  # between the panels of a figure
 CONNECTED = Gap(0.0, 10.0)  # gap across which no band is drawn
 SPARSE = 3600.0  # s; points farther apart are not connected
+FEWEST_FOLDED = 50  # points
+FEWEST_OF_PASS = 20  # points of a pass in the periodogram of residuals
+PERIODOGRAM = 4e6  # points × frequencies of that periodogram
 FARTHEST = 6.0  # σ; larger residuals are shown as arrows at the edge
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -99,6 +108,15 @@ def _label(results: Results) -> tuple[str, float]:
     return f"{words} (10$^{{{power}}}$ {unit})".replace(" )", ")"), 10.0**power
 
 
+def plain_label(results: Results) -> tuple[str, float]:
+    """The label of the axis of brightness without mathematical markup, and its power of ten."""
+    text, power = _label(results)
+    if power == 1.0:
+        return text, power
+    digits = str(int(np.log10(power))).translate(SUPERSCRIPT)
+    return re.sub(r"10\$\^\{.*?\}\$", f"10{digits}", text), power
+
+
 def runs(x: Floats) -> list[NDArray[np.int64]]:
     """Runs of indices without a gap, over which a continuous band may be drawn."""
     return split(x, np.zeros(x.size, int), CONNECTED)
@@ -116,12 +134,12 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
             "variation) are shown; the table below lists all of them."
         )
         parts = [parts[i] for i in keep]
-    big = len(parts) <= 2
+    large = len(parts) <= LARGE
     quantiles = [(m, bands(m)) for m in results.modes]
     sigma = sigmas(results, results.modes[0])
     images = []
     for number, part in enumerate(parts):
-        figure = gallery.figure(*((5.4, 3.7) if big else (3.6, 2.7)))
+        figure = gallery.figure(*((10.0, 4.0) if large else (5.4, 3.2)))
         _draw_segment(figure, results, part, quantiles, sigma)
         epoch = results.attrs.get("epoch_jd")
         start = results.t[part.points[0]]
@@ -175,7 +193,7 @@ def _draw_segment(
         _draw_segment_residuals(
             low, x, (y - q[2]) * power, sigma[at], colour(best.index), results.is_magnitude, power
         )
-    top.set_title(_segment_title(results, part), loc="left")
+    top.set_title(segment_title(results, part), loc="left")
     (low or top).set_xlabel(f"time ({unit}) from the first point")
     figure.align_ylabels()
 
@@ -229,7 +247,7 @@ def _draw_segment_residuals(
         axes.invert_yaxis()
 
 
-def _segment_title(results: Results, part: Segment) -> str:
+def segment_title(results: Results, part: Segment) -> str:
     """Curve, site, date and number of points, where they distinguish segments."""
     title = f"{part.points.size} points"
     if epoch := results.attrs.get("epoch_jd"):
@@ -241,13 +259,31 @@ def _segment_title(results: Results, part: Segment) -> str:
     return title
 
 
-def draw_folded(results: Results, gallery: Gallery) -> Image | None:
-    """All points against rotational phase, each curve scaled to the same mean."""
-    best = results.modes[0]
-    if "period_h" not in best.draws or results.t.size < 50:
+def rotation_period(mode: Mode) -> tuple[float, float] | None:
+    """Rotation period of a solution and its standard deviation, s; None without one rotation."""
+    if "period_h" in mode.draws:
+        values = HOUR_S * mode.draws["period_h"].to_numpy()
+    elif "omega" in mode.draws and "inertia_ratio" not in mode.draws:
+        omega = mode.draws["omega"].transpose("chain", "draw", ...).to_numpy()
+        values = 2 * np.pi / np.maximum(np.linalg.norm(omega, axis=-1), 1e-300)
+    else:
         return None
-    period = float(best.draws["period_h"].mean()) * 3600
-    if results.span_s < 10 * abs(period):
+    return float(np.mean(values)), float(np.std(values))
+
+
+def draw_folded(results: Results, gallery: Gallery) -> Image | None:
+    """All points against rotational phase, each curve scaled to the same mean.
+
+    A period is folded only if there are at least three rotations whose phases are known to a
+    quarter of a rotation.
+    """
+    best = results.modes[0]
+    found = rotation_period(best)
+    if found is None or results.t.size < FEWEST_FOLDED:
+        return None
+    period, spread = found
+    turns_seen = results.span_s / abs(period)
+    if turns_seen < 3.0 or turns_seen * spread / abs(period) > 0.25:
         return None
     y = results.brightness.copy()
     for c in np.unique(results.curve):
@@ -308,3 +344,64 @@ def draw_residuals(results: Results, gallery: Gallery) -> Image | None:
         f"Residuals from the median prediction of {best.name.lower()}"
         + ("; nine in ten points should lie in the shaded band." if scaled else "."),
     )
+
+
+def draw_residual_periodogram(results: Results, gallery: Gallery) -> Image | None:
+    """Part of the χ² of the residuals explained by a sinusoid, against its period.
+
+    The phase of the sinusoid is free in each pass. A peak at the rotation period or a fraction of
+    it shows what the model does not explain.
+    """
+    best = results.modes[0]
+    q = bands(best)
+    if q is None:
+        return None
+    sigma = sigmas(results, best)
+    residual = results.brightness - q[2]
+    passes = [_residual_pass(results, s, residual, sigma) for s in segments(results)]
+    long = [p for p in passes if p is not None]
+    if not long:
+        return None
+    used, notes = within(long, PERIODOGRAM)
+    grid = periods.frequencies(used)
+    power = periods.power(used, grid)
+    unit, size = _time_unit(1.0 / float(grid[0]))
+    figure = gallery.figure(5.4, 3.4)
+    axes = figure.subplots()
+    axes.plot(1.0 / grid / size, power, color=colour(best.index), lw=0.8)
+    rotation = rotation_period(best)
+    if rotation is not None:
+        for k in (1, 2):
+            label = f"rotation period{' ÷ 2' * (k == 2)}"
+            inside = 1.0 / grid[-1] <= abs(rotation[0]) / k <= 1.0 / grid[0]
+            if inside:
+                style = "--" if k == 1 else ":"
+                axes.axvline(
+                    abs(rotation[0]) / k / size, color=FAINT, lw=0.9, ls=style, label=label
+                )
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(loc="upper left")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel(f"period ({unit})")
+    axes.set_ylabel("part of χ² explained")
+    return gallery.add(
+        figure,
+        "residual-periodogram",
+        "Periodogram of the residuals.",
+        "Periodogram of the residuals: what a sinusoid of each period, with a free phase in each "
+        f"pass, would still explain.{' Longest passes only.' if notes else ''}",
+    )
+
+
+def _residual_pass(results: Results, part: Segment, residual: Floats, sigma: Floats) -> Pass | None:
+    """The residuals of a segment as a series; None if it is too short."""
+    at = part.points
+    t = results.t[at]
+    if at.size < FEWEST_OF_PASS or not np.ptp(t) > 0:
+        return None
+    y = residual[at] - np.mean(residual[at])
+    known = np.where(np.isfinite(sigma[at]), sigma[at], np.std(residual) or 1.0)
+    sun, obs = (results.constant[k].to_numpy()[at] for k in ("sun", "obs"))
+    return Pass(segment_title(results, part), t, y, known, sun, obs)

@@ -1,11 +1,16 @@
-"""Formatting of numbers; the uncertainty determines the number of digits."""
+"""Formatting of numbers, whose uncertainty determines the number of digits, and names of axes."""
 
 from __future__ import annotations
 
 import datetime
 import math
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+FRAMES = {
+    "icrs": "ICRS (equatorial, J2000)",
+    "ecliptic-j2000": "ecliptic J2000",
+    "inertial": "the inertial axes of the input file",
+}
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def digits(value: float, spread: float) -> int:
@@ -30,7 +35,7 @@ def show(value: float | None, spread: float = math.nan) -> str:
         power = math.floor(math.log10(largest))
         mantissa = value / 10.0**power
         text = f"{mantissa:.{min(max(decimals + power, 0), 9)}f}"
-        return _minus(f"{text}×10{str(power).translate(_SUPERSCRIPT)}")
+        return _minus(f"{text}×10{str(power).translate(SUPERSCRIPT)}")
     if decimals < 0:
         value, decimals = round(value, decimals), 0
     text = f"{value:.{min(decimals, 9)}f}"

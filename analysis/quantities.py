@@ -219,24 +219,29 @@ def _base(name: str) -> str:
     return "omega" if name.startswith("omega_") else name.split("[")[0]
 
 
+def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
+    """Rate, period and axis of a constant rotation, in common units; empty without one."""
+    if "omega" not in draws:
+        return []
+    omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
+    rate = np.degrees(np.linalg.norm(omega, axis=-1))
+    lon, lat = lon_lat_deg(omega)
+    names = ("right ascension", "declination") if frame == "icrs" else ("longitude", "latitude")
+    found = [Quantity("rate", "rotation rate", "deg/s", rate)]
+    if np.std(rate) < 0.2 * np.mean(rate):
+        found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
+    found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
+    found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
+    return found
+
+
 def spin(results: Results, mode: Mode) -> list[Quantity]:
     """The spin of the solution, in common units."""
-    draws = mode.draws
-    found = []
-    if "omega" in draws:
-        omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
-        rate = np.degrees(np.linalg.norm(omega, axis=-1))
-        lon, lat = lon_lat_deg(omega)
-        names = ("right ascension", "declination")
-        if results.frame != "icrs":
-            names = ("longitude", "latitude")
-        found.append(Quantity("rate", "rotation rate", "deg/s", rate))
-        if np.std(rate) < 0.2 * np.mean(rate):
-            found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
-        found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
-        found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
+    found = rotation(mode.draws, results.frame)
     for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):
-        found += [q for q in quantities(results, mode) if q.name == name] if name in draws else []
+        found += (
+            [q for q in quantities(results, mode) if q.name == name] if name in mode.draws else []
+        )
     return found
 
 

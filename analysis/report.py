@@ -10,6 +10,7 @@ import numpy as np
 
 from lcbayes.analysis import (
     diagnostics_plots,
+    explore,
     light_curve_plots,
     quantities,
     shape_plots,
@@ -50,7 +51,11 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
     selected = {m.index: quantities.important(lists[m.index]) for m in drawn}
     panels, panel_note = light_curve_plots.draw_panels(results, gallery)
     shapes = [s for m in drawn if (s := shape_plots.build(results, m, gallery)) is not None]
-    overview = (light_curve_plots.draw_folded, light_curve_plots.draw_residuals)
+    overview = (
+        light_curve_plots.draw_folded,
+        light_curve_plots.draw_residuals,
+        light_curve_plots.draw_residual_periodogram,
+    )
     curves = tables.curve_table(results)
     values: dict[str, Any] = {
         "title": Path(str(results.attrs.get("source_file") or "")).name or "a light curve",
@@ -65,6 +70,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "observed": _observed(results),
         "assumptions": _assumptions(results),
         "coverage": _coverage(results),
+        "explored": explore.payload(results, drawn, shapes),
         "panels": panels,
         "legend": _legend(results),
         "panel_note": panel_note,

@@ -8,18 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.numerals import FRAMES
 from lcbayes.analysis.quantities import facet_normals, readable, spin
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.geometry.spherical import lon_lat_deg, unit_vector
 
 Floats = NDArray[np.float64]
 CLOUD = 400
-
-FRAMES = {
-    "icrs": "ICRS (equatorial, J2000)",
-    "ecliptic-j2000": "ecliptic J2000",
-    "inertial": "the inertial axes of the input file",
-}
 
 
 def frame_words(results: Results) -> str:
@@ -206,7 +201,8 @@ def _enlarge(
     left, right = figure.subplots(1, 2)
     figure.get_layout_engine().set(wspace=0.09)
     hue = colour(mode.index)
-    left.plot(_some(lon.values), _some(lat.values), ".", ms=3, color=hue, alpha=0.4, mew=0)
+    dots = {"ms": 3, "color": hue, "alpha": 0.4, "mew": 0, "rasterized": True}
+    left.plot(_some(lon.values), _some(lat.values), ".", **dots)
     left.plot(lon.mean, lat.mean, "+", ms=9, color=DATA)
     left.set_xlabel(f"{lon.words.split(', ')[-1]} (deg)")
     left.set_ylabel(f"{lat.words.split(', ')[-1]} (deg)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.style import Gallery, drawing
@@ -21,6 +21,7 @@ def write_page(
     result: Result,
     draw: Callable[[Gallery], None],
     refused: str = UNTRUSTED,
+    explored: Any = None,
 ) -> None:
     """Write ``report.html`` and ``figures/`` of a result without a posterior.
 
@@ -29,6 +30,7 @@ def write_page(
     folder : folder that holds the data
     draw : function that adds its figures to the given gallery
     refused : heading of the reasons, if there are any
+    explored : data of the interactive light curve, from `explore_curve.payload`
     """
     figures = folder / "figures"
     figures.mkdir()
@@ -46,6 +48,7 @@ def write_page(
             content=content | {"reasons": [reason.text for reason in result.reasons]},
             lines=result.lines(),
             images=gallery.images,
+            explored=explored,
             version=installed_version(),
         )
     )

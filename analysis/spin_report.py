@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes.analysis.numerals import show
-from lcbayes.analysis.sky_plots import FRAMES, mollweide, place
+from lcbayes.analysis.numerals import FRAMES, show
+from lcbayes.analysis.sky_plots import mollweide, place
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
@@ -42,7 +42,9 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
         lines.append(
             f"weight {s.weight:.2f}: pole ({show(float(lon), radius)}, {show(float(lat), radius)}) "
             f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
-            f"{show(period, spread)} ± {show(spread, spread)} s, {s.multiple} cycle(s) per rotation"
+            f"{show(period, spread)} ± {show(spread, spread)} s "
+            f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
+            f"{s.multiple} cycle(s) per rotation"
         )
     rest = result.solutions[MOST_SOLUTIONS:]
     if rest:
@@ -69,26 +71,27 @@ def draw(result: Spin, curve: LightCurve, gallery: Gallery) -> None:
 
 
 def draw_periodogram(result: Spin, gallery: Gallery) -> None:
-    """Power against frequency, with the base frequency and its harmonics."""
+    """Power against period, with the base period and its harmonics."""
     figure = gallery.figure(6.4, 2.6)
     axes = figure.subplots()
-    axes.plot(result.grid, result.power, color=colour(0), lw=0.8)
+    axes.plot(1.0 / result.grid, result.power, color=colour(0), lw=0.8)
     if result.base is not None:
         for k in result.harmonics:
             if k * result.base <= result.grid[-1]:
                 axes.axvline(
-                    k * result.base,
+                    1.0 / (k * result.base),
                     color=colour(1),
                     lw=0.8,
                     ls="-" if k == 1 else ":",
-                    label={1: "base frequency", 2: "its harmonics"}.get(k),
+                    label={1: "base period", 2: "its harmonics"}.get(k),
                 )
-        axes.legend(loc="upper right")
-        axes.set_xlim(0, min(result.grid[-1], 1.15 * result.base * (max(result.harmonics) + 1)))
+        axes.legend(loc="upper left")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("frequency (Hz)")
+    axes.set_xlabel("period (s)")
     axes.set_ylabel("part of χ² explained")
-    gallery.add(figure, "periodogram", "Power against frequency.", "Periodogram of all passes.")
+    gallery.add(figure, "periodogram", "Power against period.", "Periodogram of all passes.")
 
 
 def draw_synodic(result: Spin, gallery: Gallery) -> None:

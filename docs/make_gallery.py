@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import base64
 import hashlib
 import html
 import json
@@ -27,6 +26,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parents[1]
 PAPERS = ROOT / "analysis" / "papers"
@@ -171,9 +171,9 @@ def pictures(report: Path, folder: Path) -> str:
     page = report.read_text(encoding="utf-8").partition("<h2>Can it be trusted?</h2>")[0]
     texts = []
     for i, (code, alt) in enumerate(
-        re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)" alt="([^"]*)"', page)
+        re.findall(r'<img src="data:image/svg\+xml,([^"]+)" alt="([^"]*)"', page)
     ):
-        (folder / f"{i}.svg").write_bytes(base64.b64decode(code))
+        (folder / f"{i}.svg").write_text(unquote(html.unescape(code)), encoding="utf-8")
         texts.append(f"![{html.unescape(alt)}]({folder.name}/{i}.svg)")
     return "\n\n".join(texts)
 

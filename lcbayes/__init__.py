@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lcbayes.tasks.fit.run import fit as fit
     from lcbayes.tasks.glints.run import glints as glints
     from lcbayes.tasks.load import load as load
+    from lcbayes.tasks.look.run import look as look
     from lcbayes.tasks.observability.run import observability as observability
     from lcbayes.tasks.predict.result import Prediction as Prediction
     from lcbayes.tasks.predict.run import predict as predict
@@ -55,6 +56,7 @@ _HOMES = {
     "glints": "lcbayes.tasks.glints.run",
     "load": "lcbayes.tasks.load",
     "load_light_curve": "lcbayes.results.light_curve",
+    "look": "lcbayes.tasks.look.run",
     "observability": "lcbayes.tasks.observability.run",
     "predict": "lcbayes.tasks.predict.run",
     "read": "lcbayes.data.read",
@@ -84,6 +86,7 @@ __all__ = [
     "glints",
     "load",
     "load_light_curve",
+    "look",
     "observability",
     "predict",
     "read",

@@ -1,5 +1,6 @@
-// Turns the shapes of this page: flat-shaded polygons on a 2D canvas, sorted from back to front.
-(function () {
+// Bodies of this page: flat-shaded polygons on a 2D canvas, sorted from back to front.
+window.lcbayes = window.lcbayes || {};
+(function (lcbayes) {
   "use strict";
   const LIGHT = unit([-0.35, 0.45, 0.82]);  // right, up, towards the reader
 
@@ -18,11 +19,118 @@
     return unit(n);
   }
 
+  // the place nearest above or below at which a name does not overprint one that stands already
+  function free([x, y], half, taken) {
+    const line = 14;
+    const clear = (at) => taken.every((t) => Math.abs(x - t.x) >= half + t.half + 4
+      || Math.abs(at - t.y) >= line);
+    const tried = [0, ...taken.flatMap((t) => [t.y - line - y, t.y + line - y])]
+      .sort((a, b) => Math.abs(a) - Math.abs(b));
+    const found = y + tried.find((step) => clear(y + step));
+    taken.push({ x, y: found, half });
+    return [x, found];
+  }
+
+  // fraction of a ray from the centre at which it leaves the convex body
+  function support(scene, view, ray) {
+    let least = 1;
+    for (const polygon of scene.polygons) {
+      const points = polygon.p.map((p) => view.map((axis) => dot(axis, p)));
+      const n = normal(points);
+      const along = dot(n, ray);
+      if (along > 1e-9) least = Math.min(least, dot(n, points[0]) / along);
+    }
+    return least;
+  }
+
+  const css = (name, other) => getComputedStyle(document.documentElement).getPropertyValue(name).trim() || other;
+
+  // `view`: rows right, up and towards the reader; `sun`: its direction in the view, else a lamp
+  function paint(canvas, scene, view, sun) {
+    const pen = canvas.getContext("2d");
+    const ratio = window.devicePixelRatio || 1;
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height) return;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, width, height);
+    const scale = Math.min(width, height) / (scene.solid ? 2.95 : 3.1);
+    const turn = (p) => view.map((axis) => dot(axis, p));
+    const at = (q) => [width / 2 + scale * q[0], height / 2 - scale * q[1]];
+
+    const line = (from, to, colour, thick) => {
+      pen.beginPath();
+      pen.moveTo(...at(from)); pen.lineTo(...at(to));
+      pen.strokeStyle = colour; pen.lineWidth = thick; pen.stroke();
+    };
+    // spin axis: the half that is farther away goes behind the body
+    const tip = turn((scene.axis || [0, 0, 0]).map((x) => 1.25 * x)), tail = tip.map((x) => -x);
+    const axis = (end) => line([0, 0, 0], end, css("--blue", "#0072B2"), end === tip ? 2.2 : 1.4);
+    const ends = [tip, tail].sort((a, b) => a[2] - b[2]);
+    axis(ends[0]);
+    if (!scene.solid) {
+      pen.beginPath();
+      pen.arc(width / 2, height / 2, scale, 0, 2 * Math.PI);
+      pen.fillStyle = "rgba(255,255,255,0.6)"; pen.fill();
+      pen.strokeStyle = "#c3c9d1"; pen.lineWidth = 1; pen.stroke();
+      axis(ends[1]);
+    }
+    const polygons = scene.polygons.map((polygon) => {
+      const points = polygon.p.map(turn);
+      return { points, colour: polygon.c, normal: normal(points),
+               depth: points.reduce((sum, q) => sum + q[2], 0) / points.length };
+    });
+    polygons.sort((a, b) => a.depth - b.depth);
+    for (const { points, colour, normal: n } of polygons) {
+      const front = n[2] > 0;
+      if (scene.solid && !front) continue;
+      const facing = front ? n : n.map((x) => -x);
+      const dim = sun ? 0.14 : scene.solid ? 0.42 : 0.8;
+      const light = scene.flat ? 1 : dim + (1 - dim) * Math.max(0, dot(sun ? n : facing, sun || LIGHT));
+      const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
+      pen.beginPath();
+      points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
+      pen.closePath();
+      pen.fillStyle = `rgba(${rgb},${front ? 1 : 0.35})`;
+      pen.fill();
+      pen.strokeStyle = scene.solid ? `rgba(${rgb},1)` : "rgba(60,60,60,0.7)";
+      pen.lineWidth = scene.solid ? 0.8 : 0.7;
+      pen.stroke();
+    }
+    if (scene.solid && scene.axis) {
+      const inside = ends[1];
+      // only what sticks out of the body towards the reader: hide the stretch within it
+      const reach = support(scene, view, inside);
+      line(inside.map((x) => x * reach), inside, css("--blue", "#0072B2"), inside === tip ? 2.2 : 1.4);
+    }
+    (scene.dots || []).map(turn).filter((q) => q[2] > 0).forEach((q) => {
+      pen.beginPath();
+      pen.arc(...at(q), 1.6, 0, 2 * Math.PI);
+      pen.fillStyle = "rgba(255,255,255,0.85)"; pen.fill();
+    });
+    pen.font = "12px system-ui, sans-serif";
+    pen.textAlign = "center"; pen.textBaseline = "middle";
+    const taken = [];  // middle and half width of the names that stand already
+    scene.labels.forEach((where, i) => {
+      const q = turn(where), text = scene.names ? scene.names[i] : String(i);
+      if (scene.names && q[2] < 0) return;
+      const half = pen.measureText(text).width / 2;
+      const spot = scene.names ? free(at(q), half, taken) : at(q);
+      pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
+      pen.strokeText(text, ...spot);
+      pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
+      pen.fillText(text, ...spot);
+    });
+    const mark = at(tip.map((x) => 1.08 * x));
+    pen.fillStyle = css("--blue", "#0072B2");
+    if (scene.axis) pen.fillText("spin", ...mark);
+  }
+
   function viewer(figure) {
     const scene = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
     const canvas = figure.querySelector("canvas");
-    const pen = canvas.getContext("2d");
-    if (!pen) return;
+    if (!canvas.getContext("2d")) return;
     const start = scene.view ? { lon: scene.view[0], lat: scene.view[1] } : { lon: 0.6, lat: 0.4 };
     let { lon, lat } = start;
 
@@ -34,108 +142,7 @@
     }
 
     function draw() {
-      const ratio = window.devicePixelRatio || 1;
-      const width = canvas.clientWidth, height = canvas.clientHeight;
-      if (!width || !height) return;
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-      pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-      pen.clearRect(0, 0, width, height);
-      const scale = Math.min(width, height) / (scene.solid ? 2.7 : 3.1);
-      const view = basis();
-      const turn = (p) => view.map((axis) => dot(axis, p));
-      const at = (q) => [width / 2 + scale * q[0], height / 2 - scale * q[1]];
-
-      const line = (from, to, colour, thick) => {
-        pen.beginPath();
-        pen.moveTo(...at(from)); pen.lineTo(...at(to));
-        pen.strokeStyle = colour; pen.lineWidth = thick; pen.stroke();
-      };
-      // spin axis: the half that is farther away goes behind the body
-      const tip = turn((scene.axis || [0, 0, 0]).map((x) => 1.25 * x)), tail = tip.map((x) => -x);
-      const axis = (end) => line([0, 0, 0], end, "#0072B2", end === tip ? 2.2 : 1.4);
-      const ends = [tip, tail].sort((a, b) => a[2] - b[2]);
-      axis(ends[0]);
-      if (!scene.solid) {
-        pen.beginPath();
-        pen.arc(width / 2, height / 2, scale, 0, 2 * Math.PI);
-        pen.fillStyle = "rgba(255,255,255,0.6)"; pen.fill();
-        pen.strokeStyle = "#c3c9d1"; pen.lineWidth = 1; pen.stroke();
-        axis(ends[1]);
-      }
-      const polygons = scene.polygons.map((polygon) => {
-        const points = polygon.p.map(turn);
-        return { points, colour: polygon.c, normal: normal(points),
-                 depth: points.reduce((sum, q) => sum + q[2], 0) / points.length };
-      });
-      polygons.sort((a, b) => a.depth - b.depth);
-      for (const { points, colour, normal: n } of polygons) {
-        const front = n[2] > 0;
-        if (scene.solid && !front) continue;
-        const facing = front ? n : n.map((x) => -x);
-        const dim = scene.solid ? 0.42 : 0.8;
-        const light = scene.flat ? 1 : dim + (1 - dim) * Math.max(0, dot(facing, LIGHT));
-        const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
-        pen.beginPath();
-        points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
-        pen.closePath();
-        pen.fillStyle = `rgba(${rgb},${front ? 1 : 0.35})`;
-        pen.fill();
-        pen.strokeStyle = scene.solid ? `rgba(${rgb},1)` : "rgba(60,60,60,0.7)";
-        pen.lineWidth = scene.solid ? 0.8 : 0.7;
-        pen.stroke();
-      }
-      if (scene.solid && scene.axis) {
-        const inside = ends[1];
-        // only what sticks out of the body towards the reader: hide the stretch within it
-        const reach = support(view, inside);
-        line(inside.map((x) => x * reach), inside, "#0072B2", inside === tip ? 2.2 : 1.4);
-      }
-      (scene.dots || []).map(turn).filter((q) => q[2] > 0).forEach((q) => {
-        pen.beginPath();
-        pen.arc(...at(q), 1.6, 0, 2 * Math.PI);
-        pen.fillStyle = "rgba(255,255,255,0.85)"; pen.fill();
-      });
-      pen.font = "12px system-ui, sans-serif";
-      pen.textAlign = "center"; pen.textBaseline = "middle";
-      const taken = [];  // middle and half width of the names that stand already
-      scene.labels.forEach((where, i) => {
-        const q = turn(where), text = scene.names ? scene.names[i] : String(i);
-        if (scene.names && q[2] < 0) return;
-        const half = pen.measureText(text).width / 2;
-        const spot = scene.names ? free(at(q), half, taken) : at(q);
-        pen.lineWidth = 3; pen.strokeStyle = "rgba(255,255,255,0.85)";
-        pen.strokeText(text, ...spot);
-        pen.fillStyle = q[2] > 0 ? "#1c1f24" : "rgba(28,31,36,0.45)";
-        pen.fillText(text, ...spot);
-      });
-      const mark = at(tip.map((x) => 1.08 * x));
-      pen.fillStyle = "#0072B2";
-      if (scene.axis) pen.fillText("spin", ...mark);
-    }
-
-    // the place nearest above or below at which a name does not overprint one that stands already
-    function free([x, y], half, taken) {
-      const line = 14;
-      const clear = (at) => taken.every((t) => Math.abs(x - t.x) >= half + t.half + 4
-        || Math.abs(at - t.y) >= line);
-      const tried = [0, ...taken.flatMap((t) => [t.y - line - y, t.y + line - y])]
-        .sort((a, b) => Math.abs(a) - Math.abs(b));
-      const found = y + tried.find((step) => clear(y + step));
-      taken.push({ x, y: found, half });
-      return [x, found];
-    }
-
-    // fraction of a ray from the centre at which it leaves the convex body
-    function support(view, ray) {
-      let least = 1;
-      for (const polygon of scene.polygons) {
-        const points = polygon.p.map((p) => view.map((axis) => dot(axis, p)));
-        const n = normal(points);
-        const along = dot(n, ray);
-        if (along > 1e-9) least = Math.min(least, dot(n, points[0]) / along);
-      }
-      return least;
+      paint(canvas, scene, basis());
     }
 
     function rotate(dx, dy) {
@@ -168,5 +175,6 @@
     rotate(0, 0);
   }
 
+  Object.assign(lcbayes, { paintBody: paint, unit3: unit, dot3: dot });
   document.querySelectorAll("figure.shape").forEach(viewer);
-})();
+})(window.lcbayes);

@@ -17,6 +17,7 @@ from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 from lcbayes.tasks.task import Task
 
 COMMANDS = (
+    "look",
     "simulate",
     "fit",
     "compare",
@@ -38,6 +39,7 @@ COMMANDS = (
 
 EPILOG = """\
 examples:
+  lcbayes look pass.csv
   lcbayes fit pass.csv -o out --n-facets 3
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
   lcbayes predict out tomorrow.csv -o brightness.csv

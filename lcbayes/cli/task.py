@@ -61,7 +61,7 @@ def run(args: Namespace, task: Task) -> int:
         return EXIT_DONE
     if task.listing and (args.source is None or args.out is None):
         raise InputError(f"give a {task.source}, and with -o where the result goes; or --list")
-    if task.out not in (TEXT, SOURCE) and args.out is None:
+    if task.out not in (TEXT, SOURCE) and args.out is None and not task.prints:
         what = "a file with -o FILE" if task.out == FILE else "a folder with -o DIR"
         raise InputError(f"no place for the results was given; give {what}")
     record = _record(args, task)
@@ -94,7 +94,10 @@ def run(args: Namespace, task: Task) -> int:
 def _print(args: Namespace, task: Task, result: Result) -> None:
     folder = Path(args.source) if task.out == SOURCE else args.out
     if getattr(args, "json", False):
-        sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
+        from lcbayes.core.files import json_text
+
+        path = None if folder is None else folder / "summary.json"
+        sys.stdout.write(path.read_text(encoding="utf-8") if path else json_text(result.content))
         return
     if task.out == SOURCE:
         print(folder / "report.html")
@@ -102,7 +105,7 @@ def _print(args: Namespace, task: Task, result: Result) -> None:
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for line in result.text().splitlines():
         print(line if width is None else wrapped(line, width))
-    if task.out == FILE:
+    if task.out == FILE or args.out is None:
         return
     if args.no_report:
         print(f"\nresults: {folder}")
@@ -167,7 +170,7 @@ def source_from(args: Namespace, task: Task, record: Record | None = None) -> An
         if not (Path(path) / "posterior.nc").is_file():
             raise InputError(f"{path} is a folder; give a file, or the folder of a fit")
         return fitted_curve(Path(path))
-    curve = read(path, **ReadOptions.of(reading).as_dict())
+    curve = read(path, **ReadOptions.of(reading).as_dict(), geometry=task.geometry)
     if task.fully_lit:
         from lcbayes.data.earth_shadow import FULL, fully_lit
 

@@ -181,8 +181,8 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
         ) from None
 
 
-def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write JSON; numbers that are not finite become null."""
+def json_text(content: Mapping[str, Any]) -> str:
+    """JSON with a line end; numbers that are not finite become null."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -195,5 +195,10 @@ def write_json(content: Mapping[str, Any], path: Path) -> None:
             return None
         return value
 
-    text = json.dumps(plain(content), indent=1) + "\n"
+    return json.dumps(plain(content), indent=1) + "\n"
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write JSON; numbers that are not finite become null."""
+    text = json_text(content)
     write_atomic(path, lambda p: p.write_text(text, encoding="utf-8"))

@@ -46,6 +46,7 @@ class Declaration:
     aliases : further long options, with their leading dashes
     positional : whether it is a positional argument of the command line
     parse : converts the text of the command line or of ``run.toml`` to the value
+    callables : whether a function may be given in Python
     """
 
     help: str
@@ -61,6 +62,7 @@ class Declaration:
     aliases: tuple[str, ...] = ()
     positional: bool = False
     parse: Callable[[str], Any] | None = None
+    callables: bool = False
 
 
 def option(default: Any = MISSING, *, help: str, **declared: Any) -> Any:
@@ -133,6 +135,8 @@ class Option:
         """
         if value is None and self.optional:
             return None
+        if self.declared.callables and callable(value):
+            return value
         if self.declared.parse is not None and isinstance(value, str):
             value = self.declared.parse(value)
             if not self.repeated and not isinstance(value, self.kind):

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.errors import InputError, RowError
+
+if TYPE_CHECKING:
+    import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +43,8 @@ class LightCurve:
         ``flux`` is in W/m² (visible band) if ``range_km`` is given, otherwise reduced to unit
         distances and unit solar irradiance. ``mag`` is an apparent magnitude in ``band``.
     sun, obs : (T, 3)
-        Unit vectors from the object to the Sun and to the observer, axes of ``frame``.
+        Unit vectors from the object to the Sun and to the observer, axes of ``frame``; all NaN if
+        only the brightness is known, which is sufficient for `lcbayes.look` alone.
     range_km : (T,) or None
         Distance between object and observer.
     position_km, velocity_km_s : (T, 3) or None
@@ -158,6 +164,8 @@ class LightCurve:
         _reject("exposure_s", self.exposure_s, _below(self.exposure_s, 0), "< 0", _EXPOSURES)
         for name in ("sun", "obs"):
             vectors: Floats = getattr(self, name)
+            if self.brightness_only:
+                continue
             length: Floats = np.linalg.norm(vectors, axis=1)
             bad = ~(np.abs(length - 1.0) <= UNIT_TOLERANCE)
             _reject(name, vectors, bad, "not of length 1", _UNIT)
@@ -207,10 +215,47 @@ class LightCurve:
         return bool(np.isnan(self.brightness).all())
 
     @property
+    def brightness_only(self) -> bool:
+        """Whether the directions to Sun and observer are unknown throughout."""
+        return bool(np.isnan(self.sun).all() and np.isnan(self.obs).all())
+
+    @property
     def phase_angle(self) -> Floats:
-        """Angle Sun-object-observer, rad, (T,)."""
+        """Angle Sun-object-observer, rad, (T,); NaN if the directions are unknown."""
         cross = np.linalg.norm(np.cross(self.sun, self.obs), axis=1)
         return np.arctan2(cross, np.sum(self.sun * self.obs, axis=1))
+
+    def __len__(self) -> int:
+        return self.n_obs
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per point with the columns of a CSV file; ``attrs`` holds epoch and frame.
+
+        `lcbayes.read` restores the light curve from it.
+        """
+        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
+
+        from lcbayes.data.formats.written import columns_of, meta_of
+
+        table = pd.DataFrame(columns_of(self))
+        table.attrs.update(meta_of(self))
+        return table
+
+    def plot(self, ax: Axes | None = None) -> Figure:
+        """Brightness against time, one colour per site and band.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw on; by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+        """
+        from lcbayes.data.plot import plot
+
+        return plot(self, ax)
 
     def select(self, mask: ArrayLike) -> LightCurve:
         """The points selected by a boolean mask or by indices, in that order.

@@ -7,6 +7,8 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_bytes, read_text
@@ -15,6 +17,7 @@ from lcbayes.data.formats.build import build
 from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
 from lcbayes.data.formats.damit import is_damit, read_damit
 from lcbayes.data.formats.ecsv import is_ecsv, read_ecsv
+from lcbayes.data.formats.frames import PARQUET, is_table, read_parquet, text_of
 from lcbayes.data.formats.names import mapping_of, renamed
 from lcbayes.data.formats.table import comment_values, header_labels, parse
 from lcbayes.data.formats.tdm import is_tdm, read_tdm
@@ -58,7 +61,7 @@ def recognise(file: TextFile) -> str:
 
 
 def read(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Any,
     *,
     format: str | None = None,
     tle: str | os.PathLike[str] | None = None,
@@ -66,12 +69,15 @@ def read(
     error_floor: float | None = None,
     error: float | None = None,
     columns: str | Mapping[str, str] | None = None,
+    geometry: bool = True,
 ) -> LightCurve:
     """Read a light curve.
 
     Parameters
     ----------
-    path : file
+    path : file, or a table
+        A table is a pandas DataFrame, an astropy Table or a mapping of columns, with the names
+        of the columns of a CSV file.
     format : one of `FORMATS`; None: recognised from the content
     tle : file with two-line elements of the object, for data without directions
     site : "latitude,longitude,height" of the observer in degrees (north, east) and metres, for
@@ -82,6 +88,8 @@ def read(
     columns : names of the columns in the file, as ``{"mag": "V", "mag_err": "err"}`` or as
         ``"mag=V,mag_err=err"``; common names are recognised automatically. ``ignore`` names a
         column to be ignored
+    geometry : whether directions to Sun and observer are required; if False, a CSV or ECSV file
+        without them gives a curve with ``brightness_only``, which only `lcbayes.look` accepts
 
     Returns
     -------
@@ -97,11 +105,20 @@ def read(
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
     asked = ReadOptions.of(given)
-    options = Options(_path(asked.tle), asked.site, asked.error, asked.error_floor, columns=mapping)
+    options = Options(
+        _path(asked.tle),
+        asked.site,
+        asked.error,
+        asked.error_floor,
+        brightness_only=not geometry,
+        columns=mapping,
+    )
     curve = _read(path, format, options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
     reading = {name: value for name, value in asked.as_dict().items() if name != "tle"}
+    if is_table(path):
+        curve = replace(curve, source={**curve.source, "file": ""})
     if mapping:
         reading["columns"] = ",".join(f'{name}="{label}"' for name, label in mapping.items())
     source = dict(curve.source)
@@ -136,10 +153,25 @@ def _path(path: str | os.PathLike[str] | None) -> str | None:
 def _read(path: str | os.PathLike[str], format: str | None, options: Options) -> LightCurve:
     if format is not None and format not in _READERS:
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
-    if not isinstance(path, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"the path is of type {type(path).__name__}; give the path of a file")
-    file = read_text(path)
+    if is_table(path):
+        file, format = text_of(path), format or "csv"
+    elif not isinstance(path, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(
+            f"the path is of type {type(path).__name__}; give the path of a file, or a table"
+        )
+    elif _is_parquet(path):
+        file, format = replace(text_of(read_parquet(path)), path=Path(path)), format or "csv"
+    else:
+        file = read_text(path)
     found = format or recognise(file)
     if options.columns and found not in WITH_COLUMNS:
         raise InputError(f"{file.name} is {found}, whose columns are fixed; leave out --columns")
     return _READERS[found](file, options)
+
+
+def _is_parquet(path: str | os.PathLike[str]) -> bool:
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(PARQUET)) == PARQUET
+    except (OSError, ValueError):  # `read_text` says what is wrong
+        return False

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -282,10 +283,12 @@ def identity(
 ) -> dict[str, Any]:
     """Everything that affects the numerical results of a run, for its checkpoint."""
     code = hashlib.sha256()
-    source = entry.module.__file__
+    source = getattr(entry.module, "__file__", None)
     if source is not None:
         with open(source, "rb") as file:
             code.update(file.read())
+    else:  # a function given in Python
+        code.update(function_source(entry.model))
     return {
         "input": digest(curve) + code.hexdigest(),
         "model": entry.name,
@@ -295,6 +298,19 @@ def identity(
         "jax": jax.__version__,
         "device": jax.default_backend(),
     }
+
+
+def function_source(function: Callable[..., Any]) -> bytes:
+    """The source of a function, or its bytecode if it was not read from a file."""
+    try:
+        return inspect.getsource(function).encode()
+    except (OSError, TypeError):
+        code = getattr(function, "__code__", None)
+        return (
+            repr(function).encode()
+            if code is None
+            else code.co_code + repr(code.co_consts).encode()
+        )
 
 
 def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:

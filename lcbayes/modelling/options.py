@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -74,3 +74,8 @@ class ModelOptions(Options):
 
     def as_dict(self) -> dict[str, Any]:
         return super().as_dict() | dict(self.others)
+
+
+def function_name(function: Callable[..., Any]) -> str:
+    """The name of a function that serves as a model."""
+    return f"{getattr(function, '__module__', '')}.{getattr(function, '__qualname__', 'model')}"

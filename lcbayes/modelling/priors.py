@@ -184,12 +184,17 @@ def inertia(sd: float) -> jax.Array:
     """
     _positive("inertia_sd", sd)
     free = numpyro.sample("inertia_base", dist.Normal(0.0, 1.0).expand([5]).to_event(1))
-    moments, axes = jnp.linalg.eigh(sd * jnp.tensordot(jnp.asarray(free), TRACELESS, 1))
-    moments = jnp.exp(moments)
-    tensor = (axes * (jnp.sum(moments) - moments)) @ axes.T
-    principal = (jnp.sum(moments) - moments)[::-1]  # from the smallest
+    tensor, principal = inertia_tensor(jnp.asarray(free), sd)
     numpyro.deterministic("inertia_ratio", principal[:2] / principal[2])
     return tensor
+
+
+def inertia_tensor(free: jax.Array, sd: float) -> tuple[jax.Array, jax.Array]:
+    """Inertia tensor (3, 3) and principal moments, ascending (3,), of the site ``inertia_base``."""
+    moments, axes = jnp.linalg.eigh(sd * jnp.tensordot(free, TRACELESS, 1))
+    moments = jnp.exp(moments)
+    tensor = (axes * (jnp.sum(moments) - moments)) @ axes.T
+    return tensor, (jnp.sum(moments) - moments)[::-1]
 
 
 # An orthonormal basis of traceless symmetric matrices (3, 3).

@@ -49,6 +49,7 @@ from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
 from lcbayes.core.errors import InputError
+from lcbayes.modelling.options import function_name
 
 BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
 
@@ -89,6 +90,12 @@ class Entry:
     @property
     def pooled(self) -> dict[str, Any]:
         return dict(getattr(self.module, "POOLED", {}))
+
+    @property
+    def _file(self) -> Path:
+        """The file in which the model is defined."""
+        code = getattr(inspect.unwrap(self.model), "__code__", None)
+        return Path(self.name) if code is None else Path(code.co_filename)
 
     def hook(self, name: str) -> Callable[..., Any] | None:
         return getattr(self.module, name, None)
@@ -150,9 +157,29 @@ class Entry:
                     f"model {self.name!r}: {fault} (options: `lcbayes models {self.name}`)"
                 ) from fault
             raise InputError(
-                f"{self.name}, line {_last_line(fault, Path(self.name))}: {_said(fault)}; "
+                f"{self.name}, line {_last_line(fault, self._file)}: {_said(fault)}; "
                 "the model must run on this light curve"
             ) from fault
+
+    def with_priors(self, priors: Mapping[str, Any]) -> Entry:
+        """The model with other distributions at the named sites; see `with_priors`.
+
+        Raises
+        ------
+        InputError
+            The priors are no mapping of distributions.
+        """
+        from lcbayes.modelling.replaced_priors import with_priors
+
+        if not isinstance(priors, Mapping):
+            raise InputError(
+                f"priors is of type {type(priors).__name__}; give a mapping of site names to "
+                "NumPyro distributions, in Python"
+            )
+        changed = ModuleType(self.module.__name__)
+        changed.__dict__.update(vars(self.module))
+        changed.__dict__["model"] = with_priors(self.model, priors)
+        return Entry(self.name, changed)
 
     def bind(self, options: Mapping[str, Any]) -> Callable[[Any], Any]:
         return partial(self.model, **options)
@@ -179,14 +206,16 @@ def _convert(model: str, option: Option, value: Any) -> Any:
         ) from None
 
 
-def find(name: str) -> Entry:
-    """The built-in model of a name, or the model in the file at a path.
+def find(name: str | Callable[..., Any]) -> Entry:
+    """The built-in model of a name, the model in the file at a path, or a function as a model.
 
     Raises
     ------
     InputError
         If the model does not exist or the file violates the contract.
     """
+    if callable(name):
+        return _of_function(name)
     if name in BUILT_IN:
         return Entry(name, importlib.import_module(f"lcbayes.models.{name.replace('-', '_')}"))
     path = Path(name)
@@ -209,11 +238,30 @@ def find(name: str) -> Entry:
         raise InputError(
             f"{name}, line {line}: {_said(fault)}; the file must run as it is"
         ) from fault
-    function = getattr(module, "model", None)
-    if not callable(function):
+    if not callable(getattr(module, "model", None)):
         raise InputError(
             f"{name} defines no function model(data, *, ...); see `lcbayes models --contract`"
         )
+    return _checked(Entry(name, module))
+
+
+def _of_function(function: Callable[..., Any]) -> Entry:
+    """A function as a model; the module in which it is defined may define the other hooks."""
+    name = function_name(function)
+    module = ModuleType(name)
+    home = sys.modules.get(getattr(function, "__module__", ""))
+    if home is not None and getattr(home, "model", None) is function:
+        module.__dict__.update(vars(home))
+        built_in = home.__name__.removeprefix("lcbayes.models.").replace("_", "-")
+        if built_in in BUILT_IN:
+            return find(built_in)
+    module.__dict__["model"] = function
+    return _checked(Entry(name, module))
+
+
+def _checked(entry: Entry) -> Entry:
+    """The entry, if its function takes the data by position and options by keyword."""
+    name, function = entry.name, entry.model
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError) as fault:  # some of Python's built-ins have no signature
@@ -224,7 +272,6 @@ def find(name: str) -> Entry:
             f"{name}: model{signature} must take data alone by position and its "
             "options by keyword: def model(data, *, option=default)"
         )
-    entry = Entry(name, module)
     try:
         options = entry.options.values()
     except Exception as fault:  # an annotation with an undefined name

@@ -58,3 +58,37 @@ def label(name: str, index: tuple[int, ...]) -> str:
     if name == "omega":
         return f"omega_{'xyz'[index[0]]}_rad_s"
     return f"{name}[{','.join(map(str, index))}]"
+
+
+UNITS = {
+    "albedo_area": "m2",
+    "area": "m2",
+    "phi": "rad",
+    "omega": "rad/s",
+    "phase_d": "rad",
+    "phase_k": "1/rad",
+    "period_h": "h",
+    "extinction": "mag",
+}
+ENDINGS = {"_deg": "deg", "_rad_s": "rad/s", "_h": "h", "_s": "s", "_m2": "m2", "_km": "km"}
+OFFSETS = ("member_", "site_", "pass_")  # of brightness, mag
+NOISE = ("sigma", "noise")
+
+
+def unit(name: str, *, relative: bool, magnitude: bool) -> str:
+    """Unit of a variable of a posterior; "1" if it is a pure number.
+
+    Parameters
+    ----------
+    name : name of the variable
+    relative : whether all scales of the light curve are unknown, so that areas have no unit
+    magnitude : whether the brightness is in magnitudes; the noise of fluxes is relative
+    """
+    if name in ("albedo_area", "area") and relative:
+        return "1"
+    if name in NOISE:
+        return "mag" if magnitude else "1"
+    if name.startswith(OFFSETS) and name.endswith(("_sd", "_offset")):
+        return "mag"
+    ending = next((u for end, u in ENDINGS.items() if name.endswith(end)), "1")
+    return "1" if name.startswith("log_") else UNITS.get(name, ending)

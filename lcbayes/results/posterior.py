@@ -30,6 +30,7 @@ from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import drawn
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
+from lcbayes.modelling.variables import unit
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 from lcbayes.samplers.chains import INVERSE_MASS
@@ -75,6 +76,8 @@ STATS = {
     "diverging": "diverging",
     "energy": "energy",
 }
+EXPECTED = "expected"  # the site of the brightness without noise
+CURVES = 40  # draws of which the brightness without noise is stored
 FACTORS = "factors"  # ln of the factors of a prior, besides the densities of its sites
 METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
@@ -138,6 +141,8 @@ def tree(
         ``posterior`` and ``sample_stats`` of each solution, with all its draws. If NUTS sampled
         it, ``sample_stats`` holds the inverse mass matrix of each chain, of the unconstrained
         coordinates before labels of facets were matched.
+        ``curves`` holds the brightness without noise of the draw that fits best and of forty
+        others, with their chains and draws.
     """
     problem, data = posterior.problem, posterior.data
     modes = posterior.modes
@@ -171,7 +176,19 @@ def tree(
         groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
         stats = _stats(mode).assign(_mass(problem, mode))
         groups[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
+        if (curves := _curves(problem, mode, data)) is not None:
+            groups[f"modes/{i}/curves"] = curves
+    _add_units(groups, curve)
     return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+
+
+def _add_units(groups: Mapping[str, xr.Dataset], curve: LightCurve) -> None:
+    """Set the attribute ``units`` of every variable of the posterior and of the prior."""
+    relative, magnitude = bool(np.all(curve.free_scale)), curve.kind == "mag"
+    for name, group in groups.items():
+        if name.split("/")[-1] in ("posterior", "prior"):
+            for key, variable in group.data_vars.items():
+                variable.attrs["units"] = unit(str(key), relative=relative, magnitude=magnitude)
 
 
 def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:
@@ -267,6 +284,34 @@ def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs)
         return problem.log_likelihood(row, data), problem.replicate(row, data, key)
 
     return jax.lax.map(one, (rows, keys))
+
+
+def _curves(problem: Problem, mode: Mode, data: Epochs) -> xr.Dataset | None:
+    """Brightness without noise of the best draw and of `CURVES` others; None if not recorded."""
+    chains, draws = mode.z.shape[:2]
+    energy = np.asarray(mode.stats["potential_energy"]).reshape(-1)
+    best = int(np.nanargmin(energy)) if np.isfinite(energy).any() else 0
+    spread = np.linspace(0, chains * draws - 1, min(CURVES, chains * draws)).round().astype(int)
+    rows = np.array([best, *spread[spread != best]])
+    brightness = _expected(problem, jnp.asarray(mode.z.reshape(chains * draws, -1)[rows]), data)
+    if brightness is None:
+        return None
+    return xr.Dataset(
+        {EXPECTED: (("curve_draw", "time"), np.asarray(brightness))},
+        {
+            "chain_of": ("curve_draw", rows // draws),
+            "draw_of": ("curve_draw", rows % draws),
+            "time": np.arange(brightness.shape[1]),
+        },
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def _expected(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array | None:
+    def one(row: jax.Array) -> jax.Array | None:
+        return problem.constrain(row, data).get(EXPECTED)
+
+    return jax.lax.map(one, rows)
 
 
 def _log_likelihood(

@@ -7,8 +7,10 @@
 from __future__ import annotations
 
 import html
+import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -21,6 +23,28 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DO_NOT_TRUST = "DO NOT TRUST THIS RESULT:"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report that a notebook shows in a frame of its own.
+
+    Attributes
+    ----------
+    html : the page, without references to other files
+    height : of the frame, pixels
+    """
+
+    html: str
+    height: int
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        frame = "width:100%;border:1px solid #ccc;border-radius:6px"
+        return (
+            f'<iframe srcdoc="{page}" style="{frame};height:{self.height}px" title="report" '
+            'sandbox="allow-scripts allow-downloads"></iframe>'
+        )
 
 
 class Result[C: Mapping[str, object]](ABC):
@@ -38,10 +62,12 @@ class Result[C: Mapping[str, object]](ABC):
     ----------
     task : name of the task on the command line
     folder : the folder to which the result was written or from which it was loaded; None before
+    source : what the task was given, such as a light curve; None if the result was loaded
     """
 
     task: ClassVar[str]
     folder: Path | None = None
+    source: Any = None
 
     def __init__(
         self, content: Mapping[str, object], reasons: Sequence[Reason], record: Mapping[str, Any]
@@ -141,6 +167,22 @@ class Result[C: Mapping[str, object]](ABC):
         ):
             self.write_page(staging)
         return self.folder / "report.html"
+
+    def view(self, height: int = 900) -> Page:
+        """The report as an object that a notebook shows, without a file on disk.
+
+        Parameters
+        ----------
+        height : int
+            Height of the frame, pixels.
+        """
+        if self.folder is not None and (self.folder / "report.html").is_file():
+            return Page((self.folder / "report.html").read_text(encoding="utf-8"), height)
+        before = self.folder
+        with tempfile.TemporaryDirectory() as scratch:
+            text = self.report(scratch).read_text(encoding="utf-8")
+        self.folder = before
+        return Page(text, height)
 
     def __repr__(self) -> str:
         verdict = "trusted" if self.trusted else "NOT to be trusted"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypedDict
 
-from lcbayes.analysis import small_report
+from lcbayes.analysis import explore_curve, small_report
 from lcbayes.analysis.style import Gallery, figures
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
@@ -62,7 +62,16 @@ class DeterministicResult[D, C: Mapping[str, object]](Result[C]):
         """Draw the figures of the report."""
 
     def write_page(self, folder: Path) -> None:
-        small_report.write_page(folder, self, self.draw, self.refused)
+        small_report.write_page(folder, self, self.draw, self.refused, self.explored())
+
+    def explored(self) -> Any:
+        """The light curve and candidate periods for the interactive part of the page, or None."""
+        known = isinstance(self.source, LightCurve)
+        return explore_curve.payload(self.source, self.candidates()) if known else None
+
+    def candidates(self) -> list[tuple[str, float]]:
+        """Labels and periods (s) at which the page folds the light curve, the best first."""
+        return []
 
 
 def about(curve: LightCurve) -> CurveContent:

@@ -45,7 +45,9 @@ class Task:
     source : name of its first argument: "curve", "scenario", "folder" or "catalogue"; "" if none
     source_help : one line about the source
     fully_lit : whether points in the Earth's penumbra are removed before the task starts
+    geometry : whether it needs the directions to Sun and observer
     out : what it writes: `FOLDER`, `REQUIRED_FOLDER` (in Python too), `FILE`, `SOURCE` or `TEXT`
+    prints : whether the command may be given without ``-o``; it then only prints its result
     out_help : one line about the output
     listing : what ``--list`` prints, if the task has that flag
     """
@@ -57,7 +59,9 @@ class Task:
     source: str = CURVE
     source_help: str = "light curve: CSV, ECSV, DAMIT, MMT-9, SCORE"
     fully_lit: bool = False
+    geometry: bool = True
     out: str = FOLDER
+    prints: bool = False
     out_help: str = "folder for the results; a run that was stopped goes on there"
     listing: Callable[[], str] | None = None
 
@@ -177,6 +181,7 @@ def recorded(task: Task, result: Result, options: Options, value: Any) -> Result
     from lcbayes.results.record import record_of
 
     if task.out != SOURCE:
+        result.source = value
         result.record = record_of(task.name, options, task.source, value) | result.record
     return result
 
@@ -189,11 +194,17 @@ def light_curve(source: Any, task: Task) -> LightCurve:
     from lcbayes.data.read import read
 
     if isinstance(source, str | Path):
-        source = fitted_curve(Path(source)) if Path(source).is_dir() else read(source)
+        path = Path(source)
+        source = fitted_curve(path) if path.is_dir() else read(path, geometry=task.geometry)
     if not isinstance(source, LightCurve):
         raise InputError(
             f"the light curve is of type {type(source).__name__}; give the path of a file, or "
             "what lcbayes.read returns"
+        )
+    if task.geometry and source.brightness_only:
+        raise InputError(
+            f"the light curve has no directions to Sun and observer, which {task.name} needs; "
+            "lcbayes.look says what can be done without them"
         )
     return fully_lit(source) if task.fully_lit else source
 

@@ -64,7 +64,7 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     assert [float(row["albedo_area_m2"]) for row in rows] == [
         f["albedo_area"] for f in found["facets"]
     ]
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
     (out / "figures" / "stale.svg").write_text("")
     # the same command gives the same numbers
     assert main.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE

@@ -33,7 +33,7 @@ def test_the_report(kind, tmp_path, look):
     page = folder / "report.html"
     assert browser_pages.EVIL_FILE not in page.read_text()
     assert browser_pages.EVIL_TEXT not in page.read_text()
-    look(page, turning=2)
+    look(page, turning=4)  # light curve, its body, and the shapes of two solutions
 
 
 FAULTY = """<!doctype html><html><head><title>t</title></head><body><h1>one</h1><h1>two</h1>

@@ -114,10 +114,11 @@ def few(monkeypatch):
 
 
 def run_python(page: str, folder: Path) -> dict:
-    (block,) = [b for b in BLOCKS if b.page == page and b.language == "python"]
-    documentation_blocks.provide(folder, re.findall(r'"([^"]+)"', block.text))
+    """The names after all Python blocks of a page, run one after the other."""
     names: dict = {}
-    exec(compile(block.text, page, "exec"), names)
+    for block in [b for b in BLOCKS if b.page == page and b.language == "python"]:
+        documentation_blocks.provide(folder, re.findall(r'"([^"]+)"', block.text))
+        exec(compile(block.text, page, "exec"), names)
     return names
 
 

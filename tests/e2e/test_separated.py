@@ -57,7 +57,7 @@ def test_attitude_test(files, tmp_path, capsys, look):
     found = json.loads((out / "summary.json").read_text())
     assert found["laws"][0]["name"] == "lvlh"
     assert figures(out) == {"laws", "pairs"}
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
     assert main.main(["attitude-test", "--list"]) == EXIT_DONE
     assert "yaw-steering" in capsys.readouterr().out
     assert main.main(["attitude-test", "x.csv", "-o", "y", "--law", "hover"]) == EXIT_BAD_INPUT
@@ -74,7 +74,7 @@ def test_single_facet(files, tmp_path, capsys, look):
     assert found["kind"]["visibility"] + found["kind"]["illumination"] > 0.0
     assert len(found["region"]["normals"]) >= 150
     assert figures(out) == {"edge", "normal"}
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
 
 
 def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys, look):
@@ -85,6 +85,6 @@ def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys, look):
     assert told.startswith(f"{DO_NOT_TRUST}\n  - ")
     assert "looks stabilised" in told or "independent" in told
     assert (out / "figures" / "distributions.svg").exists()
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
     assert main.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT
     assert "unknown shape 'pyramid'; available: cube, " in capsys.readouterr().err

@@ -44,7 +44,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     assert {p.name for p in out.iterdir()} == RESULTS
     rows = list(csv.DictReader((out / "tables" / "solutions.csv").read_text().splitlines()))
     assert float(rows[0]["sidereal_period_s"]) == best["period_s"]
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
 
 
 def test_no_pole_where_there_is_none(tmp_path, capsys):
@@ -75,7 +75,7 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert found["glints"][0]["sharp_and_small"] in (True, False)
     assert figures(out) == {"glints", "directions"}
-    look(out / "report.html")
+    look(out / "report.html", turning=1)
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]
     assert main.main(argv) == EXIT_NOT_TRUSTED

@@ -77,6 +77,9 @@ def look(
                 tab.goto(page.as_uri(), wait_until="load")
             result.faults += tab.evaluate(LOOK)
         tab.set_viewport_size(widths[0])
+        tab.emulate_media(color_scheme="dark")
+        result.faults += [f"dark: {fault}" for fault in tab.evaluate(LOOK)]
+        tab.emulate_media(color_scheme="light")
         if turn:
             result.views = [_turn(tab, canvas) for canvas in tab.query_selector_all("canvas")]
     finally:

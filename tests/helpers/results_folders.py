@@ -73,6 +73,18 @@ def _stats(rng: np.random.Generator, divergences: int) -> xr.Dataset:
     )
 
 
+def _curves(mean: np.ndarray) -> xr.Dataset:
+    """Brightness without noise of forty draws of a solution, from that of all (chain, draw, T)."""
+    rows = np.linspace(0, CHAINS * DRAWS - 1, 40).round().astype(int)
+    shown = mean.reshape(-1, mean.shape[-1])[rows]
+    at = {"chain_of": rows // DRAWS, "draw_of": rows % DRAWS}
+    coords = {name: ("curve_draw", value) for name, value in at.items()}
+    return xr.Dataset(
+        {"expected": (("curve_draw", "time"), shown)},
+        coords | {"time": np.arange(mean.shape[-1])},
+    )
+
+
 def _rows(mode: xr.Dataset) -> dict[str, dict[str, float]]:
     """What a summary says of the areas."""
     rows = {}
@@ -130,6 +142,7 @@ def _write(
     for k, mode in enumerate(modes):
         tree[f"modes/{k}/posterior"] = mode
         tree[f"modes/{k}/sample_stats"] = _stats(rng, divergences)
+        tree[f"modes/{k}/curves"] = _curves(predict(mode))
     folder.mkdir(parents=True, exist_ok=True)
     xr.DataTree.from_dict(tree).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     (folder / "run.toml").write_text(RUN_TOML)

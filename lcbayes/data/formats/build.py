@@ -287,6 +287,12 @@ def _geometry(
         if here
     ]
     name = table.file.name
+    if not given and options.brightness_only:
+        unknown = np.full((t.size, 3), np.nan)
+        frame = _declared_frame(table, used) or "inertial"
+        ranges = table.numbers.get("range_km")
+        used |= {"range_km"}
+        return {"sun": unknown, "obs": unknown, "range_km": ranges, "frame": frame}, (), {}
     if len(given) > 1:
         raise InputError(
             f"{name} with its options gives the geometry more than once ({' and '.join(given)}), "

@@ -37,6 +37,7 @@ class Options:
     error: float | None = None
     error_floor: float | None = None
     geometry_only: bool = False
+    brightness_only: bool = False  # accept a file without directions
     columns: Mapping[str, str] = field(default_factory=dict)  # lcbayes name → name in the file
 
     def __post_init__(self) -> None:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from lcbayes.inversion.spin.windows import Phases
-from lcbayes.physics.bodies.facets import grid
 
 Floats = NDArray[np.float64]
 
@@ -195,6 +194,8 @@ def posterior(seen: Phases) -> Sky:
     passes, because the same shape shifts the phase in all passes and the shifts do not average out
     (the coverage is given in benchmarks/RESULTS.md).
     """
+    from lcbayes.physics.bodies.facets import grid  # here, so that periods alone need no JAX
+
     coarse = grid(COARSE)
     found = _evaluate(coarse, seen)
     total = _log_sum(found[0], axis=(1, 2, 3))

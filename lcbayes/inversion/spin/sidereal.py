@@ -151,7 +151,34 @@ def estimate(
         No pass has enough points.
     """
     progress = progress or Silent()
-    passes = split(curve)
+    result = periodicity(
+        split(curve), curve.error is not None, n_shuffles=n_shuffles, seed=seed, progress=progress
+    )
+    with progress.stage("pole", 1, "fit") as track:
+        if result.base is not None and _followed(result):
+            _solve_pole(result)
+        track.advance(1)
+    return result
+
+
+def periodicity(
+    passes: list[Pass], known_errors: bool, *, n_shuffles: int, seed: int, progress: Silent
+) -> Spin:
+    """Periodogram, false-alarm probability, and the base period if its conditions hold.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    known_errors : bool
+        Whether the errors come with the data; if so, they limit the false-alarm probability too.
+    n_shuffles, seed : as for `estimate`
+    progress : Silent
+
+    Returns
+    -------
+    Spin
+        Without phases, pole and solutions.
+    """
     grid = periods.frequencies(passes)
     with progress.stage("periodogram", 2, "steps") as track:
         power = periods.power(passes, grid)
@@ -159,7 +186,7 @@ def estimate(
         noise = periods.shuffled_peaks(passes, grid, np.random.default_rng(seed), n_shuffles)
         track.advance(1)
     alarm = (1 + int(np.sum(noise >= power.max()))) / (1 + n_shuffles)
-    if curve.error is not None:
+    if known_errors:
         alarm = max(alarm, periods.chance(passes, grid, power))
     result = Spin(passes, grid, power, alarm)
     highest = max(one.nyquist for one in passes)
@@ -168,10 +195,7 @@ def estimate(
             f"periods below {1.0 / grid[-1]:.3g} s (sampled to {1.0 / highest:.3g} s) were not "
             "looked for; for those give a part of the longest pass"
         )
-    with progress.stage("pole", 1, "fit") as track:
-        if _periodic(result) and _followed(result):
-            _solve_pole(result)
-        track.advance(1)
+    _periodic(result)
     return result
 
 

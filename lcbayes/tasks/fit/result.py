@@ -125,8 +125,18 @@ class Fit(Result[FitContent]):
         lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
         for i, mode in enumerate(content["modes"], 1):
             lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
+            lines += self._rotation(i - 1)
             lines += self._parameters(mode["parameters"])
         return [*lines, *rests_on(content.get("rests_on", {}))]
+
+    def _rotation(self, index: int) -> Iterator[str]:
+        """Rotation rate, period and axis of a solution, in the units in which they are quoted."""
+        node = f"modes/{index}" if "modes" in self.tree else ""
+        draws = self.tree[f"{node}/posterior"].to_dataset()
+        for q in quantities.rotation(draws, str(self.tree.attrs.get("frame", "inertial"))):
+            mean, low, high = (show(x, q.sd) for x in (q.mean, q.quantile(0.05), q.quantile(0.95)))
+            shown = f"{mean:>10s} ± {show(q.sd, q.sd)} {q.unit}"
+            yield f"  {q.words:22s} {shown:32s} {low} to {high}"
 
     def _parameters(self, parameters: Mapping[str, ParameterContent]) -> Iterator[str]:
         rows = {

@@ -28,7 +28,7 @@ from lcbayes.results.scan_start import read_scan
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
 from lcbayes.tasks.fit.assumptions import assumptions
-from lcbayes.tasks.fit.options import TASK, FitOptions
+from lcbayes.tasks.fit.options import PRIORS, TASK, FitOptions
 from lcbayes.tasks.fit.result import Fit
 from lcbayes.tasks.task import Context, execute, task_function
 
@@ -125,12 +125,16 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     check_curve(curve)
     spins = [] if options.start_from is None else read_scan(options.start_from, curve)
     asked = options.for_model
+    if PRIORS in asked:
+        entry = entry.with_priors(asked.pop(PRIORS))
     if spins and "period" in entry.options:
         asked = {"period": spins[0]["period_h"]} | asked
     checked = entry.check(asked)
     if options.sparse is not None:
         _check_sparse(entry, options)
     identity = engine.identity(curve, entry, checked, settings, installed_version())
+    if PRIORS in options.others:
+        identity[PRIORS] = options.as_dict()[PRIORS]
     if options.sparse is not None:
         identity |= {"sparse": options.sparse}
     if spins:
@@ -162,7 +166,8 @@ def assembled(
     content["model_options"] = dict(options)
     if path is not None:
         content["sparse"] = asdict(path)
-    tree.attrs |= _attributes(curve, content["n_facets"], entry, seed, options)
+    stated = {**options, **{k: identity[k] for k in (PRIORS,) if k in identity}}
+    tree.attrs |= _attributes(curve, content["n_facets"], entry, seed, stated)
     if path is not None:
         listed = [*json.loads(tree.attrs["assumptions"]), path.sentence]
         tree.attrs["assumptions"] = json.dumps(listed)

@@ -15,15 +15,16 @@ from lcbayes.analysis.style import Gallery
 from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.spin.sidereal import Condition, Solution, Spin
+from lcbayes.inversion.spin.sidereal import Solution, Spin
 from lcbayes.results.content import Floats, Verdict
-from lcbayes.results.reasons import condition
 from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
+from lcbayes.tasks.spin.conditions import ConditionContent, condition_content
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+MOST_CANDIDATES = 4  # sidereal periods offered for folding
 COLUMNS = {
     "weight": "weight",
     "pole_lon_deg": "pole_lon_deg",
@@ -41,15 +42,6 @@ class SpinPass(TypedDict):
     name: str
     n_obs: int
     length_s: float
-
-
-class ConditionContent(TypedDict):
-    """A condition of the method; the code is empty where it is met."""
-
-    name: str
-    met: bool
-    words: str
-    code: str
 
 
 class LongestPass(TypedDict):
@@ -142,8 +134,15 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
     def draw(self, gallery: Gallery) -> None:
         spin_report.draw(self.data, self._curve, gallery)
 
+    def candidates(self) -> list[tuple[str, float]]:
+        base = self.content["photometric_period_s"]
+        found = [] if base is None else [("brightness repeats", base)]
+        for i, one in enumerate(self.content["solutions"][:MOST_CANDIDATES], 1):
+            found.append((f"sidereal period, solution {i}", one["period_s"]))
+        return found
+
     def plot_periodogram(self) -> Figure:
-        """Power against frequency, with the base frequency and its harmonics."""
+        """Power against period, with the base period and its harmonics."""
         return figure_of(spin_report.draw_periodogram, self.data)
 
     def plot_synodic_periods(self) -> Figure:
@@ -164,7 +163,7 @@ def _content(result: Spin, curve: LightCurve) -> Numbers:
             {"name": p.name, "n_obs": p.t.size, "length_s": p.length} for p in result.passes
         ],
         "notes": result.notes,
-        "conditions": [_condition(c) for c in result.conditions],
+        "conditions": [condition_content(c) for c in result.conditions],
         "false_alarm_probability": result.false_alarm,
         "photometric_period_s": None if base is None else 1.0 / base,
         "harmonics": result.harmonics,
@@ -192,15 +191,6 @@ def _content(result: Spin, curve: LightCurve) -> Numbers:
         "shape_shift_deg": None if sky is None else sky.shape_deg,
         "chi2": None if sky is None else sky.chi2,
         "dof": None if sky is None else sky.freedom,
-    }
-
-
-def _condition(c: Condition) -> ConditionContent:
-    return {
-        "name": c.name,
-        "met": c.met,
-        "words": condition(c.finding, met=c.met),
-        "code": "" if c.met else c.finding.code,
     }
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import lcbayes
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.errors import InputError
 from lcbayes.core.reasons import Reason
@@ -74,7 +75,7 @@ def test_the_folder_and_its_page(tmp_path, reasons, look):
     assert "<b>" not in page
     assert "axis at 3 &amp; 4 deg" in page
     assert 'alt="A line."' in page
-    assert "http" not in page.replace("http-equiv", "")
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
     look(made([*reasons, browser_pages.EVIL_TEXT]).report(tmp_path))
 
 
@@ -95,3 +96,22 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 def test_a_figure_is_returned_as_it_is_drawn():
     (axes,) = figure_of(line).axes
     assert np.array_equal(axes.lines[0].get_ydata(), [0.0, 1.0])
+
+
+def test_a_report_is_shown_in_a_notebook(browser):
+    """In a frame that contains the whole page and runs its scripts."""
+    curve = steady(3, 50.0, spinning=True)
+    result = lcbayes.look(curve)
+    shown = result.view(height=700)._repr_html_()
+    assert result.folder is None
+    tab = browser.new_page()
+    faults: list[str] = []
+    tab.on("console", lambda m: faults.append(m.text))
+    tab.on("pageerror", lambda e: faults.append(str(e)))
+    tab.set_content(f"<!doctype html><title>notebook</title>{shown}")
+    frame = tab.query_selector("iframe").content_frame()
+    frame.wait_for_selector("#explore canvas")
+    assert frame.is_visible("text=What could be asked of it")
+    assert tab.query_selector("iframe").bounding_box()["height"] == pytest.approx(702, abs=2)
+    assert not faults
+    tab.close()

@@ -27,6 +27,7 @@ from lcbayes.inference.solutions import Solution
 from lcbayes.modelling import likelihood, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.variables import unit
 from lcbayes.results.draws import pointwise
 from lcbayes.results.posterior import save_tree, tree
 from lcbayes.samplers.bridge import LogEvidence
@@ -319,3 +320,52 @@ def test_attributes_say_what_ahmc_settled_on():
     assert set(np.atleast_1d(attrs["proposal_scale"])) <= {0.5, 1.0, np.inf}
     assert np.all(np.asarray(attrs["num_fallback"]) >= 0)
     assert np.all(np.asarray(attrs["step_size"]) > 0)
+
+
+def test_every_variable_has_its_unit(written):
+    _, file, _ = written
+    expected = {"albedo_area": "m2", "phi": "rad", "g": "1", "log_albedo_area": "1"}
+    for group in ("posterior", "prior", "modes/0/posterior"):
+        variables = file[group].to_dataset().data_vars
+        assert all("units" in v.attrs for v in variables.values())
+        for name, unit_of in expected.items():
+            assert variables[name].attrs["units"] == unit_of
+
+
+def test_curves_without_noise_are_those_of_the_stored_draws(written):
+    found, file, (n_solutions, _) = written
+    data = Epochs.of(lcbayes.load_light_curve(file))
+    for k in range(n_solutions):
+        curves = file[f"modes/{k}/curves"].to_dataset()
+        assert 40 <= curves.sizes["curve_draw"] <= 41
+        lp = file[f"modes/{k}/sample_stats/lp"].to_numpy()
+        first = curves.isel(curve_draw=0)
+        assert lp[first["chain_of"].item(), first["draw_of"].item()] == lp.max()
+        posterior = file[f"modes/{k}/posterior"].to_dataset()
+        for one in (0, 17):
+            at = curves.isel(curve_draw=one)
+            draw = posterior.isel(chain=at["chain_of"].item(), draw=at["draw_of"].item())
+            sites = {name: jnp.asarray(draw[name].to_numpy()) for name in ("log_albedo_area",)}
+            sites["normals_base"] = jnp.asarray(draw["normals_base"].to_numpy())
+            model = numpyro.handlers.substitute(PROBLEM.model, sites)
+            trace = numpyro.handlers.trace(numpyro.handlers.seed(model, 0)).get_trace(data)
+            np.testing.assert_allclose(trace["expected"]["value"], at["expected"], rtol=1e-9)
+    assert found["modes/0/curves"].to_dataset().identical(file["modes/0/curves"].to_dataset())
+
+
+@pytest.mark.parametrize(
+    ("name", "relative", "magnitude", "expected"),
+    [
+        ("omega", False, False, "rad/s"),
+        ("pole_lon_deg", True, False, "deg"),
+        ("period_h", True, False, "h"),
+        ("albedo_area", True, False, "1"),
+        ("sigma", False, True, "mag"),
+        ("sigma", False, False, "1"),
+        ("member_offset", False, True, "mag"),
+        ("member_sd", False, True, "mag"),
+        ("clock_offset_s", False, True, "s"),
+    ],
+)
+def test_units(name, relative, magnitude, expected):
+    assert unit(name, relative=relative, magnitude=magnitude) == expected

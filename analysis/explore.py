@@ -1,0 +1,213 @@
+"""The data of the interactive part of a report: points, bands, draws, bodies and attitudes.
+
+Arrays are base64 of little-endian numbers, the large ones as 16-bit integers with an offset and a
+step, so that 3,000 points with forty draws of two solutions take about a megabyte.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.analysis import light_curve_plots, shape_plots
+from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.explore_curve import MOST_POINTS, packed
+from lcbayes.analysis.quantities import facet_normals
+from lcbayes.analysis.style import colour
+from lcbayes.core.constants import HOUR_S
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.priors import inertia_tensor
+from lcbayes.physics.attitude.torque_free import torque_free_to_body
+from lcbayes.physics.bodies.closure import close
+from lcbayes.physics.bodies.minkowski import minkowski
+
+Floats = NDArray[np.float64]
+
+DRAWS, SOLID_DRAWS = 40, 16  # of a solution; a convex body of each takes a tenth of a second
+MOST_NUMBERS = 600_000  # draws × points
+MOST_DIRECTIONS = 30_000  # draws × points of bodies that tumble
+PERIODS = 200  # draws of the period
+
+
+def payload(results: Results, modes: list[Mode], shapes: list[shape_plots.Shape]) -> Any:
+    """Content of the JSON that the page explores; None if there are too many points."""
+    if results.t.size > MOST_POINTS:
+        return None
+    segments = light_curve_plots.segments(results)
+    order = np.concatenate([s.points for s in segments])
+    sites, site = np.unique(
+        results.labels.get("site", np.full(results.t.size, "")), return_inverse=True
+    )
+    label, power = light_curve_plots.plain_label(results)
+    sigma = light_curve_plots.sigmas(results, results.modes[0])[order]
+    return {
+        "magnitude": results.is_magnitude,
+        "label": label,
+        "epoch": results.attrs.get("epoch_jd"),
+        "power": power,
+        "t": packed(results.t[order], "<f8"),
+        "y": packed(results.brightness[order] / power, "<f4"),
+        "error": packed(results.error[order] / power, "<f4"),
+        "sigma": packed(sigma / power, "<f4"),
+        "site": packed(site[order], "<u2"),
+        "sites": sites.tolist(),
+        "phase": packed(results.phase_angle_deg[order], "<f4"),
+        "sun": packed(results.constant["sun"].to_numpy()[order], "<f4"),
+        "obs": packed(results.constant["obs"].to_numpy()[order], "<f4"),
+        "segments": [
+            {"n": s.points.size, "title": light_curve_plots.segment_title(results, s)}
+            for s in segments
+        ],
+        "modes": [_mode(results, m, order, power, shapes) for m in modes],
+    }
+
+
+def quantised(values: Floats) -> dict[str, Any]:
+    """16-bit integers with offset and step, for values (…, T)."""
+    low, high = float(np.min(values)), float(np.max(values))
+    step = max((high - low) / 65535.0, 1e-300)
+    return {"low": low, "step": step, "q": packed(np.round((values - low) / step), "<u2")}
+
+
+def _mode(
+    results: Results,
+    mode: Mode,
+    order: NDArray[np.int64],
+    power: float,
+    shapes: list[shape_plots.Shape],
+) -> dict[str, Any]:
+    shape = next((s for s in shapes if s.mode is mode), None)
+    solid = shape is not None and shape.body is not None
+    most = min(SOLID_DRAWS if solid else DRAWS, max(2, MOST_NUMBERS // max(order.size, 1)))
+    if "inertia_base" in mode.draws:
+        most = min(most, max(4, MOST_DIRECTIONS // max(order.size, 1)))
+    rows, curves = _curves(results, mode, most)
+    bands = light_curve_plots.bands(mode)
+    found: dict[str, Any] = {
+        "name": mode.name,
+        "colour": colour(mode.index),
+        "draws": len(rows),
+        "bands": None if bands is None else quantised(bands[:, order] / power),
+        "curves": None if curves is None else quantised(curves[:, order] / power),
+        "periods": _periods(mode),
+        "attitude": _attitude(mode, rows, results, order),
+    }
+    if shape is not None:
+        found |= {"axis": shape.scene["axis"], "solid": solid}
+        found["bodies"] = _bodies(results, mode, rows, solid)
+    return found
+
+
+def _stacked(mode: Mode, name: str) -> Floats:
+    """Draws of a variable, (S, …), all chains concatenated."""
+    values = mode.draws[name].transpose("chain", "draw", ...).to_numpy()
+    return values.reshape(-1, *values.shape[2:]).astype(float)
+
+
+def _curves(results: Results, mode: Mode, most: int) -> tuple[NDArray[np.int64], Floats | None]:
+    """Rows of the draws shown, the best first, among all chains; their curves, sorted by time."""
+    sizes = mode.draws.sizes
+    total = sizes["chain"] * sizes["draw"]
+    stored = mode.curves
+    if stored is not None:  # a file may have been cut to fewer draws
+        kept = (stored["chain_of"] < sizes["chain"]) & (stored["draw_of"] < sizes["draw"])
+        stored = stored.isel(curve_draw=kept.to_numpy())
+    if stored is None or not stored.sizes["curve_draw"]:
+        return np.unique(np.linspace(0, total - 1, min(most, total)).round().astype(int)), None
+    count = stored.sizes["curve_draw"]
+    shown = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+    some = stored.isel(curve_draw=shown).sel(time=results.constant["time"])
+    rows = some["chain_of"].to_numpy() * sizes["draw"] + some["draw_of"].to_numpy()
+    return rows, some["expected"].to_numpy()
+
+
+def _periods(mode: Mode) -> list[float] | None:
+    """Rotation periods of some draws, s, ascending; None if the body does not rotate."""
+    if "period_h" in mode.draws:
+        values = HOUR_S * _stacked(mode, "period_h")
+    elif "omega" in mode.draws:
+        values = 2 * np.pi / np.maximum(np.linalg.norm(_stacked(mode, "omega"), axis=1), 1e-300)
+    else:
+        return None
+    rows = np.linspace(0, values.size - 1, min(PERIODS, values.size)).round().astype(int)
+    return np.sort(values[rows]).tolist()
+
+
+def _attitude(
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+) -> dict[str, Any] | None:
+    """What gives the orientation of each draw: an angular velocity, a pole and a period, or, for a
+    body that tumbles, the directions to Sun and observer in its frame."""
+    names = set(map(str, mode.draws.data_vars))
+    if {"inertia_base", "omega"} <= names:
+        return _tumbling(mode, rows, results, order)
+    if "inertia_ratio" in names or results.attrs.get("model") == "stabilised":
+        return None  # not a rotation that the page can compute
+    if "omega" in names:
+        return {"kind": "rate", "omega": packed(_stacked(mode, "omega")[rows], "<f8")}
+    if {"pole_lon_deg", "pole_lat_deg", "period_h"} <= names:
+        lon, lat, period = (
+            _stacked(mode, k)[rows] for k in ("pole_lon_deg", "pole_lat_deg", "period_h")
+        )
+        middle = 0.5 * float(results.t.min() + results.t.max())
+        values = np.stack([np.radians(lon), np.radians(lat), HOUR_S * period], axis=1)
+        return {"kind": "pole", "pole": packed(values, "<f8"), "middle": middle}
+    if results.attrs.get("model") in ("faceted", "faceted-brdf"):
+        return {"kind": "fixed"}
+    return None
+
+
+def _tumbling(
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+) -> dict[str, Any]:
+    """Directions to Sun and observer in the frame of each draw, as 16-bit integers."""
+    sd = float((results.summary.get("model_options") or {}).get("inertia_sd", 1.0))
+    t = jnp.asarray(results.t)
+    sun, obs = (jnp.asarray(results.constant[k].to_numpy()) for k in ("sun", "obs"))
+
+    def turned(free: Any, omega: Any) -> Any:
+        return jnp.stack(torque_free_to_body(t, omega, inertia_tensor(free, sd)[0], sun, obs))
+
+    free, omega = (jnp.asarray(_stacked(mode, k)[rows]) for k in ("inertia_base", "omega"))
+    found = np.asarray(jax.lax.map(lambda pair: turned(*pair), (free, omega)))[:, :, order]
+    return {
+        "kind": "directions",
+        "sun": packed(np.round(32000 * found[:, 0]), "<i2"),
+        "obs": packed(np.round(32000 * found[:, 1]), "<i2"),
+    }
+
+
+def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) -> dict[str, Any]:
+    """The body of each draw: faces, or a normal and an area for each facet; their uncertainty."""
+    areas = _stacked(mode, "albedo_area")
+    known = facet_normals(mode)
+    grid = results.normals
+    normals = grid if known is None else known.reshape(-1, *known.shape[2:])
+    assert normals is not None
+    spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
+    found: dict[str, Any] = {"uncertainty": np.round(spread, 4).tolist()}
+    if not solid:
+        chosen = np.broadcast_to(normals, (len(areas), *normals.shape[-2:]))[rows]
+        found["normals"] = packed(chosen, "<f4")
+        found["areas"] = packed(areas[rows], "<f4")
+        return found
+    found["solids"] = [_solid(normals[r] if normals.ndim == 3 else normals, areas[r]) for r in rows]
+    return found
+
+
+def _solid(normals: Floats, areas: Floats) -> dict[str, Any] | None:
+    """The convex body of one draw; None if its facets enclose none."""
+    try:
+        body = minkowski(normals, close(normals, areas))
+    except InputError:
+        return None
+    size = float(np.max(np.linalg.norm(body.vertices, axis=1)))
+    return {
+        "vertices": packed(np.round(body.vertices / size * 32000), "<i2"),
+        "faces": packed(np.concatenate(body.faces), "<u2"),
+        "sizes": packed([len(f) for f in body.faces], "<u1"),
+        "facet": packed(body.facet, "<u2"),
+    }

@@ -1,0 +1,299 @@
+"""What could be asked of a light curve: commands, conditions and rough costs."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lcbayes.core.constants import DAY_S, HOUR_S
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.spin.candidates import Candidates
+from lcbayes.inversion.spin.sidereal import MIN_PASSES
+from lcbayes.inversion.spin.windows import MIN_CYCLES
+
+START_S = 40.0  # tracing, compiling and search of a fit
+GRADIENTS = 150_000  # of a fit: 4 chains of 950 draws with some 40 gradients each
+GRADIENT_S = 5e-9  # per epoch and facet, one core
+SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
+COST = (
+    f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
+    f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet"
+)
+ASTEROID_KM = 1e6  # farther objects orbit the Sun
+LOW_KM = 3000.0  # ranges of low orbits
+SHORT_S = 3 * DAY_S
+PHASE_SPAN_DEG = 30.0  # as shape-match needs
+FEWEST_PHASES = 100  # points, as shape-match needs
+DENSE_S = 20.0
+GRID_FACETS = 500  # default of convex-grid
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One command that could be run.
+
+    Attributes
+    ----------
+    command : the command line
+    answers : what it determines
+    suits : whether the light curve meets its known conditions
+    why : the condition that is met or not
+    cost_s : rough time on one core, s; NaN if the command does not suit
+    """
+
+    command: str
+    answers: str
+    suits: bool
+    why: str
+    cost_s: float
+
+
+@dataclass(frozen=True)
+class Known:
+    """Properties of a light curve that the conditions refer to."""
+
+    curve: LightCurve
+    facts: dict[str, Any]
+    period: float | None
+    cycles: float  # in the series from which the period comes
+    joined: bool  # whether the period comes from nights joined
+    passes: int
+    asteroid: bool
+    low: bool
+    sampled_passes: int
+
+
+def advise(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -> list[Advice]:
+    """The commands for a light curve, those that suit first."""
+    known = _known(curve, facts, found)
+    if curve.brightness_only:
+        return [_geometry(known)]
+    rules: tuple[Callable[[Known], Iterator[Advice]], ...] = (
+        _spin,
+        _asteroid,
+        _scan,
+        _faceted,
+        _stabilised,
+        _attitude_test,
+        _shape_match,
+        _glints,
+    )
+    listed = [advice for rule in rules for advice in rule(known)]
+    return sorted(listed, key=lambda one: not one.suits)
+
+
+def _known(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -> Known:
+    ranges = curve.range_km
+    asteroid = (
+        not facts["orbit"]
+        and (curve.frame == "ecliptic-j2000" or facts["span_s"] > 30 * DAY_S)
+        and (ranges is None or bool(np.median(ranges) > ASTEROID_KM))
+    )
+    period = found.best if found is not None else None
+    enough = 0
+    if found is not None and period is not None and not found.joined:
+        enough = sum(p.length / period >= MIN_CYCLES for p in found.spin.passes)
+    return Known(
+        curve=curve,
+        facts=facts,
+        period=period,
+        cycles=0.0 if found is None or period is None else found.listed[0].cycles,
+        joined=found is not None and found.joined,
+        passes=facts["n_passes"],
+        asteroid=asteroid,
+        low=ranges is not None and bool(np.median(ranges) < LOW_KM),
+        sampled_passes=enough,
+    )
+
+
+def command(curve: LightCurve, task: str, *words: str) -> str:
+    """A command line for this file, with the options it was read with."""
+    line = ["lcbayes", task, curve.source.get("file") or "CURVE", *words]
+    for name, value in json.loads(curve.source.get("reading", "{}")).items():
+        line += [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join([*line, "-o", task if task != "fit" else "out"])
+
+
+def fit_cost(epochs: int, facets: int) -> float:
+    """Rough time of a fit on one core, s."""
+    return START_S + GRADIENTS * GRADIENT_S * epochs * facets
+
+
+def _geometry(known: Known) -> Advice:
+    source = known.curve.source.get("file") or "CURVE"
+    line = f"lcbayes look {shlex.quote(source)} --tle object.tle --site LAT,LON,HEIGHT"
+    dated = known.curve.epoch_jd is not None
+    why = (
+        "the file has no directions to Sun and observer, which all other commands need; two-line "
+        "elements with a site give them, or columns sun_x .. obs_z, or ra_deg dec_deg range_km"
+    )
+    undated = "; times in seconds need the line '# epoch_jd: …' above the header as well"
+    return Advice(line, "everything else", True, why + ("" if dated else undated), 1.0)
+
+
+def _spin(known: Known) -> Iterator[Advice]:
+    curve = known.curve
+    if known.asteroid:
+        return
+    need = f"{MIN_PASSES} passes of {MIN_CYCLES:.0f} cycles each are needed"
+    suits = known.sampled_passes >= MIN_PASSES
+    why = f"{known.sampled_passes} passes have {MIN_CYCLES:.0f} cycles of the period or more"
+    if known.period is None:
+        why = "no period is detected"
+    cost = 10.0 + 2e-8 * 199 * min(1.5 * curve.n_obs, 20_000) * curve.n_obs
+    yield _advice(known, suits, "pole and sidereal period without a shape", why, need, cost, "spin")
+
+
+def _asteroid(known: Known) -> Iterator[Advice]:
+    if not known.asteroid:
+        return
+    hours = "HOURS" if known.period is None else f"{known.period / HOUR_S:.6g}"
+    why = "curves of a distant object over months or years"
+    words = ("--model", "convex-grid", "--period", hours)
+    cost = fit_cost(known.curve.n_obs, GRID_FACETS)
+    answers = "pole, sidereal period and convex shape"
+    yield _advice(
+        known, True, answers, f"{why}; try the other candidate periods too", "", cost, "fit", *words
+    )
+
+
+def _scan(known: Known) -> Iterator[Advice]:
+    low, high = _period_range(known)
+    if known.period is None:
+        hint = "FROM,TO"
+    elif known.period < HOUR_S:
+        hint = f"{low:.5g}s,{high:.5g}s"
+    else:
+        hint = f"{low / HOUR_S:.6g},{high / HOUR_S:.6g}"
+    span, curve = known.facts["span_s"], known.curve
+    why = "no period is detected: give a range" if known.period is None else "a period is detected"
+    cost = np.nan
+    if known.period is not None:
+        trials = max(1.0, 2 * span * (1 / low - 1 / high) / 0.8)
+        cost = START_S + 12 * 30 * trials * SCAN_STEP_S * curve.n_obs * GRID_FACETS
+    answers = "poles and periods, each with its best body, ranked"
+    yield _advice(
+        known,
+        known.period is not None,
+        answers,
+        why,
+        "a range of periods is needed",
+        cost,
+        "scan",
+        "--period-range",
+        hint,
+    )
+
+
+def _period_range(known: Known) -> tuple[float, float]:
+    """Sidereal periods to scan, s: near the period, and up to twice it for single passes.
+
+    Most bodies repeat their brightness twice in a rotation. For joined nights, the period is that
+    of a Fourier series, which contains such repetitions.
+    """
+    if known.period is None:
+        return np.nan, np.nan
+    margin = 1.0 / max(known.cycles, 20.0)
+    return (1 - margin) * known.period, (1 + margin) * known.period * (1 if known.joined else 2)
+
+
+def _faceted(known: Known) -> Iterator[Advice]:
+    if known.asteroid:
+        return
+    curve = known.curve
+    words = ["--n-facets", "2"]
+    if known.period is None:
+        words += ["--spin", "none"]
+    why = f"{known.facts['span_s'] / HOUR_S:.3g} h of data"
+    need = f"the attitude of one spin must hold over at most {SHORT_S / DAY_S:.0f} days"
+    suits = known.facts["span_s"] <= SHORT_S
+    cost = fit_cost(curve.n_obs, 2)
+    yield _advice(
+        known, suits, "facets, spin and their uncertainty", why, need, cost, "fit", *words
+    )
+    cost = 2 * sum(fit_cost(curve.n_obs, n) for n in range(1, 5))
+    words[1] = "1-4"
+    yield _advice(known, suits, "the number of facets", why, need, cost, "compare", *words)
+
+
+def _stabilised(known: Known) -> Iterator[Advice]:
+    if known.asteroid:
+        return
+    orbit = known.facts["orbit"]
+    suits = bool(orbit and known.passes >= 5 and known.period is None)
+    why = f"{known.passes} passes, {'no' if known.period is None else 'a'} period"
+    need = "an orbit (--tle), five passes or more, and no period of a spin are needed"
+    cost = fit_cost(known.curve.n_obs, 8)
+    yield _advice(
+        known,
+        suits,
+        "surfaces of a stabilised satellite",
+        why + (", orbit known" * bool(orbit)),
+        need,
+        cost,
+        "fit",
+        "--model",
+        "stabilised",
+    )
+
+
+def _attitude_test(known: Known) -> Iterator[Advice]:
+    if known.asteroid:
+        return
+    orbit = known.facts["orbit"]
+    suits = bool(orbit and known.passes >= 3)
+    why = f"{known.passes} passes" + (", orbit known" * bool(orbit))
+    need = "an orbit (--tle) and several passes of similar geometry are needed"
+    cost = 30.0 + 2e-3 * known.curve.n_obs
+    yield _advice(
+        known, suits, "the attitude laws that the data allow", why, need, cost, "attitude-test"
+    )
+
+
+def _shape_match(known: Known) -> Iterator[Advice]:
+    if known.asteroid:
+        return
+    low, high = known.facts["phase_angle_range_deg"]
+    suits = high - low >= PHASE_SPAN_DEG and known.curve.n_obs >= FEWEST_PHASES
+    why = f"{known.curve.n_obs} points over {high - low:.0f}° of phase angle"
+    need = f"{FEWEST_PHASES} points over {PHASE_SPAN_DEG:.0f}° are needed"
+    yield _advice(
+        known,
+        suits,
+        "which simple shapes agree with the brightness",
+        why,
+        need,
+        30.0,
+        "shape-match",
+    )
+
+
+def _glints(known: Known) -> Iterator[Advice]:
+    cadence = known.facts["cadence_s"]
+    if known.asteroid or cadence is None:
+        return
+    why = f"a point every {cadence:.3g} s"
+    need = f"a point every {DENSE_S:.0f} s or less is needed"
+    cost = 20.0 + 2e-4 * known.curve.n_obs
+    suits = cadence <= DENSE_S
+    yield _advice(known, suits, "directions of facets from their glints", why, need, cost, "glints")
+
+
+def _advice(
+    known: Known,
+    suits: bool,
+    answers: str,
+    why: str,
+    need: str,
+    cost: float,
+    task: str,
+    *words: str,
+) -> Advice:
+    line = command(known.curve, task, *words)
+    reason = why if suits or not need else f"{why}; {need}"
+    return Advice(line, answers, suits, reason, cost if suits else np.nan)

@@ -1,0 +1,117 @@
+"""`lcbayes look` from a file to its page: satellites, asteroids, twenty points, no directions."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import lcbayes
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
+from lcbayes.simulation.scenarios import bundled
+from lcbayes.tasks.look.advice import fit_cost
+from tests.helpers.low_earth_orbit import spinner, steady
+
+RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """Twenty points of one pass, without errors, directions or date."""
+    path = tmp_path / "bare.csv"
+    rows = [f"{3 * i},{8 + 0.1 * (i % 4)}" for i in range(20)]
+    path.write_text("\n".join(["t,mag", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_spinning_satellite(tmp_path, capsys, look):
+    curve, truth = spinner(2013, 4, 50.0, "cylinder")
+    lcbayes.write(curve, tmp_path / "passes.csv")
+    out = tmp_path / "out"
+    assert main.main(["look", str(tmp_path / "passes.csv"), "-o", str(out)]) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert re.search(r"points +\d+ in \d+ passes", told)
+    assert "errors       given, median" in told
+    found = json.loads((out / "summary.json").read_text())
+    assert (found["task"], found["trusted"], found["n_obs"]) == ("look", True, curve.n_obs)
+    turns = [truth["period"] / one["period_s"] for one in found["periods"]["listed"]]
+    assert turns[0] == pytest.approx(round(turns[0]), rel=0.02)  # a whole number in a rotation
+    assert {p.name for p in out.iterdir()} == RESULTS
+    assert {p.stem for p in (out / "tables").iterdir()} == {"commands", "passes", "periods"}
+    assert {p.stem for p in (out / "figures").glob("*.svg")} == {
+        "light-curve",
+        "phase-angle",
+        "periodogram",
+        "folded",
+    }
+    commands = {one["command"].split()[1]: one for one in found["commands"]}
+    assert commands["spin"]["suits"]
+    assert sum(one["n_obs"] for one in found["passes"]) == curve.n_obs
+    look(out / "report.html", turning=1)
+
+
+def test_the_commands_can_be_pasted(capsys):
+    folder = bundled()["box-wing"].parent
+    argv = ["look", str(folder / "box-wing.csv"), "--tle", str(folder / "box-wing.tle"), "--json"]
+    assert main.main(argv) == EXIT_DONE
+    found = json.loads(capsys.readouterr().out)
+    assert found["orbit"]
+    assert found["sites"] == {"Calar Alto": 70, "Zimmerwald": 85}
+    for one in found["commands"]:
+        words = shlex.split(one["command"])
+        args = main._parser().parse_args(words[1:])
+        assert args.tle == str(folder / "box-wing.tle")
+        assert (one["cost_s"] is not None) == one["suits"]
+    fits = {
+        one["command"].split()[4]: one for one in found["commands"] if " fit " in one["command"]
+    }
+    assert fits["2"]["cost_s"] == pytest.approx(fit_cost(155, 2))
+
+
+def test_twenty_points_without_directions(bare, tmp_path, capsys, look):
+    assert main.main(["look", str(bare)]) == EXIT_DONE
+    told = capsys.readouterr().out
+    assert "none: no directions to Sun and observer" in told
+    assert "not searched: no pass has 30 points" in told
+    assert "--tle object.tle --site" in told
+    assert "# epoch_jd" in told
+    assert not (tmp_path / "out").exists()
+    assert main.main(["look", str(bare), "-o", str(tmp_path / "out")]) == EXIT_DONE
+    look(tmp_path / "out" / "report.html", turning=1)
+
+
+def test_other_tasks_refuse_a_curve_without_directions(bare, tmp_path, capsys):
+    assert main.main(["fit", str(bare), "-o", str(tmp_path / "out")]) == EXIT_BAD_INPUT
+    assert "has no geometry; expected sun_x" in capsys.readouterr().err
+    curve = lcbayes.read(bare, geometry=False)
+    assert curve.brightness_only
+    assert np.isnan(curve.phase_angle).all()
+    with pytest.raises(InputError, match="has no directions to Sun and observer, which spin needs"):
+        lcbayes.spin(curve)
+    lcbayes.write(curve, tmp_path / "again.csv")
+    again = lcbayes.read(tmp_path / "again.csv", geometry=False)
+    assert again.brightness.tolist() == curve.brightness.tolist()
+
+
+def test_the_figures_in_python():
+    result = lcbayes.look(steady(3, 50.0, spinning=True))
+    for draw in ("light_curve", "phase_angle", "periodogram", "folded"):
+        assert getattr(result, f"plot_{draw}")().axes
+    assert set(result.summary().columns) == {"command", "answers", "suits", "why", "cost_s"}
+
+
+def test_it_starts_without_jax(bare):
+    code = (
+        "import sys; from lcbayes.cli import main; main.main(sys.argv[1:]); "
+        "print([n for n in ('jax', 'numpyro', 'arviz', 'matplotlib.pyplot') if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "look", str(bare)], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
