@@ -1,8 +1,8 @@
 """Sec. VI of Linares & Crassidis as published: burn-in of chains under the squared-L1 prior.
 
-The chains use the exact kernel and start at draws from the prior. `lcbayes compare --sparse` moves
-tempered particles along the same path, which costs more but does not depend on the start. Both
-count the remaining facets with `lcbayes.inference.sparse`.
+The chains use the exact kernel and start at draws from the prior. `lcbayes compare --sparse`
+descends to optima of the same posterior instead, from best fits. Both count the remaining facets
+with `lcbayes.inference.sparse`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import sparse
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
-from lcbayes.samplers import smc
 from lcbayes.samplers.kernels import AHMC
 
 Floats = NDArray[np.float64]
@@ -33,7 +32,6 @@ class BurnIn:
 
     problem: Problem
     data: Epochs
-    weight: float
     z: Floats
     chi2: Floats
 
@@ -47,18 +45,13 @@ class BurnIn:
         """χ² of the last tenth, (C, S/10)."""
         return self.chi2[:, -max(1, self.chi2.shape[1] // 10) :]
 
-    def path(self, chain: int, sites: tuple[str, ...]) -> sparse.SparsePath:
-        """The remaining facets in the last tenth of a chain."""
+    def remaining(self, chain: int) -> dict[int, float]:
+        """Shares of the draws in the last tenth of a chain, by number of facets that remain."""
         z = self.z[chain, -self.ends.shape[1] :]
-        error = np.asarray(self.data.error)
-        norm = -np.sum(np.log(np.sqrt(2 * np.pi) * error))
-        found = smc.Result(z, norm - 0.5 * self.ends[chain], float("nan"), [], len(z), 0, 0.0)
-        return sparse.path(self.problem, self.data, sites, found, self.weight)
+        return sparse.shares_of(sparse.remaining_at(self.problem, self.data, z))
 
 
-def run(
-    problem: Problem, data: Epochs, weight: float, chains: int, transitions: int, seed: int
-) -> BurnIn:
+def run(problem: Problem, data: Epochs, chains: int, transitions: int, seed: int) -> BurnIn:
     """Run the burn-in, during which the kernel adapts; all transitions are kept."""
     begun = time.monotonic()
     mcmc = MCMC(
@@ -81,4 +74,4 @@ def run(
     rows = z.reshape(-1, problem.dim)
     chi2 = jax.jit(lambda rows: jax.lax.map(misfit, rows, batch_size=64))(rows)
     print(f"{chains} chains of {transitions} transitions: {time.monotonic() - begun:.0f} s")
-    return BurnIn(problem, data, weight, np.asarray(z), np.asarray(chi2).reshape(chains, -1))
+    return BurnIn(problem, data, np.asarray(z), np.asarray(chi2).reshape(chains, -1))

@@ -14,7 +14,7 @@ import burn_in
 import numpy as np
 import six_facets
 from figure6 import AXES, SIDES
-from six_facets import AREA, ENTRY, UPPER_BOUND
+from six_facets import AREA, UPPER_BOUND
 
 from lcbayes.analysis import style
 
@@ -46,14 +46,14 @@ def main() -> None:
     args = parser.parse_args()
     lit()
     data = six_facets.experiment(args.seed).data
-    problem, weight = six_facets.sparse_problem(data, args.facets, AREA * len(SIDES))
-    found = burn_in.run(problem, data, weight, args.chains, args.transitions, args.seed)
+    problem, _ = six_facets.sparse_problem(data, args.facets, AREA * len(SIDES))
+    found = burn_in.run(problem, data, args.chains, args.transitions, args.seed)
     for c in np.argsort(found.ends.mean(axis=1)):
-        path = found.path(int(c), ENTRY.facet_sites)
-        shares = ", ".join(f"{n}: {share:.2f}" for n, share in path.shares.items())
+        left = found.remaining(int(c))
+        shares = ", ".join(f"{n}: {share:.2f}" for n, share in left.items())
         print(
             f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
-            f"remain {path.n_facets} ({shares})"
+            f"remain {max(left, key=lambda n: left[n])} ({shares})"
         )
 
     import jax

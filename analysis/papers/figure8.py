@@ -70,12 +70,12 @@ def main() -> None:
     if args.facets:
         weight = sparse.weight(float(area))
         many = problem_of(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
-        found = burn_in.run(many, data, weight, args.chains, args.transitions, args.seed)
+        found = burn_in.run(many, data, args.chains, args.transitions, args.seed)
         for c in np.argsort(found.ends.mean(axis=1)):
-            path = found.path(int(c), ENTRY.facet_sites)
+            shares = found.remaining(int(c))
             print(
                 f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets "
-                f"that remain {path.n_facets} {path.shares}"
+                f"that remain {max(shares, key=lambda n: shares[n])} {shares}"
             )
 
     problem = problem_of(3, data)

@@ -15,7 +15,7 @@ Index = NDArray[np.int64]
 
 NIGHT_GAP_S = 6 * 3600.0  # without points of an observer: a new night with a new calibration
 MAX_RATE = np.radians(3.0)  # rad/s; from the ground, a satellite at 200 km moves at 2.2 deg/s
-MIN_TRACK = 4  # points of an observer in a pass; fewer do not show that it is one
+MIN_TRACK = 4  # times of an observer in a pass; fewer do not show that it is one
 MIN_JUMP = np.radians(0.5)  # of the direction to the observer; parallax of two sites 10 km apart
 
 
@@ -44,9 +44,9 @@ def observers(curve: LightCurve) -> Observers:
     If no site is named, points that follow one another so closely that the direction to one
     observer cannot have changed by as much as it did belong to several observers. Each point then
     belongs to the observer whose last direction is nearest. Observers of different passes count as
-    different, because the directions do not identify them. If this leaves an observer with fewer
-    than `MIN_TRACK` points of a pass, the directions belong to no set of observers on the ground,
-    and one observer is assumed.
+    different, because the directions do not identify them. If this leaves an observer with points
+    at fewer than `MIN_TRACK` times of a pass, the directions belong to no set of observers on the
+    ground, and one observer is assumed.
 
     Examples
     --------
@@ -63,8 +63,8 @@ def observers(curve: LightCurve) -> Observers:
     index = np.zeros(curve.n_obs, np.int64)
     passes = split(curve.t, np.zeros(curve.n_obs, np.int64), PASS)
     tracks = [_tracks(curve.t[rows], curve.obs[rows]) for rows in passes]
-    several = [track for track in tracks if track.max()]
-    if not several or min(np.bincount(track).min() for track in several) < MIN_TRACK:
+    several = [_n_times(curve.t[r], k) for r, k in zip(passes, tracks, strict=True) if k.max()]
+    if not several or min(n.min() for n in several) < MIN_TRACK:
         return Observers(index, ("",), "none")
     names = []
     for i, (rows, track) in enumerate(zip(passes, tracks, strict=True)):
@@ -92,6 +92,11 @@ def _tracks(t: Floats, obs: Floats) -> Index:
         best = int(np.argmin(np.where(possible, angle, np.inf)))
         track[k], last_t[best], last_obs[best] = best, t[k], obs[k]
     return track
+
+
+def _n_times(t: Floats, track: Index) -> Index:
+    """Number of different times of each observer of a pass."""
+    return np.bincount(np.unique(np.stack([track, t]), axis=1)[0].astype(np.int64))
 
 
 class Calibrations(NamedTuple):

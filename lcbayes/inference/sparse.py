@@ -183,18 +183,29 @@ def path(
     if not np.isfinite(potential[order[0]]):
         raise InputError("no start of the sparse path has a finite density; lower --sparse")
     near = order[potential[order] <= potential[order[0]] + NEAR]
+    left = remaining_at(problem, data, z[near])
+    points = compiled(problem.log_likelihood)(jnp.asarray(z[near[0]]), data)
+    best = float(jnp.sum(data.information * points))
+    upper_bound = FacetOrder(problem, sites).n_facets
+    return SparsePath(upper_bound, sparsity, shares_of(left), left[0], best)
+
+
+def remaining_at(problem: Problem, data: Epochs, z: Floats) -> list[int]:
+    """Number of facets that remain at each z (B, D) of the posterior under the sparse prior."""
     index = problem.unravel(jnp.arange(float(problem.dim)))
     base = np.asarray(index["normals_base"], int)
     left = []
-    for row in z[near]:
+    for row in z:
         area = np.asarray(problem.constrain(jnp.asarray(row), data)["albedo_area"])
         covariance = np.linalg.inv(np.asarray(compiled(problem.fisher)(jnp.asarray(row), data)))
         left.append(remaining(row[base], area, covariance[np.ix_(base.ravel(), base.ravel())]))
+    return left
+
+
+def shares_of(left: Sequence[int]) -> dict[int, float]:
+    """Share of each of the numbers of facets that remain."""
     numbers, hits = np.unique(left, return_counts=True)
-    shares = {int(n): float(h / len(left)) for n, h in zip(numbers, hits, strict=True)}
-    points = compiled(problem.log_likelihood)(jnp.asarray(z[near[0]]), data)
-    best = float(jnp.sum(data.information * points))
-    return SparsePath(FacetOrder(problem, sites).n_facets, sparsity, shares, left[0], best)
+    return {int(n): float(h / len(left)) for n, h in zip(numbers, hits, strict=True)}
 
 
 def remaining(vectors: Floats, areas: Floats, covariance: Floats) -> int:

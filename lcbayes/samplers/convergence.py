@@ -34,7 +34,7 @@ def rhat_and_ess(z: NDArray[np.float64]) -> tuple[float, float]:
     return float(rhat["z"].max()), float(min(bulk["z"].min(), tail["z"].min()))
 
 
-def required_length(z: NDArray[np.float64], max_length: int) -> int:
+def required_length(z: NDArray[np.float64], max_length: int, margin: float = LENGTH_MARGIN) -> int:
     """Length at which chains are expected to reach `MIN_ESS` and `MAX_RHAT`.
 
     The effective sample size grows in proportion to the length and R-hat − 1 falls in proportion to
@@ -44,6 +44,8 @@ def required_length(z: NDArray[np.float64], max_length: int) -> int:
     ----------
     z : (C, S, D)
     max_length : int
+    margin : float
+        Factor on the length, for quantities with a smaller ESS or a larger R-hat than ``z``.
 
     Returns
     -------
@@ -52,12 +54,12 @@ def required_length(z: NDArray[np.float64], max_length: int) -> int:
         `MAX_RHAT_TO_CONTINUE`.
     """
     n = z.shape[1]
-    if n >= max_length or len(z) < 2:
+    if n >= max_length or len(z) < 2 or not z.shape[2]:
         return n
     rhat, size = rhat_and_ess(z)
     if not (rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length):  # true also for NaN
         return n
-    short = LENGTH_MARGIN * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
+    short = margin * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
     if short <= 1.0:
         return n
     return min(max_length, int(np.ceil(n * min(max(short, 4 / 3), 2.0))))

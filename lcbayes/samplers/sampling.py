@@ -129,7 +129,7 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = convergence.required_length(draws, self.settings.most_samples)
+                    length = self._required_length(draws)
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
@@ -139,6 +139,19 @@ class Sampler:
         each = [chains.tuning(kernel, state, whitening) for state in states]
         tuning = {k: np.array([one[k] for one in each]) for k in each[0]}
         return Chains(draws[:, :n], stats, whitening, tuning)
+
+    def _required_length(self, z: Floats) -> int:
+        """Length at which z (C, S, D) and the reported angles of its directions converge.
+
+        The length of a vector that represents a direction varies more than its direction, and can
+        hide that chains disagree about an angle.
+        """
+        longest = self.settings.most_samples
+        angles = self.problem.angles(z)
+        return max(
+            convergence.required_length(z, longest),
+            convergence.required_length(angles, longest, margin=1.0),
+        )
 
     def _compile(self, key, num_warmup, whitening, data, timing: Timing):
         begun = time.monotonic()

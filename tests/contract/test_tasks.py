@@ -98,7 +98,7 @@ def test_the_example_of_a_function_runs(name):
     assert test.examples
     assert "SKIP" not in (test.docstring or "")
     said: list[str] = []
-    doctest.DocTestRunner().run(test, out=said.append)
+    doctest.DocTestRunner(verbose=False).run(test, out=said.append)
     assert not said, "".join(said)
 
 

@@ -292,7 +292,7 @@ def test_magnitudes_of_unknown_scale_and_noise(tmp_path):
                 str(out),
                 *GOOD,
                 "--num-samples",
-                "400",
+                "800",
                 "--no-report",
             ]
         )

@@ -82,7 +82,7 @@ def test_the_papers_pass_leaves_two_sides_of_the_cube_dark():
 def test_burnt_in_chains_are_thinned_out_by_the_sparse_path():
     """Points of six facets and four slivers, as if a chain had ended there: six remain."""
     data = six_facets.experiment(1).data
-    problem, weight = six_facets.sparse_problem(data, 10, 60.0)
+    problem, _ = six_facets.sparse_problem(data, 10, 60.0)
     rng = np.random.default_rng(0)
     sides = np.concatenate([np.eye(3), -np.eye(3), np.eye(3), np.array([[0.6, 0.8, 0.0]])])
     areas = np.array([10.0] * 6 + [0.01] * 4)
@@ -91,7 +91,5 @@ def test_burnt_in_chains_are_thinned_out_by_the_sparse_path():
     )
     chain = z + 1e-3 * rng.standard_normal((1, 20, problem.dim))
     chi2 = six_facets.misfit(problem, data, chain[0])[None]
-    found = burn_in.BurnIn(problem, data, weight, chain, chi2)
-    path = found.path(found.best, six_facets.ENTRY.facet_sites)
-    assert path.n_facets == 6
-    assert path.upper_bound == 10
+    found = burn_in.BurnIn(problem, data, chain, chi2)
+    assert found.remaining(found.best) == {6: 1.0}

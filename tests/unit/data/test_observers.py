@@ -52,6 +52,8 @@ def test_one_observer_stays_one():
     rng = np.random.default_rng(0)
     anywhere = curve(np.arange(30.0), unit(rng.normal(size=(30, 3))))  # no track of four points
     assert observers(anywhere).source == "none"
+    copies = anywhere.select(np.repeat(np.arange(30), 10))  # as in several bands at once
+    assert observers(copies).source == "none"
 
 
 def test_observers_of_two_passes_are_not_identified():

@@ -10,6 +10,7 @@ import pytest
 import lcbayes
 from lcbayes.core.progress import Silent
 from lcbayes.samplers.convergence import MIN_ESS, required_length, rhat_and_ess
+from lcbayes.samplers.sampling import Sampler
 from lcbayes.samplers.settings import MAX_DRAWS, Settings
 from tests.helpers import small_curves
 
@@ -54,6 +55,31 @@ def test_hopeless_chains_cost_no_more():
     assert required_length(separate, 3000) == 750
     assert required_length(np.zeros((4, 750, 2)), 3000) == 750  # stuck
     assert required_length(z[:1], 3000) == 750  # one chain, which nothing can be compared with
+
+
+def test_chains_that_disagree_about_a_direction_are_extended():
+    """The spread of the length of the vector hides what R-hat of the polar angle shows."""
+    problem, data = small_curves.posed(small_curves.curve(20), n_facets=1, spin="none")
+    rng = np.random.default_rng(0)
+    centre = np.asarray(small_curves.truth(problem, data, 1))
+    z = centre + 0.01 * rng.standard_normal((4, 750, problem.dim))
+    rows = problem.rows(["normals_base"])
+    polar = small_curves.NORMALS[0, 2]
+    shift = 0.0015 * np.array([-1.0, 1.0, -1.0, 1.0])[:, None]
+    level = np.sqrt((1 - (polar + shift) ** 2) / (1 - polar**2))
+    v = np.broadcast_to(small_curves.NORMALS[0], (4, 750, 3)).copy()
+    v = np.concatenate([v[..., :2] * level[..., None], v[..., 2:] + shift[..., None]], axis=-1)
+    v += 0.01 * rng.standard_normal(v.shape)
+    length = 1 + 0.1 * rng.standard_normal((4, 750, 1))
+    z[..., rows] = length * v / np.linalg.norm(v, axis=-1, keepdims=True)
+    angles = problem.angles(z)
+    assert angles.shape == (4, 750, 2)
+    np.testing.assert_allclose(angles[..., 1], v[..., 2] / np.linalg.norm(v, axis=-1))
+    assert required_length(z, 3000) == 750
+    assert required_length(angles, 3000, margin=1.0) > 750
+    settings = Settings(num_warmup=50)
+    assert Sampler(problem, settings, 1)._required_length(z) > 750
+    assert Sampler(problem, settings, 1)._required_length(z[..., ::-1, :][:1]) == 750
 
 
 def test_who_asks_for_a_number_gets_it():

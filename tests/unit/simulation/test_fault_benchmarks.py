@@ -64,7 +64,7 @@ def test_angles_at_the_seam():
 
 
 def test_errors_of_shares():
-    """Independent trials: the binomial error. Fits that are all inside or all outside: more."""
+    """Independent trials: √(p (1 − p)/n). Fits that are all inside or all outside: more."""
     assert scores.share(50, 100).se == pytest.approx(0.05, rel=0.01)
     assert scores.share(20, 20).se > 0.03
     assert str(scores.share(0, 0)) == "–"
