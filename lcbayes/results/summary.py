@@ -271,7 +271,9 @@ def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) ->
             yield Finding("divergences", values, about)
         if mode.log_evidence.se > 0.5 and len(modes) > 1:
             yield Finding("weight-uncertain", {"se": mode.log_evidence.se}, about)
-    alone = posterior.coverage is None and posterior.modes[0].solution.hits < 2
+    # With known errors, the residuals tell whether a search of all spins has missed the answer.
+    complete = posterior.coverage is not None and posterior.data.has_error
+    alone = not complete and posterior.modes[0].solution.hits < 2
     if posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not missed.explained:
