@@ -130,10 +130,14 @@ class Grid:
     def of(
         cls, series: Series, arcs: Arcs, prior: Floats, max_rate: float, omega_sd: float
     ) -> Grid:
-        step = STEP / max(arcs.duration, 1e-9)
-        n = max(1, int(np.ceil(max_rate / step)))
-        coarse = (np.arange(n) + 0.5) * max_rate / n
+        coarse = cls.rates(arcs, max_rate)
         return cls(series, arcs, prior, facets.grid(POLE_GRID), coarse, omega_sd)
+
+    @staticmethod
+    def rates(arcs: Arcs, max_rate: float) -> Floats:
+        """Rates up to a fastest that one arc tells apart, rad/s."""
+        n = max(1, int(np.ceil(max_rate * max(arcs.duration, 1e-9) / STEP)))
+        return (np.arange(n) + 0.5) * max_rate / n
 
     @property
     def coarse_step(self) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,9 @@ OPTIMISED = (
 )  # bodies of N facets from each of the best of these
 
 
+OPTIMISED_SLOW = (12, 8, 8, *(4,) * 12, *(2,) * 20)
+SLOW_TURNS = 40.0  # over the time base
+SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
 # Rounds of successive halving of bodies of N facets: see `inference.search`.
 ROUNDS = ((1.0, 12, 0.25), (1.0, 30, 0.3), (1.0, 150, 1.0))
 
@@ -119,10 +122,18 @@ def complete_search(
     with progress.stage(
         "improving spins", sum(s.states for s in (*STAGES, SCREENED, *CONSTANT)), "spins"
     ) as bar:
-        found = run.constant(cells, run.free(cells, bar), bar)
-    starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
+        found = [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
+        # A body symmetric about its pole fits slow changes at any rate: without places of their
+        # own, slow spins are crowded out.
+        slow = 2 * np.pi * SLOW_TURNS / max(float(arcs.span[-1]), 1e-9)
+        if slow < fastest:
+            sharper = Arcs.of(points, fastest, SLOW_ERROR)
+            slower = replace(grid, arcs=sharper, coarse=Grid.rates(arcs, slow))
+            cells = slower.search(workers, progress, SURVIVORS)[0]
+            found.append((run.constant(cells, None, bar), OPTIMISED_SLOW))
+    starts = [run.bodies(problem, data, f, c, int(options["n_facets"]), omega_sd) for f, c in found]
     ends = search.successive_halving(
-        problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
+        problem, data, jnp.concatenate(starts), workers, progress, rounds=ROUNDS
     )
     gaps = np.diff(np.sort(np.asarray(arcs.middle)))
     return climbed(problem, data, points, law, ends, gaps, workers), coverage
@@ -155,7 +166,7 @@ class _Refinement:
                 at = found.pole, found.rate, found.phase
         return found
 
-    def constant(self, cells: Cells, found: States, bar: Track) -> States:
+    def constant(self, cells: Cells, found: States | None, bar: Track) -> States:
         """Constant spins of cells or that fit the phases of states, improved, best first.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
@@ -166,7 +177,9 @@ class _Refinement:
         rows = states.representatives(self.grid, cells, CELLS, span)
         pole, rate = [*self.grid.poles[cells.pole[rows]]], [*cells.rate[rows]]
         phase, group = [0.0] * len(rows), [*range(-len(rows), 0)]
-        for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
+        for i in (
+            states.distinct(found, self.grid.arcs.duration, STAGES[-1].states) if found else ()
+        ):
             rates, origin = states.spins(self.grid, found, int(i), ALIASES)
             pole += [found.pole[i]] * rates.size
             rate += [*rates]
@@ -187,14 +200,20 @@ class _Refinement:
         return strict.at(states.distinct(strict, span, len(OPTIMISED)))
 
     def bodies(
-        self, problem: Problem, data: Epochs, found: States, n_facets: int, omega_sd: float
+        self,
+        problem: Problem,
+        data: Epochs,
+        found: States,
+        counts: Sequence[int],
+        n_facets: int,
+        omega_sd: float,
     ) -> Floats:
-        """Unconstrained vectors (n, D) of bodies of N facets at constant spins."""
+        """Unconstrained vectors (n, D) of bodies of N facets, ``counts`` at each constant spin."""
         normals = facets.grid(CONSTANT[-1].normals)
         middle = 0.5 * (self.points.t[0] + self.points.t[-1])
         rng = np.random.default_rng(0)
         parts = []
-        for i, n in zip(range(found.rate.size), OPTIMISED, strict=False):
+        for i, n in zip(range(found.rate.size), counts, strict=False):
             angle = found.phase[i, 0] - found.rate[i] * middle  # at t = 0
             axes = np.asarray(frame(jnp.asarray(found.pole[i]))) @ _about_z(angle)
             omega = found.pole[i] * found.rate[i]
