@@ -2,15 +2,18 @@
 
 from typing import Literal
 
+import numpy as np
 import numpyro
 
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
 
+MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
 POOLED = nuisances.UNMODELLED  # during the search for solutions
 
 
@@ -65,9 +68,9 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    turned = priors.spin(spin, omega_sd, inertia_sd)
+    turned, rate = priors.spin(spin, omega_sd, inertia_sd)
     if spin != "none":
-        turned = nuisances.disturbed(turned, data, clock_sd, rate_drift_sd)
+        turned = nuisances.disturbed(turned, rate, data, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -88,3 +91,14 @@ def model(
     else:
         mean = seen(sun, obs)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+
+
+def coordinates(
+    data: Epochs, *, spin: str = "free", omega_sd: float = 0.1, **options: object  # noqa: ARG001
+) -> dict[str, RateAndDirection] | None:
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times.
+
+    They are singular at ω = 0, so that bodies which may hardly turn keep the components.
+    """
+    turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
+    return {"omega_unit": RateAndDirection()} if spin == "free" and turns > MIN_TURNS else None

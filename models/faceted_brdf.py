@@ -79,9 +79,9 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    turned = priors.spin(spin, omega_sd, inertia_sd)
+    turned, rate = priors.spin(spin, omega_sd, inertia_sd)
     if spin != "none":
-        turned = nuisances.disturbed(turned, data, clock_sd, rate_drift_sd)
+        turned = nuisances.disturbed(turned, rate, data, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:

@@ -26,6 +26,8 @@ from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
+from lcbayes.inference.spin_search.cells import Coverage
+from lcbayes.inference.spin_search.search import applies, complete_search
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -55,6 +57,7 @@ class Posterior:
     timing: Timing = field(default_factory=Timing)
     reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
     settings: Settings = field(default_factory=Settings)
+    coverage: Coverage | None = None  # of a complete search over spins
 
 
 def run(
@@ -102,6 +105,7 @@ class _Found(NamedTuple):
     ends: search.SearchState
     data: Epochs
     n_starts: int
+    coverage: Coverage | None  # of a complete search over spins
 
 
 @dataclass(frozen=True)
@@ -131,17 +135,24 @@ class _Fit:
             if pooled.dim == plain.dim:
                 pooled = plain
             starts = _starts(entry, options, pooled, data, key, settings.num_starts)
+            chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
             if spins:
-                default = {o.name: o.default for o in entry.options.values()}
-                starts = placed(spins, starts, pooled, data, default | dict(options))
+                starts = placed(spins, starts, pooled, data, chosen)
+            complete = not spins and not settings.num_starts and applies(pooled, data, chosen)
         stored = self.checkpoint.load("search")
-        if stored is None:
+        coverage = None
+        if stored is not None:
+            coverage = Coverage.restored(stored)
+            ends = search.SearchState(**stored)
+        elif complete:
+            ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
+            self.progress.say(str(coverage))
+            self.checkpoint.save("search", ends._asdict() | coverage.stored())
+        else:
             informed = entry.hook("starts") is not None or spins
             way = None if informed else time_ordered(pooled, data)
             ends = search.successive_halving(pooled, data, starts, workers, self.progress, way)
             self.checkpoint.save("search", ends._asdict())
-        else:
-            ends = search.SearchState(**stored)
         order = FacetOrder(pooled, entry.facet_sites)
         found = solutions.distinct(pooled, data, ends, order, len(ends.z))
         if not found:
@@ -163,7 +174,7 @@ class _Fit:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return _Found(sampled, rest, ends, data, len(starts))
+        return _Found(sampled, rest, ends, data, len(starts), coverage)
 
     def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
@@ -181,6 +192,7 @@ class _Fit:
         )
         posterior = posterior_of(plain, data, order, modes, log_evidence)
         posterior.n_starts, posterior.timing = found.n_starts, self.timing
+        posterior.coverage = found.coverage
         posterior.reasons, posterior.settings = reasons, self.settings
         return posterior
 
@@ -212,7 +224,15 @@ class _Fit:
         modes.sort(key=lambda m: -m.weight)
         reasons = unsampled(modes, self.plain, problem, found.rest, order, data)
         return Posterior(
-            problem, data, modes, log_evidence, found.n_starts, self.timing, reasons, self.settings
+            problem,
+            data,
+            modes,
+            log_evidence,
+            found.n_starts,
+            self.timing,
+            reasons,
+            self.settings,
+            found.coverage,
         )
 
 

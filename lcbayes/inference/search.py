@@ -92,12 +92,13 @@ def successive_halving(
     workers: int,
     progress: Silent,
     path: TimePath | None = None,
+    rounds: Sequence[tuple[float, int, float]] = (),
 ) -> SearchState:
     """Optimise the starts (B, D), dropping the worst after each round; the best come first.
 
-    With a tempering path, the data are added along it.
+    With a tempering path, the data are added along it. ``rounds`` replace `ROUNDS`.
     """
-    rounds = ROUNDS if path is None else TIME_ORDERED_ROUNDS
+    rounds = rounds or (ROUNDS if path is None else TIME_ORDERED_ROUNDS)
     shares = _shares(len(starts), rounds)
     total = sum(n * share for (_, n, _), share in zip(rounds, shares, strict=True))
     state = init(starts)
@@ -106,12 +107,12 @@ def successive_halving(
         threads(workers) as pool,
     ):
         for (s, n_steps, _), share in zip(rounds, shares, strict=True):
-            state = jax.tree.map(lambda x, share=share: x[:share], _sorted(state))
+            state = jax.tree.map(lambda x, share=share: x[:share], best_first(state))
             if path is not None:
                 state = init(state.z)
             at = data if path is None else path.at(data, s)
             state = _advance_all(problem, at, state, n_steps, pool, bar.advance)
-    return _sorted(state)
+    return best_first(state)
 
 
 def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchState:
@@ -151,6 +152,7 @@ def _shares(n: int, rounds: Sequence[tuple[float, int, float]]) -> list[int]:
     return counts
 
 
-def _sorted(state: SearchState) -> SearchState:
+def best_first(state: SearchState) -> SearchState:
+    """The rows by increasing potential."""
     order = np.argsort(state.potential, kind="stable")
     return jax.tree.map(lambda x: x[order], state)

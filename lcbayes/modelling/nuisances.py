@@ -25,6 +25,7 @@ from lcbayes.modelling.priors import Rotation
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
 RATE_DRIFT_SD = 0.01  # relative change of the rate of rotation over the light curve
+MAX_DRIFT_PHASE = 1.0  # rad, in the middle of the light curve
 UNMODELLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}
 """Options of a model without these parameters, for the search for solutions."""
 UNITS = {"zero_point": "mag", "clock_offset": "s", "rate_drift": ""}
@@ -103,20 +104,24 @@ def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     return _offsets("clock_offset", data.n_observers, sd)[data.observer]
 
 
-def rate_drift(data: Epochs, sd: float = RATE_DRIFT_SD) -> jax.Array | None:
-    """Relative change ε ~ Normal(0, sd) of the rate over the light curve; None if not modelled.
+def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.Array | None:
+    """Relative change ε of the rate (rad/s) over the light curve; None if not modelled.
 
     The body rotates as at constant rate at the time t + ε [(t − t_m)² − t_m²]/2T, with T the length
-    and t_m the middle of the light curve. Its rate is ω (1 + ε (t − t_m)/T): ω is the mean.
+    and t_m the middle of the light curve. Its rate is ω (1 + ε (t − t_m)/T): ω is the mean. The
+    phase in the middle moves by φ = ε ω T/8. A change that moves it by whole turns would make every
+    count of turns between passes possible: ε is Normal of sd/√(1 + (sd ω T/8φ₀)²), φ₀ = 1 rad.
     """
     if not _on("rate_drift_sd", sd) or data.n_segments < 2:
         return None
     unit = jnp.asarray(numpyro.sample("rate_drift_unit", dist.Normal(0.0, 1.0)))
-    return jnp.asarray(numpyro.deterministic("rate_drift", sd * unit))
+    phase = sd * rate * data.t_span / (8.0 * MAX_DRIFT_PHASE)
+    return jnp.asarray(numpyro.deterministic("rate_drift", sd * unit / jnp.sqrt(1.0 + phase**2)))
 
 
 def disturbed(
     turned: Rotation,
+    rate: jax.Array,
     data: Epochs,
     clock_sd: float = CLOCK_SD,
     rate_drift_sd: float = RATE_DRIFT_SD,
@@ -125,8 +130,8 @@ def disturbed(
 
     Parameters
     ----------
-    turned : callable
-        ``turned(t, *vectors)``, from `lcbayes.modelling.priors.spin`.
+    turned, rate : callable, rad/s
+        ``turned(t, *vectors)`` and |ω|, from `lcbayes.modelling.priors.spin`.
     data : Epochs
 
     Returns
@@ -135,7 +140,7 @@ def disturbed(
         ``to_body(t, sun, obs)`` for recorded times t. The directions are those of the recorded
         times, and are moved to the true ones at the rates of ``data``.
     """
-    late, drift = clock(data, clock_sd), rate_drift(data, rate_drift_sd)
+    late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
     if late is None and drift is None:
         return turned
 

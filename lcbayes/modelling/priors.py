@@ -205,7 +205,7 @@ TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
 TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
 
 
-def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
+def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> tuple[Rotation, jax.Array]:
     """Rotation of the body for a model's option ``spin``.
 
     "free" is rotation at a constant ω, "none" is no rotation, and "torque-free" is the motion of a
@@ -217,18 +217,21 @@ def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> Rotation:
     callable
         ``to_body(t, *vectors)`` gives the body-frame components at times t (T,) s of inertial
         vectors (T, 3).
+    scalar
+        |ω| at t = 0, rad/s.
     """
     if kind not in SPINS:
         raise ValueError(f"unknown spin {kind!r}; available: {', '.join(SPINS)}")
     omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd)
+    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
     if kind != "torque-free":
-        return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors)
+        return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), rate
     tensor = inertia(inertia_sd)
     momentum = tensor @ omega
     pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
     pole_angles(pole)
 
-    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors)
+    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors), rate
 
 
 def pole_angles(pole: jax.Array) -> None:

@@ -161,6 +161,7 @@ class FitNumbers(Outliers):
     model_options: NotRequired[dict[str, Any]]
     sparse: NotRequired[dict[str, Any]]
     n_starts: int
+    search: dict[str, float] | None
     notes: str
     identity: dict[str, Any]
 

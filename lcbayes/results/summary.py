@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -146,6 +147,7 @@ def summarise(
             "gradients": timing.gradients,
         },
         "n_starts": posterior.n_starts,
+        "search": None if posterior.coverage is None else asdict(posterior.coverage),
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
     }
@@ -269,7 +271,10 @@ def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) ->
             yield Finding("divergences", values, about)
         if mode.log_evidence.se > 0.5 and len(modes) > 1:
             yield Finding("weight-uncertain", {"se": mode.log_evidence.se}, about)
-    if posterior.n_starts > 1 and posterior.modes[0].solution.hits < 2:
+    # With known errors, the residuals tell whether a search of all spins has missed the answer.
+    complete = posterior.coverage is not None and posterior.data.has_error
+    alone = not complete and posterior.modes[0].solution.hits < 2
+    if posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not missed.explained:
         yield Finding("data-not-explained", {"why": why(missed)})

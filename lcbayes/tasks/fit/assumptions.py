@@ -86,7 +86,7 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
     if sd and len(split(curve.t, seen_by.index, PASS)) > 1:
         yield (
             f"The rate of rotation may change by {100 * sd:g} % over the light curve "
-            "(rate_drift_sd); omega is its mean."
+            "(rate_drift_sd), less where that would be a turn; omega is its mean."
         )
 
 

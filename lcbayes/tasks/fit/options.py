@@ -43,7 +43,10 @@ class FitOptions(ModelOptions):
     )
     num_chains: int = option(4, low=1, help="chains per solution, or independent runs for smc")
     num_starts: int = option(
-        0, low=0, help="starts of the search; 0: chosen by the number of parameters"
+        0,
+        low=0,
+        help="starts of the search from the prior; 0: all spins of diffuse facets are visited, "
+        "and for other models the number of parameters decides",
     )
     max_modes: int = option(4, low=1, help="largest number of solutions to sample")
     sparse: int | None = option(

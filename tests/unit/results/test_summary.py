@@ -58,7 +58,7 @@ def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
         )
         for i in range(n_modes)
     ]
-    posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[])
+    posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[], coverage=None)
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
     found = summary._findings(posterior, entries, fit)  # type: ignore[arg-type]
     return [sentence(one).text for one in found]

@@ -1,0 +1,167 @@
+"""Complete search over constant spins: is a fit as good as that of the truth found, and how soon?
+
+    python benchmarks/search.py [--first 0] [--cases 200] [--fit] [-o DIR]
+
+Each case is a body of 3 to 6 diffuse facets that turns 5 to 2,000 times in 2 to 6 passes over one
+to three nights, with a signal-to-noise ratio of 20 (odd seeds) or 100 (even seeds); see
+`spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
+is at most 0.5 nats above the posterior optimum reached from the truth. With --fit, each curve is
+then fitted by `lcbayes.fit`. One row a case is appended to search.csv in DIR; cases that are there
+are not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+from _results import table, write_section
+from spin_cases import Case, drawn
+
+import lcbayes
+from lcbayes.core.progress import Silent
+from lcbayes.inference import search
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.spin_search.facets import Bodies, starts
+from lcbayes.inference.spin_search.search import complete_search
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+
+TOLERANCE = 0.5  # nats
+WORKERS = 2
+COLUMNS = (
+    "seed",
+    "snr",
+    "facets",
+    "passes",
+    "turns",
+    "cells",
+    "nats_above_truth",
+    "search_s",
+    "trusted",
+    "reasons",
+    "rate_inside",
+    "solutions",
+    "fit_s",
+)
+
+
+def searched(case: Case) -> dict[str, float]:
+    """Nats above the optimum reached from the truth, and the time."""
+    entry, data = registry.find("faceted"), Epochs.of(case.curve)
+    options = {o.name: o.default for o in entry.options.values()} | {
+        "n_facets": len(case.areas),
+        "omega_sd": case.omega_sd,
+    }
+    problem, _ = build_problem(entry, options | dict(entry.pooled), data)
+    begun = time.monotonic()
+    ends, coverage = complete_search(problem, data, options, WORKERS, Silent())
+    seconds = time.monotonic() - begun
+    truth = Bodies(case.omega[None], case.normals[None], case.areas[None])
+    best = search.polish(problem, data, starts(problem, data, truth, case.omega_sd), 1)
+    above = float(ends.potential[0] - best.potential[0])
+    return {"cells": coverage.cells, "nats_above_truth": above, "search_s": seconds}
+
+
+def fitted(case: Case) -> dict[str, object]:
+    """Verdict of a fit, and whether its 90 % interval of the rate holds the truth."""
+    begun = time.monotonic()
+    result = lcbayes.fit(case.curve, n_facets=len(case.areas), omega_sd=case.omega_sd, seed=1)
+    draws = lcbayes.weighted_draws(result.data["posterior"].to_dataset())
+    rate = np.linalg.norm(draws["omega"].to_numpy().reshape(-1, 3), axis=1)
+    low, high = np.quantile(rate, [0.05, 0.95])
+    return {
+        "trusted": int(result.trusted),
+        "reasons": " ".join(r.code for r in result.reasons),
+        "rate_inside": int(low <= np.linalg.norm(case.omega) <= high),
+        "solutions": len(result.content["modes"]),
+        "fit_s": time.monotonic() - begun,
+    }
+
+
+def share(values: list[int]) -> str:
+    """k of n, with the standard error of the share."""
+    n, k = len(values), sum(values)
+    error = np.sqrt(max(k * (n - k), 1) / n**3) if n else 0.0
+    return f"{k} of {n} ({100 * k / max(n, 1):.0f} ± {100 * error:.0f} %)"
+
+
+def report(rows: list[dict[str, str]]) -> str:
+    """The table of all cases so far."""
+    lines = []
+    for name, some in (
+        ("all", rows),
+        ("SNR 20", [r for r in rows if r["snr"] == "20"]),
+        ("SNR 100", [r for r in rows if r["snr"] == "100"]),
+        ("two passes", [r for r in rows if r["passes"] == "2"]),
+        ("three and more", [r for r in rows if int(r["passes"]) > 2]),
+    ):
+        if not some:
+            continue
+        seconds = [float(r["search_s"]) for r in some]
+        fits = [r for r in some if r["trusted"]]
+        trusted = [r for r in fits if r["trusted"] == "1"]
+        lines.append(
+            [
+                name,
+                share([int(float(r["nats_above_truth"]) < TOLERANCE) for r in some]),
+                f"{np.median(seconds):.0f}, {np.quantile(seconds, 0.9):.0f}",
+                share([int(r["trusted"]) for r in fits]) if fits else "",
+                share([int(r["rate_inside"]) for r in trusted]) if trusted else "",
+            ]
+        )
+    head = [
+        "cases",
+        "best not above the truth",
+        "search: median, 90 % (s)",
+        "trusted",
+        "rate inside 90 %, trusted",
+    ]
+    return table(head, lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--cases", type=int, default=200, help="number of seeds")
+    parser.add_argument("--fit", action="store_true", help="also fit each curve")
+    parser.add_argument("--write", action="store_true", help="write the table to RESULTS.md")
+    parser.add_argument("-o", type=Path, default=Path("search-benchmark"), help="folder")
+    options = parser.parse_args()
+    options.o.mkdir(parents=True, exist_ok=True)
+    path = options.o / "search.csv"
+    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    done = {int(r["seed"]) for r in rows}
+    for seed in range(options.first, options.first + options.cases):
+        if seed in done:
+            continue
+        snr = 20 if seed % 2 else 100
+        case = drawn(seed, snr)
+        row = dict.fromkeys(COLUMNS, "") | {
+            "seed": seed,
+            "snr": snr,
+            "facets": len(case.areas),
+            "passes": int(np.sum(np.diff(case.curve.t) > 600.0)) + 1,
+            "turns": round(case.turns, 1),
+        }
+        row |= searched(case)
+        if options.fit:
+            row |= fitted(case)
+        with path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if file.tell() == 0:
+                writer.writeheader()
+            writer.writerow(row)
+        print({k: row[k] for k in COLUMNS if row[k] != ""}, flush=True)
+    text = report(list(csv.DictReader(path.open())))
+    print(text)
+    if options.write:
+        command = f"python benchmarks/search.py --cases {options.cases}"
+        write_section("Complete search over constant spins", command, text)
+
+
+if __name__ == "__main__":
+    main()

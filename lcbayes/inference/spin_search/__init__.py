@@ -1,0 +1,1 @@
+"""Complete search over constant spins: every cell of pole and rate, from coarse to fine in time."""

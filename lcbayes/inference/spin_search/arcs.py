@@ -1,0 +1,184 @@
+"""Arcs of a light curve: parts so short that they tell only a few hundred rates apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.segments import PASS, split
+from lcbayes.modelling.epochs import Epochs
+
+Floats = NDArray[np.float64]
+
+MAX_RATES = 256.0  # largest product of an arc's duration and the fastest rate, rad
+RESOLVED = 0.5  # rad that the body may turn between points before these are averaged
+UNKNOWN_ERROR = 0.03  # relative, of curves without errors
+MIN_SUNLIGHT = 0.05  # share below which a point is left out
+
+
+class Points(NamedTuple):
+    """Brightness as flux at unit distance, in full sunlight.
+
+    Attributes
+    ----------
+    t : (T,) s
+    sun, obs : (T, 3)
+    flux, error : (T,) m²
+    """
+
+    t: Floats
+    sun: Floats
+    obs: Floats
+    flux: Floats
+    error: Floats
+
+    @classmethod
+    def of(cls, data: Epochs) -> Points:
+        """The points of a light curve; those in shadow are left out.
+
+        Curves of unknown scale are brought to a mean of one.
+        """
+        unit = np.asarray(data.dilution) * np.asarray(data.level)[np.asarray(data.curve)]
+        value = np.asarray(data.brightness)
+        noise = UNKNOWN_ERROR * np.asarray(data.noise_unit)[np.asarray(data.curve)]
+        error = np.asarray(data.error) if data.has_error else noise
+        if data.kind == "mag":
+            value = 10.0 ** (-0.4 * (value - np.asarray(data.zero_point)))
+            error = 0.4 * np.log(10.0) * error * value
+        unit = unit * np.asarray(data.sunlight)
+        keep = np.asarray(data.sunlight) > MIN_SUNLIGHT
+        t, sun, obs = (np.asarray(x)[keep] for x in (data.t, data.sun, data.obs))
+        return cls(t, sun, obs, (value / unit)[keep], (error / unit)[keep])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Arcs:
+    """Points by arc, padded to one length with points of no weight.
+
+    The arcs are in the order in which the search includes them: the closest pair first, then
+    whichever is closest to those included.
+
+    Attributes
+    ----------
+    middle : (A,) s
+    span : (A,) s
+        Time base of this and all earlier arcs.
+    dt : (A, L) s
+        Time since the arc's middle.
+    sun, obs : (A, L, 3)
+    weight : (A, L)
+        1/error, m⁻².
+    white : (A, L)
+        Flux times weight.
+    """
+
+    middle: jax.Array
+    span: jax.Array
+    dt: jax.Array
+    sun: jax.Array
+    obs: jax.Array
+    weight: jax.Array
+    white: jax.Array
+
+    @property
+    def duration(self) -> float:
+        """Length of the longest arc, s."""
+        return float(2.0 * jnp.max(jnp.abs(self.dt)))
+
+    @classmethod
+    def whole(cls, points: Points, model_error: float) -> Arcs:
+        """All points as one arc."""
+        return _one(points, model_error * abs(float(np.mean(points.flux))))
+
+    @classmethod
+    def of(cls, points: Points, max_rate: float, model_error: float) -> Arcs:
+        """Arcs of a light curve.
+
+        Parameters
+        ----------
+        points : Points
+        max_rate : rad/s
+            The fastest spin.
+        model_error : float
+            Error of the series, relative to the mean flux, added to the errors in quadrature.
+        """
+        rows = split(points.t, np.zeros(points.t.size, int), PASS)
+        rows = [part for long in rows for part in _shortened(points.t, long, MAX_RATES / max_rate)]
+        parts = [_averaged(points, r, RESOLVED / max_rate) for r in rows]
+        floor = model_error * abs(float(np.mean(points.flux)))
+        order = _growing([0.5 * (p.t[0] + p.t[-1]) for p in parts])
+        parts = [parts[i] for i in order]
+        longest = max(p.t.size for p in parts)
+        middle = np.array([0.5 * (p.t[0] + p.t[-1]) for p in parts])
+        ends = np.array([[p.t[0], p.t[-1]] for p in parts])
+        span = np.maximum.accumulate(ends[:, 1]) - np.minimum.accumulate(ends[:, 0])
+
+        def padded(values: list[Floats]) -> jax.Array:
+            out = [np.concatenate([v, np.repeat(v[-1:], longest - len(v), 0)]) for v in values]
+            return jnp.asarray(np.stack(out))
+
+        inside = [np.arange(longest) < p.t.size for p in parts]
+        weight = padded([1.0 / np.hypot(p.error, floor) for p in parts]) * jnp.asarray(inside)
+        return cls(
+            jnp.asarray(middle),
+            jnp.asarray(span),
+            padded([p.t for p in parts]) - middle[:, None],
+            padded([p.sun for p in parts]),
+            padded([p.obs for p in parts]),
+            weight,
+            padded([p.flux for p in parts]) * weight,
+        )
+
+
+def _one(part: Points, floor: float) -> Arcs:
+    """All points as one arc."""
+    middle = 0.5 * (part.t[0] + part.t[-1])
+    weight = 1.0 / np.hypot(part.error, floor)
+    arrays = (part.t - middle, part.sun, part.obs, weight, part.flux * weight)
+    return Arcs(
+        jnp.asarray([middle]),
+        jnp.asarray([np.ptp(part.t)]),
+        *(jnp.asarray(x)[None] for x in arrays),
+    )
+
+
+def _shortened(t: Floats, rows: NDArray, longest: float) -> list[NDArray]:
+    """Rows of equally long parts, none longer than a duration (s)."""
+    n = max(1, int(np.ceil((t[rows[-1]] - t[rows[0]]) / longest)))
+    edges = np.linspace(t[rows[0]], t[rows[-1]], n + 1)[1:-1]
+    return [part for part in np.split(rows, np.searchsorted(t[rows], edges)) if part.size]
+
+
+def _averaged(points: Points, rows: NDArray, window: float) -> Points:
+    """The rows, with points within a time window (s) averaged."""
+    group = np.floor((points.t[rows] - points.t[rows[0]]) / window).astype(int)
+    group = np.unique(group, return_inverse=True)[1]
+    weight = 1.0 / points.error[rows] ** 2
+    total = np.bincount(group, weight)
+
+    def mean(values: Floats) -> Floats:
+        if values.ndim == 2:
+            return np.stack([mean(column) for column in values.T], axis=1)
+        return np.bincount(group, weight * values) / total
+
+    t, sun, obs, flux = (mean(x[rows]) for x in (points.t, points.sun, points.obs, points.flux))
+    return Points(t, sun, obs, flux, 1.0 / np.sqrt(total))
+
+
+def _growing(middle: list[float]) -> list[int]:
+    """Indices of arcs, the closest pair first, then whichever is closest to those included."""
+    if len(middle) == 1:
+        return [0]
+    t = np.asarray(middle)
+    first = int(np.argmin(np.diff(np.sort(t))))
+    chosen = [int(i) for i in np.argsort(t, kind="stable")[first : first + 2]]
+    while len(chosen) < len(t):
+        apart = np.abs(t[:, None] - t[chosen]).min(axis=1)
+        apart[chosen] = np.inf
+        chosen.append(int(np.argmin(apart)))
+    return chosen

@@ -1,0 +1,205 @@
+"""The complete search over constant spins, against NumPy and a simulator of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import search
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.spin_search import bodies, states
+from lcbayes.inference.spin_search.arcs import Arcs, Points
+from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
+from lcbayes.inference.spin_search.facets import Bodies, starts
+from lcbayes.inference.spin_search.search import applies, complete_search
+from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.spin_coordinates import RateAndDirection
+
+LAW = "lambertian"
+GAP = 5400.0  # s between the passes
+OMEGA_SD = 0.008
+
+
+def rotated(vectors: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Vectors (T, 3) turned by −angle (T,) about a unit axis, by Rodrigues' formula."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    along = (vectors @ axis)[:, None] * axis
+    return along + c * (vectors - along) - s * np.cross(axis, vectors)
+
+
+class Truth:
+    """Three facets seen in two passes during some twenty turns."""
+
+    omega = 2 * np.pi / 300.0 * np.array([0.48, -0.6, 0.64])
+    normals = np.array([[0.6, 0.0, 0.8], [-0.8, 0.6, 0.0], [0.0, -0.8, -0.6]])
+    areas = np.array([2.0, 1.0, 3.0])
+
+    def __init__(self, snr: float = 50.0) -> None:
+        rng = np.random.default_rng(5)
+        t = np.concatenate([np.linspace(0, 400, 40), GAP + np.linspace(0, 400, 40)])
+        lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t > 1000)
+        obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
+        sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
+        rate = np.linalg.norm(self.omega)
+        s, o = (rotated(v, self.omega / rate, rate * t) for v in (sun, obs))
+        mu0, mu = (np.maximum(v @ self.normals.T, 0.0) for v in (s, o))
+        flux = mu0 * mu / np.pi @ self.areas
+        error = np.full(t.size, flux.mean() / snr)
+        self.curve = LightCurve(
+            t=t,
+            brightness=flux + error * rng.standard_normal(t.size),
+            error=error,
+            kind="flux",
+            sun=sun,
+            obs=obs,
+            free_scale=np.array([False]),
+        )
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    return Truth()
+
+
+@pytest.fixture(scope="module")
+def points(truth: Truth) -> Points:
+    return Points.of(Epochs.of(truth.curve))
+
+
+@pytest.fixture(scope="module")
+def grid(points: Points) -> Grid:
+    series = Series.of(LAW)
+    arcs = Arcs.of(points, 4 * OMEGA_SD, 0.15)
+    prior = precision(series, total_area(series, points.sun, points.obs, points.flux))
+    return Grid.of(series, arcs, prior, 4 * OMEGA_SD, OMEGA_SD)
+
+
+def test_a_body_in_harmonics_is_as_bright_as_its_facets():
+    """A field of harmonics on 40,000 facets, turned in NumPy, against the series' quadrature."""
+    rng = np.random.default_rng(0)
+    series, pole = Series.of(LAW), np.array([0.36, 0.48, 0.8])
+    sun, obs = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 30, 3)))
+    angle = rng.uniform(0, 2 * np.pi, 30)
+    rows = series.turned(series.response(jnp.asarray(pole), sun, obs), jnp.asarray(angle))
+    axes = np.asarray(_frame(pole))
+    i = np.arange(40000) + 0.5
+    z, lon = 1 - 2 * i / 40000, np.pi * (1 + 5**0.5) * i
+    normals = np.stack([np.sqrt(1 - z**2) * np.cos(lon), np.sqrt(1 - z**2) * np.sin(lon), z], 1)
+    s, o = (rotated(v, pole, angle) @ axes for v in (sun, obs))
+    kernel = np.maximum(s @ normals.T, 0) * np.maximum(o @ normals.T, 0) / np.pi
+    # 1, z, x and y are the harmonics of the first two degrees, up to their norm
+    for column, field, norm in ((0, np.ones_like(z), 1.0), (1, z, 3.0), (5, normals[:, 0], 3.0)):
+        value = kernel @ field * np.sqrt(norm * 4 * np.pi) / 40000
+        assert np.abs(np.asarray(rows[:, column]) - value).max() < 0.02 * np.abs(value).max()
+
+
+def _frame(pole: np.ndarray) -> np.ndarray:
+    first = np.cross([0.0, 0.0, 1.0], pole)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(pole, first), pole], axis=1)
+
+
+def test_normal_equations_turn_as_their_rows():
+    rng = np.random.default_rng(1)
+    series = Series.of(LAW)
+    sun, obs = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 12, 3)))
+    rows = series.response(jnp.array([0.0, 0.6, 0.8]), sun, obs)
+    still, white = series.turned(rows, jnp.zeros(12)), rng.normal(size=12)
+    later = np.asarray(series.turned(rows, jnp.full(12, 0.7)))
+    matrix, vector = series.turned_normal(still.T @ still, still.T @ white, jnp.asarray(0.7))
+    assert np.allclose(matrix, later.T @ later, rtol=0, atol=1e-12)
+    assert np.allclose(vector, later.T @ white, rtol=0, atol=1e-12)
+
+
+def test_the_evidence_is_that_of_a_gaussian_field():
+    """Differences of ln N(y; 0, I + A S Aᵀ) between designs, with a dense covariance in NumPy."""
+    rng = np.random.default_rng(2)
+    prior, y = rng.uniform(0.5, 2.0, 6), rng.normal(size=15)
+    ours, dense = [], []
+    for _ in range(3):
+        design = rng.normal(size=(15, 6))
+        information = design.T @ design + np.diag(prior)
+        ours.append(float(log_evidence(jnp.asarray(information), jnp.asarray(design.T @ y))))
+        covariance = np.eye(15) + design / prior @ design.T
+        log_det = np.linalg.slogdet(covariance)[1]
+        dense.append(-0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * log_det)
+    assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-10)
+
+
+def test_nonnegative_areas_are_those_of_lawson_and_hanson():
+    rng = np.random.default_rng(3)
+    matrix, target = rng.uniform(0, 1, (60, 20)), rng.uniform(0, 1, 60)
+    ours = bodies._nonnegative(
+        jnp.asarray(matrix.T @ matrix), jnp.asarray(matrix.T @ target), jnp.zeros(20)
+    )
+    exact, norm = nnls(matrix, target)
+    misfit = float(np.sum((target - matrix @ np.asarray(ours)) ** 2))
+    assert np.all(np.asarray(ours) >= 0.0)
+    assert misfit == pytest.approx(norm**2, rel=1e-3)
+    assert exact.min() >= 0.0
+
+
+def test_the_jacobian_of_rate_and_direction():
+    chart, x = RateAndDirection(), jnp.array([-1.3, 0.4, -2.1])
+    y = chart(x)
+    numeric = np.linalg.slogdet(np.asarray(jax.jacfwd(chart)(x)))[1]
+    assert float(chart.log_abs_det_jacobian(x, y)) == pytest.approx(numeric, abs=1e-12)
+    assert np.allclose(chart._inverse(y), x, rtol=0, atol=1e-12)
+    assert float(jnp.linalg.norm(y)) == pytest.approx(np.exp(-1.3))
+
+
+def test_every_rate_lies_within_half_a_width_of_a_cell(grid: Grid):
+    """Random rates up to the fastest: a cell has their phase between the arcs and coarse rate."""
+    rates, width = grid.pairs()
+    rate = np.random.default_rng(4).uniform(0, 4 * OMEGA_SD, 500)
+    gap = (rate[:, None] - rates) * grid.gap
+    phase = np.abs(np.angle(np.exp(1j * gap)))
+    same = grid.index(rate)[:, None] == grid.index(rates)
+    assert np.all(np.min(np.where(same, phase, np.inf), axis=1) <= 0.5 * width * grid.gap + 1e-9)
+
+
+def test_the_true_cell_is_among_the_best(grid: Grid, truth: Truth):
+    found, coverage = grid.search(1, Silent(), 60_000)
+    rate = np.linalg.norm(truth.omega)
+    near = grid.poles[found.pole] @ truth.omega / rate > np.cos(np.radians(9.0))
+    near &= np.abs(found.rate - rate) * GAP < 1.5
+    assert np.flatnonzero(near).min(initial=found.rate.size) < 0.02 * coverage.evaluated
+    assert coverage.max_rate == pytest.approx(4 * OMEGA_SD)
+    assert Coverage.restored(coverage.stored()) == coverage
+
+
+def test_spins_that_differ_by_a_turn_between_passes_are_one_state(grid: Grid):
+    turn = 2 * np.pi / grid.gap
+    pole, rate = np.zeros(3, int), 0.02 + np.array([0.0, turn, 0.5 * turn])
+    cells = Cells(pole, rate, 0.1 * turn, np.array([2.0, 1.0, 0.0]))
+    assert list(states.representatives(grid, cells, 10)) == [0, 2]
+    assert list(states.representatives(grid, cells, 10, span=GAP)) == [0, 1, 2]
+
+
+def test_the_search_is_for_diffuse_facets_that_spin(truth: Truth):
+    entry, data = registry.find("faceted"), Epochs.of(truth.curve)
+    for spin, expected in (("free", True), ("none", False), ("torque-free", False)):
+        options = {o.name: o.default for o in entry.options.values()} | {"spin": spin}
+        problem, _ = build_problem(entry, options | dict(entry.pooled), data)
+        assert applies(problem, data, options) is expected
+
+
+@pytest.mark.slow
+def test_the_search_ends_no_worse_than_at_the_truth(truth: Truth):
+    entry, data = registry.find("faceted"), Epochs.of(truth.curve)
+    options = {o.name: o.default for o in entry.options.values()} | {
+        "n_facets": 3,
+        "omega_sd": OMEGA_SD,
+        "reflectance": LAW,
+    }
+    problem, _ = build_problem(entry, options | dict(entry.pooled), data)
+    ends, _ = complete_search(problem, data, options, 2, Silent())
+    body = Bodies(truth.omega[None], truth.normals[None], truth.areas[None])
+    best = search.polish(problem, data, starts(problem, data, body, OMEGA_SD), 1)
+    assert float(ends.potential[0]) <= float(best.potential[0]) + 0.5
