@@ -294,7 +294,7 @@ def test_the_packages_model_explains_a_file_without_faults(tmp_path):
     case = satellites.draw_case(Fault(), 1)
     satellites.write(case, tmp_path / "curve.csv")
     data = Epochs.of(lcbayes.read(tmp_path / "curve.csv"))
-    options = {"n_facets": 3, "reflectance": "lambertian"}
+    options = {"n_facets": 3, "reflectance": "lambertian", "clock_sd": 0.0, "rate_drift_sd": 0.0}
     problem = Problem(registry.find("faceted").bind(options), data)
 
     def chi2(normals: np.ndarray) -> float:
