@@ -94,7 +94,11 @@ def model(
 
 
 def coordinates(
-    data: Epochs, *, spin: str = "free", omega_sd: float = 0.1, **options: object  # noqa: ARG001
+    data: Epochs,
+    *,
+    spin: str = "free",
+    omega_sd: float = 0.1,
+    **options: object,  # noqa: ARG001
 ) -> dict[str, RateAndDirection] | None:
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times.
 
