@@ -32,7 +32,7 @@ from lcbayes.modelling.epochs import Epochs
 
 TOLERANCE = 0.5  # nats
 WORKERS = 2
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "seed",
     "snr",
     "facets",
@@ -124,7 +124,7 @@ def report(rows: list[dict[str, str]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description="Measure the complete search over constant spins.")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--cases", type=int, default=200, help="number of seeds")
     parser.add_argument("--fit", action="store_true", help="also fit each curve")

@@ -56,7 +56,7 @@ SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best ar
 CELLS = 1000  # cells tried as they are
 PER_STATE = 3  # of the aliases of a state, carried on
 CONSTANT = (Stage(240, 0.01, 160, 5), Stage(110, 0.003, 400, 4))  # constant spins with a free body
-OPTIMISED = (
+OPTIMISED: tuple[int, ...] = (
     24,
     16,
     12,
@@ -68,7 +68,7 @@ OPTIMISED = (
 )  # bodies of N facets from each of the best of these
 
 
-OPTIMISED_SLOW = (12, 8, 8, *(4,) * 12, *(2,) * 20)
+OPTIMISED_SLOW: tuple[int, ...] = (12, 8, 8, *(4,) * 12, *(2,) * 20)
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
 # Rounds of successive halving of bodies of N facets: see `inference.search`.
@@ -122,7 +122,8 @@ def complete_search(
     with progress.stage(
         "improving spins", sum(s.states for s in (*STAGES, SCREENED, *CONSTANT)), "spins"
     ) as bar:
-        found = [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
+        found: list[tuple[States, tuple[int, ...]]] = []
+        found += [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
         # A body symmetric about its pole fits slow changes at any rate: without places of their
         # own, slow spins are crowded out.
         slow = 2 * np.pi * SLOW_TURNS / max(float(arcs.span[-1]), 1e-9)
@@ -177,14 +178,13 @@ class _Refinement:
         rows = states.representatives(self.grid, cells, CELLS, span)
         pole, rate = [*self.grid.poles[cells.pole[rows]]], [*cells.rate[rows]]
         phase, group = [0.0] * len(rows), [*range(-len(rows), 0)]
-        for i in (
-            states.distinct(found, self.grid.arcs.duration, STAGES[-1].states) if found else ()
-        ):
-            rates, origin = states.spins(self.grid, found, int(i), ALIASES)
-            pole += [found.pole[i]] * rates.size
-            rate += [*rates]
-            phase += [*(origin + rates * middle)]
-            group += [int(i)] * rates.size
+        if found is not None:
+            for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
+                rates, origin = states.spins(self.grid, found, int(i), ALIASES)
+                pole += [found.pole[i]] * rates.size
+                rate += [*rates]
+                phase += [*(origin + rates * middle)]
+                group += [int(i)] * rates.size
         arcs = Arcs.whole(self.points, SCREENED.error)
         start = np.array(pole), np.array(rate), np.array(phase)[:, None]
         order, screened = self._improved(arcs, *start, SCREENED)

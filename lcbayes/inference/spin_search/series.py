@@ -67,7 +67,9 @@ class Series:
     def of(cls, law: DiffuseLaw, degree: int = DEGREE) -> Series:
         """The harmonics up to a degree for a reflectance."""
         nodes, cosine, sine, order = _tables(degree)
-        return cls(*(jnp.asarray(x) for x in (nodes, cosine, sine, order)), law)
+        return cls(
+            jnp.asarray(nodes), jnp.asarray(cosine), jnp.asarray(sine), jnp.asarray(order), law
+        )
 
     @property
     def size(self) -> int:
