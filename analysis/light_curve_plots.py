@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
@@ -383,6 +384,8 @@ def draw_residual_periodogram(results: Results, gallery: Gallery) -> Image | Non
             axes.legend(loc="upper left")
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(f"period ({unit})")
     axes.set_ylabel("part of χ² explained")

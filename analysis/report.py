@@ -21,7 +21,7 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
-from lcbayes.results.reasons import agreement, stored
+from lcbayes.results.reasons import agreement, searched, stored
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
@@ -189,7 +189,8 @@ def _assumptions(results: Results) -> list[str]:
         found = json.loads(text) if isinstance(text, str) else list(text)
     except json.JSONDecodeError:
         found = [text]
-    return [str(s) for s in (found if isinstance(found, list) else [found])]
+    lines = [str(s) for s in (found if isinstance(found, list) else [found])]
+    return lines + searched(results.summary.get("search"))
 
 
 def _coverage(results: Results) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _results import table
+from _results import table, write_section
 from _scores import Rate, encoded, pooled, share
 
 COLUMNS: tuple[str, ...] = (
@@ -72,6 +73,22 @@ def arguments(doc: str | None, cells: Sequence[Cell], seeds: int) -> argparse.Na
         parser.error(f"unknown cell {', '.join(unknown)}; available: {', '.join(map(str, cells))}")
     given.cells = chosen
     return given
+
+
+def command(
+    doc: str | None,
+    cells: Sequence[Cell],
+    seeds: int,
+    case: Callable[[Cell, int, Path], Outcome],
+    title: str,
+) -> None:
+    """A benchmark from its command line to its table in RESULTS.md."""
+    given = arguments(doc, cells, seeds)
+    rows = run(given, case, "quantities")
+    if given.write:
+        script = Path(sys.argv[0]).name
+        text = report(rows, given.cells, "quantities")
+        write_section(title, f"python benchmarks/{script} -o DIR --write", text)
 
 
 def run(

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from _asteroids import BODIES, draw_case, write
-from _cases import Cell, Outcome, arguments, report, run
-from _results import write_section
+from _cases import Cell, Outcome, command
 from _scores import angle_within, within
 
 import lcbayes
@@ -28,17 +27,6 @@ from lcbayes.tasks.fit.result import Fit
 SEEDS = 10
 MIN_WEIGHT = 0.05  # of a solution that is scored
 CELLS = [Cell(name, 0.0) for name in BODIES]
-
-
-def main() -> None:
-    given = arguments(__doc__, CELLS, SEEDS)
-    rows = run(given, fitted, "quantities")
-    if given.write:
-        write_section(
-            "Faults: asteroids",
-            "python benchmarks/asteroid_faults.py -o DIR --write",
-            report(rows, given.cells, "quantities"),
-        )
 
 
 def fitted(cell: Cell, seed: int, out: Path) -> Outcome:
@@ -90,4 +78,4 @@ def nearest(result: Fit, pole: np.ndarray, period_h: float) -> tuple[dict[str, b
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, CELLS, SEEDS, fitted, "Faults: asteroids")

@@ -18,8 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _cases import Cell, Outcome, arguments, report, run
-from _results import write_section
+from _cases import Cell, Outcome, command
 from _satellites import Case, Fault, draw_case, write
 from _scores import Draws, Truth, body_inside
 
@@ -40,17 +39,6 @@ SIZES = {
     "error_factor": (1.2, 1.4, 2.0),  # true over stated errors
 }
 CELLS = [Cell(name, size) for name, sizes in SIZES.items() for size in sizes]
-
-
-def main() -> None:
-    given = arguments(__doc__, CELLS, SEEDS)
-    rows = run(given, fitted, "quantities")
-    if given.write:
-        write_section(
-            "Faults: satellites",
-            "python benchmarks/faults.py -o DIR --write",
-            report(rows, given.cells, "quantities"),
-        )
 
 
 def fitted(cell: Cell, seed: int, out: Path) -> Outcome:
@@ -106,4 +94,4 @@ def about(case: Case) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, CELLS, SEEDS, fitted, "Faults: satellites")

@@ -4,7 +4,7 @@
 
 Each case is a body of 3 to 6 diffuse facets that turns 5 to 2,000 times in 2 to 6 passes over one
 to three nights, with a signal-to-noise ratio of 20 (odd seeds) or 100 (even seeds); see
-`spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
+`_spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
 is at most 0.5 nats above the posterior optimum reached from the truth. With --fit, each curve is
 then fitted by `lcbayes.fit`. One row a case is appended to search.csv in DIR; cases that are there
 are not repeated.
@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 from _results import table, write_section
-from spin_cases import Case, drawn
+from _scores import share
+from _spin_cases import Case, drawn
 
 import lcbayes
 from lcbayes.core.progress import Silent
@@ -82,11 +83,9 @@ def fitted(case: Case) -> dict[str, object]:
     }
 
 
-def share(values: list[int]) -> str:
-    """k of n, with the standard error of the share."""
-    n, k = len(values), sum(values)
-    error = np.sqrt(max(k * (n - k), 1) / n**3) if n else 0.0
-    return f"{k} of {n} ({100 * k / max(n, 1):.0f} ± {100 * error:.0f} %)"
+def counted(values: list[int]) -> str:
+    """k of n, with the share and its standard error."""
+    return f"{sum(values)} of {len(values)} ({share(sum(values), len(values))})"
 
 
 def report(rows: list[dict[str, str]]) -> str:
@@ -107,10 +106,10 @@ def report(rows: list[dict[str, str]]) -> str:
         lines.append(
             [
                 name,
-                share([int(float(r["nats_above_truth"]) < TOLERANCE) for r in some]),
+                counted([int(float(r["nats_above_truth"]) < TOLERANCE) for r in some]),
                 f"{np.median(seconds):.0f}, {np.quantile(seconds, 0.9):.0f}",
-                share([int(r["trusted"]) for r in fits]) if fits else "",
-                share([int(r["rate_inside"]) for r in trusted]) if trusted else "",
+                counted([int(r["trusted"]) for r in fits]) if fits else "",
+                counted([int(r["rate_inside"]) for r in trusted]) if trusted else "",
             ]
         )
     head = [

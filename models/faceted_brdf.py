@@ -79,9 +79,7 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    turned, rate = priors.spin(spin, omega_sd, inertia_sd)
-    if spin != "none":
-        turned = nuisances.disturbed(turned, rate, data, clock_sd, rate_drift_sd)
+    turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:

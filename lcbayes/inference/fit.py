@@ -146,7 +146,6 @@ class _Fit:
             ends = search.SearchState(**stored)
         elif complete:
             ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
-            self.progress.say(str(coverage))
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins

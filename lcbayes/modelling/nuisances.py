@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import Rotation
 
@@ -119,20 +120,15 @@ def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.
     return jnp.asarray(numpyro.deterministic("rate_drift", sd * unit / jnp.sqrt(1.0 + phase**2)))
 
 
-def disturbed(
-    turned: Rotation,
-    rate: jax.Array,
+def rotation(
     data: Epochs,
+    spin: str,
+    omega_sd: float,
+    inertia_sd: float,
     clock_sd: float = CLOCK_SD,
     rate_drift_sd: float = RATE_DRIFT_SD,
 ) -> Rotation:
-    """The rotation of a body with offsets of the clocks and a change of rate.
-
-    Parameters
-    ----------
-    turned, rate : callable, rad/s
-        ``turned(t, *vectors)`` and |ω|, from `lcbayes.modelling.priors.spin`.
-    data : Epochs
+    """The rotation of `modelling.priors.spin` with errors of clocks and a drift of the rate.
 
     Returns
     -------
@@ -140,6 +136,9 @@ def disturbed(
         ``to_body(t, sun, obs)`` for recorded times t. The directions are those of the recorded
         times, and are moved to the true ones at the rates of ``data``.
     """
+    turned, rate = priors.spin(spin, omega_sd, inertia_sd)
+    if spin == "none":
+        return turned
     late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
     if late is None and drift is None:
         return turned

@@ -21,6 +21,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
 
 DiffuseLaw = Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"]
+LAMBERT_C = 0.1
+"""Weight of Lambert's term beside Lommel and Seeliger's, where it is not a parameter."""
 DIFFUSE_LAWS: tuple[str, ...] = get_args(DiffuseLaw)
 
 _FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
@@ -36,7 +38,7 @@ def flux(
     normals: jax.Array,
     albedo_area: jax.Array,
     law: str = "non-lambertian",
-    c: jax.Array | float = 0.1,
+    c: jax.Array | float = LAMBERT_C,
 ) -> jax.Array:
     """Flux of a body of diffuse facets at unit distance under unit irradiance.
 

@@ -289,6 +289,17 @@ FAULTS = {
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 
 
+def searched(coverage: Mapping[str, float] | None) -> list[str]:
+    """A line on the spins that a search covered, `inference.spin_search.cells.Coverage`."""
+    if not coverage:
+        return []
+    return [
+        f"All spins up to {coverage['max_rate']:.3g} rad/s were searched: of "
+        f"{coverage['cells']:,.0f} cells of pole and rate, {coverage['survivors']:,.0f} were "
+        "followed to the end."
+    ]
+
+
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:
     """Lines on how far the quantity that moves most would move under each fault."""
     parts: list[str] = []

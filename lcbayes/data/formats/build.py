@@ -235,8 +235,9 @@ def _check_flux(
         level = float(np.median(calibrated))
     if range_km is None:
         return (
-            f"flux without range_km is taken as reduced to 1 m under unit sunlight (median "
-            f"{level:.3g} m²), counts need a column calibrated with 0, magnitudes the name mag",
+            "flux without range_km is taken as reduced to 1 m under unit sunlight (median "
+            f"{level:.3g} m²); if the column holds counts, add a column calibrated with 0, and if "
+            "it holds magnitudes, name it mag",
         )
     with np.errstate(over="ignore"):
         area = float(np.median(np.pi * calibrated * (1e3 * range_km[~free]) ** 2 / SOLAR_FLUX))

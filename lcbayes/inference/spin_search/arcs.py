@@ -21,7 +21,7 @@ MIN_SUNLIGHT = 0.05  # share below which a point is left out
 
 
 class Points(NamedTuple):
-    """Brightness as flux at unit distance, in full sunlight.
+    """Brightness as flux at unit distance, in full sunlight, in order of time.
 
     Attributes
     ----------
@@ -50,7 +50,8 @@ class Points(NamedTuple):
             value = 10.0 ** (-0.4 * (value - np.asarray(data.zero_point)))
             error = 0.4 * np.log(10.0) * error * value
         unit = unit * np.asarray(data.sunlight)
-        keep = np.asarray(data.sunlight) > MIN_SUNLIGHT
+        order = np.argsort(np.asarray(data.t), kind="stable")
+        keep = order[np.asarray(data.sunlight)[order] > MIN_SUNLIGHT]
         t, sun, obs = (np.asarray(x)[keep] for x in (data.t, data.sun, data.obs))
         return cls(t, sun, obs, (value / unit)[keep], (error / unit)[keep])
 
@@ -93,7 +94,14 @@ class Arcs:
     @classmethod
     def whole(cls, points: Points, model_error: float) -> Arcs:
         """All points as one arc."""
-        return _one(points, model_error * abs(float(np.mean(points.flux))))
+        middle = 0.5 * (points.t[0] + points.t[-1])
+        weight = 1.0 / np.hypot(points.error, model_error * abs(float(np.mean(points.flux))))
+        rows = (points.t - middle, points.sun, points.obs, weight, points.flux * weight)
+        return cls(
+            jnp.asarray([middle]),
+            jnp.asarray([np.ptp(points.t)]),
+            *(jnp.asarray(x)[None] for x in rows),
+        )
 
     @classmethod
     def of(cls, points: Points, max_rate: float, model_error: float) -> Arcs:
@@ -133,18 +141,6 @@ class Arcs:
             weight,
             padded([p.flux for p in parts]) * weight,
         )
-
-
-def _one(part: Points, floor: float) -> Arcs:
-    """All points as one arc."""
-    middle = 0.5 * (part.t[0] + part.t[-1])
-    weight = 1.0 / np.hypot(part.error, floor)
-    arrays = (part.t - middle, part.sun, part.obs, weight, part.flux * weight)
-    return Arcs(
-        jnp.asarray([middle]),
-        jnp.asarray([np.ptp(part.t)]),
-        *(jnp.asarray(x)[None] for x in arrays),
-    )
 
 
 def _shortened(t: Floats, rows: NDArray, longest: float) -> list[NDArray]:

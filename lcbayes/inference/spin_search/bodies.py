@@ -16,15 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.series import frame
-from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
+from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
-NNLS_STEPS = 120
-LAMBERT_C = 0.1
+NNLS_STEPS = 160
+TOLERANCE = 0.05  # of ½ χ², below which two steps in succession end an improvement
+PATIENT = Controls(patience=2)
 BATCH = 8
 LLOYD_STEPS = 3
 
@@ -89,97 +91,97 @@ def improved(
     return States(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
+class _Motion(NamedTuple):
+    """Pole (3,), rate (scalar) and phases (A,) of one state."""
+
+    pole: jax.Array
+    rate: jax.Array
+    phase: jax.Array
+
+
 @partial(jax.jit, static_argnums=0)
 def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, area_sd, steps):
-    n_arcs, n_points = arcs.dt.shape
-    weight, white = arcs.weight.ravel(), arcs.white.ravel()
-    sun, obs = arcs.sun.reshape(-1, 3), arcs.obs.reshape(-1, 3)
-    unit = 1.0 / jnp.maximum(jnp.max(jnp.abs(arcs.dt)), 1e-9)  # of the rate
+    unit = 1.0 / jnp.maximum(jnp.max(jnp.abs(arcs.dt)), 1e-9)  # of the rate, so that steps are rad
+
+    def one(motion: _Motion):
+        end = levenberg_marquardt(
+            lambda m: _eliminated(law, grid, arcs, m, area_sd, unit),
+            motion,
+            num_steps=steps,
+            tolerance=TOLERANCE,
+            controls=PATIENT,
+            move=lambda m, step: _moved(m, step, unit),
+        )
+        units = jnp.ones(1 + len(phase[0])).at[0].set(1.0 / unit)
+        information = _without_pole(end.model.curvature) * units * units[:, None]
+        return *end.position, end.model.aux, 2.0 * end.model.value, information
+
+    return jax.lax.map(one, _Motion(pole, rate, phase))
+
+
+def _eliminated(law: DiffuseLaw, grid, arcs: Arcs, motion: _Motion, area_sd, unit) -> Quadratic:
+    """½ χ² of the best areas (M,), which are ``aux``, and its derivatives by tilt, rate and phases.
+
+    The derivatives are those of the misfit with the part removed that a change of the positive
+    areas makes up for.
+    """
+    angle = (motion.rate * arcs.dt + motion.phase[:, None]).ravel()
+    white = arcs.white.ravel()
     weak = jnp.eye(len(grid)) / area_sd**2
-    member = jnp.repeat(jnp.eye(n_arcs), n_points, axis=0)  # (T, A)
+    design = _design(law, grid, arcs, motion.pole, angle)
+    area = _nonnegative(design.T @ design + weak, design.T @ white)
+    misfit = white - design @ area
 
-    def design(pole, angle):
-        axes = frame(pole)
-        c, s = jnp.cos(angle), jnp.sin(angle)
+    def brightness(tilt: jax.Array, turn: jax.Array) -> jax.Array:
+        return _design(law, grid, arcs, _tilted(motion.pole, tilt), angle + turn) @ area
 
-        def turned(v):
-            x, y, z = (v @ axes).T
-            return jnp.stack([c * x + s * y, c * y - s * x, z], axis=1)
-
-        kernel = diffuse_kernel(law, turned(sun) @ grid.T, turned(obs) @ grid.T, LAMBERT_C)[0]
-        return kernel * weight[:, None]
-
-    def angles(rate, phase):
-        return (rate * arcs.dt + phase[:, None]).ravel()
-
-    def solved(pole, rate, phase, start):
-        matrix = design(pole, angles(rate, phase))
-        area = _nonnegative(matrix.T @ matrix + weak, matrix.T @ white, start)
-        misfit = white - matrix @ area
-        return area, misfit, matrix, misfit @ misfit + area @ weak @ area
-
-    def moved(pole, tilt):
-        new = pole + frame(pole)[:, :2] @ tilt
-        return new / jnp.linalg.norm(new)
-
-    def slopes(pole, rate, phase, area, matrix, misfit):
-        """Derivatives (T, 3 + A) by tilt, rate and phases, and the misfit, free of the areas."""
-
-        def brightness(tilt, turn):
-            return design(moved(pole, tilt), angles(rate, phase) + turn) @ area
-
-        zero = jnp.zeros(2)
-        flat = jnp.zeros(weight.size)
-        by_tilt = [jax.jvp(lambda x: brightness(x, flat), (zero,), (e,))[1] for e in jnp.eye(2)]
-        by_angle = jax.jvp(lambda x: brightness(zero, x), (flat,), (jnp.ones_like(flat),))[1]
-        columns = [*by_tilt, by_angle * arcs.dt.ravel() * unit]
-        columns += [by_angle * member[:, k] for k in range(n_arcs)]
-        every = jnp.stack([*columns, misfit], axis=1)
-        active = jnp.where(area > 0.0, matrix, 0.0)
-        small = 1e-9 * jnp.max(jnp.sum(active**2, axis=0)) * jnp.eye(len(grid))
-        factor = jax.scipy.linalg.cho_factor(active.T @ active + weak + small)
-        return every - active @ jax.scipy.linalg.cho_solve(factor, active.T @ every), every
-
-    def one(cell):
-        pole, rate, phase = cell
-        area, _, _, value = solved(pole, rate, phase, jnp.zeros(len(grid)))
-
-        def body(_, carry):
-            pole, rate, phase, area, value, damping = carry
-            area, misfit, matrix, _ = solved(pole, rate, phase, area)
-            free, every = slopes(pole, rate, phase, area, matrix, misfit)
-            slope, rest = free[:, :-1], free[:, -1]
-            scale = jnp.sum(every[:, :-1] ** 2, axis=0)
-            normal = slope.T @ slope + jnp.diag(damping * scale + 1e-9 * jnp.max(scale))
-            step = jnp.linalg.solve(normal, slope.T @ rest)
-            trial = moved(pole, step[:2]), rate + step[2] * unit, phase + step[3:]
-            new_area, _, _, new = solved(*trial, area)
-            better = new < value
-
-            def choose(a, b):
-                return jnp.where(better, a, b)
-
-            return (
-                *(choose(a, b) for a, b in zip(trial, (pole, rate, phase), strict=True)),
-                choose(new_area, area),
-                choose(new, value),
-                choose(damping * 0.2, damping * 5.0),
-            )
-
-        start = (pole, rate, phase, area, value, jnp.asarray(1e-2))
-        pole, rate, phase, area, value, _ = jax.lax.fori_loop(0, steps, body, start)
-        area, misfit, matrix, _ = solved(pole, rate, phase, area)
-        slope = slopes(pole, rate, phase, area, matrix, misfit)[0][:, :-1]
-        q = slope.T @ slope
-        tilt = q[:2, :2] + 1e-9 * jnp.trace(q[:2, :2]) * jnp.eye(2) + 1e-300 * jnp.eye(2)
-        reduced = q[2:, 2:] - q[2:, :2] @ jnp.linalg.solve(tilt, q[:2, 2:])
-        units = jnp.ones(1 + n_arcs).at[0].set(1.0 / unit)
-        return pole, rate, phase, area, value, reduced * units * units[:, None]
-
-    return jax.lax.map(one, (pole, rate, phase))
+    zero, still = jnp.zeros(2), jnp.zeros(white.size)
+    by_tilt = [jax.jvp(lambda x: brightness(x, still), (zero,), (e,))[1] for e in jnp.eye(2)]
+    by_angle = jax.jvp(lambda x: brightness(zero, x), (still,), (jnp.ones_like(still),))[1]
+    member = jnp.repeat(jnp.eye(len(arcs.dt)), arcs.dt.shape[1], axis=0)  # (T, A)
+    columns = [*by_tilt, by_angle * arcs.dt.ravel() * unit, *(by_angle * member.T), misfit]
+    every = jnp.stack(columns, axis=1)
+    active = jnp.where(area > 0.0, design, 0.0)
+    small = 1e-9 * jnp.max(jnp.sum(active**2, axis=0)) * jnp.eye(len(grid))
+    factor = jax.scipy.linalg.cho_factor(active.T @ active + weak + small)
+    free = every - active @ jax.scipy.linalg.cho_solve(factor, active.T @ every)
+    slope, rest = free[:, :-1], free[:, -1]
+    value = 0.5 * (misfit @ misfit + area @ weak @ area)
+    return Quadratic(value, -(slope.T @ rest), slope.T @ slope, area)
 
 
-def _nonnegative(matrix: jax.Array, vector: jax.Array, start: jax.Array) -> jax.Array:
+def _design(law: DiffuseLaw, grid, arcs: Arcs, pole: jax.Array, angle: jax.Array) -> jax.Array:
+    """Weighted brightness (T, M) of unit areas of a body turned by angles (T,) about the pole."""
+    axes, c, s = frame(pole), jnp.cos(angle), jnp.sin(angle)
+
+    def turned(vectors: jax.Array) -> jax.Array:
+        x, y, z = (vectors.reshape(-1, 3) @ axes).T
+        return jnp.stack([c * x + s * y, c * y - s * x, z], axis=1)
+
+    mu0, mu = turned(arcs.sun) @ grid.T, turned(arcs.obs) @ grid.T
+    return diffuse_kernel(law, mu0, mu, LAMBERT_C)[0] * arcs.weight.reshape(-1, 1)
+
+
+def _tilted(pole: jax.Array, tilt: jax.Array) -> jax.Array:
+    moved = pole + frame(pole)[:, :2] @ tilt
+    return moved / jnp.linalg.norm(moved)
+
+
+def _moved(motion: _Motion, step: jax.Array, unit: jax.Array) -> _Motion:
+    """A motion after a step (3 + A,) in tilt (2), rate and phases."""
+    rate = motion.rate + step[2] * unit
+    return _Motion(_tilted(motion.pole, step[:2]), rate, motion.phase + step[3:])
+
+
+def _without_pole(information: jax.Array) -> jax.Array:
+    """Information (1 + A, 1 + A) of rate and phases, the tilt of the pole being free."""
+    tilt = information[:2, :2]
+    tilt = tilt + (1e-9 * jnp.trace(tilt) + 1e-300) * jnp.eye(2)
+    cross = information[2:, :2]
+    return information[2:, 2:] - cross @ jnp.linalg.solve(tilt, cross.T)
+
+
+def _nonnegative(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     """x ≥ 0 that minimises ½ xᵀ M x − vᵀ x, by accelerated projected gradient with restarts.
 
     References
@@ -200,8 +202,8 @@ def _nonnegative(matrix: jax.Array, vector: jax.Array, start: jax.Array) -> jax.
         beyond = jnp.where(again, new, new + (momentum - 1.0) / following * (new - x))
         return new, beyond, following
 
-    x = start / scale
-    return scale * jax.lax.fori_loop(0, NNLS_STEPS, body, (x, x, jnp.ones(())))[0]
+    zero = jnp.zeros_like(vector)
+    return scale * jax.lax.fori_loop(0, NNLS_STEPS, body, (zero, zero, jnp.ones(())))[0]
 
 
 def clustered(

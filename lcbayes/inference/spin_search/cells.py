@@ -13,14 +13,13 @@ phases between them are a few, however many turns lie between.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Track
+from lcbayes.core.progress import Silent, Track
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.series import Series, log_evidence
@@ -33,6 +32,7 @@ STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 BUDGET = 150_000  # cells evaluated at each level after the first
+MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
 
 
@@ -82,12 +82,6 @@ class Coverage:
     cells: int
     evaluated: int
     survivors: int
-
-    def __str__(self) -> str:
-        return (
-            f"all spins up to {self.max_rate:.3g} rad/s were searched: of {self.cells:,} cells of "
-            f"pole and rate, {self.survivors:,} were followed to the end"
-        )
 
     def stored(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint."""
@@ -212,42 +206,42 @@ class Grid:
             list(pool.map(one, poles, np.split(order, first[1:])))
         return scores - 0.5 * (rate / self.omega_sd) ** 2
 
-    def search(self, workers: int, progress, most: int) -> tuple[Cells, Coverage]:
+    def search(self, workers: int, progress: Silent, most: int) -> tuple[Cells, Coverage]:
         """The best cells over the whole time base, best first."""
-        rates, width = self.pairs()
-        pole = np.repeat(np.arange(len(self.poles)), rates.size)
-        rate = np.tile(rates, len(self.poles))
+        rate, width = self.pairs()
+        pole = np.repeat(np.arange(len(self.poles)), rate.size)
+        rate = np.tile(rate, len(self.poles))
         evaluated = rate.size
         with progress.stage("searching spins", rate.size, "cells") as bar:
-            found = Cells(
-                pole, rate, width, self.score(pole, rate, min(2, self.n_arcs), workers, bar)
-            )
-            for level in range(2, self.n_arcs + 1):
-                if level == 2:
-                    row, rate = self.aliases(found.rate)
-                    children = max(1, rate.size // found.rate.size)
-                    found = found.kept(BUDGET // (2 * children))
-                    row, rate = self.aliases(found.rate)
-                    found = Cells(found.pole[row], rate, width, found.score[row])
-                    continue
-                step = STEP / float(self.arcs.span[level - 1])
-                children = max(1, int(np.ceil(found.width / step)))
-                found = found.kept(max(2000, BUDGET // children))
-                offset = ((np.arange(children) + 0.5) / children - 0.5) * found.width
-                rate = (found.rate[:, None] + offset).ravel()
-                pole = np.repeat(found.pole, children)
-                bar.more(rate.size)
-                evaluated += rate.size
-                found = Cells(
-                    pole,
-                    rate,
-                    found.width / children,
-                    self.score(pole, rate, level, workers, bar),
-                )
-        top = float(self.coarse[-1]) + 0.5 * self.coarse_step
-        cells = int(len(self.poles) * top * float(self.arcs.span[-1]) / STEP)
+            score = self.score(pole, rate, min(2, self.n_arcs), workers, bar)
+            found = self.with_aliases(Cells(pole, rate, width, score))
+            for n_arcs in range(3, self.n_arcs + 1):
+                found = self.divided(found, n_arcs)
+                bar.more(found.rate.size)
+                evaluated += found.rate.size
+                score = self.score(found.pole, found.rate, n_arcs, workers, bar)
+                found = found._replace(score=score)
+        fastest = float(self.coarse[-1]) + 0.5 * self.coarse_step
+        cells = int(len(self.poles) * fastest * float(self.arcs.span[-1]) / STEP)
         found = found.kept(most)
-        return found, Coverage(top, cells, evaluated, found.rate.size)
+        return found, Coverage(fastest, cells, evaluated, found.rate.size)
+
+    def with_aliases(self, cells: Cells) -> Cells:
+        """The best cells of the first two arcs, with every rate that has their phase."""
+        number = max(1.0, self.coarse_step * self.gap / (2 * np.pi)) if self.n_arcs > 1 else 1.0
+        cells = cells.kept(int(BUDGET / (2 * number)))
+        row, rate = self.aliases(cells.rate)
+        return cells._replace(pole=cells.pole[row], rate=rate, score=cells.score[row])
+
+    def divided(self, cells: Cells, n_arcs: int) -> Cells:
+        """The best cells, divided into those that a further arc tells apart."""
+        step = STEP / float(self.arcs.span[n_arcs - 1])
+        number = max(1, int(np.ceil(cells.width / step)))
+        cells = cells.kept(max(MIN_KEPT, BUDGET // number))
+        offset = ((np.arange(number) + 0.5) / number - 0.5) * cells.width
+        rate = (cells.rate[:, None] + offset).ravel()
+        score = np.repeat(cells.score, number)
+        return Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
 
 
 @jax.jit
@@ -262,7 +256,7 @@ def _tables(series: Series, arcs: Arcs, pole: jax.Array, coarse: jax.Array):
     return jax.lax.map(at, coarse)
 
 
-@partial(jax.jit)
+@jax.jit
 def _scores(series: Series, tables, prior, rate, index, middle, n_arcs) -> jax.Array:
     matrices, vectors = tables
 

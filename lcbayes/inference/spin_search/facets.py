@@ -14,12 +14,11 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.arcs import Points
-from lcbayes.inference.spin_search.bodies import LAMBERT_C
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
-from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
+from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 

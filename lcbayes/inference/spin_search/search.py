@@ -14,7 +14,7 @@ from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
-from lcbayes.inference.spin_search.arcs import Arcs, Points
+from lcbayes.inference.spin_search.arcs import MIN_SUNLIGHT, Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import (
@@ -79,7 +79,7 @@ def applies(problem: Problem, data: Epochs, options: Mapping[str, Any]) -> bool:
     """Whether a fit is of a body of diffuse facets at a constant ω with a normal prior."""
     sites = {NORMALS, OMEGA, AREAS} <= set(problem.names)
     spins = options.get("spin") == "free" and options.get("reflectance") in DIFFUSE_LAWS
-    return sites and spins and data.t.size >= MIN_POINTS
+    return sites and spins and int(jnp.sum(data.sunlight > MIN_SUNLIGHT)) >= MIN_POINTS
 
 
 def complete_search(
@@ -118,26 +118,36 @@ def complete_search(
     arcs = Arcs.of(points, fastest, SERIES_ERROR)
     grid = Grid.of(series, arcs, precision(series, total), fastest, omega_sd)
     cells, coverage = grid.search(workers, progress, SURVIVORS)
+    slow_cells = _slow(grid, points, fastest, workers, progress)
     run = _Refinement(points, grid, law, total, fastest, workers)
-    with progress.stage(
-        "improving spins", sum(s.states for s in (*STAGES, SCREENED, *CONSTANT)), "spins"
-    ) as bar:
-        found: list[tuple[States, tuple[int, ...]]] = []
-        found += [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
-        # A body symmetric about its pole fits slow changes at any rate: without places of their
-        # own, slow spins are crowded out.
-        slow = 2 * np.pi * SLOW_TURNS / max(float(arcs.span[-1]), 1e-9)
-        if slow < fastest:
-            sharper = Arcs.of(points, fastest, SLOW_ERROR)
-            slower = replace(grid, arcs=sharper, coarse=Grid.rates(arcs, slow))
-            cells = slower.search(workers, progress, SURVIVORS)[0]
-            found.append((run.constant(cells, None, bar), OPTIMISED_SLOW))
+    constant = SCREENED.states + sum(s.states for s in CONSTANT)
+    n_states = sum(s.states for s in STAGES) + constant * (1 if slow_cells is None else 2)
+    with progress.stage("improving spins", n_states, "spins") as bar:
+        found = [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
+        if slow_cells is not None:
+            found.append((run.constant(slow_cells, None, bar), OPTIMISED_SLOW))
     starts = [run.bodies(problem, data, f, c, int(options["n_facets"]), omega_sd) for f, c in found]
     ends = search.successive_halving(
         problem, data, jnp.concatenate(starts), workers, progress, rounds=ROUNDS
     )
     gaps = np.diff(np.sort(np.asarray(arcs.middle)))
     return climbed(problem, data, points, law, ends, gaps, workers), coverage
+
+
+def _slow(
+    grid: Grid, points: Points, fastest: float, workers: int, progress: Silent
+) -> Cells | None:
+    """Cells of slow spins, if the prior allows others too.
+
+    A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
+    spins are crowded out.
+    """
+    slow = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
+    if slow >= fastest:
+        return None
+    arcs = Arcs.of(points, fastest, SLOW_ERROR)
+    slower = replace(grid, arcs=arcs, coarse=Grid.rates(arcs, slow))
+    return slower.search(workers, progress, SURVIVORS)[0]
 
 
 @dataclass(frozen=True)

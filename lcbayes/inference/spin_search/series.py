@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import facets
-from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
+from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
 DEGREE = 4
-COLATITUDES, LONGITUDES = 10, 20  # nodes of the quadrature over normals
+NODES = 200  # of the quadrature over normals
 SHOT_NOISE = 0.7  # Σα²/(Σα)² of a few facets with log-normal areas
 MEAN_PRECISION = 0.01  # of the mean of the field, relative to its variation
-LAMBERT_C = 0.1
 
 
 class Response(NamedTuple):
@@ -50,7 +49,7 @@ class Series:
     nodes : (Q, 3)
         Unit normals.
     cosine, sine : (Q, NC), (Q, NS)
-        Harmonics times the weights of the nodes.
+        Harmonics times 4π/Q, the weight of a node.
     order : (NC,)
         m of each cosine term.
     law : str
@@ -140,13 +139,8 @@ def _rotated(cosine, sine, cos, sin) -> jax.Array:
 @cache
 def _tables(degree: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Nodes (Q, 3), weighted harmonics (Q, NC) and (Q, NS), and m (NC,)."""
-    z, weight = np.polynomial.legendre.leggauss(COLATITUDES)
-    lon = 2 * np.pi * np.arange(LONGITUDES) / LONGITUDES
-    z, lon = (x.ravel() for x in np.meshgrid(z, lon, indexing="ij"))
-    s = np.sqrt(1.0 - z**2)
-    nodes = np.stack([s * np.cos(lon), s * np.sin(lon), z], axis=1)
-    weight = np.repeat(weight, LONGITUDES) * 2 * np.pi / LONGITUDES
-    harmonics = weight[:, None] * facets.spherical_harmonics(nodes, degree)
+    nodes = facets.grid(NODES)
+    harmonics = 4 * np.pi / NODES * facets.spherical_harmonics(nodes, degree)
     pairs = [(n, m) for m in range(degree + 1) for n in range(m, degree + 1)]
     cosine = [n * n + n + m for n, m in pairs]
     sine = [n * n + n - m for n, m in pairs if m]

@@ -11,13 +11,12 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
-from lcbayes.physics.brightness import diffuse_kernel
+from lcbayes.physics.brightness import LAMBERT_C, diffuse_kernel
 
 _BLOCK = 1 << 14  # epochs x facets at once; the working set fits in a core's cache
 CLOSURE_SD = 0.01  # of Σ a n / Σ a
 PRIOR_POINTS = 2.0  # weight, in points, of the prior on an unknown noise level ...
 PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the expected error, half a per cent
-LAMBERT_C = 0.1
 
 
 @jax.tree_util.register_dataclass

@@ -28,7 +28,7 @@ from lcbayes.results.content import FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
-from lcbayes.results.reasons import agreement, rests_on
+from lcbayes.results.reasons import agreement, rests_on, searched
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 
@@ -127,7 +127,7 @@ class Fit(Result[FitContent]):
             lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
             lines += self._rotation(i - 1)
             lines += self._parameters(mode["parameters"])
-        return [*lines, *rests_on(content.get("rests_on", {}))]
+        return [*lines, *searched(content.get("search")), *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:
         """Rotation rate, period and axis of a solution, in the units in which they are quoted."""

@@ -135,9 +135,7 @@ def test_the_evidence_is_that_of_a_gaussian_field():
 def test_nonnegative_areas_are_those_of_lawson_and_hanson():
     rng = np.random.default_rng(3)
     matrix, target = rng.uniform(0, 1, (60, 20)), rng.uniform(0, 1, 60)
-    ours = bodies._nonnegative(
-        jnp.asarray(matrix.T @ matrix), jnp.asarray(matrix.T @ target), jnp.zeros(20)
-    )
+    ours = bodies._nonnegative(jnp.asarray(matrix.T @ matrix), jnp.asarray(matrix.T @ target))
     exact, norm = nnls(matrix, target)
     misfit = float(np.sum((target - matrix @ np.asarray(ours)) ** 2))
     assert np.all(np.asarray(ours) >= 0.0)
