@@ -29,6 +29,13 @@ model is shown to the user. The report recognises standard site names (``albedo_
     search with the full model; the other sites start at their prior means.
 ``coordinates(data, **options)``
     Transforms {site: Transform} to coordinates in which the posterior is easier to sample.
+``resolved(options)``
+    The options with the content of the files that they name, so that a result needs no other file.
+``equivalents(**options)``
+    Matrices {site: (n, n)} on unconstrained sites that change nothing, such as the rotations of a
+    symmetric body; the identity first. One of them is sampled, and all count in the evidence.
+``search(problem, data, options, workers, progress)``
+    A search of its own in place of starts from the prior; as `inference.spin_search`.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
 """
@@ -51,7 +58,7 @@ from typing import Any, Literal, get_args, get_origin
 from lcbayes.core.errors import InputError
 from lcbayes.modelling.options import function_name
 
-BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
+BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised", "body")
 
 
 @dataclass(frozen=True)
@@ -136,7 +143,8 @@ class Entry:
                     f"model {self.name!r} needs {option.name!r}; give it with --{flag} "
                     f"(see `lcbayes models {self.name}`)"
                 )
-        return checked
+        resolved = self.hook("resolved")
+        return checked if resolved is None else resolved(checked)
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
