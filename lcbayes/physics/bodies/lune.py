@@ -1,0 +1,163 @@
+"""Light reflected by an ellipsoid: an integral over the lit and visible lune of the unit sphere.
+
+The ellipsoid x = D y, D = diag(x, y, z), is the image of the unit sphere: n = D⁻¹y/ν,
+dA = |D| ν dω, ν = |D⁻¹y|. It is lit where y·D⁻¹s > 0 and visible where y·D⁻¹o > 0.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.quadrature import (
+    KINKED,
+    Rule,
+    in_blocks,
+    integral,
+    length,
+    lobe_exponent,
+    nodes_between,
+    reach,
+    reflected,
+)
+from lcbayes.physics.reflectance import Parameters, half_phase
+
+
+def over_lune(
+    law: str,
+    parameters: Parameters,
+    sun: jax.Array,
+    obs: jax.Array,
+    scale: jax.Array,
+    quarter: bool,
+    count: int,
+) -> jax.Array:
+    """∫ f_r μ₀ μ dA over the part of an ellipsoid that is lit and visible, m², (T,).
+
+    Parameters
+    ----------
+    law, parameters
+        Of `reflectance.LAWS`; scalars.
+    sun, obs : (T, 3)
+        Unit vectors, axes of the ellipsoid.
+    scale : (3,) m
+        Semi-axes.
+    quarter : bool
+        Four times a quarter of the lune, for a sphere with a law that is isotropic (and reciprocal,
+        as all are).
+    count : int
+        Nodes of each smooth interval, in each of the two angles.
+    """
+    intervals = 4 if quarter else 12  # at most
+
+    def of(sun: jax.Array, obs: jax.Array) -> jax.Array:
+        rule = _lune(law, parameters, sun, obs, scale, quarter, count)
+        values = sun, obs, scale, parameters
+        return integral(partial(_on_ellipsoid, law), values, rule)
+
+    return in_blocks(of, sun, obs, intervals * count**2)
+
+
+def _on_ellipsoid(law, values, points):
+    """f_r μ₀ μ dA/dω at points of the unit sphere."""
+    sun, obs, scale, parameters = values
+    image = points / scale
+    stretch = length(image)
+    normal = image / stretch[..., None]
+    c, phase = half_phase(sun, obs)
+    mu0, mu = (jnp.einsum("tki,ti->tk", normal, d) for d in (sun, obs))
+    if "nv" in parameters:  # the u axis is horizontal
+        h = (sun + obs) / (2.0 * c[:, None])
+        across = length(normal[..., :2])
+        h_u = (normal[..., 0] * h[:, None, 1] - normal[..., 1] * h[:, None, 0]) / across
+        radial = normal[..., 0] * h[:, None, 0] + normal[..., 1] * h[:, None, 1]
+        h_v = across * h[:, None, 2] - normal[..., 2] * radial / across
+    else:
+        h_u = h_v = jnp.zeros_like(mu0)
+    light = reflected(law, parameters, mu0, mu, (c, phase), (h_u, h_v))
+    return jnp.prod(scale) * stretch * light
+
+
+def _lune(law, parameters, sun, obs, scale, quarter, count) -> Rule:
+    """Nodes on the lit and visible lune of the unit sphere.
+
+    y = cos β (cos ψ e₁ + sin ψ e₂) + sin β e₃ with e₁ along D⁻¹s and D⁻¹o at ψ = δ in the plane of
+    e₁ and e₂: the lune is δ − π/2 < ψ < π/2 at all β. By symmetry a sphere needs ψ > δ/2, β > 0.
+    """
+    s, o = sun / scale, obs / scale
+    frame, delta = _lune_axes(s, o)
+    low, high = delta - 0.5 * jnp.pi, 0.5 * jnp.pi * jnp.ones_like(delta)
+    floor = -high
+    if quarter:
+        low, floor = 0.5 * delta, 0.0 * high
+    fixed = jax.lax.stop_gradient((s, o, frame, delta, scale))
+    inner, inner_beta = [], []
+    exponent = lobe_exponent(law, jax.lax.stop_gradient(parameters))
+    if exponent is not None:
+        inner, inner_beta = _highlight(exponent, sun, obs, fixed)
+        if law in KINKED and not quarter:
+            inner.append(_equal_cosines(fixed))
+        if quarter:
+            inner, inner_beta = inner[1:], inner_beta[1:]
+    psi, weights = nodes_between(low, high, inner, count)
+    beta, weights_beta = nodes_between(floor, high, inner_beta, count)
+    factor = 4.0 if quarter else 1.0
+    weight = factor * weights[:, :, None] * (weights_beta * jnp.cos(beta))[:, None, :]
+    cos_beta = jnp.cos(beta)[:, None, :]
+    parts = [
+        cos_beta * jnp.cos(psi)[:, :, None],
+        cos_beta * jnp.sin(psi)[:, :, None],
+        jnp.broadcast_to(jnp.sin(beta)[:, None, :], weight.shape),
+    ]
+    local = jnp.stack(parts, axis=-1).reshape(len(delta), -1, 3)
+    return Rule(local @ frame, weight.reshape(len(delta), -1))
+
+
+def _lune_axes(s: jax.Array, o: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """e₁, e₂, e₃ (T, 3, 3) in rows, and the angle (T,) from s to o."""
+    e1 = s / length(s)[:, None]
+    cross = jnp.cross(e1, o / length(o)[:, None])
+    sine = length(cross)
+    aligned = sine < 1e-10
+    least = jnp.argmin(jnp.abs(jax.lax.stop_gradient(e1)), axis=1)
+    other = jnp.cross(e1, jnp.eye(3)[least])
+    cross = jnp.where(aligned[:, None], other, cross)
+    e3 = cross / length(cross)[:, None]
+    cosine = jnp.sum(e1 * o, axis=1) / length(o)
+    delta = jnp.arctan2(jnp.where(aligned, 0.0, sine), cosine)
+    return jnp.stack([e1, jnp.cross(e3, e1), e3], axis=1), delta
+
+
+def _equal_cosines(fixed) -> jax.Array:
+    """ψ with μ₀ = μ: |D⁻¹s| cos ψ = |D⁻¹o| cos(ψ − δ)."""
+    s, o, _, delta, _ = fixed
+    first, second = length(s), length(o)
+    return jnp.arctan2(first - second * jnp.cos(delta), second * jnp.sin(delta))
+
+
+def _highlight(exponent, sun, obs, fixed):
+    """ψ and β, (T,) each, between which the highlight lies; its centre y ∝ D h has the normal h.
+
+    A step dy along the sphere turns the normal by dn = (1 − h hᵀ) D⁻¹ dy/ν. With M = JᵀJ of this
+    map in (cos β dψ, dβ), the lobe exp(−z |dn|²/2) has the covariance M⁻¹/z.
+    """
+    _, _, frame, _, scale = fixed
+    h = jax.lax.stop_gradient((sun + obs) / length(sun + obs)[:, None])
+    y = scale * h
+    y = y / length(y)[:, None]
+    y1, y2, y3 = jnp.einsum("tij,tj->it", frame, y)
+    psi, beta = jnp.arctan2(y2, y1), jnp.arctan2(y3, length(jnp.stack([y1, y2], axis=1)))
+    zero = jnp.zeros_like(psi)
+    steps = [
+        jnp.stack([-jnp.sin(psi), jnp.cos(psi), zero], axis=1),
+        jnp.stack([-y3 * jnp.cos(psi), -y3 * jnp.sin(psi), jnp.cos(beta)], axis=1),
+    ]
+    turned = []
+    for step in steps:
+        dn = jnp.einsum("ti,tij->tj", step, frame) / scale / length(y / scale)[:, None]
+        turned.append(dn - h * jnp.sum(h * dn, axis=1)[:, None])
+    (a, b, c) = (jnp.sum(turned[i] * turned[j], axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+    determinant = jnp.maximum(a * c - b**2, 1e-30)
+    wide = reach(exponent * determinant / c * jnp.maximum(jnp.cos(beta), 0.05) ** 2)
+    high = reach(exponent * determinant / a)
+    return [psi - wide, psi + wide], [beta - high, beta + high]
