@@ -48,9 +48,6 @@ def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -
         | {key: _from(prior, rng) for key, prior in found.items()}
         for name, found in file.priors.items()
     }
-    for found in values.values():
-        if "nu" in found:
-            found["nv"] = found["nu"]
     flux_of = jax.jit(file.body.flux)
     while True:
         orbit, spans = campaign(rng, passes)

@@ -77,6 +77,9 @@ def model(
         attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd)
     turned = body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
     values = {name: _surface(file, name) for name in known.materials}
+    sizes = {
+        (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
+    }
     _record(file, values)
     size = jnp.ones(())
     if data.calibrated and scale_sd:
@@ -84,7 +87,7 @@ def model(
         numpyro.deterministic("size", size)
 
     def seen(t):
-        return size * known.flux(*turned(t), values, shadows)
+        return size * known.flux(*turned(t), values, shadows, sizes)
 
     mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
@@ -118,10 +121,6 @@ def _surface(file: BodyFile, material: str):
     found = {}
     for key, prior in file.priors[material].items():
         found[key] = _drawn(f"{material}_{key}", prior)
-    if "nu" in found and "nv" not in found:
-        same = file.body.materials[material].parameters
-        if same.get("nv") == same["nu"]:
-            found["nv"] = found["nu"]
     return found
 
 
@@ -134,7 +133,7 @@ def _drawn(name: str, prior: Prior):
 
 
 def _record(file: BodyFile, values) -> None:
-    """Area times reflectance of each material, m²."""
+    """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
     sizes = []
     for name, area in file.body.areas.items():
         every = {**file.body.materials[name].parameters, **values[name]}

@@ -114,6 +114,13 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
+    def put(self, key: str, value: Any) -> None:
+        """Replace a value, or remove a key (None), after it has been read in another form."""
+        if value is None:
+            del self._data[key]
+        else:
+            self._data[key] = value
+
     def keys(self) -> list[str]:
         """The keys of the table, in the order of the file."""
         return list(self._data)

@@ -18,7 +18,8 @@ import numpy as np
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import printable
 from lcbayes.core.toml import REQUIRED, Table, parse_toml, read_toml
-from lcbayes.physics.bodies.shapes import LARGEST_M
+from lcbayes.physics.bodies import primitive_flux
+from lcbayes.physics.bodies.shapes import LARGEST_M, SMALLEST_M
 from lcbayes.physics.reflectance import LAWS, Parameter
 from lcbayes.simulation.known_bodies import bundled
 from lcbayes.simulation.known_bodies.body import KnownBody
@@ -60,11 +61,14 @@ class BodyFile:
     body : KnownBody
     priors : {material: {parameter: Prior}}
         Of the parameters that are unknown.
+    sizes : {(part, length): Prior}
+        Of the lengths that are unknown, by the number of the part.
     """
 
     title: str
     body: KnownBody
     priors: Mapping[str, Mapping[str, Prior]]
+    sizes: Mapping[tuple[int, str], Prior]
 
 
 def body_text(body: str) -> str:
@@ -110,18 +114,61 @@ def read_body_text(text: str) -> BodyFile:
     axis = table.vector("spin_axis", default=None, limit=LARGEST_M)
     if axis is not None and not np.linalg.norm(axis) > 0.0:
         raise table.fault("spin_axis", "has length zero; give a direction in body axes")
-    for i, part in enumerate(table.tables("parts")):
-        if part.text("kind", "") == MESH:
-            raise part.fault(
-                "kind",
-                f"of part {i + 1} is a mesh, whose shadows have no derivative; describe the body "
-                "by box, cylinder, cone, frustum, plate, sphere or ellipsoid",
-            )
+    sizes, names = _sizes(table)
+    sides = _sides(table, materials)
     assembly, _ = read_parts(table, materials)
+    if sizes and assembly.shaded and len(assembly.parts) > 1:
+        raise table.fault(
+            "shadows",
+            "needs parts of known size; set shadows = false, or give each length as a number",
+        )
     for name in OF_SCENARIOS:
         root.table(name, None)
     root.done()
-    return BodyFile(title, KnownBody.of(assembly, materials, axis), priors)
+    body = KnownBody.of(assembly, materials, axis, sides, names, tuple(sizes))
+    return BodyFile(title, body, {name: priors[name] for name in body.materials}, sizes)
+
+
+def _sizes(table: Table) -> tuple[dict[tuple[int, str], Prior], tuple[str, ...]]:
+    """Priors of lengths, which are put at their medians, and a name for each part."""
+    found: dict[tuple[int, str], Prior] = {}
+    names: list[str] = []
+    parts = table.tables("parts")
+    kinds = [part.text("kind", "") for part in parts]
+    for i, (part, kind) in enumerate(zip(parts, kinds, strict=True)):
+        if kind == MESH:
+            raise part.fault(
+                "kind",
+                "is a mesh, whose shadows have no derivative; describe the body by box, cylinder, "
+                "cone, frustum, plate, sphere or ellipsoid",
+            )
+        alone = kind if kinds.count(kind) == 1 else f"{kind}{kinds[: i + 1].count(kind)}"
+        names.append(part.text("name", alone))
+        if "name" in part:
+            part.put("name", None)
+        for key in primitive_flux.KINDS[kind].sizes if kind in primitive_flux.KINDS else ():
+            if isinstance(part.values.get(key), dict):
+                prior = read_prior(part, key, Parameter(SMALLEST_M, LARGEST_M, "length"))
+                found[i, key] = prior
+                part.put(key, prior.centre)
+    if len(set(names)) < len(names):
+        raise table.fault("parts", f"has parts of one name among {', '.join(names)}")
+    return found, tuple(names)
+
+
+def _sides(table: Table, materials: Mapping[str, Material]) -> tuple[dict[str, str], ...]:
+    """The material of each side of each part, as `scenarios.parts` reads them."""
+    only = next(iter(materials)) if len(materials) == 1 else ""
+    default = table.text("material", only)
+    found = []
+    for part in table.tables("parts"):
+        kind = primitive_flux.KINDS.get(part.text("kind", ""))
+        own = part.text("material", default)
+        sides = () if kind is None else kind.sides
+        found.append(
+            {s: own if i == 0 else part.text(f"{s}_material", own) for i, s in enumerate(sides)}
+        )
+    return tuple(found)
 
 
 def _materials(root: Table) -> tuple[dict[str, Material], dict[str, dict[str, Prior]]]:
@@ -187,6 +234,7 @@ def _check_sum(table: Table, values: Mapping[str, float], unknown: Mapping[str, 
 
 def described(file: BodyFile) -> str:
     """A body in a line: its title and what is unknown of it."""
-    names = [f"{m} {k}" for m, found in file.priors.items() for k in found]
+    names = [f"{file.body.names[i]} {k}" for i, k in file.sizes]
+    names += [f"{m} {k}" for m, found in file.priors.items() for k in found]
     unknown = f"; unknown: {', '.join(names)}" if names else ""
     return printable(f"{file.title}{unknown}")

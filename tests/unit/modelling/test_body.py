@@ -126,6 +126,27 @@ def test_density_is_that_of_an_independent_simulator(body, spin):
         np.testing.assert_allclose(found["attitude"], ATTITUDE, atol=1e-12)
 
 
+def test_sizes_may_be_unknown():
+    body = CYLINDER.replace("length = 3.0", "length = { median = 2.5, factor = 1.5 }")
+    file = read_body_text(body)
+    omega = 0.05 * ATTITUDE @ file.body.flat_axis
+    sun, obs = turning.in_body(T, ATTITUDE, omega, SUN, OBS)
+    flux = SIZE * turning.cylinder(sun, obs, 0.7, 3.0, ALBEDO, 0.3)
+    problem, data, _ = problem_of(curve(flux), body=body)
+    sites = sites_of(omega, CYLINDER, "flat") | {"log_cylinder_length": np.log(3.0)}
+    free = problem.ravel({k: jnp.asarray(v) for k, v in sites.items()})
+    found = compiled(problem.constrain)(free, data)
+    np.testing.assert_allclose(found["expected"], flux, atol=1e-6 * flux.max())
+    assert found["cylinder_length"] == pytest.approx(3.0)
+    slope = compiled(problem.slope)(free, data)
+    assert np.all(np.isfinite(slope))
+    change = np.zeros(problem.dim)
+    change[problem.rows(["log_cylinder_length"])] = 1e-5
+    at = compiled(problem.potential)
+    numeric = (at(free + change, data) - at(free - change, data)) / 2e-5
+    assert slope @ change / 1e-5 == pytest.approx(float(numeric), rel=1e-5)
+
+
 def test_largest_inertia_is_about_the_shortest_side():
     assert np.abs(read_body_text(BOX).body.flat_axis).tolist() == [1.0, 0.0, 0.0]
     axis = read_body_text(CYLINDER).body.flat_axis
@@ -238,6 +259,10 @@ FAULTS = [
     ({"body": BOX.replace("low = 0.1, high = 0.9", "median = 0.4, factor = 2")}, "above 1"),
     ({"body": BOX.replace("{ low = 0.1, high = 0.9 }", "2.0")}, "r_diff"),
     ({"body": BOX.replace('kind = "box"', 'kind = "mesh"')}, "mesh"),
+    (
+        {"body": body_text("box-wing").replace("x = 1.5 ", "x = { low = 1.0, high = 2.0 } ")},
+        "parts of known size",
+    ),
     ({"body": BOX.replace("[body]", "[body]\nspin_axis = [0, 0, 0]")}, "spin_axis"),
     ({"body": "[materials.a]\nlaw = 'lambertian'\nr_diff = 0.1\n[body]\n"}, "parts"),
 ]
