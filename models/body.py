@@ -80,11 +80,9 @@ def model(
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
     }
-    _record(file, values)
-    size = jnp.ones(())
-    if data.calibrated and scale_sd:
-        size = jnp.exp(jnp.asarray(numpyro.sample("log_size", dist.Normal(0.0, scale_sd))))
-        numpyro.deterministic("size", size)
+    albedo_area = _albedo_area(file, values)
+    size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else 1.0
+    numpyro.deterministic("albedo_area", size * albedo_area)
 
     def seen(t):
         return size * known.flux(*turned(t), values, shadows, sizes)
@@ -132,14 +130,25 @@ def _drawn(name: str, prior: Prior):
     return numpyro.deterministic(name, value)
 
 
-def _record(file: BodyFile, values) -> None:
+def _size(albedo_area, scale_sd: float):
+    """κ, log-normal about 1.
+
+    The sampled site is ln κ of the total albedo-area: the data fix that, and κ and the reflectances
+    alone hardly.
+    """
+    law = dist.Normal(jnp.log(albedo_area), scale_sd)
+    total = jnp.asarray(numpyro.sample("log_brightness", law))
+    return numpyro.deterministic("size", jnp.exp(total) / albedo_area)
+
+
+def _albedo_area(file: BodyFile, values):
     """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
     sizes = []
     for name, area in file.body.areas.items():
         every = {**file.body.materials[name].parameters, **values[name]}
         share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
         sizes.append(area * share)
-    numpyro.deterministic("albedo_area", jnp.stack([jnp.asarray(x) for x in sizes]))
+    return jnp.stack([jnp.asarray(x) for x in sizes])
 
 
 def resolved(options):
@@ -161,7 +170,8 @@ def coordinates(
 
 def search(problem, data: Epochs, options, workers: int, progress):
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
-    known = _file(options["body"], options["spin"], options["shadows"]).body
+    file = _file(options["body"], options["spin"], options["shadows"])
+    known = file.body
     symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
@@ -183,10 +193,10 @@ def search(problem, data: Epochs, options, workers: int, progress):
         else:
             sites["attitude_base"] = Rotation.from_matrix(attitude).as_quat(scalar_first=True)
         starts.append(sites)
-    if "log_size" in problem.names:
-        most = 2.0 * float(options["scale_sd"])
+    if "log_brightness" in problem.names:
+        median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
         for sites, scale in zip(starts, found.scale, strict=True):
-            sites["log_size"] = np.clip(np.log(max(scale, 1e-9)), -most, most)
+            sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
     gaps = body_search.gaps_between(run.arcs)
     return body_search.optimised(problem, data, starts, gaps, workers, progress), coverage
 

@@ -80,10 +80,9 @@ def sites_of(omega: np.ndarray, body: str, spin: str) -> dict[str, np.ndarray]:
     """Sites of the model for `ATTITUDE` at t = 0 and ω."""
     middle = Rotation.from_rotvec(0.5 * T[-1] * omega).as_matrix() @ ATTITUDE
     rate = np.linalg.norm(omega)
-    sites = {
-        "log_size": np.log(SIZE),
-        "paint_r_diff": np.array(ALBEDO),
-    }
+    file = read_body_text(body)
+    reflected = file.body.areas["paint"] * ALBEDO + 0.3 * file.body.areas.get("end", 0.0)
+    sites = {"log_brightness": np.log(SIZE * reflected), "paint_r_diff": np.array(ALBEDO)}
     if spin == "flat":
         axis = read_body_text(body).body.flat_axis
         sites["rate_unit"] = rate / 0.1 * np.sign(omega @ ATTITUDE @ axis)
@@ -133,7 +132,7 @@ def test_sizes_may_be_unknown():
     sun, obs = turning.in_body(T, ATTITUDE, omega, SUN, OBS)
     flux = SIZE * turning.cylinder(sun, obs, 0.7, 3.0, ALBEDO, 0.3)
     problem, data, _ = problem_of(curve(flux), body=body)
-    sites = sites_of(omega, CYLINDER, "flat") | {"log_cylinder_length": np.log(3.0)}
+    sites = sites_of(omega, body, "flat") | {"log_cylinder_length": np.log(3.0)}
     free = problem.ravel({k: jnp.asarray(v) for k, v in sites.items()})
     found = compiled(problem.constrain)(free, data)
     np.testing.assert_allclose(found["expected"], flux, atol=1e-6 * flux.max())
