@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import Prior, body_text, read_body_text
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -31,12 +32,14 @@ class Case:
     attitude : (3, 3)
         Body to inertial at the first epoch.
     turns : over the time base
+    body : KnownBody
     """
 
     curve: LightCurve
     omega: np.ndarray
     attitude: np.ndarray
     turns: float
+    body: KnownBody
 
 
 def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -> Case:
@@ -77,7 +80,7 @@ def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -
         kind="flux",
         free_scale=np.array([False]),
     )
-    return Case(curve, omega, attitude, rate * t[-1] / (2.0 * np.pi))
+    return Case(curve, omega, attitude, rate * t[-1] / (2.0 * np.pi), file.body)
 
 
 def _from(prior: Prior, rng: np.random.Generator) -> float:
