@@ -233,6 +233,43 @@ def equivalents(
     return found
 
 
+def mirrored(
+    normal: np.ndarray,
+    *,
+    body: str,
+    spin: str = "flat",
+    shadows: bool = True,
+    **options: object,  # noqa: ARG001
+):
+    """Matrices of the reflection R in the plane of Sun and observer, if the body has one too.
+
+    If M is a reflection of the body, R A M and −R ω give the brightness of A and ω. −R is half a
+    turn about the normal of the plane, and −M a rotation.
+    """
+    known = _file(body, spin, shadows).body
+    half = 2.0 * np.outer(normal, normal) - np.eye(3)
+    left = np.concatenate([[0.0], normal])
+    axis = known.symmetry.axis if spin == "free" else None
+    for reflection in known.symmetry.reflections:
+        along = float(-reflection @ known.flat_axis @ known.flat_axis)
+        if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
+            continue
+        if axis is not None:
+            return {"omega_unit": half, "axis_base": np.sign(-reflection @ axis @ axis) * half}
+        right = _right(Rotation.from_matrix(-reflection).as_quat(scalar_first=True))
+        found = {"attitude_base": _left(left) @ right}
+        if spin == "flat":
+            return found | {"rate_unit": np.array([[np.sign(along)]])}
+        return found | {"omega_unit": half}
+    return None
+
+
+def _left(q: np.ndarray) -> np.ndarray:
+    """The matrix (4, 4) of the product of a quaternion with q on its left."""
+    w, x, y, z = q
+    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+
+
 def _right(q: np.ndarray) -> np.ndarray:
     """The matrix (4, 4) of the product of a quaternion with q on its right."""
     w, x, y, z = q

@@ -171,7 +171,8 @@ class _Fit:
                 "no start of the search has a finite posterior density; check the errors and the "
                 "geometry, or widen the priors"
             )
-        if (mirror := symmetry.plane_mirror(pooled, data)) is not None:
+        reflected = entry.hook("mirrored")
+        if (mirror := symmetry.mirror_of(pooled, data, reflected, options)) is not None:
             found = solutions.with_images(pooled, data, found, mirror, order)
         most = 4 * settings.max_modes  # re-optimised for other data or another model
         if pooled is not plain:

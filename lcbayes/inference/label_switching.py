@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.symmetry import on_sites
 from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -100,11 +101,7 @@ class AttitudeOrder(FacetOrder):
         self, problem: Problem, equivalents: Sequence[Mapping[str, NDArray[np.float64]]]
     ) -> None:
         super().__init__(problem, ())
-        self._moves = np.tile(np.eye(problem.dim), (len(equivalents), 1, 1))
-        for move, sites in zip(self._moves, equivalents, strict=True):
-            for name, matrix in sites.items():
-                rows = problem.rows([name])
-                move[np.ix_(rows, rows)] = matrix
+        self._moves = np.stack([on_sites(problem, sites) for sites in equivalents])
 
     @property
     def log_orders(self) -> float:

@@ -34,6 +34,9 @@ model is shown to the user. The report recognises standard site names (``albedo_
 ``equivalents(**options)``
     Matrices {site: (n, n)} on unconstrained sites that change nothing, such as the rotations of a
     symmetric body; the identity first. One of them is sampled, and all count in the evidence.
+``mirrored(normal, **options)``
+    Matrices {site: (n, n)} of the reflection in the plane of Sun and observer, for directions in
+    one plane of a normal (3,); None if the body has no reflection.
 ``search(problem, data, options, workers, progress)``
     A search of its own in place of starts from the prior; as `inference.spin_search`.
 ``constants(data, **options)``

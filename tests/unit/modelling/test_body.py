@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,7 +13,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import body_search
+from lcbayes.inference import body_search, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
@@ -194,6 +196,27 @@ def test_equivalent_attitudes_have_the_same_density(body, spin, count):
     for image in images:
         np.testing.assert_allclose(order.like(image, z), z, atol=1e-12)
     assert np.linalg.norm(images[-1] - z) > 0.1
+
+
+@pytest.mark.parametrize(("body", "spin"), [(BOX, "flat"), (BOX, "free"), (CYLINDER, "free")])
+def test_reflection_in_the_plane_of_sun_and_observer(body, spin):
+    """It gives another motion of the same density, where all directions are in one plane."""
+    light = curve(1.0 + 0.3 * np.sin(0.1 * T))
+    assert symmetry.plane_normal(Epochs.of(light)) is None
+    angle = 0.4 + T / 900.0
+    flat = np.stack([np.cos(angle), 0.6 * np.sin(angle), 0.8 * np.sin(angle)], axis=1)
+    light = replace(light, sun=np.tile([1.0, 0.0, 0.0], (T.size, 1)), obs=flat)
+    problem, data, options = problem_of(light, body=body, spin=spin)
+    hook = registry.find("body").hook("mirrored")
+    move = symmetry.mirror_of(problem, data, hook, options)
+    assert move is not None
+    z = np.asarray(problem.prior_draw(jax.random.key(1), data))
+    at = compiled(problem.potential)
+    one, other = (float(at(jnp.asarray(v), data)) for v in (z, move @ z))
+    assert other == pytest.approx(one, rel=3e-4 if body == CYLINDER else 1e-10)
+    omega = [compiled(problem.constrain)(jnp.asarray(v), data)["omega"] for v in (z, move @ z)]
+    assert np.linalg.norm(omega[0] - omega[1]) > 0.01
+    np.testing.assert_allclose(move @ move @ z, np.sign((move @ move)[0, 0]) * z, atol=1e-12)
 
 
 def test_shadows_are_those_of_the_assembly():
