@@ -58,7 +58,7 @@ def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -
         sun, obs, _ = orbit.look(t)
         t = t - t[0]
         rate = 2.0 * np.pi / np.exp(rng.uniform(*np.log(PERIODS_S)))
-        attitude = Rotation.random(random_state=rng).as_matrix()
+        attitude = Rotation.random(rng=rng).as_matrix()
         if spin == "flat":
             omega = rate * rng.choice([-1.0, 1.0]) * attitude @ file.body.flat_axis
         else:

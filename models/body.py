@@ -81,7 +81,7 @@ def model(
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
     }
     albedo_area = _albedo_area(file, values)
-    size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else 1.0
+    size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     numpyro.deterministic("albedo_area", size * albedo_area)
 
     def seen(t):
@@ -124,10 +124,10 @@ def _surface(file: BodyFile, material: str):
 
 def _drawn(name: str, prior: Prior):
     if prior.kind == "uniform":
-        return numpyro.sample(name, dist.Uniform(prior.first, prior.second))
+        return jnp.asarray(numpyro.sample(name, dist.Uniform(prior.first, prior.second)))
     law = dist.Normal(np.log(prior.first), np.log(prior.second))
     value = jnp.exp(jnp.asarray(numpyro.sample(f"log_{name}", law)))
-    return numpyro.deterministic(name, value)
+    return jnp.asarray(numpyro.deterministic(name, value))
 
 
 def _size(albedo_area, scale_sd: float):
@@ -138,7 +138,7 @@ def _size(albedo_area, scale_sd: float):
     """
     law = dist.Normal(jnp.log(albedo_area), scale_sd)
     total = jnp.asarray(numpyro.sample("log_brightness", law))
-    return numpyro.deterministic("size", jnp.exp(total) / albedo_area)
+    return jnp.asarray(numpyro.deterministic("size", jnp.exp(total) / albedo_area))
 
 
 def _albedo_area(file: BodyFile, values):

@@ -91,7 +91,8 @@ class Found(NamedTuple):
     scale: Floats
 
     def at(self, rows: NDArray[np.int64]) -> Found:
-        return Found(*(x[rows] for x in self))
+        gain, pole, axis, *others = self
+        return Found(gain[rows], pole[rows], axis[rows], *(x[rows] for x in others))
 
 
 def toward_pole(directions: Floats) -> Floats:
@@ -100,7 +101,7 @@ def toward_pole(directions: Floats) -> Floats:
 
 
 def directions_of(
-    flat_axis: Floats | None, symmetry_axis: Floats | None, rotations: Sequence[Floats]
+    flat_axis: Floats | None, symmetry_axis: Floats | None, rotations: Floats
 ) -> Floats:
     """Body directions (n, 3) that may be along the pole, one of each that look the same.
 
@@ -207,7 +208,8 @@ class MotionSearch:
                 return found
 
             parts = list(pool.map(one, jobs))
-        found = Found(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+        columns: list[Any] = [np.concatenate(x) for x in zip(*parts, strict=True)]
+        found = Found(*columns)
         order = np.argsort(-found.gain, kind="stable")
         found = found.at(order[found.gain[order] > self.least(best[0])])
         cells = len(jobs) * CHUNK * len(self.rates) * len(self.fine) * PHASES
@@ -223,7 +225,7 @@ class MotionSearch:
             _tables(self, padded, jnp.asarray(self.turns[axis]), a)
             for a in range(len(self.arcs.middle))
         ]
-        bound = sum(_gain(*t).max(axis=2) for t in tables)[:n]
+        bound = np.sum([_gain(*t).max(axis=2) for t in tables], axis=0)[:n]
         fine = self.fine
         most = max(16, int(LOOKUPS / (fine.size * PHASES * len(tables))))
         order = np.argsort(-bound, axis=None, kind="stable")[:most]
