@@ -123,7 +123,7 @@ def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure the search for the motion of a known body.")
+    parser = argparse.ArgumentParser(description="Measure the search for a known body.")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--body", default="rocket-stage")
