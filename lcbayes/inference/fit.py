@@ -145,7 +145,9 @@ class _Fit:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
         elif complete:
-            ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
+            ends, coverage = complete_search(
+                pooled, data, chosen, workers, self.progress, self.checkpoint
+            )
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import MIN_SUNLIGHT, Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
@@ -26,6 +28,7 @@ from lcbayes.inference.spin_search.facets import (
     sharpened,
     starts,
 )
+from lcbayes.inference.spin_search.saved import Saved
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -35,7 +38,6 @@ from lcbayes.physics.brightness import DIFFUSE_LAWS, DiffuseLaw
 Floats = NDArray[np.float64]
 
 MIN_POINTS = 12  # below, starts from the prior do as well
-PRIOR_REACH = 4.0  # fastest spin in prior sd of a component of ω: 99.9 % of the prior
 SURVIVORS = 60_000  # cells at the finest level
 SERIES_ERROR = 0.15  # of the series and of the size of a cell, relative to the mean flux
 
@@ -55,6 +57,7 @@ ALIASES = 24  # spins tried for each state of the last stage
 SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best are improved
 CELLS = 1000  # cells tried as they are
 PER_STATE = 3  # of the aliases of a state, carried on
+STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 CONSTANT = (Stage(240, 0.01, 160, 5), Stage(110, 0.003, 400, 4))  # constant spins with a free body
 OPTIMISED: tuple[int, ...] = (
     24,
@@ -88,6 +91,7 @@ def complete_search(
     options: Mapping[str, Any],
     workers: int,
     progress: Silent,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[SearchState, Coverage]:
     """Optima of the posterior over all constant spins that the prior allows, best first.
 
@@ -102,30 +106,35 @@ def complete_search(
     problem : Problem
     data : Epochs
     options : mapping
-        Of the model, with defaults: ``omega_sd``, ``n_facets`` and ``reflectance``.
+        Of the model, with defaults: ``omega_sd``, ``period``, ``pole``, ``n_facets`` and
+        ``reflectance``.
     workers : int
     progress : Silent
+    checkpoint : Checkpoint, optional
+        Keeps the cells of each level and the spins of each stage, from which an interrupted search
+        goes on.
 
     Returns
     -------
     SearchState, Coverage
     """
     law: DiffuseLaw = options["reflectance"]
-    omega_sd = float(options["omega_sd"])
+    omega_sd, allowed = float(options["omega_sd"]), Allowed.of(options, data)
+    saved = Saved() if checkpoint is None else Saved(checkpoint)
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
-    fastest = PRIOR_REACH * omega_sd
-    arcs = Arcs.of(points, fastest, SERIES_ERROR)
-    grid = Grid.of(series, arcs, precision(series, total), fastest, omega_sd)
-    cells, coverage = grid.search(workers, progress, SURVIVORS)
-    slow_cells = _slow(grid, points, fastest, workers, progress)
-    run = _Refinement(points, grid, law, total, fastest, workers)
+    arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
+    grid = Grid.of(series, arcs, precision(series, total), allowed)
+    cells, coverage = grid.search(workers, progress, SURVIVORS, saved)
+    slow_cells = _slow(grid, points, workers, progress, saved.within("slow"))
+    run = _Refinement(points, grid, law, total, workers)
     constant = SCREENED.states + sum(s.states for s in CONSTANT)
     n_states = sum(s.states for s in STAGES) + constant * (1 if slow_cells is None else 2)
     with progress.stage("improving spins", n_states, "spins") as bar:
-        found = [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
+        found = [(run.constant(cells, run.free(cells, bar, saved), bar, saved), OPTIMISED)]
         if slow_cells is not None:
-            found.append((run.constant(slow_cells, None, bar), OPTIMISED_SLOW))
+            slow = run.constant(slow_cells, None, bar, saved.within("slow"))
+            found.append((slow, OPTIMISED_SLOW))
     starts = [run.bodies(problem, data, f, c, int(options["n_facets"]), omega_sd) for f, c in found]
     ends = search.successive_halving(
         problem, data, jnp.concatenate(starts), workers, progress, rounds=ROUNDS
@@ -134,20 +143,27 @@ def complete_search(
     return climbed(problem, data, points, law, ends, gaps, workers), coverage
 
 
-def _slow(
-    grid: Grid, points: Points, fastest: float, workers: int, progress: Silent
-) -> Cells | None:
+def _slow(grid: Grid, points: Points, workers: int, progress: Silent, saved: Saved) -> Cells | None:
     """Cells of slow spins, if the prior allows others too.
 
     A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
     spins are crowded out.
     """
-    slow = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
-    if slow >= fastest:
+    limit = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
+    slow = grid.allowed.up_to(limit)
+    if slow is None or limit >= grid.allowed.fastest:
         return None
-    arcs = Arcs.of(points, fastest, SLOW_ERROR)
-    slower = replace(grid, arcs=arcs, coarse=Grid.rates(arcs, slow))
-    return slower.search(workers, progress, SURVIVORS)[0]
+    arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
+    slower = Grid.of(grid.series, arcs, grid.prior, slow)
+    return slower.search(workers, progress, SURVIVORS, saved)[0]
+
+
+class Motions(NamedTuple):
+    """Constant spins: poles (n, 3), rates (n,) rad/s and phases (n, 1) rad, as in `States`."""
+
+    pole: Floats
+    rate: Floats
+    phase: Floats
 
 
 @dataclass(frozen=True)
@@ -158,18 +174,19 @@ class _Refinement:
     grid: Grid
     law: DiffuseLaw
     total_area: float
-    fastest: float
     workers: int
 
-    def free(self, cells: Cells, bar: Track) -> States:
+    def free(self, cells: Cells, bar: Track, saved: Saved) -> States:
         """States improved with free phases between the arcs, best first."""
         rows = states.representatives(self.grid, cells, STAGES[0].states)
         rate = cells.rate[rows]
         phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
         at = self.grid.poles[cells.pole[rows]], rate, phase
         for i, stage in enumerate(STAGES):
-            arcs = Arcs.of(self.points, self.fastest, stage.error)
-            found = self._improved(arcs, *at, stage)[1]
+            arcs = Arcs.of(self.points, self.grid.allowed.fastest, stage.error)
+            found = saved.once(
+                f"free-{i}", States, lambda a=arcs, m=at, s=stage: self._improved(a, *m, s)[1]
+            )
             bar.advance(stage.states)
             if i + 1 < len(STAGES):
                 duration = self.grid.arcs.duration
@@ -177,13 +194,33 @@ class _Refinement:
                 at = found.pole, found.rate, found.phase
         return found
 
-    def constant(self, cells: Cells, found: States | None, bar: Track) -> States:
+    def constant(self, cells: Cells, found: States | None, bar: Track, saved: Saved) -> States:
         """Constant spins of cells or that fit the phases of states, improved, best first.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
         cells themselves are better.
         """
         span = float(np.ptp(self.points.t))
+        at = saved.once("screened", Motions, lambda: self._screened(cells, found, span))
+        bar.advance(SCREENED.states)
+        for i, stage in enumerate(CONSTANT):
+            arcs = Arcs.whole(self.points, stage.error)
+            strict = saved.once(
+                f"constant-{i}", States, lambda a=arcs, m=at, s=stage: self._improved(a, *m, s)[1]
+            )
+            bar.advance(stage.states)
+            rows = states.distinct(strict, span, CONSTANT[-1].states)
+            at = Motions(strict.pole[rows], strict.rate[rows], strict.phase[rows])
+        strict = strict.at(self._permitted(strict, span))
+        return strict.at(states.distinct(strict, span, len(OPTIMISED)))
+
+    def _permitted(self, found: States, span: float) -> NDArray[np.int64]:
+        """Rows of states that have not left the allowed rates; all rows if every state has."""
+        inside = self.grid.allowed.rates(found.rate, STRAY / max(span, 1e-9))
+        return np.flatnonzero(inside if inside.any() else ~inside)
+
+    def _screened(self, cells: Cells, found: States | None, span: float) -> Motions:
+        """The best constant spins among the cells and those near states."""
         middle = 0.5 * (self.points.t[0] + self.points.t[-1])
         rows = states.representatives(self.grid, cells, CELLS, span)
         pole, rate = [*self.grid.poles[cells.pole[rows]]], [*cells.rate[rows]]
@@ -191,6 +228,8 @@ class _Refinement:
         if found is not None:
             for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
                 rates, origin = states.spins(self.grid, found, int(i), ALIASES)
+                inside = self.grid.allowed.rates(rates, STRAY / max(span, 1e-9))
+                rates, origin = rates[inside], origin[inside]
                 pole += [found.pole[i]] * rates.size
                 rate += [*rates]
                 phase += [*(origin + rates * middle)]
@@ -198,16 +237,8 @@ class _Refinement:
         arcs = Arcs.whole(self.points, SCREENED.error)
         start = np.array(pole), np.array(rate), np.array(phase)[:, None]
         order, screened = self._improved(arcs, *start, SCREENED)
-        bar.advance(SCREENED.states)
         rows = states.within(np.array(group)[order], PER_STATE)[: CONSTANT[0].states]
-        at = screened.pole[rows], screened.rate[rows], screened.phase[rows]
-        for stage in CONSTANT:
-            arcs = Arcs.whole(self.points, stage.error)
-            strict = self._improved(arcs, *at, stage)[1]
-            bar.advance(stage.states)
-            rows = states.distinct(strict, span, CONSTANT[-1].states)
-            at = strict.pole[rows], strict.rate[rows], strict.phase[rows]
-        return strict.at(states.distinct(strict, span, len(OPTIMISED)))
+        return Motions(screened.pole[rows], screened.rate[rows], screened.phase[rows])
 
     def bodies(
         self,
