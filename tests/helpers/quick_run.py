@@ -4,7 +4,7 @@
 
 Both files are of one run, in which ``long_tests.txt`` was empty:
 
-    python -m pytest -m "not slow" -n 2 --dist loadfile --cov --cov-context=test --junitxml=JUNIT_FILE
+    python -m pytest -m "not slow" --cov --cov-context=test --junitxml=JUNIT_FILE
 
 From the longest to the shortest, a test is listed if every line of the package that it executes is
 executed by a test that is not listed. The quick run therefore covers the same lines.
