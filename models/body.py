@@ -168,7 +168,7 @@ def coordinates(
     return {"omega_unit": RateAndDirection()} if spin == "free" and turns > MIN_TURNS else None
 
 
-def search(problem, data: Epochs, options, workers: int, progress):
+def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
     file = _file(options["body"], options["spin"], options["shadows"])
     known = file.body

@@ -157,7 +157,7 @@ class _Fit:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
         elif complete is not None:
-            ends, coverage = complete(pooled, data, chosen, workers, self.progress)
+            ends, coverage = complete(pooled, data, chosen, workers, self.progress, self.checkpoint)
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins

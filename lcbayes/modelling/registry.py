@@ -37,7 +37,7 @@ model is shown to the user. The report recognises standard site names (``albedo_
 ``mirrored(normal, **options)``
     Matrices {site: (n, n)} of the reflection in the plane of Sun and observer, for directions in
     one plane of a normal (3,); None if the body has no reflection.
-``search(problem, data, options, workers, progress)``
+``search(problem, data, options, workers, progress, checkpoint)``
     A search of its own in place of starts from the prior; as `inference.spin_search`.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
@@ -58,9 +58,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
+from lcbayes.core.constants import HOUR_S
+from lcbayes.core.durations import seconds
 from lcbayes.core.errors import InputError
 from lcbayes.modelling.options import function_name
 
+PERIOD = "period"  # of models that take a number of hours: also text with a unit
 BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised", "body")
 
 
@@ -202,6 +205,8 @@ def _convert(model: str, option: Option, value: Any) -> Any:
             f"option {option.name!r} of model {model!r} is {value!r}; "
             f"available: {', '.join(option.choices)}"
         )
+    if (option.name, option.type) == (PERIOD, float) and isinstance(value, str):
+        return seconds(value, default="h") / HOUR_S
     try:
         if option.type is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]
