@@ -54,6 +54,8 @@ HARMONICS = 20
 EPOCHS = 96  # of an arc
 MODEL_ERROR = 0.1  # of the cells' width, shadows and unknown surface, relative to the mean flux
 CHUNK = 16  # poles at once, for one axis
+FAINTEST = 30.0  # a body that is fainter by this factor than in random attitudes is not expected
+ATTITUDES, STRIDE = 32, 8  # random ones, at every so many epochs
 MARGIN = 100.0  # of χ² above three times that of the best cell, at which cells are dropped
 LOOKUPS = 4e7  # of the second step, for each chunk
 PER_CELL = 4  # rates of a cell that are kept
@@ -146,6 +148,8 @@ class MotionSearch:
         That one arc tells apart.
     middle : s
         At which the phases count.
+    weak : float
+        Information on the scale without data. A body that is dark would need an endless scale.
     """
 
     flux: Flux
@@ -153,13 +157,19 @@ class MotionSearch:
     turns: Floats
     rates: Floats
     middle: float
+    weak: float
 
     @classmethod
     def of(cls, data: Epochs, flux: Flux, directions: Floats, fastest: float) -> MotionSearch:
         arcs = thinned(Arcs.of(Points.of(data), fastest, MODEL_ERROR))
         n = max(1, int(np.ceil(fastest * max(arcs.duration, 1e-9) / STEP)))
         rates = (np.arange(n) + 0.5) * fastest / n
-        return cls(flux, arcs, toward_pole(directions), rates, float(data.t_middle))
+        any_turn = jnp.asarray(Rotation.random(ATTITUDES, rng=np.random.default_rng(0)).as_matrix())
+        sun, obs = (v[:, ::STRIDE].reshape(-1, 3) for v in (arcs.sun, arcs.obs))
+        seen = jax.jit(lambda turn: flux(sun @ turn, obs @ turn))
+        square = float(jnp.mean(jax.lax.map(seen, any_turn) ** 2) * jnp.sum(arcs.weight**2))
+        middle = float(data.t_middle)
+        return cls(flux, arcs, toward_pole(directions), rates, middle, square / FAINTEST**2)
 
     @property
     def step(self) -> float:
@@ -225,7 +235,8 @@ class MotionSearch:
             _tables(self, padded, jnp.asarray(self.turns[axis]), a)
             for a in range(len(self.arcs.middle))
         ]
-        bound = np.sum([_gain(*t).max(axis=2) for t in tables], axis=0)[:n]
+        each = self.weak / len(tables)
+        bound = np.sum([_gain(*t, each).max(axis=2) for t in tables], axis=0)[:n]
         fine = self.fine
         most = max(16, int(LOOKUPS / (fine.size * PHASES * len(tables))))
         order = np.argsort(-bound, axis=None, kind="stable")[:most]
@@ -264,14 +275,14 @@ class MotionSearch:
                 index = (k + shift[..., None]) % PHASES
                 cross += np.take_along_axis(fy[p, r][:, None], index, axis=2)
                 square += np.take_along_axis(ff[p, r][:, None], index, axis=2)
-            gain = _gain(cross, square)
+            gain = _gain(cross, square, self.weak)
             phase = gain.argmax(axis=2)
             top = np.take_along_axis(gain, phase[..., None], axis=2)[..., 0]
             # Rates that differ by whole turns between arcs have the same gain.
             which = np.argsort(-top * mixed, axis=1, kind="stable")[:, :PER_CELL]
             chosen = np.take_along_axis(phase, which, axis=1)
             rows = np.arange(p.size)[:, None]
-            scale = cross[rows, which, chosen] / np.maximum(square[rows, which, chosen], 1e-30)
+            scale = cross[rows, which, chosen] / (square[rows, which, chosen] + self.weak)
             found.append((np.take_along_axis(top, which, axis=1), scale, which, chosen))
         return tuple(np.concatenate(x) for x in zip(*found, strict=True))
 
@@ -300,9 +311,9 @@ def thinned(arcs: Arcs) -> Arcs:
     return Arcs(arcs.middle, arcs.span, **thin)
 
 
-def _gain(cross, square):
+def _gain(cross, square, weak: float):
     """Decrease of χ² by the best scale, which is not negative."""
-    return np.maximum(cross, 0.0) ** 2 / np.maximum(square, 1e-30)
+    return np.maximum(cross, 0.0) ** 2 / (np.maximum(square, 0.0) + weak)
 
 
 def _tables(run: MotionSearch, poles: Floats, turn: jax.Array, a: int) -> tuple[NDArray, NDArray]:

@@ -325,6 +325,18 @@ def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
     assert coverage.max_rate == pytest.approx(0.1)
 
 
+def test_dark_attitudes_do_not_fit():
+    """An edge-on plate is dark: a scale without limit would fit anything."""
+    plate = read_body_text(body_text("plate")).body
+    light = curve(1.0 + 0.3 * np.sin(0.1 * T))
+    axis = np.array([[0.0, 0.0, 1.0]])
+    run = body_search.MotionSearch.of(Epochs.of(light), plate.unshaded_flux, axis, 0.1)
+    found = run.chunk(0, body_search.facets.grid(16), -np.inf)
+    assert np.all(np.isfinite(found.gain))
+    assert found.gain.max() < float(jnp.sum(run.arcs.white**2))
+    assert np.all(np.abs(found.scale) < 1e3)
+
+
 def test_directions_of_a_symmetric_body_are_visited_once():
     box, cylinder = read_body_text(BOX).body, read_body_text(CYLINDER).body
     some = body_search.directions_of(None, None, box.symmetry.rotations)
