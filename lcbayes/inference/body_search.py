@@ -50,7 +50,7 @@ AXES = 300  # directions in the body that may be along the pole, 12° apart
 CONE_DEG = 7.5  # between such directions of a body with an axis of symmetry
 STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
 PHASES = 64
-HARMONICS = 20
+HARMONICS = 15  # of the flux, so that those of its square, 30, are known from these phases
 EPOCHS = 96  # of an arc
 MODEL_ERROR = 0.1  # of the cells' width, shadows and unknown surface, relative to the mean flux
 CHUNK = 16  # poles at once, for one axis
@@ -190,7 +190,7 @@ class MotionSearch:
     @cached_property
     def waves(self) -> list[NDArray[np.complex64]]:
         """exp(i m r dt) of each arc, (m, L, R)."""
-        m = np.arange(HARMONICS + 1)[:, None, None]
+        m = np.arange(2 * HARMONICS + 1)[:, None, None]
         return [
             np.exp(1j * m * (self.rates * np.asarray(dt)[:, None])).astype(np.complex64)
             for dt in self.arcs.dt
@@ -330,14 +330,20 @@ def _tables(run: MotionSearch, poles: Floats, turn: jax.Array, a: int) -> tuple[
     found = []
     for series, factor in ((first, white), (second, np.ones_like(white))):
         weighted = np.ascontiguousarray((series * factor[:, None]).transpose(2, 0, 1))  # (m, P, L)
-        total = np.matmul(weighted, wave).transpose(1, 2, 0)  # (P, R, m)
+        total = np.matmul(weighted, wave[: len(weighted)]).transpose(1, 2, 0)  # (P, R, m)
         found.append(PHASES * np.fft.irfft(total, PHASES, axis=2).astype(np.float32))
     return found[0], found[1]
 
 
 @partial(jax.jit, static_argnums=0)
 def _harmonics(flux: Flux, poles, turn, sun, obs, weight):
-    """Fourier coefficients (P, L, m) in the phase of F/σ and (F/σ)²."""
+    """Fourier coefficients (P, L, m) in the phase of F/σ and (F/σ)².
+
+    F is smoothed by its first harmonics with Lanczos's factors, and then squared: the gain of a
+    cell would exceed χ² if F and its square were cut off each on its own.
+    """
+    order = jnp.arange(HARMONICS + 1)
+    taper = jnp.sinc(order / (HARMONICS + 1.0))
     phase = 2.0 * jnp.pi * jnp.arange(PHASES) / PHASES
     c, s, zero = jnp.cos(phase), jnp.sin(phase), jnp.zeros(PHASES)
     one = jnp.ones(PHASES)
@@ -351,10 +357,10 @@ def _harmonics(flux: Flux, poles, turn, sun, obs, weight):
             return body.reshape(-1, 3)
 
         f = flux(turned(sun), turned(obs)).reshape(-1, PHASES) * weight[:, None]
-        return tuple(
-            jnp.fft.rfft(x, axis=1)[:, : HARMONICS + 1].astype(jnp.complex64) / PHASES
-            for x in (f, f**2)
-        )
+        smooth = jnp.fft.rfft(f, axis=1)[:, : HARMONICS + 1] * taper
+        square = jnp.fft.rfft(jnp.fft.irfft(smooth, PHASES, axis=1) ** 2, axis=1)
+        found = smooth, square[:, : 2 * HARMONICS + 1]
+        return tuple(x.astype(jnp.complex64) / PHASES for x in found)
 
     return jax.lax.map(of, poles)
 
