@@ -28,7 +28,6 @@ from lcbayes.inference.spin_search.facets import (
     sharpened,
     starts,
 )
-from lcbayes.inference.spin_search.saved import Saved
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -118,32 +117,81 @@ def complete_search(
     -------
     SearchState, Coverage
     """
+    spins = find_spins(data, options, workers, progress, checkpoint)
+    return with_bodies(problem, data, options, spins, workers, progress), spins.coverage
+
+
+@dataclass(frozen=True)
+class Spins:
+    """Constant spins, each with a free body, and what the search for them covered.
+
+    They do not depend on a number of facets.
+
+    Attributes
+    ----------
+    run : _Refinement
+    found : tuple of (States, tuple of int)
+        Spins, best first, and the number of bodies to optimise from each.
+    coverage : Coverage
+    """
+
+    run: _Refinement
+    found: tuple[tuple[States, tuple[int, ...]], ...]
+    coverage: Coverage
+
+
+def find_spins(
+    data: Epochs,
+    options: Mapping[str, Any],
+    workers: int,
+    progress: Silent,
+    checkpoint: Checkpoint | None = None,
+) -> Spins:
+    """The constant spins at which some body fits; parameters as for `complete_search`."""
+    kept = Checkpoint(None, {}) if checkpoint is None else checkpoint.within("search")
     law: DiffuseLaw = options["reflectance"]
-    omega_sd, allowed = float(options["omega_sd"]), Allowed.of(options, data)
-    saved = Saved() if checkpoint is None else Saved(checkpoint)
+    allowed = Allowed.of(options, data)
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
     arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
     grid = Grid.of(series, arcs, precision(series, total), allowed)
-    cells, coverage = grid.search(workers, progress, SURVIVORS, saved)
-    slow_cells = _slow(grid, points, workers, progress, saved.within("slow"))
+    cells, coverage = grid.search(workers, progress, SURVIVORS, kept)
+    slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
     run = _Refinement(points, grid, law, total, workers)
     constant = SCREENED.states + sum(s.states for s in CONSTANT)
     n_states = sum(s.states for s in STAGES) + constant * (1 if slow_cells is None else 2)
     with progress.stage("improving spins", n_states, "spins") as bar:
-        found = [(run.constant(cells, run.free(cells, bar, saved), bar, saved), OPTIMISED)]
+        found = [(run.constant(cells, run.free(cells, bar, kept), bar, kept), OPTIMISED)]
         if slow_cells is not None:
-            slow = run.constant(slow_cells, None, bar, saved.within("slow"))
+            slow = run.constant(slow_cells, None, bar, kept.within("slow"))
             found.append((slow, OPTIMISED_SLOW))
-    starts = [run.bodies(problem, data, f, c, int(options["n_facets"]), omega_sd) for f, c in found]
+    return Spins(run, tuple(found), coverage)
+
+
+def with_bodies(
+    problem: Problem,
+    data: Epochs,
+    options: Mapping[str, Any],
+    spins: Spins,
+    workers: int,
+    progress: Silent,
+    further: Floats | None = None,
+) -> SearchState:
+    """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
+    run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
+    starts = [run.bodies(problem, data, f, counts, n, omega_sd) for f, counts in spins.found]
+    if further is not None:
+        starts.append(further)
     ends = search.successive_halving(
         problem, data, jnp.concatenate(starts), workers, progress, rounds=ROUNDS
     )
-    gaps = np.diff(np.sort(np.asarray(arcs.middle)))
-    return climbed(problem, data, points, law, ends, gaps, workers), coverage
+    gaps = np.diff(np.sort(np.asarray(run.grid.arcs.middle)))
+    return climbed(problem, data, run.points, run.law, ends, gaps, workers)
 
 
-def _slow(grid: Grid, points: Points, workers: int, progress: Silent, saved: Saved) -> Cells | None:
+def _slow(
+    grid: Grid, points: Points, workers: int, progress: Silent, kept: Checkpoint
+) -> Cells | None:
     """Cells of slow spins, if the prior allows others too.
 
     A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
@@ -155,7 +203,7 @@ def _slow(grid: Grid, points: Points, workers: int, progress: Silent, saved: Sav
         return None
     arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
     slower = Grid.of(grid.series, arcs, grid.prior, slow)
-    return slower.search(workers, progress, SURVIVORS, saved)[0]
+    return slower.search(workers, progress, SURVIVORS, kept)[0]
 
 
 class Motions(NamedTuple):
@@ -176,7 +224,7 @@ class _Refinement:
     total_area: float
     workers: int
 
-    def free(self, cells: Cells, bar: Track, saved: Saved) -> States:
+    def free(self, cells: Cells, bar: Track, kept: Checkpoint) -> States:
         """States improved with free phases between the arcs, best first."""
         rows = states.representatives(self.grid, cells, STAGES[0].states)
         rate = cells.rate[rows]
@@ -184,7 +232,7 @@ class _Refinement:
         at = self.grid.poles[cells.pole[rows]], rate, phase
         for i, stage in enumerate(STAGES):
             arcs = Arcs.of(self.points, self.grid.allowed.fastest, stage.error)
-            found = saved.once(
+            found = kept.once(
                 f"free-{i}", States, lambda a=arcs, m=at, s=stage: self._improved(a, *m, s)[1]
             )
             bar.advance(stage.states)
@@ -194,18 +242,18 @@ class _Refinement:
                 at = found.pole, found.rate, found.phase
         return found
 
-    def constant(self, cells: Cells, found: States | None, bar: Track, saved: Saved) -> States:
+    def constant(self, cells: Cells, found: States | None, bar: Track, kept: Checkpoint) -> States:
         """Constant spins of cells or that fit the phases of states, improved, best first.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
         cells themselves are better.
         """
         span = float(np.ptp(self.points.t))
-        at = saved.once("screened", Motions, lambda: self._screened(cells, found, span))
+        at = kept.once("screened", Motions, lambda: self._screened(cells, found, span))
         bar.advance(SCREENED.states)
         for i, stage in enumerate(CONSTANT):
             arcs = Arcs.whole(self.points, stage.error)
-            strict = saved.once(
+            strict = kept.once(
                 f"constant-{i}", States, lambda a=arcs, m=at, s=stage: self._improved(a, *m, s)[1]
             )
             bar.advance(stage.states)
