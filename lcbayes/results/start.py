@@ -83,13 +83,14 @@ def candidate_periods(summary: dict[str, Any]) -> list[str]:
     ['9.9-10.1s', '19.8-20.2s', '39.6-40.4s']
     """
     wanted = ("period_s", "period_sd_s")
-    found = [s for s in summary.get("solutions") or [] if _numbers(s, wanted)]
-    if found:
-        ends = [
-            (p * math.exp(-half), p * math.exp(half))
-            for p, sd in ((s["period_s"], s["period_sd_s"]) for s in found)
-            for half in (max(SPREAD, REACH * sd / p),)
-        ]
+    solutions: list[Any] = summary.get("solutions") or []
+    ends: list[tuple[float, float]] = []
+    for solution in solutions:
+        if _numbers(solution, wanted):
+            period, sd = float(solution["period_s"]), float(solution["period_sd_s"])
+            spread = math.exp(max(SPREAD, REACH * sd / period))
+            ends.append((period / spread, period * spread))
+    if ends:
         return [f"{low:.8g}-{high:.8g}s" for low, high in _joined(ends)]
     base = summary.get("photometric_period_s")
     if not isinstance(base, int | float) or not 0 < base < math.inf:

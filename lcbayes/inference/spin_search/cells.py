@@ -111,9 +111,9 @@ class Coverage:
         """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
         if "coverage" not in arrays:
             return None
-        max_rate, sky, *rest = (float(x) for x in arrays.pop("coverage"))
-        ranges = tuple(zip(rest[3::2], rest[4::2], strict=True))
-        return cls(max_rate, *(int(n) for n in rest[:3]), ranges, sky)
+        max_rate, sky, cells, evaluated, survivors, *ends = arrays.pop("coverage").tolist()
+        ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
+        return cls(max_rate, int(cells), int(evaluated), int(survivors), ranges, sky)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,8 @@ class Grid:
         with progress.stage("searching spins", number if stored is None else 0, "cells") as bar:
             if stored is not None:
                 level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
-                found = Cells(**stored)._replace(width=float(stored["width"]))
+                width = float(stored["width"])
+                found = Cells(stored["pole"], stored["rate"], width, stored["score"])
             else:
                 pole = np.repeat(np.arange(len(self.poles)), rate.size)
                 rate = np.tile(rate, len(self.poles))

@@ -193,13 +193,13 @@ def _started(
     if period is None or (period.type is str and not start.periods):
         return start.spins, dict(asked)
     if period.type is str:  # a prior, which the search over all spins keeps to
-        return [], {"period": start.periods} | asked
+        return [], {"period": start.periods, **asked}
     if not start.spins:
         raise InputError(
             f"the spin found no pole, which {entry.name} starts from; scan the periods "
             f"{start.periods} with lcbayes scan first"
         )
-    return start.spins, {"period": start.spins[0]["period_h"]} | asked
+    return start.spins, {"period": start.spins[0]["period_h"], **asked}
 
 
 def check_pole(curve: LightCurve, options: ModelOptions) -> None:
