@@ -13,6 +13,7 @@ from typing import Any
 
 from lcbayes.cli import task
 from lcbayes.cli.options import join_negative_values
+from lcbayes.cli.parser import Parser, unknown_command, unknown_words
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 from lcbayes.tasks.task import Task
 
@@ -49,8 +50,8 @@ trusted (the report says why); 130 interrupted
 """
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="lcbayes",
         description="Facets, spin and surface of an unresolved space object from its light curve.",
         epilog=EPILOG,
@@ -73,7 +74,7 @@ def _add_task(commands: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     task.add_arguments(parser, declared)
-    parser.set_defaults(run=partial(task.run, task=declared))
+    parser.set_defaults(run=partial(task.run, task=declared), parser=parser)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,11 +86,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif isinstance(stream, io.TextIOWrapper):  # a terminal may not show all characters
             stream.reconfigure(errors="backslashreplace")
     parser = _parser()
+    words = join_negative_values(sys.argv[1:] if argv is None else argv)
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        print(f"lcbayes: {unknown_command(words[0], COMMANDS)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     try:
-        words = join_negative_values(sys.argv[1:] if argv is None else argv)
-        args = parser.parse_args(words)
+        args, unknown = parser.parse_known_args(words)
     except SystemExit as stop:  # argparse has printed the error
         return int(stop.code or 0)
+    if unknown:
+        used = getattr(args, "parser", parser)
+        print(f"{used.prog}: {unknown_words(unknown, used)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     if args.version:
         from lcbayes.core.version import installed_version
 

@@ -23,6 +23,7 @@ from types import NoneType, UnionType
 from typing import Any, Self, cast, get_args, get_origin, get_type_hints
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 
 _KEY = "option"
 _BOOL = {"true": True, "false": False}
@@ -170,7 +171,10 @@ class Option:
             ) from None
         d = self.declared
         if d.choices and converted not in d.choices:
-            raise InputError(f"{self.flag} is {value!r}; available: {', '.join(d.choices)}")
+            raise InputError(
+                f"{self.flag} is {value!r}{closest(str(value), d.choices)}; available: "
+                f"{', '.join(d.choices)}"
+            )
         outside = self.kind in (int, float) and not (
             (d.low is None or converted >= d.low)
             and (d.high is None or converted <= d.high)
@@ -253,7 +257,9 @@ class Options:
         known = declared_options(cls)
         for name in given:
             if name not in known:
-                raise InputError(f"unknown option {name!r}; available: {', '.join(known)}")
+                raise InputError(
+                    f"unknown option {name!r}{closest(name, known)}; available: {', '.join(known)}"
+                )
         for name, declared in known.items():
             if declared.required and name not in given:
                 raise InputError(f"{declared.flag} is missing; {declared.declared.help}")

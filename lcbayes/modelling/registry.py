@@ -49,6 +49,7 @@ from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
 BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
@@ -221,7 +222,7 @@ def find(name: str | Callable[..., Any]) -> Entry:
     path = Path(name)
     if path.suffix != ".py" and not path.exists():
         raise InputError(
-            f"unknown model {name!r}; available: {', '.join(BUILT_IN)}; "
+            f"unknown model {name!r}{closest(name, BUILT_IN)}; available: {', '.join(BUILT_IN)}; "
             "or give a file: --model ./mine.py"
         )
     if not path.is_file():

@@ -70,6 +70,11 @@ def mapping_of(columns: str | Mapping[str, str] | None) -> dict[str, str]:
         columns = {m[1]: (m[2] or m[3]).strip() for m in _MAPPED.finditer(columns)}
     unknown = [name for name in columns if name not in KNOWN and name != IGNORE]
     if unknown:
+        name, label = unknown[0], columns[unknown[0]]
+        if label in KNOWN:
+            raise InputError(
+                f"--columns has {name}={label}; the lcbayes name comes first: {label}={name}"
+            )
         raise InputError(
             f"--columns names {unknown[0]!r}; available: {', '.join((*KNOWN, IGNORE))}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from lcbayes.geometry.tle import Tle, read_tle
 
 Floats = NDArray[np.float64]
 
+OLD_DAYS = 5.0  # age of elements above which a low orbit is noticeably off
+LOW_ORBIT_KM = 8400.0  # distance from the centre of the Earth
 RANGE_TOLERANCE = 0.05  # relative difference between the ranges in the file and from the elements
 
 
@@ -40,7 +43,12 @@ def computed_geometry(
         if low.any():
             row, worst = int(np.argmax(low)), float(found.altitude_deg[low][0])
             what = f"has {int(low.sum())} of {low.size} points below the horizon"
-            remedy = "check the site, the times and that the elements are of this object"
+            remedy = (
+                "check the site (degrees, north and east positive), the times (UTC) and that the "
+                "elements are of this object"
+            )
+            if likely := _site_that_sees(table, options, site, t, epoch_jd):
+                remedy = f"with {likely}, all would be above it: check the site"
             raise RowError("the satellite", what, row, f"altitude {worst:.1f} deg", remedy)
     except RowError as fault:
         raise fault.located(table.label(fault.name), table.at(fault.row)) from None
@@ -57,6 +65,25 @@ def computed_geometry(
     return found, notes, extra
 
 
+def _site_that_sees(table: Table, options: Options, site: Site, t: Floats, epoch_jd: float) -> str:
+    """The usual mistake about a site without which all points are above the horizon, or ""."""
+    lat, lon = np.asarray(site.lat_deg), np.asarray(site.lon_deg)
+    others = {
+        "the opposite sign of the longitude (east is positive)": (lat, -lon),
+        "latitude and longitude exchanged": (lon, lat),
+        "degrees in place of radians": (np.degrees(lat), np.degrees(lon)),
+    }
+    for what, (other_lat, other_lon) in others.items():
+        try:
+            other = Site(other_lat, other_lon, site.height_m)
+            seen = _place(table, options, other, t, epoch_jd, set())
+        except InputError:
+            continue
+        if np.all(seen.altitude_deg > 0.0):
+            return what
+    return ""
+
+
 def _place(
     table: Table, options: Options, site: Site, t: Floats, epoch_jd: float, used: set[str]
 ) -> Geometry:
@@ -64,6 +91,14 @@ def _place(
     if options.tle is not None:
         elements = options.tle if isinstance(options.tle, Tle) else read_tle(options.tle)
         found = from_tle(time, site, elements)
+        age = float(np.max(elements.age_days(time)))
+        if age > OLD_DAYS and np.median(np.linalg.norm(found.position_km, axis=1)) < LOW_ORBIT_KM:
+            note = (
+                f"the elements are up to {age:.0f} days from the observations, so that the "
+                "satellite may be degrees from its place along the track: get elements within "
+                f"{OLD_DAYS:g} days"
+            )
+            found = replace(found, notes=(*found.notes, note))
         if "range_km" in table:
             used.add("range_km")
             given = table.number("range_km")
