@@ -58,6 +58,9 @@ def _parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
+    parser.add_argument(
+        "--completion", metavar="SHELL", help="print completions for bash, zsh or fish, and exit"
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
         _add_task(commands, name)
@@ -75,6 +78,17 @@ def _add_task(commands: Any, name: str) -> None:
     )
     task.add_arguments(parser, declared)
     parser.set_defaults(run=partial(task.run, task=declared), parser=parser)
+
+
+def _print_completion(shell: str, parser: Parser) -> int:
+    from lcbayes.cli.completion import script
+
+    try:
+        print(script(shell, parser), end="")
+    except InputError as fault:
+        print(f"lcbayes: {fault}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -103,6 +117,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         print(f"lcbayes {installed_version()}")
         return 0
+    if args.completion is not None:
+        return _print_completion(args.completion, parser)
     if args.command is None:
         parser.print_help()
         return EXIT_BAD_INPUT
