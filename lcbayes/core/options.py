@@ -1,6 +1,6 @@
 """Options of tasks, declared once: type, unit, range, default and one line of help.
 
-A task declares its options as a frozen dataclass with fields created by `option`:
+A task declares its options as a frozen dataclass with fields created by `option`::
 
     @dataclass(frozen=True)
     class SpinOptions(Options):
@@ -280,11 +280,11 @@ class Options:
 def declared_options(cls: type) -> dict[str, Option]:
     """The options of a dataclass by name, in the order of declaration."""
     hints = get_type_hints(cls)
-    found: dict[str, Option] = {}
+    options: dict[str, Option] = {}
     for field in dataclasses.fields(cls):
         if _KEY in field.metadata:
-            found[field.name] = _option(field, hints[field.name])
-    return found
+            options[field.name] = _option(field, hints[field.name])
+    return options
 
 
 def _option(field: Field[Any], hint: Any) -> Option:

@@ -188,10 +188,10 @@ def _read(path: str | os.PathLike[str], format: str | None, options: Options) ->
         file, format = replace(text_of(read_parquet(path)), path=Path(path)), format or "csv"
     else:
         file = read_text(path)
-    found = format or recognise(file)
-    if options.columns and found not in WITH_COLUMNS:
-        raise InputError(f"{file.name} is {found}, whose columns are fixed; leave out --columns")
-    return _READERS[found](file, options)
+    kind = format or recognise(file)
+    if options.columns and kind not in WITH_COLUMNS:
+        raise InputError(f"{file.name} is {kind}, whose columns are fixed; leave out --columns")
+    return _READERS[kind](file, options)
 
 
 def _is_parquet(path: str | os.PathLike[str]) -> bool:

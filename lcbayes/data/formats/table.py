@@ -113,10 +113,10 @@ def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
             continue
         if not line.startswith("#"):
             break
-        found = _META.match(line)
-        if found is None:
+        match = _META.match(line)
+        if match is None:
             continue
-        key, value = found[1].lower(), found[2].rstrip()
+        key, value = match[1].lower(), match[2].rstrip()
         if key in meta and meta[key][0] != value and key in ("frame", "epoch_jd"):
             raise InputError(
                 f"{file.at(number)}: {key} is {value!r}, but line {meta[key][1]} says "
