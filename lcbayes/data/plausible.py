@@ -126,15 +126,15 @@ def _backlit(curve: LightCurve) -> str:
 
 def _sun_elsewhere(curve: LightCurve) -> str:
     """The Sun's direction from near the Earth differs from its direction on that date."""
-    ranges = curve.range_km
-    if curve.frame != "icrs" or curve.brightness_only or not _dated(curve):
+    ranges, epoch_jd = curve.range_km, curve.epoch_jd
+    if curve.frame != "icrs" or curve.brightness_only or epoch_jd is None:
         return ""
-    if ranges is None or np.median(ranges) > NEAR_KM:
+    if ranges is None or np.median(ranges) > NEAR_KM or not _dated(curve, epoch_jd):
         return ""
     from lcbayes.geometry.earth import sun_position
     from lcbayes.geometry.times import Times
 
-    sun = sun_position(Times.of(curve.epoch_jd, curve.t))
+    sun = sun_position(Times.of(epoch_jd, curve.t))
     cosine = np.sum(curve.sun * sun, axis=1) / np.linalg.norm(sun, axis=1)
     off = float(np.median(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))))
     if off < SUN_TOLERANCE_DEG:
@@ -145,12 +145,10 @@ def _sun_elsewhere(curve: LightCurve) -> str:
     )
 
 
-def _dated(curve: LightCurve) -> bool:
+def _dated(curve: LightCurve, epoch_jd: float) -> bool:
     """Whether all times are dates for which the Sun's position is known."""
-    if curve.epoch_jd is None:
-        return False
     low, high = JD_RANGE
-    first, last = (curve.epoch_jd + t / DAY_S for t in (curve.t.min(), curve.t.max()))
+    first, last = (epoch_jd + t / DAY_S for t in (curve.t.min(), curve.t.max()))
     return bool(low < first and last < high)
 
 

@@ -158,7 +158,8 @@ def execute(
 ) -> Any:
     """Run a task and write its result to ``out``; arguments as for its public function."""
     value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
-    if task.source == CURVE:
+    # other tasks take the period as known, which may be long
+    if task.source == CURVE and (task.has_model_options or hasattr(options, "period_range")):
         _check_period(options, value)
     context = Context(progress or Silent())
     if task.out == REQUIRED_FOLDER and out is None:
