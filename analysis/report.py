@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import (
+    asteroid_plots,
     diagnostics_plots,
     explore,
     light_curve_plots,
@@ -22,6 +23,7 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
+from lcbayes.results.asteroid import tilt_warning
 from lcbayes.results.reasons import agreement, searched, stored
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
@@ -77,6 +79,10 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "legend": _legend(results),
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
+        "phased": [i for m in drawn for i in asteroid_plots.draw_phased(results, m, gallery)],
+        "warnings": [
+            f"{m.name}: {words}." for m in drawn if (words := tilt_warning(m.summary.get("body")))
+        ],
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
         "rests_on": tables.rests_on_table(results),

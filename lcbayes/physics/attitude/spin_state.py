@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.jax_setup import jnp
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.physics.attitude import rotations
 
 Floats = NDArray[np.float64]
@@ -63,16 +64,12 @@ class SpinState:
         >>> SpinState.of_pole([0.0, 0.0, 1.0], 6.0, 2450000.0).pole_lat_deg
         90.0
         """
-        x, y, z = (float(v) for v in np.asarray(pole, float) / np.linalg.norm(pole))
-        lon, lat = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
-        axes = np.asarray(rotations.brought_to(jnp.array([x, y, z])))
-        at_zero = _rotation(0.0, lon, lat, 1.0, 0.0)
-        relative = at_zero.T @ axes
+        unit = np.asarray(pole, float) / np.linalg.norm(pole)
+        lon, lat = (float(x) for x in lon_lat_deg(unit))
         epoch = float(np.floor(middle_jd))
         turns = (epoch - middle_jd) * DAY_S / (period_h * HOUR_S)
-        phase = np.degrees(np.arctan2(relative[1, 0], relative[0, 0])) + 360.0 * turns
-        lon_deg = float(np.degrees(lon) % 360.0)
-        return cls(lon_deg, float(np.degrees(lat)), period_h, epoch, float(phase % 360.0))
+        phase = float(angle_at_middle_deg(unit)) + 360.0 * turns
+        return cls(lon, lat, period_h, epoch, phase % 360.0)
 
     def phase_deg(self, jd: ArrayLike) -> Floats:
         """The rotation angle φ₀ + 360° (t − JD₀)/P at Julian dates, in [0, 360)."""
@@ -88,5 +85,23 @@ class SpinState:
         return np.asarray(turned)
 
 
-def _rotation(t: float, lon: float, lat: float, period_s: float, phase: float) -> Floats:
-    return np.asarray(rotations.principal_axis(jnp.array([t]), lon, lat, period_s, phase))[0]
+def angle_at_middle_deg(poles: Floats) -> Floats:
+    """The rotation angle φ of bodies whose axes are `rotations.brought_to` of their poles.
+
+    Parameters
+    ----------
+    poles : (..., 3)
+        Unit vectors.
+
+    Returns
+    -------
+    (...) deg
+    """
+    x, y, z = np.moveaxis(poles, -1, 0)
+    a = 1.0 / np.maximum(1.0 + x, 1e-12)
+    first = np.stack([-y, 1.0 - a * y * y, -a * y * z], axis=-1)  # the x axis of the body
+    lon = np.arctan2(y, x)
+    flat = np.hypot(x, y)
+    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)], axis=-1)
+    south = np.stack([np.cos(lon) * z, np.sin(lon) * z, -flat], axis=-1)
+    return np.degrees(np.arctan2(np.sum(east * first, -1), np.sum(south * first, -1)))

@@ -66,6 +66,29 @@ class Polyhedron:
         """Extents along the principal axes of inertia, in their order, (3,) m."""
         return np.ptp(self.vertices @ self.principal[1].T, axis=0)
 
+    @property
+    def ellipsoid(self) -> Floats:
+        """Axes of the dynamically equivalent ellipsoid of equal volume, (3,) m, longest first.
+
+        The homogeneous ellipsoid whose principal moments have the ratios of those of the body:
+        a² ∝ I_b + I_c − I_a for moments I_a ≤ I_b ≤ I_c. Axes are full lengths, not semi-axes.
+        """
+        moments = self.principal[0]
+        axes = np.sqrt(moments.sum() - 2.0 * moments)
+        return axes * np.cbrt(6.0 * self.volume / (np.pi * np.prod(axes)))
+
+    @property
+    def of_unit_diameter(self) -> Polyhedron:
+        """The body in units of its volume-equivalent diameter (6V/π)^⅓."""
+        diameter = np.cbrt(6.0 * self.volume / np.pi)
+        return Polyhedron(
+            self.vertices / diameter,
+            self.faces,
+            self.facet,
+            self.areas / diameter**2,
+            np.pi / 6.0,
+        )
+
     @cached_property
     def triangles(self) -> NDArray[np.integer]:
         """The faces as fans of triangles: indices into ``vertices``, (F, 3)."""

@@ -24,6 +24,7 @@ from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
+from lcbayes.results.asteroid import asteroids, body_content
 from lcbayes.results.scan_start import read_scan
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
@@ -172,6 +173,8 @@ def assembled(
         listed = [*json.loads(tree.attrs["assumptions"]), path.sentence]
         tree.attrs["assumptions"] = json.dumps(listed)
     tree.attrs |= _verdict(reasons)
+    for mode, solution in zip(content["modes"], asteroids(tree), strict=False):
+        mode["body"] = body_content(solution)
     return Fit(tree, content, reasons)
 
 
