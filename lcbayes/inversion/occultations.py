@@ -148,7 +148,8 @@ def place(outline: Floats, across: Floats, chords: Chords) -> Placed:
     model: rms f r with r the mean of s h, of which nine tenths are correlated as exp(−Δ²/2ℓ²) with
     Δ the chord of the angle between the normals and ℓ = 0.35. ln f ~ Normal(ln 0.03, 1); f is
     summed over a grid. A negative chord of depth δ has the probability Φ(−δ/σ) with σ = f r. Size
-    and centres are integrated by Laplace's method with priors 1/s and uniform; s and c are Gauss-Newton optima.
+    and centres are integrated by Laplace's method with priors 1/s and uniform; s and c are
+    Gauss-Newton optima.
 
     Parameters
     ----------

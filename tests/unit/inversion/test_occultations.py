@@ -2,67 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import astropy.units as u
 import numpy as np
 import pytest
 from astropy.coordinates import BarycentricMeanEcliptic, CartesianRepresentation, SkyCoord
 
-from lcbayes.data.formats.occultation import LIGHT_KM_S, Occultation
+from lcbayes.data.formats.occultation import Occultation
 from lcbayes.geometry.sky_plane import west_north
 from lcbayes.inversion import occultations
 from lcbayes.physics.attitude.spin_state import SpinState
-from tests.helpers.damit_model import Model
 from tests.helpers.false_alarms import EACH, limit, squares
+from tests.helpers.occulting_ellipsoid import AXES, CENTRE, SPIN, TO_EARTH, ellipse, event
 from tests.helpers.results_folders import fibonacci
-
-TO_EARTH = np.array([-1.56e8, -1.58e8, -1.4e7])
-SPIN = SpinState(272.0, 52.0, 8.4006, 2454811.0, 33.0)
-AXES = np.array([44.0, 40.0, 33.0])  # semi-axes, km
-CENTRE = np.array([-4200.0, 2430.0])
-SPEED = 5.5  # km/s
-
-
-def ellipse(axes: np.ndarray, jd: float) -> np.ndarray:
-    """Q (2, 2) with h(n)² = n·Q n for the outline of the ellipsoid: closed form."""
-    turn = Model(np.zeros((1, 3, 3)), 272.0, 52.0, 8.4006, 2454811.0, 33.0).to_ecliptic(jd)
-    plane = west_north(TO_EARTH) @ turn
-    return plane @ np.diag(axes**2) @ plane.T
-
-
-def event(
-    offsets: np.ndarray,
-    *,
-    axes: np.ndarray = AXES,
-    centre: np.ndarray = CENTRE,
-    error_s: float = 0.02,
-    rng: np.random.Generator | None = None,
-    negative: tuple[float, ...] = (),
-    start: float = 2454811.82,
-) -> Occultation:
-    """Chords at these distances from the centre, in the direction (−0.9, 0.4), of the ellipse."""
-    along = np.array([-0.9, 0.4]) / np.hypot(0.9, 0.4)
-    left = np.array([-along[1], along[0]])
-    light_time = np.linalg.norm(TO_EARTH) / LIGHT_KM_S / 86400.0
-    q = np.linalg.inv(ellipse(axes, start - light_time))
-    rows, places, kinds = [], [], []
-    for b in (*offsets, *negative):
-        missed = b in negative
-        # (b left + s along) on the ellipse: a quadratic equation in s
-        quadratic = [along @ q @ along, 2.0 * b * (left @ q @ along), b * b * (left @ q @ left) - 1]
-        s = np.array([-30.0, 30.0]) if missed else np.sort(np.roots(quadratic).real)
-        if rng is not None and not missed:
-            s = s + SPEED * error_s * rng.normal(size=2)
-        rows.append(start + (s - s.mean()) / SPEED / 86400.0)
-        places.append(centre + b * left + s[:, None] * along)
-        kinds.append(missed)
-    return Occultation(
-        TO_EARTH,
-        np.zeros(3),
-        np.array(rows),
-        np.full((len(rows), 2), error_s),
-        np.array(places),
-        np.array(kinds),
-    )
 
 
 def bodies(*axes: np.ndarray) -> list[np.ndarray]:
@@ -178,7 +131,7 @@ def test_a_wrong_shape_is_less_likely_than_the_right_one():
     one = event(np.linspace(-28.0, 30.0, 9))
     right, wrong = placed([one], bodies(AXES, AXES[[0, 2, 1]])).log_likelihood
     assert right > wrong + 5.0
-    turned = SpinState(272.0, 52.0, 8.4006, 2454811.0, 33.0 + 90.0)
+    turned = replace(SPIN, phase0_deg=SPIN.phase0_deg + 90.0)
     assert right > placed([one], bodies(AXES), turned).log_likelihood[0] + 5.0
 
 
