@@ -58,12 +58,18 @@ class Outline:
     joint: Floats
     effective: float
 
-    def inside(self, seed: int = 0) -> NDArray[np.bool_]:
+    @property
+    def log_evidence(self) -> float:
+        """ln p(chords | solution): the likelihood of the chords, averaged over the bodies."""
+        each = self.placed.log_likelihood
+        return float(logsumexp(each) - np.log(len(each)))
+
+    def inside(self) -> NDArray[np.bool_]:
         """Whether each end lies in the central 90 % of the outlines, timing error included, (E,).
 
         Shapes are from light curves alone; only size and centre are fitted to the chords.
         """
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)  # the same in every table and figure
         timing = np.linalg.norm(self.chords.along_km, axis=1)
         drawn = self.placed.distance + timing * rng.standard_normal(self.placed.distance.shape)
         low, high = np.quantile(drawn, (BAND[0], BAND[-1]), axis=0)
@@ -216,7 +222,7 @@ def _event(event: Occultation) -> dict[str, Any]:
 
 def _solution(found: Outline, seed: int, joint: bool) -> dict[str, Any]:
     spin = found.asteroid.mean_spin
-    inside, placed = found.inside(seed), found.placed
+    inside, placed = found.inside(), found.placed
     weight = found.joint
     return {
         "pole_lon_deg": spin.pole_lon_deg,
@@ -231,6 +237,7 @@ def _solution(found: Outline, seed: int, joint: bool) -> dict[str, Any]:
         "share_inside_90": float(inside.mean()),
         "rms_distance_km": float(np.sqrt(np.mean(placed.distance**2))),
         "limb_relief": float(placed.relief.mean()),
+        "log_evidence_chords": found.log_evidence,
         "negative_chords_crossed": float((placed.depth > 0).mean(axis=0).sum()),
         "diameter_from_light_curves_km": found.diameter(seed, joint=False),
         "diameter_km": found.diameter(seed, joint=True) if joint else None,

@@ -183,7 +183,10 @@ def _lines(number: int, one: Mapping[str, Any]) -> Iterator[str]:
     yield f"  diameter, shapes from light curves: {_diameter(one['diameter_from_light_curves_km'])}"
     if one["diameter_km"] is not None:
         yield f"  diameter, shapes weighted by the chords: {_diameter(one['diameter_km'])}"
-    yield f"  effective number of bodies: {one['effective_bodies']:.0f} of {one['n_bodies']}"
+    yield (
+        f"  ln p(chords): {one['log_evidence_chords']:.1f}; effective number of bodies: "
+        f"{one['effective_bodies']:.1f} of {one['n_bodies']}"
+    )
 
 
 def _diameter(row: BodyRow) -> str:

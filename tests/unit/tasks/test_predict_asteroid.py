@@ -142,3 +142,12 @@ def test_a_fit_of_something_else(predicted, tmp_path, capsys):
     fit = known.folder(tmp_path / "seconds", tree)
     assert main(["predict", str(fit), *argv]) == EXIT_BAD_INPUT
     assert "give a fit of the model convex-grid" in capsys.readouterr().err
+
+
+def test_the_figure_of_the_page_is_made(predicted, tmp_path, capsys):
+    from docs import make_asteroid_size
+
+    fit, path, _ = predicted
+    make_asteroid_size.main(fit, path / "chords.occ", tmp_path / "a.svg", num_bodies=20)
+    assert (tmp_path / "a.svg").read_text().count("<path") > 40
+    assert "effective number of bodies" in capsys.readouterr().out
