@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
 from lcbayes.geometry.spherical import unit_vector, unwrapped
-from lcbayes.physics.attitude.spin_state import SpinState, angle_at_middle_deg
+from lcbayes.physics.attitude.spin_state import SpinState, angle_about_deg, meridians
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
 from lcbayes.physics.bodies.polyhedron import Polyhedron
@@ -126,14 +126,19 @@ class Asteroid:
 
         Draws differ in the angle by which the body has rotated and in the orientation of the
         features of its shape in the body frame. The second is the rotation about the pole that
-        maximises the correlation of the log albedo-areas with those of the mean shape. Its sum
-        with φ is observable up to the error of the pole, whose longitude is the origin of φ.
+        brings the log albedo-areas closest to those of the mean shape (`turns_about_pole`). φ is
+        the angle about the mean pole, that of ``spin.txt``, to which the meridian of the body
+        points. It is therefore not affected by errors of the longitude of the pole, its origin.
         """
         jd = np.atleast_1d(np.asarray(jd, float))
-        turn = turns_about_pole(self.flat("coefficients"))
-        start = angle_at_middle_deg(self.poles)
+        poles, mean = self.poles, self.poles.mean(axis=0)
         cycles = (jd - self.middle_jd) * 24.0 / self.flat("period_h")[:, None]
-        return unwrapped((start + turn)[:, None] + 360.0 * np.mod(cycles, 1.0), 360.0, axis=0)
+        turn = np.radians(turns_about_pole(self.flat("coefficients")))[:, None]
+        angle = (turn + 2.0 * np.pi * np.mod(cycles, 1.0))[..., None]
+        first, second = (axis[:, None] for axis in meridians(poles))
+        toward = np.cos(angle) * first + np.sin(angle) * second
+        phi = angle_about_deg(mean / np.linalg.norm(mean), toward)
+        return unwrapped(phi, 360.0, axis=0)
 
 
 def asteroids(tree: xr.DataTree) -> list[Asteroid]:
@@ -166,6 +171,9 @@ def asteroids(tree: xr.DataTree) -> list[Asteroid]:
 def turns_about_pole(coefficients: Floats) -> Floats:
     """The angle by which each body is turned about z with respect to the mean body, (S,) deg.
 
+    The least squares of the differences of the coefficients, each over its variance among the
+    draws: coefficients of high degree, which light curves do not determine, have little weight.
+
     Parameters
     ----------
     coefficients : (S, (L+1)² − 1)
@@ -173,7 +181,8 @@ def turns_about_pole(coefficients: Floats) -> Floats:
         of a body turned by δ is c cos mδ − s sin mδ and s cos mδ + c sin mδ.
     """
     degree = round(np.sqrt(coefficients.shape[1] + 1)) - 1
-    mean = coefficients.mean(axis=0)
+    mean, variance = coefficients.mean(axis=0), coefficients.var(axis=0)
+    variance = variance + max(1e-3 * float(variance.max()), 1e-12)
     angle = np.radians(np.linspace(-FARTHEST_TURN_DEG, FARTHEST_TURN_DEG, 481))
     overlap = np.zeros((len(coefficients), len(angle)))
     for n in range(1, degree + 1):
@@ -181,7 +190,8 @@ def turns_about_pole(coefficients: Floats) -> Floats:
             cos, sin = n * n - 1 + n + m, n * n - 1 + n - m
             same = coefficients[:, cos] * mean[cos] + coefficients[:, sin] * mean[sin]
             crossed = coefficients[:, sin] * mean[cos] - coefficients[:, cos] * mean[sin]
-            overlap += np.outer(same, np.cos(m * angle)) + np.outer(crossed, np.sin(m * angle))
+            pair = np.outer(same, np.cos(m * angle)) + np.outer(crossed, np.sin(m * angle))
+            overlap += pair / (variance[cos] + variance[sin])
     best = np.clip(np.argmax(overlap, axis=1), 1, len(angle) - 2)
     row = np.arange(len(best))
     low, top, high = (overlap[row, best + k] for k in (-1, 0, 1))

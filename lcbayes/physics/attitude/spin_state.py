@@ -97,11 +97,29 @@ def angle_at_middle_deg(poles: Floats) -> Floats:
     -------
     (...) deg
     """
+    return angle_about_deg(poles, meridians(poles)[0])
+
+
+def meridians(poles: Floats) -> tuple[Floats, Floats]:
+    """The x and y axes (..., 3) of `rotations.brought_to` of unit vectors (..., 3)."""
     x, y, z = np.moveaxis(poles, -1, 0)
     a = 1.0 / np.maximum(1.0 + x, 1e-12)
-    first = np.stack([-y, 1.0 - a * y * y, -a * y * z], axis=-1)  # the x axis of the body
-    lon = np.arctan2(y, x)
-    flat = np.hypot(x, y)
+    first = np.stack([-y, 1.0 - a * y * y, -a * y * z], axis=-1)
+    return first, np.cross(poles, first)
+
+
+def angle_about_deg(pole: Floats, vectors: Floats) -> Floats:
+    """The angle φ about a pole at which the x axis of a body points to the vectors, (...) deg.
+
+    Parameters
+    ----------
+    pole : (3,) or (..., 3)
+        Unit vector.
+    vectors : (..., 3)
+        Their component along the pole does not matter.
+    """
+    x, y, z = np.moveaxis(pole, -1, 0)
+    lon, flat = np.arctan2(y, x), np.hypot(x, y)
     east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)], axis=-1)
     south = np.stack([np.cos(lon) * z, np.sin(lon) * z, -flat], axis=-1)
-    return np.degrees(np.arctan2(np.sum(east * first, -1), np.sum(south * first, -1)))
+    return np.degrees(np.arctan2(np.sum(east * vectors, -1), np.sum(south * vectors, -1)))

@@ -78,7 +78,7 @@ class RotationPrediction(Result[RotationContent]):
         return {"rotation": self.summary()}
 
     def lines(self) -> list[str]:
-        found = ["rotation angle (as phi of spin.txt), deg; sd includes that of pole and shape"]
+        found = ["rotation angle (as phi of spin.txt), deg; sd includes that of the shape"]
         for row in self.content["rotation"]:
             found.append(
                 f"  JD {row['jd']:.5f}  solution {row['solution']:.0f} (weight "

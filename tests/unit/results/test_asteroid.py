@@ -93,6 +93,7 @@ def test_rotation_angle_and_its_error(tree):
         one.mean_spin.phase_deg([known.MIDDLE_JD, later]), abs=0.3
     )
     sd = angles.std(axis=0, ddof=1)
+    assert sd[0] < 1.5  # 0.3° of the pole, and the noise of fitted harmonics
     period = one.flat("period_h")
     turns = 20_000.0 * 24.0 / period
     expected = np.hypot(sd[0], 360.0 * np.std(turns, ddof=1))
@@ -112,7 +113,12 @@ def test_turned_features_count_as_rotation():
         logs = -2.0 * np.log(np.sum((n * axes) ** 2, 1)) + 0.3 * n[:, 0]
         rows.append(np.linalg.lstsq(harmonics, logs, rcond=None)[0][1:])
     found = turns_about_pole(np.array(rows))
-    assert found - found.mean() == pytest.approx(angles - angles.mean(), abs=0.05)
+    assert found - found.mean() == pytest.approx(angles - angles.mean(), abs=0.1)
+    # degrees 5 and 6, which light curves do not determine, hardly matter
+    noisy = np.repeat(np.array(rows), 40, axis=0)
+    noisy[:, 24:] += np.random.default_rng(2).normal(size=noisy[:, 24:].shape)
+    noise = turns_about_pole(noisy) - np.repeat(angles, 40)
+    assert noise.std() < 2.0
 
 
 def test_a_body_that_does_not_close_is_counted():
