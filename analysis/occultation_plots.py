@@ -76,7 +76,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         lw=0,
     )
     axes.plot(median * cos, median * sin, color=colour(0), lw=0.9)
-    reach = 1.25 * float(high.max())
+    reach = 1.1 * max(float(high.max()), float(np.abs(panel.chords - panel.middle).max()))
     for chord, inside in zip(panel.chords - panel.middle, panel.inside, strict=True):
         axes.plot(*chord.T, color=FAINT, lw=0.6)
         for end, within in zip(chord, inside, strict=True):
