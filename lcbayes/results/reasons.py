@@ -145,6 +145,11 @@ SENTENCES = {
     "normal-unconstrained": "the normal is not constrained: the region is {part:.0%} of the sphere",
     "always-seen": "with {probability:.0%} probability the facet is lit and seen throughout, and "
     "what it looks like is the smooth rest's to decide",
+    # occultations
+    "chords-choose-few-bodies": "the chords choose {effective:.1f} of {bodies} bodies of the "
+    "posterior (effective number; at least {limit:.0f} are needed): no diameter or weight is given "
+    "from light curves and chords together; take more with --num-bodies, or fit a more flexible "
+    "body",
     # batches
     "objects-failed": "{count} of {objects} objects failed: {names}",
     "objects-not-trusted": "{count} of {objects} results must not be trusted: {names}",

@@ -25,6 +25,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.options import ModelOptions
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
+from lcbayes.results.asteroid import asteroids, body_content
 from lcbayes.results.start import Start, read_start
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
@@ -174,6 +175,8 @@ def assembled(
         listed = [*json.loads(tree.attrs["assumptions"]), path.sentence]
         tree.attrs["assumptions"] = json.dumps(listed)
     tree.attrs |= _verdict(reasons)
+    for mode, solution in zip(content["modes"], asteroids(tree), strict=False):
+        mode["body"] = body_content(solution)
     return Fit(tree, content, reasons)
 
 
