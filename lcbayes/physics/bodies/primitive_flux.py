@@ -46,10 +46,10 @@ KINDS: dict[str, Kind] = {
 }
 
 NODES = {"diffuse": 16, "glossy": 12}
-"""Nodes of each smooth interval by default. Error over the largest flux of a part, in the worst of
-2,000 pairs of directions at phase angles up to 150 deg: 1e-13 for Lambert's law and the
-"non-lambertian" one, 1e-5 for Lommel and Seeliger's, 2e-11, 3e-5 and 5e-5 for lobes with exponents
-of 10, 1e3 and 1e5, 3e-4 for Cook and Torrance's, whose shadowing term has kinks of its own."""
+"""Nodes of each smooth interval by default. Error over the largest flux of a part, at phase angles
+up to 150 deg: 1e-13 for Lambert's law and the "non-lambertian" one, 1e-5 for Lommel and Seeliger's,
+5e-5 for lobes of any width, 3e-4 for that of Cook and Torrance, whose shadowing term has kinks,
+and 5e-3 for an anisotropic law on a sphere or ellipsoid, whose u axis is undefined at the poles."""
 
 
 class Primitive(NamedTuple):
@@ -236,9 +236,8 @@ def _curved(
             found = around_axis(law, parameters, sun, obs, tilt, count)
             return 0.5 * (radius + top) * slant * found
         case "sphere":
-            symmetric = "nv" not in parameters
-            found = over_lune(law, parameters, sun, obs, jnp.ones(3), symmetric, count)
-            return sizes[0] ** 2 * found
+            scale = jnp.ones(3) if "nv" in parameters else None
+            return sizes[0] ** 2 * over_lune(law, parameters, sun, obs, scale, count)
         case "ellipsoid":
-            return over_lune(law, parameters, sun, obs, jnp.stack(list(sizes)), False, count)
+            return over_lune(law, parameters, sun, obs, jnp.stack(list(sizes)), count)
     return 0.0

@@ -115,8 +115,7 @@ def nodes_between(
     """Nodes and weights (T, K) from low to high (T,), divided at ``inner`` points, in any order."""
     x, w = np.polynomial.legendre.leggauss(count)
     x, w = 0.5 * (1.0 + x), 0.5 * w
-    limits = jax.lax.stop_gradient((low, high))
-    between = jnp.sort(jnp.stack([jnp.clip(cut, *limits) for cut in inner] or [low]), axis=0)
+    between = jnp.sort(jnp.stack([jnp.clip(cut, low, high) for cut in inner] or [low]), axis=0)
     cuts = [low, *(between if inner else []), high]
     at = [a[:, None] + (b - a)[:, None] * x for a, b in pairwise(cuts)]
     weights = [(b - a)[:, None] * w for a, b in pairwise(cuts)]
