@@ -9,8 +9,10 @@ from __future__ import annotations
 from functools import partial
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.coverage import Cells, Shade, lit_and_seen
 from lcbayes.physics.bodies.quadrature import (
     KINKED,
+    Nodes,
     Rule,
     in_blocks,
     integral,
@@ -30,6 +32,7 @@ def over_lune(
     obs: jax.Array,
     scale: jax.Array | None,
     count: int,
+    shade: Shade | None = None,
 ) -> jax.Array:
     """∫ f_r μ₀ μ dA over the part of an ellipsoid that is lit and visible, m², (T,).
 
@@ -44,6 +47,8 @@ def over_lune(
         angle alone.
     count : int
         Nodes of each smooth interval, in each of the two angles.
+    shade : Shade or None
+        What may shade the part.
     """
 
     def of(sun: jax.Array, obs: jax.Array) -> jax.Array:
@@ -51,7 +56,8 @@ def over_lune(
             (sun, obs), rule = _quarter(law, parameters, sun, obs, count)
         else:
             rule = _lune(law, parameters, sun, obs, scale, count)
-        values = sun, obs, jnp.ones(3) if scale is None else scale, parameters
+        size = jnp.ones(3) if scale is None else scale
+        values = sun, obs, size, parameters, shade and shade.blockers
         return integral(partial(_on_ellipsoid, law), values, rule)
 
     return in_blocks(of, sun, obs, (4 if scale is None else 12) * count**2)
@@ -66,27 +72,34 @@ def _quarter(law, parameters, sun, obs, count):
     sun, obs = (jnp.stack([cosine, sign * sine, zero], axis=1) for sign in (-1.0, 1.0))
     exponent = lobe_exponent(law, jax.lax.stop_gradient(parameters))
     inner = [] if exponent is None else [reach(exponent) + zero]
-    psi, weights = nodes_between(zero, 0.5 * (jnp.pi - phase), inner, count)
-    beta, weights_beta = nodes_between(zero, zero + 0.5 * jnp.pi, inner, count)
-    return (sun, obs), _on_sphere(psi, 4.0 * weights, beta, weights_beta)
+    psi = nodes_between(zero, 0.5 * (jnp.pi - phase), inner, count)
+    rule = _on_sphere(psi, nodes_between(zero, zero + 0.5 * jnp.pi, inner, count))
+    return (sun, obs), rule._replace(weights=4.0 * rule.weights)
 
 
-def _on_sphere(psi, weights, beta, weights_beta) -> Rule:
-    """The product of rules for longitudes and latitudes."""
-    cos_beta = jnp.cos(beta)[:, None, :]
-    weight = weights[:, :, None] * weights_beta[:, None, :] * cos_beta
-    parts = [
-        cos_beta * jnp.cos(psi)[:, :, None],
-        cos_beta * jnp.sin(psi)[:, :, None],
-        jnp.broadcast_to(jnp.sin(beta)[:, None, :], weight.shape),
-    ]
-    flat = len(psi), -1
-    return Rule(jnp.stack(parts, axis=-1).reshape(*flat, 3), weight.reshape(flat))
+def _on_sphere(psi: Nodes, beta: Nodes) -> Rule:
+    """The product of rules for longitudes and latitudes: points y, and middles and two edges of
+    their cells, (T, K, 12)."""
+    psi = Nodes(*(x[:, :, None] for x in psi))
+    beta = Nodes(*(x[:, None, :] for x in beta))
+
+    def radial(psi: jax.Array, beta: jax.Array) -> list[jax.Array]:
+        return [jnp.cos(beta) * jnp.cos(psi), jnp.cos(beta) * jnp.sin(psi), jnp.sin(beta)]
+
+    wide, high = psi.weight * jnp.cos(beta.cell), beta.weight
+    parts = radial(psi.at, beta.at) + radial(psi.cell, beta.cell)
+    parts += [-jnp.sin(psi.cell) * wide, jnp.cos(psi.cell) * wide, 0.0 * wide]
+    parts += [high * x for x in radial(psi.cell, beta.cell + 0.5 * jnp.pi)]
+    weight = psi.weight * beta.weight * jnp.cos(beta.at)
+    points = jnp.stack([part + 0.0 * weight for part in parts], axis=-1)
+    epochs = len(weight)
+    return Rule(points.reshape(epochs, -1, 12), weight.reshape(epochs, -1))
 
 
 def _on_ellipsoid(law, values, points):
-    """f_r μ₀ μ dA/dω at points of the unit sphere."""
-    sun, obs, scale, parameters = values
+    """f_r μ₀ μ dA/dω at points of the unit sphere, each with its cell."""
+    sun, obs, scale, parameters, blockers = values
+    points, middle, first, second = jnp.split(points, 4, axis=-1)
     image = points / scale
     stretch = length(image)
     normal = image / stretch[..., None]
@@ -101,6 +114,9 @@ def _on_ellipsoid(law, values, points):
     else:
         h_u = h_v = jnp.zeros_like(mu0)
     light = reflected(law, parameters, mu0, mu, (c, phase), (h_u, h_v))
+    if blockers is not None:
+        cells = Cells(middle * scale, first * scale, second * scale)
+        light = light * lit_and_seen(blockers, cells, sun, obs)
     return jnp.prod(scale) * stretch * light
 
 
@@ -120,9 +136,13 @@ def _lune(law, parameters, sun, obs, scale, count) -> Rule:
         inner, inner_beta = _highlight(exponent, sun, obs, fixed)
         if law in KINKED:
             inner.append(_equal_cosines(fixed))
-    psi, weights = nodes_between(delta - high, high, inner, count)
-    local = _on_sphere(psi, weights, *nodes_between(-high, high, inner_beta, count))
-    return Rule(local.points @ frame, local.weights)
+    psi, beta = (
+        nodes_between(delta - high, high, inner, count),
+        nodes_between(-high, high, inner_beta, count),
+    )
+    local = _on_sphere(psi, beta)
+    turned = local.points.reshape(len(delta), -1, 3) @ frame
+    return Rule(turned.reshape(local.points.shape), local.weights)
 
 
 def _lune_axes(s: jax.Array, o: jax.Array) -> tuple[jax.Array, jax.Array]:
