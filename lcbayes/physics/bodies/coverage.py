@@ -187,13 +187,26 @@ def _behind_box(half: jax.Array, flat: bool, cells: Cells, d: jax.Array) -> jax.
 
 
 def _behind_ellipsoid(scale: jax.Array, cells: Cells, d: jax.Array) -> jax.Array:
-    """|D⁻¹x − e (e·D⁻¹x)| < 1 with e along D⁻¹d."""
+    """|D⁻¹x − e (e·D⁻¹x)| < 1 with e along D⁻¹d.
+
+    The mean of that length over a cell exceeds its value at the centre as the outline is curved.
+    """
     e = d / scale
     e = (e / length(e)[:, None])[:, None]
-    y = cells.centre / scale
-    y = y - e * jnp.sum(e * y, axis=-1, keepdims=True)
+
+    def across(x: jax.Array) -> jax.Array:
+        y = x / scale
+        return y - e * jnp.sum(e * y, axis=-1, keepdims=True)
+
+    y = across(cells.centre)
     radius = length(y)
-    return _share(radius - 1.0, cells, y / radius[..., None] / scale)
+    outward = y / radius[..., None]
+    along = [
+        jnp.sum(jnp.square(step), axis=-1) - jnp.square(jnp.sum(step * outward, axis=-1))
+        for step in (across(cells.first), across(cells.second))
+    ]
+    excess = (along[0] + along[1]) / (24.0 * jnp.maximum(radius, 0.5))
+    return _share(radius + excess - 1.0, cells, outward / scale)
 
 
 def _behind_discs(ends: tuple[jax.Array, ...], cells: Cells, d: jax.Array) -> jax.Array:
@@ -223,8 +236,8 @@ def _behind_discs(ends: tuple[jax.Array, ...], cells: Cells, d: jax.Array) -> ja
     between = low + (touching - radius) / jnp.where(taper == 0.0, 1.0, taper)
     between = jnp.clip(between, low, high)
     found = _within(x, widest, cells, e_x)
-    edges = (cells.first, cells.second)
-    reach = 0.5 * sum(jnp.abs(jnp.sum(edge * e_x, axis=-1)) for edge in edges)
+    wide = [jnp.abs(jnp.sum(edge * e_x, axis=-1)) for edge in (cells.first, cells.second)]
+    reach = 0.5 * (wide[0] + wide[1])
     for sign, narrows in ((1.0, taper < 0.0), (-1.0, taper > 0.0)):
         s = jnp.where(narrows, between, high if sign > 0.0 else low)
         r = radius + taper * (s - low)
@@ -235,11 +248,11 @@ def _behind_discs(ends: tuple[jax.Array, ...], cells: Cells, d: jax.Array) -> ja
 
 
 def _arc_over(x: jax.Array, reach: jax.Array, r: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """√(r² − x²) as a straight line over the part of [x − reach, x + reach] within [0, r]: its
-    height at x, so that the mean height is right, and minus its slope."""
+    """√(r² − x²) over the part of [x − reach, x + reach] within [0, r], which alone may be covered:
+    the mean (Simpson's rule), and minus the slope, as a share of 2 reach."""
     first = jnp.clip(x - reach, 0.0, r)
     last = jnp.clip(x + reach, 0.0, r)
-    middle = 0.5 * (first + last)
-    low, mean, high = (jnp.sqrt(jnp.maximum(r**2 - at**2, 1e-30)) for at in (last, middle, first))
-    steep = (high - low) / jnp.maximum(last - first, NUDGE)
-    return (low + 4.0 * mean + high) / 6.0 + steep * (middle - x), steep
+    low, mean, high = (
+        jnp.sqrt(jnp.maximum(r**2 - at**2, 1e-30)) for at in (last, 0.5 * (first + last), first)
+    )
+    return (low + 4.0 * mean + high) / 6.0, (high - low) / jnp.maximum(2.0 * reach, NUDGE)

@@ -241,7 +241,7 @@ def _flat_faces(kind: str, sizes: Sequence[jax.Array]) -> Faces:
         case "box":
             return _box_faces(*sizes)
         case "plate":
-            return _two_sided(sizes[0] * sizes[1], _longer(*sizes, 0, 1))
+            return _two_sided(sizes[0] * sizes[1], _longer(sizes[0], sizes[1], 0, 1))
         case "disc":
             return _two_sided(jnp.pi * sizes[0] ** 2, _AXES[0])
         case "cylinder":

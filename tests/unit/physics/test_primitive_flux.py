@@ -70,14 +70,14 @@ def _brdf(law, p, mu0, mu, c, nh, hu, hv):
 
 def _summed(elements, surface, sun, obs):
     """Σ f_r μ₀ μ dA over elements: normals, areas and u axes."""
-    normals, areas, u = elements
+    (normals, areas, u), (law, p) = elements, surface
     total = []
     for s, o in zip(sun, obs, strict=True):
         mu0, mu = normals @ s, normals @ o
         lit = (mu0 > 1e-12) & (mu > 1e-12)
         n, mu0, mu = normals[lit], mu0[lit], mu[lit]
         h = (s + o) / np.linalg.norm(s + o)
-        found = _brdf(*surface, mu0, mu, s @ h, n @ h, u[lit] @ h, np.cross(n, u[lit]) @ h)
+        found = _brdf(law, p, mu0, mu, s @ h, n @ h, u[lit] @ h, np.cross(n, u[lit]) @ h)
         total.append(np.sum(found * mu0 * mu * areas[lit]))
     return np.array(total)
 
@@ -157,12 +157,12 @@ def test_flux_is_the_sum_over_the_surface(kind, surface, within):
     """Over the largest flux; ends and backs are tested below."""
     sizes, made = CASES[kind]
     elements = made()
-    turn = np.asarray(rotations.constant_rate(jnp.ones(1), jnp.array([0.3, -0.8, 0.5]))[0])
+    turn = rotations.constant_rate(jnp.ones(1), jnp.array([0.3, -0.8, 0.5]))[0]
     sun, obs = _directions(16, 1, elements[0])
     expected = _summed(elements, surface, sun, obs)
     sides = KINDS[kind].sides
     surfaces = dict.fromkeys(sides, DARK) | {sides[0]: surface}
-    found = jax.jit(lambda *d: primitive_flux(kind, sizes, surfaces, *d, turn))(
+    found = jax.jit(lambda s, o: primitive_flux(kind, sizes, surfaces, s, o, turn))(
         sun @ turn.T, obs @ turn.T
     )
     assert expected.max() > 0.01
@@ -189,8 +189,8 @@ def test_ends_and_backs_are_flat_faces(kind):
 def test_a_lambert_sphere_follows_the_textbook():
     """f = (2/3π) r_diff r² [sin α + (π − α) cos α] (Lambert; Russell 1916)."""
     phase = np.linspace(0, np.pi, 19)
-    sun = np.tile(X, (19, 1))
-    obs = np.stack([np.cos(phase), 0.6 * np.sin(phase), 0.8 * np.sin(phase)], axis=1)
+    sun = jnp.tile(X, (19, 1))
+    obs = jnp.stack([np.cos(phase), 0.6 * np.sin(phase), 0.8 * np.sin(phase)], axis=1)
     expected = 2 / (3 * np.pi) * 0.6 * 4 * (np.sin(phase) + (np.pi - phase) * np.cos(phase))
     for kind, sizes in (("sphere", {"radius": 2.0}), ("ellipsoid", dict.fromkeys("xyz", 2.0))):
         found = primitive_flux(kind, sizes, {"side": LAMBERT}, sun, obs)
