@@ -88,18 +88,18 @@ def run(
     key_start, key = jax.random.split(jax.random.key(settings.seed))
     equivalents = entry.hook("equivalents")
     alike = None if equivalents is None else equivalents(**options)
-    fit = _Fit(plain, entry, settings, workers, checkpoint, progress, Timing(), alike)
+    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing(), alike)
     begun = time.monotonic()
     found = fit.search(options, data, key_start, spins)
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return fit.by_particles(found, key)
-    if plain is not problem and not _hold(plain, problem, found.solutions, found.data):
+    if plain is not problem and not hold(plain, problem, found.solutions, found.data):
         problem = plain
     return fit.by_chains(problem, found, key)
 
 
-class _Found(NamedTuple):
+class Found(NamedTuple):
     """Solutions to sample, in the plain coordinates, with the data at their final weight."""
 
     solutions: list[Solution]
@@ -111,7 +111,7 @@ class _Found(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Stages:
     """The stages of one fit and their shared state."""
 
     plain: Problem
@@ -135,7 +135,7 @@ class _Fit:
         data: Epochs,
         key: jax.Array,
         spins: Sequence[Mapping[str, Any]],
-    ) -> _Found:
+    ) -> Found:
         """Search with the model's pooled form if it has one, then re-optimise the solutions under
         the full model and under the data weight that the misfit allows."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
@@ -186,9 +186,9 @@ class _Fit:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return _Found(sampled, rest, ends, data, len(starts), coverage)
+        return Found(sampled, rest, ends, data, len(starts), coverage)
 
-    def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
+    def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
         order = self.order(plain)
@@ -208,7 +208,7 @@ class _Fit:
         posterior.reasons, posterior.settings = reasons, self.settings
         return posterior
 
-    def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
+    def by_chains(self, problem: Problem, found: Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
         order = self.order(problem)
@@ -229,7 +229,7 @@ class _Fit:
                 )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
-                log_z = _evidence(problem, data, order, whitening, z, z0, rng)
+                log_z = evidence(problem, data, order, whitening, z, z0, rng)
                 join(modes, Mode(solution, z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         log_evidence = weigh(modes)
@@ -257,7 +257,7 @@ def posterior_of(
     return Posterior(problem, data, modes, log_evidence, 1)
 
 
-def _evidence(
+def evidence(
     problem: Problem,
     data: Epochs,
     order: FacetOrder,
@@ -276,7 +276,7 @@ def _evidence(
     return LogEvidence(float(found.value + shift), found.se)
 
 
-def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
+def hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
     """Whether the model's sampling coordinates represent every solution.
 
     These coordinates serve efficient sampling and do not define the posterior. They may fail for

@@ -61,6 +61,7 @@ from typing import Any, Literal, get_args, get_origin
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.durations import seconds
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
 PERIOD = "period"  # of models that take a number of hours: also text with a unit
@@ -237,7 +238,7 @@ def find(name: str | Callable[..., Any]) -> Entry:
     path = Path(name)
     if path.suffix != ".py" and not path.exists():
         raise InputError(
-            f"unknown model {name!r}; available: {', '.join(BUILT_IN)}; "
+            f"unknown model {name!r}{closest(name, BUILT_IN)}; available: {', '.join(BUILT_IN)}; "
             "or give a file: --model ./mine.py"
         )
     if not path.is_file():

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
-from lcbayes.inference.spin_search.saved import Saved
 from lcbayes.inference.spin_search.series import Series, log_evidence
 from lcbayes.physics.bodies import facets
 
@@ -63,6 +63,11 @@ class Cells(NamedTuple):
         """The best cells, best first."""
         order = np.argsort(-self.score, kind="stable")[:most]
         return self.at(order[self.score[order] > self.score[order[0]] - margin])
+
+    def stored(self, level: int, evaluated: int) -> dict[str, NDArray]:
+        """Arrays for a checkpoint, with the number of arcs and of evidences so far."""
+        every = self._asdict() | {LEVEL: level, EVALUATED: evaluated}
+        return {name: np.asarray(value) for name, value in every.items()}
 
     def at(self, rows: NDArray[Any]) -> Cells:
         """Some of the cells, by index or mask."""
@@ -106,9 +111,9 @@ class Coverage:
         """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
         if "coverage" not in arrays:
             return None
-        max_rate, sky, *rest = (float(x) for x in arrays.pop("coverage"))
-        ranges = tuple(zip(rest[3::2], rest[4::2], strict=True))
-        return cls(max_rate, *(int(n) for n in rest[:3]), ranges, sky)
+        max_rate, sky, cells, evaluated, survivors, *ends = arrays.pop("coverage").tolist()
+        ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
+        return cls(max_rate, int(cells), int(evaluated), int(survivors), ranges, sky)
 
 
 @dataclass(frozen=True)
@@ -231,34 +236,35 @@ class Grid:
         return scores + self.allowed.log_prior(rate)
 
     def search(
-        self, workers: int, progress: Silent, most: int, saved: Saved | None = None
+        self, workers: int, progress: Silent, most: int, kept: Checkpoint | None = None
     ) -> tuple[Cells, Coverage]:
         """The best cells over the whole time base, best first.
 
-        The cells of each level are kept in ``saved``, from which an interrupted search goes on.
+        The cells of each level are saved in ``kept``, from which an interrupted search goes on.
         """
-        saved = saved or Saved()
+        kept = kept or Checkpoint(None, {})
         rate, width = self.pairs()
         number = evaluated = rate.size * len(self.poles)
-        stored = saved.load(CELLS)
+        stored = kept.load(CELLS)
         with progress.stage("searching spins", number if stored is None else 0, "cells") as bar:
             if stored is not None:
                 level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
-                found = Cells(**stored)._replace(width=float(stored["width"]))
+                width = float(stored["width"])
+                found = Cells(stored["pole"], stored["rate"], width, stored["score"])
             else:
                 pole = np.repeat(np.arange(len(self.poles)), rate.size)
                 rate = np.tile(rate, len(self.poles))
                 level = min(2, self.n_arcs)
                 score = self.score(pole, rate, level, workers, bar)
                 found = self.with_aliases(Cells(pole, rate, width, score))
-                saved.save(CELLS, found._asdict() | {LEVEL: level, EVALUATED: evaluated})
+                kept.save(CELLS, found.stored(level, evaluated))
             for n_arcs in range(level + 1, self.n_arcs + 1):
                 found = self.divided(found, n_arcs)
                 bar.more(found.rate.size)
                 evaluated += found.rate.size
                 score = self.score(found.pole, found.rate, n_arcs, workers, bar)
                 found = found._replace(score=score)
-                saved.save(CELLS, found._asdict() | {LEVEL: n_arcs, EVALUATED: evaluated})
+                kept.save(CELLS, found.stored(n_arcs, evaluated))
         found = found.kept(most)
         return found, self.coverage(evaluated, found.rate.size)
 

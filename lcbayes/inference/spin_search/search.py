@@ -27,7 +27,6 @@ from lcbayes.inference.spin_search.facets import (
     climbed,
     starts,
 )
-from lcbayes.inference.spin_search.saved import Saved
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -104,29 +103,78 @@ def complete_search(
     -------
     SearchState, Coverage
     """
+    spins = find_spins(data, options, workers, progress, checkpoint)
+    return with_bodies(problem, data, options, spins, workers, progress), spins.coverage
+
+
+@dataclass(frozen=True)
+class Spins:
+    """Constant spins, each with a free body, and what the search for them covered.
+
+    They do not depend on a number of facets.
+
+    Attributes
+    ----------
+    run : _Refinement
+    found : States
+        The best first.
+    coverage : Coverage
+    """
+
+    run: _Refinement
+    found: States
+    coverage: Coverage
+
+
+def find_spins(
+    data: Epochs,
+    options: Mapping[str, Any],
+    workers: int,
+    progress: Silent,
+    checkpoint: Checkpoint | None = None,
+) -> Spins:
+    """The constant spins at which some body fits; parameters as for `complete_search`."""
+    kept = Checkpoint(None, {}) if checkpoint is None else checkpoint.within("search")
     law: DiffuseLaw = options["reflectance"]
-    omega_sd, allowed = float(options["omega_sd"]), Allowed.of(options, data)
-    saved = Saved() if checkpoint is None else Saved(checkpoint)
+    allowed = Allowed.of(options, data)
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
     arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
     grid = Grid.of(series, arcs, precision(series, total), allowed)
-    cells, coverage = grid.search(workers, progress, SURVIVORS, saved)
-    slow_cells = _slow(grid, points, workers, progress, saved.within("slow"))
+    cells, coverage = grid.search(workers, progress, SURVIVORS, kept)
+    slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
     run = _Refinement(points, grid, law, total, workers)
     with progress.stage("improving spins", sum(STATES), "spins") as bar:
-        motions = run.constant([cells, slow_cells], run.free(cells, bar, saved))
+        motions = run.constant([cells, slow_cells], run.free(cells, bar, kept))
     with progress.stage("trying spins", motions.rate.size, "spins") as bar:
-        found = saved.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
-    starts = run.bodies(problem, data, found, int(options["n_facets"]), omega_sd)
+        found = kept.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
+    return Spins(run, found, coverage)
+
+
+def with_bodies(
+    problem: Problem,
+    data: Epochs,
+    options: Mapping[str, Any],
+    spins: Spins,
+    workers: int,
+    progress: Silent,
+    further: Floats | None = None,
+) -> SearchState:
+    """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
+    run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
+    starts = run.bodies(problem, data, spins.found, n, omega_sd)
+    if further is not None:
+        starts = np.concatenate([starts, further])
     ends = search.successive_halving(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
-    gaps = np.diff(np.sort(np.asarray(arcs.middle)))
-    return climbed(problem, data, points, law, ends, gaps, workers), coverage
+    gaps = np.diff(np.sort(np.asarray(run.grid.arcs.middle)))
+    return climbed(problem, data, run.points, run.law, ends, gaps, workers)
 
 
-def _slow(grid: Grid, points: Points, workers: int, progress: Silent, saved: Saved) -> Cells | None:
+def _slow(
+    grid: Grid, points: Points, workers: int, progress: Silent, kept: Checkpoint
+) -> Cells | None:
     """Cells of slow spins, if the prior allows others too.
 
     A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
@@ -138,7 +186,7 @@ def _slow(grid: Grid, points: Points, workers: int, progress: Silent, saved: Sav
         return None
     arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
     slower = Grid.of(grid.series, arcs, grid.prior, slow)
-    return slower.search(workers, progress, SURVIVORS, saved)[0]
+    return slower.search(workers, progress, SURVIVORS, kept)[0]
 
 
 class _Motions(NamedTuple):
@@ -159,14 +207,14 @@ class _Refinement:
     total_area: float
     workers: int
 
-    def free(self, cells: Cells, bar: Track, saved: Saved) -> States:
+    def free(self, cells: Cells, bar: Track, kept: Checkpoint) -> States:
         """States improved with free phases between the arcs, best first."""
         rows = states.representatives(self.grid, cells, STATES[0])
         rate = cells.rate[rows]
         phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
         at = _Motions(self.grid.poles[cells.pole[rows]], rate, phase)
         for i, stage in enumerate(FREE):
-            found = saved.once(
+            found = kept.once(
                 f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar, free=True)
             )
             most = STATES[min(i + 1, len(FREE) - 1)]

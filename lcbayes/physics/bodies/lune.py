@@ -9,8 +9,10 @@ from __future__ import annotations
 from functools import partial
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.coverage import Cells, Shade, lit_and_seen
 from lcbayes.physics.bodies.quadrature import (
     KINKED,
+    Nodes,
     Rule,
     in_blocks,
     integral,
@@ -28,9 +30,9 @@ def over_lune(
     parameters: Parameters,
     sun: jax.Array,
     obs: jax.Array,
-    scale: jax.Array,
-    quarter: bool,
+    scale: jax.Array | None,
     count: int,
+    shade: Shade | None = None,
 ) -> jax.Array:
     """∫ f_r μ₀ μ dA over the part of an ellipsoid that is lit and visible, m², (T,).
 
@@ -40,27 +42,64 @@ def over_lune(
         Of `reflectance.LAWS`; scalars.
     sun, obs : (T, 3)
         Unit vectors, axes of the ellipsoid.
-    scale : (3,) m
-        Semi-axes.
-    quarter : bool
-        Four times a quarter of the lune, for a sphere with a law that is isotropic (and reciprocal,
-        as all are).
+    scale : (3,) m or None
+        Semi-axes; None for the unit sphere with an isotropic law, whose flux depends on the phase
+        angle alone.
     count : int
         Nodes of each smooth interval, in each of the two angles.
+    shade : Shade or None
+        What may shade the part.
     """
-    intervals = 4 if quarter else 12  # at most
 
     def of(sun: jax.Array, obs: jax.Array) -> jax.Array:
-        rule = _lune(law, parameters, sun, obs, scale, quarter, count)
-        values = sun, obs, scale, parameters
+        if scale is None:
+            (sun, obs), rule = _quarter(law, parameters, sun, obs, count)
+        else:
+            rule = _lune(law, parameters, sun, obs, scale, count)
+        size = jnp.ones(3) if scale is None else scale
+        values = sun, obs, size, parameters, shade and shade.blockers
         return integral(partial(_on_ellipsoid, law), values, rule)
 
-    return in_blocks(of, sun, obs, intervals * count**2)
+    return in_blocks(of, sun, obs, (4 if scale is None else 12) * count**2)
+
+
+def _quarter(law, parameters, sun, obs, count):
+    """Directions at the same phase angle, symmetric about x in the xy plane; and a rule on a
+    quarter of the lune, four times as heavy, as every law is reciprocal."""
+    cosine, phase = half_phase(sun, obs)
+    zero = jnp.zeros_like(phase)
+    sine = jnp.sin(0.5 * phase)
+    sun, obs = (jnp.stack([cosine, sign * sine, zero], axis=1) for sign in (-1.0, 1.0))
+    exponent = lobe_exponent(law, jax.lax.stop_gradient(parameters))
+    inner = [] if exponent is None else [reach(exponent) + zero]
+    psi = nodes_between(zero, 0.5 * (jnp.pi - phase), inner, count)
+    rule = _on_sphere(psi, nodes_between(zero, zero + 0.5 * jnp.pi, inner, count))
+    return (sun, obs), rule._replace(weights=4.0 * rule.weights)
+
+
+def _on_sphere(psi: Nodes, beta: Nodes) -> Rule:
+    """The product of rules for longitudes and latitudes: points y, and middles and two edges of
+    their cells, (T, K, 12)."""
+    psi = Nodes(*(x[:, :, None] for x in psi))
+    beta = Nodes(*(x[:, None, :] for x in beta))
+
+    def radial(psi: jax.Array, beta: jax.Array) -> list[jax.Array]:
+        return [jnp.cos(beta) * jnp.cos(psi), jnp.cos(beta) * jnp.sin(psi), jnp.sin(beta)]
+
+    wide, high = psi.weight * jnp.cos(beta.cell), beta.weight
+    parts = radial(psi.at, beta.at) + radial(psi.cell, beta.cell)
+    parts += [-jnp.sin(psi.cell) * wide, jnp.cos(psi.cell) * wide, 0.0 * wide]
+    parts += [high * x for x in radial(psi.cell, beta.cell + 0.5 * jnp.pi)]
+    weight = psi.weight * beta.weight * jnp.cos(beta.at)
+    points = jnp.stack([part + 0.0 * weight for part in parts], axis=-1)
+    epochs = len(weight)
+    return Rule(points.reshape(epochs, -1, 12), weight.reshape(epochs, -1))
 
 
 def _on_ellipsoid(law, values, points):
-    """f_r μ₀ μ dA/dω at points of the unit sphere."""
-    sun, obs, scale, parameters = values
+    """f_r μ₀ μ dA/dω at points of the unit sphere, each with its cell."""
+    sun, obs, scale, parameters, blockers = values
+    points, middle, first, second = jnp.split(points, 4, axis=-1)
     image = points / scale
     stretch = length(image)
     normal = image / stretch[..., None]
@@ -75,42 +114,35 @@ def _on_ellipsoid(law, values, points):
     else:
         h_u = h_v = jnp.zeros_like(mu0)
     light = reflected(law, parameters, mu0, mu, (c, phase), (h_u, h_v))
+    if blockers is not None:
+        cells = Cells(middle * scale, first * scale, second * scale)
+        light = light * lit_and_seen(blockers, cells, sun, obs)
     return jnp.prod(scale) * stretch * light
 
 
-def _lune(law, parameters, sun, obs, scale, quarter, count) -> Rule:
+def _lune(law, parameters, sun, obs, scale, count) -> Rule:
     """Nodes on the lit and visible lune of the unit sphere.
 
     y = cos β (cos ψ e₁ + sin ψ e₂) + sin β e₃ with e₁ along D⁻¹s and D⁻¹o at ψ = δ in the plane of
-    e₁ and e₂: the lune is δ − π/2 < ψ < π/2 at all β. By symmetry a sphere needs ψ > δ/2, β > 0.
+    e₁ and e₂: the lune is δ − π/2 < ψ < π/2 at all β.
     """
     s, o = sun / scale, obs / scale
     frame, delta = _lune_axes(s, o)
-    low, high = delta - 0.5 * jnp.pi, 0.5 * jnp.pi * jnp.ones_like(delta)
-    floor = -high
-    if quarter:
-        low, floor = 0.5 * delta, 0.0 * high
+    high = jnp.full_like(delta, 0.5 * jnp.pi)
     fixed = jax.lax.stop_gradient((s, o, frame, delta, scale))
     inner, inner_beta = [], []
     exponent = lobe_exponent(law, jax.lax.stop_gradient(parameters))
     if exponent is not None:
         inner, inner_beta = _highlight(exponent, sun, obs, fixed)
-        if law in KINKED and not quarter:
+        if law in KINKED:
             inner.append(_equal_cosines(fixed))
-        if quarter:
-            inner, inner_beta = inner[1:], inner_beta[1:]
-    psi, weights = nodes_between(low, high, inner, count)
-    beta, weights_beta = nodes_between(floor, high, inner_beta, count)
-    factor = 4.0 if quarter else 1.0
-    weight = factor * weights[:, :, None] * (weights_beta * jnp.cos(beta))[:, None, :]
-    cos_beta = jnp.cos(beta)[:, None, :]
-    parts = [
-        cos_beta * jnp.cos(psi)[:, :, None],
-        cos_beta * jnp.sin(psi)[:, :, None],
-        jnp.broadcast_to(jnp.sin(beta)[:, None, :], weight.shape),
-    ]
-    local = jnp.stack(parts, axis=-1).reshape(len(delta), -1, 3)
-    return Rule(local @ frame, weight.reshape(len(delta), -1))
+    psi, beta = (
+        nodes_between(delta - high, high, inner, count),
+        nodes_between(-high, high, inner_beta, count),
+    )
+    local = _on_sphere(psi, beta)
+    turned = local.points.reshape(len(delta), -1, 3) @ frame
+    return Rule(turned.reshape(local.points.shape), local.weights)
 
 
 def _lune_axes(s: jax.Array, o: jax.Array) -> tuple[jax.Array, jax.Array]:

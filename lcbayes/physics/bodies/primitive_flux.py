@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.coverage import Blockers, Cells, Shade, Solid, discs, lit_and_seen
 from lcbayes.physics.bodies.lune import over_lune
 from lcbayes.physics.bodies.quadrature import length as norm
 from lcbayes.physics.bodies.revolution import around_axis
@@ -46,10 +47,10 @@ KINDS: dict[str, Kind] = {
 }
 
 NODES = {"diffuse": 16, "glossy": 12}
-"""Nodes of each smooth interval by default. Error over the largest flux of a part, in the worst of
-2,000 pairs of directions at phase angles up to 150 deg: 1e-13 for Lambert's law and the
-"non-lambertian" one, 1e-5 for Lommel and Seeliger's, 2e-11, 3e-5 and 5e-5 for lobes with exponents
-of 10, 1e3 and 1e5, 3e-4 for Cook and Torrance's, whose shadowing term has kinks of its own."""
+"""Nodes of each smooth interval by default. Error over the largest flux of a part, at phase angles
+up to 150 deg: 1e-13 for Lambert's law and the "non-lambertian" one, 1e-5 for Lommel and Seeliger's,
+5e-5 for lobes of any width, 3e-4 for that of Cook and Torrance, whose shadowing term has kinks,
+and 5e-3 for an anisotropic law on a sphere or ellipsoid, whose u axis is undefined at the poles."""
 
 
 class Primitive(NamedTuple):
@@ -62,12 +63,15 @@ class Primitive(NamedTuple):
     surfaces : by side
     rotation : (3, 3) or None
         From the part's own axes to the body's; None if they are the same.
+    position : (3,) m or None
+        Of the origin of the part's own axes; None for that of the body. It matters for shadows.
     """
 
     kind: str
     sizes: Sizes
     surfaces: Surfaces
     rotation: jax.Array | None = None
+    position: jax.Array | None = None
 
 
 def body_flux(
@@ -75,10 +79,43 @@ def body_flux(
     sun_body: jax.Array,
     obs_body: jax.Array,
     nodes: int | None = None,
+    cells: int = 0,
 ) -> jax.Array:
-    """Flux of a body of several primitives that do not shade one another, m², (T,)."""
-    found = [primitive_flux(*part[:3], sun_body, obs_body, part.rotation, nodes) for part in parts]
-    return sum(found, jnp.zeros(sun_body.shape[0]))
+    """Flux of a body of several primitives at unit distance under unit irradiance.
+
+    Parameters
+    ----------
+    parts : list of Primitive
+        Convex, without common points but on their surfaces.
+    sun_body, obs_body : (T, 3)
+        Unit vectors to Sun and observer, body frame.
+    nodes : int or None
+        Of the quadrature, as for `primitive_flux`.
+    cells : int
+        Cells along each edge of a face for shadows (`coverage`); without shadows where 0.
+
+    Returns
+    -------
+    (T,)
+        m².
+    """
+    solids = [_solid(part) for part in parts]
+    total = jnp.zeros(len(sun_body))
+    for i, part in enumerate(parts):
+        shade = None
+        if cells and len(parts) > 1:
+            order = [i, *(j for j in range(len(parts)) if j != i)]
+            kinds = tuple(parts[j].kind for j in order)
+            others = tuple(solids[j] for j in order[1:])
+            shade = Shade(Blockers(kinds, solids[i], others), cells)
+        total += primitive_flux(*part[:3], sun_body, obs_body, part.rotation, nodes, shade)
+    return total
+
+
+def _solid(part: Primitive) -> Solid:
+    rotation = jnp.eye(3) if part.rotation is None else jnp.asarray(part.rotation)
+    position = jnp.zeros(3) if part.position is None else jnp.asarray(part.position, float)
+    return Solid(tuple(_checked(*part[:3])), rotation, position)
 
 
 def primitive_flux(
@@ -89,6 +126,7 @@ def primitive_flux(
     obs_body: jax.Array,
     rotation: jax.Array | None = None,
     nodes: int | None = None,
+    shade: Shade | None = None,
 ) -> jax.Array:
     """Flux of a convex primitive at unit distance under unit irradiance.
 
@@ -110,6 +148,8 @@ def primitive_flux(
         From the part's own axes to the body's.
     nodes : int or None
         Of the quadrature in each smooth interval; None for those of `NODES`.
+    shade : Shade or None
+        Other parts that may shade this one.
 
     Returns
     -------
@@ -140,9 +180,10 @@ def primitive_flux(
         for surface in _terms(surfaces.get(side, surfaces[first])):
             if side in faces:
                 normals, areas, u_axes = faces[side]
-                total += flux_brdf(sun, obs, normals, areas, *surface, u_axes)
+                visible = _visible(kind, given, sun, obs, shade)
+                total += flux_brdf(sun, obs, normals, areas, *surface, u_axes, visible)
             if side == first:
-                total += _curved(kind, given, surface, sun, obs, nodes)
+                total += _curved(kind, given, surface, sun, obs, nodes, shade)
     return total
 
 
@@ -200,7 +241,7 @@ def _flat_faces(kind: str, sizes: Sequence[jax.Array]) -> Faces:
         case "box":
             return _box_faces(*sizes)
         case "plate":
-            return _two_sided(sizes[0] * sizes[1], _longer(*sizes, 0, 1))
+            return _two_sided(sizes[0] * sizes[1], _longer(sizes[0], sizes[1], 0, 1))
         case "disc":
             return _two_sided(jnp.pi * sizes[0] ** 2, _AXES[0])
         case "cylinder":
@@ -212,6 +253,56 @@ def _flat_faces(kind: str, sizes: Sequence[jax.Array]) -> Faces:
     return {}
 
 
+def _visible(
+    kind: str, sizes: Sequence[jax.Array], sun: jax.Array, obs: jax.Array, shade: Shade | None
+) -> jax.Array | None:
+    """Share of each flat face that is lit and seen, (T, N), by cells of equal area.
+
+    Of two opposite faces at most one is lit, and the other has its share.
+    """
+    if shade is None:
+        return None
+    if kind in ("box", "plate"):
+        cells = _rectangular_cells(sizes, shade.count, sun)
+    else:
+        cells = _round_cells(kind, sizes, shade.count, sun)
+    lit = lit_and_seen(shade.blockers, cells, sun, obs)
+    if kind in ("plate", "disc"):  # the sides are faces one by one
+        return lit.mean(axis=1, keepdims=True)
+    return jnp.tile(lit.reshape(len(sun), 3 if kind == "box" else 1, -1).mean(axis=2), (1, 2))
+
+
+def _rectangular_cells(sides: Sequence[jax.Array], count: int, sun: jax.Array) -> Cells:
+    """On the lit faces across x, y, z of a box, (T, 3 count², 3), or on a plate, (1, count², 3)."""
+    at = (np.arange(count) + 0.5) / count - 0.5
+    x, y = (a.ravel()[:, None] for a in np.meshgrid(at, at))
+    zero, found = np.zeros((1, count**2, 3)), []
+    for k in (0, 1, 2) if len(sides) == 3 else (2,):
+        a, b = (sides[i] * _AXES[i] for i in range(3) if i != k)
+        centre = (x * a + y * b)[None]
+        if len(sides) == 3:
+            out = 0.5 * jnp.where(sun[:, k] > 0.0, sides[k], -sides[k])
+            centre = centre + out[:, None, None] * _AXES[k]
+        found.append((centre, zero + a / count, zero + b / count))
+    return Cells(*(jnp.concatenate(edges, axis=1) for edges in zip(*found, strict=True)))
+
+
+def _round_cells(kind: str, sizes: Sequence[jax.Array], count: int, sun: jax.Array) -> Cells:
+    """On the lit end of a part, or on a disc: rings of equal area, (T, 2 count², 3)."""
+    edges = np.sqrt(np.arange(count + 1) / count)
+    step = np.pi / count
+    r = np.repeat(0.5 * (edges[1:] + edges[:-1]), 2 * count)[:, None]
+    width = np.repeat(np.diff(edges), 2 * count)[:, None]
+    phi = np.tile(step * (np.arange(2 * count) + 0.5), count)[:, None]
+    out = np.cos(phi) * _AXES[0] + np.sin(phi) * _AXES[1]
+    around = np.cos(phi) * _AXES[1] - np.sin(phi) * _AXES[0]
+    low, high, radius, top = discs(kind, sizes)
+    upper = sun[:, 2, None, None] > 0.0
+    radius, z = jnp.where(upper, top, radius), jnp.where(upper, high, low)
+    centre = radius * (r * out) + z * _AXES[2]
+    return Cells(centre, radius * (width * out), radius * (r * step * around))
+
+
 def _curved(
     kind: str,
     sizes: Sequence[jax.Array],
@@ -219,6 +310,7 @@ def _curved(
     sun: jax.Array,
     obs: jax.Array,
     nodes: int | None,
+    shade: Shade | None,
 ) -> jax.Array | float:
     """∫ f_r μ₀ μ dA over the curved face, (T,); 0 where there is none. Axes of the part."""
     law = surface[0]
@@ -227,18 +319,19 @@ def _curved(
     match kind:
         case "cylinder":
             radius, length = sizes
-            return radius * length * around_axis(law, parameters, sun, obs, None, count)
+            return radius * length * around_axis(law, parameters, sun, obs, None, count, shade)
         case "cone" | "frustum":
             radius, length = sizes[0], sizes[-1]
             top = sizes[1] if kind == "frustum" else 0.0 * radius
             slant = norm(jnp.stack([length, radius - top]))
             tilt = length / slant, (radius - top) / slant
-            found = around_axis(law, parameters, sun, obs, tilt, count)
+            found = around_axis(law, parameters, sun, obs, tilt, count, shade)
             return 0.5 * (radius + top) * slant * found
         case "sphere":
-            symmetric = "nv" not in parameters
-            found = over_lune(law, parameters, sun, obs, jnp.ones(3), symmetric, count)
-            return sizes[0] ** 2 * found
+            if shade is None and "nv" not in parameters:
+                return sizes[0] ** 2 * over_lune(law, parameters, sun, obs, None, count)
+            scale = jnp.stack([sizes[0]] * 3)
+            return over_lune(law, parameters, sun, obs, scale, count, shade)
         case "ellipsoid":
-            return over_lune(law, parameters, sun, obs, jnp.stack(list(sizes)), False, count)
+            return over_lune(law, parameters, sun, obs, jnp.stack(list(sizes)), count, shade)
     return 0.0

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,18 +108,37 @@ def reach(curvature: jax.Array) -> jax.Array:
 KINKED = ("ashikhmin-shirley", "cook-torrance")  # by max(μ₀, μ) or min(μ₀, μ)
 
 
-def nodes_between(
-    low: jax.Array, high: jax.Array, inner: Sequence[jax.Array], count: int
-) -> tuple[jax.Array, jax.Array]:
-    """Nodes and weights (T, K) from low to high (T,), divided at ``inner`` points, in any order."""
+class Nodes(NamedTuple):
+    """Nodes between two limits, (T, K) each.
+
+    Attributes
+    ----------
+    at, weight
+        Of the quadrature.
+    cell
+        Middle of the interval, as wide as the weight, that a node stands for. The intervals of all
+        nodes together cover that between the limits.
+    """
+
+    at: jax.Array
+    weight: jax.Array
+    cell: jax.Array
+
+
+def nodes_between(low: jax.Array, high: jax.Array, inner: Sequence[jax.Array], count: int) -> Nodes:
+    """Nodes from low to high (T,), which are divided at ``inner`` points, in any order."""
     x, w = np.polynomial.legendre.leggauss(count)
     x, w = 0.5 * (1.0 + x), 0.5 * w
-    limits = jax.lax.stop_gradient((low, high))
-    between = jnp.sort(jnp.stack([jnp.clip(cut, *limits) for cut in inner] or [low]), axis=0)
+    middle = np.cumsum(w) - 0.5 * w
+    between = jnp.sort(jnp.stack([jnp.clip(cut, low, high) for cut in inner] or [low]), axis=0)
     cuts = [low, *(between if inner else []), high]
-    at = [a[:, None] + (b - a)[:, None] * x for a, b in pairwise(cuts)]
-    weights = [(b - a)[:, None] * w for a, b in pairwise(cuts)]
-    return jnp.concatenate(at, axis=1), jnp.concatenate(weights, axis=1)
+    starts, steps = jnp.stack(cuts[:-1], axis=1), jnp.diff(jnp.stack(cuts, axis=1), axis=1)
+
+    def joined(share: np.ndarray, start: jax.Array | float) -> jax.Array:
+        return (start + steps[:, :, None] * share).reshape(len(low), -1)
+
+    start = starts[:, :, None]
+    return Nodes(joined(x, start), joined(w, 0.0), joined(middle, start))
 
 
 def in_blocks(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import partial
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.coverage import Cells, Shade, discs, lit_and_seen
 from lcbayes.physics.bodies.quadrature import (
     KINKED,
     TINY,
@@ -32,6 +33,7 @@ def around_axis(
     obs: jax.Array,
     tilt: tuple[jax.Array, jax.Array] | None,
     count: int,
+    shade: Shade | None = None,
 ) -> jax.Array:
     """∫ f_r μ₀ μ dφ over the azimuths that are lit and visible, (T,).
 
@@ -45,6 +47,8 @@ def around_axis(
         None for a cylinder, γ = 0, where one arc and one kink are all there are.
     count : int
         Nodes of each smooth interval.
+    shade : Shade or None
+        What may shade the part.
     """
     tilted = tilt is not None
     tilt = tilt or (jnp.ones(()), jnp.zeros(()))
@@ -52,15 +56,16 @@ def around_axis(
 
     def of(sun: jax.Array, obs: jax.Array) -> jax.Array:
         rule = _azimuths(law, parameters, sun, obs, tilt, tilted, count)
-        values = sun, obs, tilt, parameters
-        return integral(partial(_on_revolution, law), values, rule)
+        values = sun, obs, tilt, parameters, shade and shade.blockers
+        return integral(partial(_on_revolution, law, cells), values, rule)
 
-    return in_blocks(of, sun, obs, count * intervals)
+    cells = shade.count if shade else 0
+    return in_blocks(of, sun, obs, count * intervals * max(1, cells))
 
 
-def _on_revolution(law, values, points):
-    """f_r μ₀ μ at azimuths, given as (cos φ, sin φ)."""
-    sun, obs, (cos_tilt, sin_tilt), parameters = values
+def _on_revolution(law, cells, values, points):
+    """f_r μ₀ μ at azimuths, given as (cos φ, sin φ), each with the middle and width of its cell."""
+    sun, obs, (cos_tilt, sin_tilt), parameters, blockers = values
 
     def normal_part(d: jax.Array) -> jax.Array:
         radial = points[..., 0] * d[:, None, 0] + points[..., 1] * d[:, None, 1]
@@ -72,7 +77,26 @@ def _on_revolution(law, values, points):
     h_u = cos_tilt * h[:, None, 2] - sin_tilt * radial
     h_v = points[..., 1] * h[:, None, 0] - points[..., 0] * h[:, None, 1]
     mu0, mu = normal_part(sun), normal_part(obs)
-    return reflected(law, parameters, mu0, mu, (c, phase), (h_u, h_v))
+    light = reflected(law, parameters, mu0, mu, (c, phase), (h_u, h_v))
+    return light if blockers is None else light * _uncovered(blockers, cells, sun, obs, points)
+
+
+def _uncovered(blockers, count, sun, obs, points):
+    """Share of each generator that is lit and seen, (T, K), by cells along it."""
+    low, high, radius, top = discs(blockers.kinds[0], blockers.own.sizes)
+    along = (jnp.arange(count) + 0.5) / count
+    r, z = radius + (top - radius) * along, low + (high - low) * along
+    zero = jnp.zeros(points.shape[:2])
+    across = jnp.stack([points[..., 2], points[..., 3], zero], axis=-1)
+    around = jnp.stack([-points[..., 3], points[..., 2], zero], axis=-1)
+    axis = jnp.array([0.0, 0.0, 1.0])
+    second = ((top - radius) * across + (high - low) * axis) / count
+    around, across, width = around[:, :, None], across[:, :, None], points[:, :, None, 4:]
+    centre = r[:, None] * across + z[:, None] * axis
+    edges = centre, r[:, None] * width * around, jnp.broadcast_to(second[:, :, None], centre.shape)
+    cells = Cells(*(x.reshape(len(sun), -1, 3) for x in edges))
+    seen = lit_and_seen(blockers, cells, sun, obs).reshape(len(sun), -1, count)
+    return seen @ (r / jnp.sum(r))
 
 
 def _azimuths(law, parameters, sun, obs, tilt, tilted, count) -> Rule:
@@ -94,9 +118,10 @@ def _azimuths(law, parameters, sun, obs, tilt, tilted, count) -> Rule:
         about = jax.lax.stop_gradient(centre) + middle
         inner = [middle + _wrapped(x - about, period) for x, period in special]
         found.append(nodes_between(low, high, inner, count))
-    x, weights = (jnp.concatenate(both, axis=1) for both in zip(*found, strict=True))
-    phi = centre[:, None] + x
-    return Rule(jnp.stack([jnp.cos(phi), jnp.sin(phi)], axis=-1), weights)
+    x, weights, cells = (jnp.concatenate(part, axis=1) for part in zip(*found, strict=True))
+    phi, cells = centre[:, None] + x, centre[:, None] + cells
+    points = [jnp.cos(phi), jnp.sin(phi), jnp.cos(cells), jnp.sin(cells), weights]
+    return Rule(jnp.stack(points, axis=-1), weights)
 
 
 def _wrapped(angle: jax.Array, period: float) -> jax.Array:

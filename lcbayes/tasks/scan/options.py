@@ -98,8 +98,8 @@ examples:
   lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out
 
 Periods are sidereal, in hours, or with a unit: 30s, 12min, 5.76h, 2d. A scan ranks;
-how well a spin is known, `lcbayes fit --start-from DIR` says. A run that was stopped
-goes on when the same command is given again.
+how well a spin is known, `lcbayes fit --start-from DIR` says; that command is printed.
+A run that was stopped goes on when the same command is given again.
 """,
     options=ScanOptions,
     fully_lit=True,

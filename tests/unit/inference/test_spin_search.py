@@ -21,7 +21,6 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import Bodies, starts
-from lcbayes.inference.spin_search.saved import Saved
 from lcbayes.inference.spin_search.search import Stage, applies, complete_search
 from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
 from lcbayes.modelling import registry
@@ -276,9 +275,9 @@ def test_a_stopped_search_of_cells_goes_on(tmp_path, grid: Grid):
     for n, again in ((1, 1), (2, 0)):
         folder = tmp_path / str(n)
         with pytest.raises(KeyboardInterrupt):
-            whole.search(1, Silent(), 500, Saved(Stopped(folder, n)))
+            whole.search(1, Silent(), 500, Stopped(folder, n))
         Counted.evaluations = 0
-        resumed, told = counted.search(1, Silent(), 500, Saved(Checkpoint(folder, {})))
+        resumed, told = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
         assert Counted.evaluations == again
         assert told == coverage
         for a, b in zip(resumed, cells, strict=True):
