@@ -102,4 +102,5 @@ def test_motion_of_a_brick(tmp_path: Path, capsys):
     ) in (0, 3)
     predicted = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)
     true = light_curve(3, 1)
+    assert true.error is not None
     assert np.std(predicted["flux_mean"] - true.brightness) < 2.0 * true.error[0]

@@ -42,14 +42,16 @@ def cylinder(
 
 
 def in_body(
-    t: np.ndarray, attitude: np.ndarray, omega: np.ndarray, *vectors: np.ndarray
-) -> list[np.ndarray]:
-    """Body components (T, 3) of inertial vectors: A(t) = exp([ω×] t) A, from body to inertial."""
+    t: np.ndarray, attitude: np.ndarray, omega: np.ndarray, sun: np.ndarray, obs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Body components (T, 3) of directions: A(t) = exp([ω×] t) A, from body to inertial."""
     turns = Rotation.from_rotvec(t[:, None] * omega).as_matrix() @ attitude
-    return [np.einsum("ti,tij->tj", v, turns) for v in vectors]
+    return np.einsum("ti,tij->tj", sun, turns), np.einsum("ti,tij->tj", obs, turns)
 
 
-def geometry(starts: Sequence[float], n: int, length: float) -> tuple[np.ndarray, ...]:
+def geometry(
+    starts: Sequence[float], n: int, length: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and directions of passes: the Sun at rest, the observer going round by 70°."""
     t = np.concatenate([start + np.linspace(0.0, length, n) for start in starts])
     sun = np.tile(np.array([0.6, 0.64, 0.48]), (t.size, 1))

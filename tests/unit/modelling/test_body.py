@@ -185,8 +185,9 @@ def test_shadows_break_a_symmetry():
 def test_equivalent_attitudes_have_the_same_density(body, spin, count):
     light = curve(1.0 + 0.3 * np.sin(0.1 * T))
     problem, data, options = problem_of(light, body=body, spin=spin)
-    entry = registry.find("body")
-    order = AttitudeOrder(problem, entry.hook("equivalents")(**options))
+    equivalents = registry.find("body").hook("equivalents")
+    assert equivalents is not None
+    order = AttitudeOrder(problem, equivalents(**options))
     assert order.log_orders == pytest.approx(np.log(count))
     z = np.asarray(problem.prior_draw(jax.random.key(1), data))
     at = compiled(problem.potential)
@@ -237,10 +238,8 @@ def test_shadows_are_those_of_the_assembly():
     expected = np.zeros(20)
     for i, label in enumerate(body.labels):
         material = known.materials[label]
-        one = (jnp.asarray(x[[i]]) for x in (body.normals, body.areas))
-        alone = flux_brdf(
-            sun, obs, *one, material.law, material.parameters, jnp.asarray(body.u_axes[[i]])
-        )
+        normal, area, u = (jnp.asarray(x[[i]]) for x in (body.normals, body.areas, body.u_axes))
+        alone = flux_brdf(sun, obs, normal, area, material.law, material.parameters, u)
         expected += np.asarray(visible[:, i] * alone)
     np.testing.assert_allclose(shaded, expected, rtol=1e-10)
     assert np.max(np.asarray(whole - shaded)) > 0.05 * np.max(np.asarray(whole))
