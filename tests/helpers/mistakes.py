@@ -392,13 +392,13 @@ MISTAKES: dict[str, list[Mistake]] = {
         ),
         Mistake(
             "An option of another model",
-            f"{FIT} --period 5",
+            f"{FIT} --period 0.02",
             ("model 'faceted' has no option 'period'", "available:"),
         ),
         Mistake(
             "A range of periods backwards",
-            "scan vectors.csv -o out --period-range 6,5",
-            ("--period-range is 6,5", "the shortest and the longest period"),
+            "scan vectors.csv -o out --period-range 0.03,0.02",
+            ("--period-range is 0.03,0.02", "the shortest and the longest period"),
         ),
         Mistake(
             "A scenario is misspelt",
