@@ -48,10 +48,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
+from lcbayes.core.constants import HOUR_S
+from lcbayes.core.durations import seconds
 from lcbayes.core.errors import InputError
 from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
+PERIOD = "period"  # of models that take a number of hours: also text with a unit
 BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
 
 
@@ -192,6 +195,8 @@ def _convert(model: str, option: Option, value: Any) -> Any:
             f"option {option.name!r} of model {model!r} is {value!r}; "
             f"available: {', '.join(option.choices)}"
         )
+    if (option.name, option.type) == (PERIOD, float) and isinstance(value, str):
+        return seconds(value, default="h") / HOUR_S
     try:
         if option.type is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]

@@ -170,6 +170,8 @@ def _rows(
                 "dof": c.misfit.dof,
                 "gradients": c.gradients,
                 "seconds": c.seconds,
+                "evidence_from": "chains" if c.from_chains else "particles",
+                "chains_doubted": c.doubt,
                 "reasons": [reason.content for reason in reasons(c.reasons)],
             }
         )

@@ -313,12 +313,19 @@ FAULTS = {
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 
 
-def searched(coverage: Mapping[str, float] | None) -> list[str]:
+def searched(coverage: Mapping[str, Any] | None) -> list[str]:
     """A line on the spins that a search covered, `inference.spin_search.cells.Coverage`."""
     if not coverage:
         return []
+    which = f"up to {coverage['max_rate']:.3g} rad/s"
+    if ranges := coverage.get("ranges"):
+        listed = [f"{2 * np.pi / b:.5g} to {2 * np.pi / a:.5g} s" for a, b in reversed(ranges)]
+        which = f"with periods of {' or '.join(listed)}"
+    if (sky := coverage.get("sky", 1.0)) < 1.0:
+        which += f" and poles in the given {100 * sky:.2g} % of the sky"
+    others = ", and no others" if ranges or sky < 1.0 else ""
     return [
-        f"All spins up to {coverage['max_rate']:.3g} rad/s were searched: of "
+        f"All spins {which} were searched{others}: of "
         f"{coverage['cells']:,.0f} cells of pole and rate, {coverage['survivors']:,.0f} were "
         "followed to the end."
     ]
