@@ -181,7 +181,7 @@ class FitNumbers(Outliers):
     model_options: NotRequired[dict[str, Any]]
     sparse: NotRequired[dict[str, Any]]
     n_starts: int
-    search: dict[str, float] | None
+    search: dict[str, Any] | None
     notes: str
     identity: dict[str, Any]
 
@@ -215,6 +215,8 @@ class CandidateContent(TypedDict):
     dof: float
     gradients: int
     seconds: float
+    evidence_from: str
+    chains_doubted: str
     reasons: list[ReasonContent]
 
 

@@ -92,11 +92,11 @@ def test_a_fit_starts_from_a_scan(asteroid):
     from lcbayes.modelling import registry
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import Problem
-    from lcbayes.results.scan_start import read_scan
+    from lcbayes.results.start import read_start
 
     folder, _, _ = asteroid
     curve = lcbayes.read(folder / "asteroid.csv")
-    spins = read_scan(folder / "out", curve)
+    spins = read_start(folder / "out", curve).spins
     options = {"period": 5.0, "n_facets": 300, "degree": 4, "noise_law": "gaussian"}
     entry, data = registry.find("convex-grid"), Epochs.of(curve)
     problem = Problem(entry.bind(options), data)
