@@ -41,6 +41,18 @@ def read_toml(path: str | Path) -> Table:
         text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise InputError(f"{name}: byte {fault.start} is not UTF-8; save it as UTF-8") from None
+    return parse_toml(text, path)
+
+
+def parse_toml(text: str, path: str | Path) -> Table:
+    """The root table of a TOML text; messages name it by a path.
+
+    Raises
+    ------
+    InputError
+        The text is not TOML; the message has line and column.
+    """
+    name = printable(path)
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
@@ -101,6 +113,13 @@ class Table:
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
+
+    def put(self, key: str, value: Any) -> None:
+        """Replace a value, or remove a key (None), after it has been read in another form."""
+        if value is None:
+            del self._data[key]
+        else:
+            self._data[key] = value
 
     def keys(self) -> list[str]:
         """The keys of the table, in the order of the file."""

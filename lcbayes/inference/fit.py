@@ -21,7 +21,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
-from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
@@ -77,7 +77,7 @@ def run(
         If no start of the search reaches a finite posterior density.
     """
     data = Epochs.of(curve)
-    if settings.sampler == PARTICLES and entry.hook("starts") is not None:
+    if settings.sampler == PARTICLES and (entry.hook("starts") or entry.hook("search")):
         raise InputError(
             f"--sampler {PARTICLES} goes from draws of the prior to the posterior, too far a way "
             f"for {entry.name}; choose --sampler nuts"
@@ -86,7 +86,9 @@ def run(
         plain, problem = build_problem(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
-    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing())
+    equivalents = entry.hook("equivalents")
+    alike = None if equivalents is None else equivalents(**options)
+    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing(), alike)
     begun = time.monotonic()
     found = fit.search(options, data, key_start, spins)
     fit.timing.search_s = time.monotonic() - begun
@@ -119,6 +121,13 @@ class Stages:
     checkpoint: Checkpoint
     progress: Silent
     timing: Timing
+    equivalents: Sequence[Mapping[str, Floats]] | None = None  # attitudes that look the same
+
+    def order(self, problem: Problem) -> FacetOrder:
+        """The labels of a problem that may be exchanged."""
+        if self.equivalents is not None:
+            return AttitudeOrder(problem, self.equivalents)
+        return FacetOrder(problem, self.entry.facet_sites)
 
     def search(
         self,
@@ -138,30 +147,32 @@ class Stages:
             chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
             if spins:
                 starts = placed(spins, starts, pooled, data, chosen)
-            complete = not spins and not settings.num_starts and applies(pooled, data, chosen)
+            complete = None
+            if not spins and not settings.num_starts:
+                facets = complete_search if applies(pooled, data, chosen) else None
+                complete = entry.hook("search") or facets
         stored = self.checkpoint.load("search")
         coverage = None
         if stored is not None:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
-        elif complete:
-            ends, coverage = complete_search(
-                pooled, data, chosen, workers, self.progress, self.checkpoint
-            )
+        elif complete is not None:
+            ends, coverage = complete(pooled, data, chosen, workers, self.progress, self.checkpoint)
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins
             way = None if informed else time_ordered(pooled, data)
             ends = search.successive_halving(pooled, data, starts, workers, self.progress, way)
             self.checkpoint.save("search", ends._asdict())
-        order = FacetOrder(pooled, entry.facet_sites)
+        order = self.order(pooled)
         found = solutions.distinct(pooled, data, ends, order, len(ends.z))
         if not found:
             raise InputError(
                 "no start of the search has a finite posterior density; check the errors and the "
                 "geometry, or widen the priors"
             )
-        if (mirror := symmetry.plane_mirror(pooled, data)) is not None:
+        reflected = entry.hook("mirrored")
+        if (mirror := symmetry.mirror_of(pooled, data, reflected, options)) is not None:
             found = solutions.with_images(pooled, data, found, mirror, order)
         most = 4 * settings.max_modes  # re-optimised for other data or another model
         if pooled is not plain:
@@ -180,7 +191,7 @@ class Stages:
     def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
-        order = FacetOrder(plain, self.entry.facet_sites)
+        order = self.order(plain)
         modes, log_evidence, reasons = population.sample(
             plain,
             data,
@@ -200,7 +211,7 @@ class Stages:
     def by_chains(self, problem: Problem, found: Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
-        order = FacetOrder(problem, self.entry.facet_sites)
+        order = self.order(problem)
         sampler = Sampler(problem, settings, self.workers)
         modes: list[Mode] = []
         draws = len(found.solutions) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
@@ -352,9 +363,9 @@ def _in_order(
     problem: Problem, order: FacetOrder, z: Floats, centre: Floats, data: Epochs
 ) -> Floats:
     """Facets of every draw matched to those of the centre, then sorted by decreasing size."""
-    if order.n_facets < 2:
-        return z
     flat = order.like_all(z.reshape(-1, z.shape[-1]), centre)
+    if order.n_facets < 2:
+        return flat.reshape(z.shape)
     if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
         return flat.reshape(z.shape)  # a user-defined model whose facets have no size
     sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)

@@ -1,15 +1,19 @@
-"""Label switching: facets are exchangeable, so a permuted body is the same solution."""
+"""Label switching: facets are exchangeable, so a permuted body is the same solution.
+
+The same holds of the attitudes in which a symmetric body looks the same.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import lgamma
+from collections.abc import Mapping, Sequence
+from math import lgamma, log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.symmetry import on_sites
 from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -70,8 +74,55 @@ class FacetOrder:
         cost = np.sum((a[:, None] - b[None]) ** 2, axis=-1)
         return self._permuted(values, linear_sum_assignment(cost)[1])
 
+    def carried(self, z: Floats, reference: Floats, values: Floats) -> Floats:
+        """``values`` (..., D), each changed as z (D,) must be to match the reference."""
+        columns = self.matching(z, reference, np.arange(float(z.size)))
+        return values[..., columns.astype(int)]
+
     def by_size(self, z: Floats, size: Floats) -> Floats:
         """z with its facets in order of decreasing ``size`` (N,)."""
         if self.n_facets < 2:
             return z
         return self._permuted(z, np.argsort(-size, kind="stable"))
+
+
+class AttitudeOrder(FacetOrder):
+    """Turns a symmetric body of known shape to the attitude that is nearest to a reference.
+
+    Parameters
+    ----------
+    problem : Problem
+    equivalents : list of {site: (n, n)}
+        Orthogonal matrices on unconstrained sites; sites without one are unchanged. The first is
+        the identity.
+    """
+
+    def __init__(
+        self, problem: Problem, equivalents: Sequence[Mapping[str, NDArray[np.float64]]]
+    ) -> None:
+        super().__init__(problem, ())
+        self._moves = np.stack([on_sites(problem, sites) for sites in equivalents])
+
+    @property
+    def log_orders(self) -> float:
+        """ln of the number of equivalent attitudes."""
+        return log(len(self._moves))
+
+    def _nearest(self, z: Floats, reference: Floats) -> NDArray[np.intp]:
+        """The move of each row of z (n, D) that brings it nearest to the reference."""
+        apart = np.einsum("kij,nj->nki", self._moves, z) - reference
+        return np.argmin(np.sum(apart**2, axis=-1), axis=1)
+
+    def like_all(self, z: Floats, reference: Floats) -> Floats:
+        which = self._nearest(z, reference)
+        moved = np.einsum("nij,nj->ni", self._moves[which], z)
+        return np.where((which == 0)[:, None], z, moved)
+
+    def like(self, z: Floats, reference: Floats) -> Floats:
+        return self.like_all(z[None], reference)[0]
+
+    def matching(self, z: Floats, reference: Floats, values: Floats) -> Floats:
+        return self.carried(z, reference, values)
+
+    def carried(self, z: Floats, reference: Floats, values: Floats) -> Floats:
+        return values @ self._moves[self._nearest(z[None], reference)[0]].T

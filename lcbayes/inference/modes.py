@@ -81,8 +81,7 @@ def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]
     """The larger share of the draws (..., D) of one mode within the region of the other, and z with
     its facets in the order of the other; the means fix one order for all draws."""
     region, there = _Region.of(z), _Region.of(other)
-    columns = order.matching(region.mean, there.mean, np.arange(float(region.mean.size)))
-    z = z[..., columns.astype(int)]
+    z = order.carried(region.mean, there.mean, z)
     flat, others = z.reshape(-1, z.shape[-1]), other.reshape(-1, z.shape[-1])
     shared = max(np.mean(there.share(flat) <= 1.0), np.mean(_Region.of(z).share(others) <= 1.0))
     return float(shared), z

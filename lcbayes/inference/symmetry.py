@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
@@ -11,11 +14,50 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import TRACELESS
 from lcbayes.modelling.problem import Problem
 
+type Sites = Mapping[str, NDArray[np.float64]] | None
+
 FLAT = 1e-6  # rms distance of unit vectors from a plane that is negligible, rad
 
 # Sites that hold vectors, and their sign under reflection: ω is an axial vector and reverses.
 VECTORS = {"normals_base": 1.0, "omega_unit": -1.0}
 TENSOR = "inertia_base"  # in the basis `priors.TRACELESS` of symmetric tensors: S → R S R
+
+
+def plane_normal(data: Epochs) -> NDArray[np.float64] | None:
+    """The normal (3,) of the plane of all directions to Sun and observer, if they are in one."""
+    directions = np.concatenate([np.asarray(data.sun), np.asarray(data.obs)])
+    _, singular, axes = np.linalg.svd(directions, full_matrices=False)
+    return axes[2] if singular[2] <= FLAT * np.sqrt(len(directions)) else None
+
+
+def mirror_of(
+    problem: Problem,
+    data: Epochs,
+    mirrored: Callable[..., Sites] | None,
+    options: Mapping[str, Any],
+) -> NDArray[np.float64] | None:
+    """The matrix (D, D) of a model's own reflection in that plane, or of `plane_mirror`.
+
+    Parameters
+    ----------
+    mirrored : callable, optional
+        The model's hook: normal of the plane and options → {site: (n, n)}, None if its body has no
+        reflection.
+    """
+    if mirrored is None:
+        return plane_mirror(problem, data)
+    normal = plane_normal(data)
+    sites = None if normal is None else mirrored(normal, **options)
+    return None if sites is None else on_sites(problem, sites)
+
+
+def on_sites(problem: Problem, sites: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The matrix (D, D) that acts on some unconstrained sites and leaves the others unchanged."""
+    found = np.eye(problem.dim)
+    for name, matrix in sites.items():
+        rows = problem.rows([name])
+        found[np.ix_(rows, rows)] = matrix
+    return found
 
 
 def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
@@ -28,13 +70,9 @@ def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:
     inverse, so its Jacobian is one. The result is None if the directions are not coplanar or the
     model has no facet normals.
     """
-    if "normals_base" not in problem.names:
+    if "normals_base" not in problem.names or (normal := plane_normal(data)) is None:
         return None
-    directions = np.concatenate([np.asarray(data.sun), np.asarray(data.obs)])
-    _, singular, axes = np.linalg.svd(directions, full_matrices=False)
-    if singular[2] > FLAT * np.sqrt(len(directions)):
-        return None
-    mirror = np.eye(3) - 2.0 * np.outer(axes[2], axes[2])
+    mirror = np.eye(3) - 2.0 * np.outer(normal, normal)
 
     def one(z: jax.Array) -> jax.Array:
         free = dict(problem.unravel(z))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
 from lcbayes.core.options import Options, declared_options, option
@@ -53,11 +54,16 @@ class ModelOptions(Options):
     facets: str | None = option(
         None, metavar="LIST", help="facets of known normals, for stabilised: +z,array:+x~5"
     )
+    body: str | None = option(
+        None, metavar="NAME|FILE", help="known body, for body: box-wing, rocket-stage, my.toml"
+    )
     noise_law: str | None = option(
         None, metavar="NAME", aliases=("--noise",), help="gaussian, student-t or mixture"
     )
     spin: str | None = option(
-        None, metavar="KIND", help="free, none for a body that does not turn, torque-free"
+        None,
+        metavar="KIND",
+        help="free, none for a body that does not turn, torque-free; flat for a known body",
     )
     zero_point_sd: float | None = option(
         None,
@@ -82,6 +88,11 @@ class ModelOptions(Options):
         own = {name: value for name, value in given.items() if name in known}
         others = {name: value for name, value in given.items() if name not in known}
         return dataclasses.replace(super().of(own), others=others)
+
+    def files(self) -> dict[str, Path]:
+        """The files among the options; that of a body too."""
+        body = {} if self.body is None else {"body": Path(self.body)}
+        return super().files() | {k: path for k, path in body.items() if path.suffix == ".toml"}
 
     @property
     def for_model(self) -> dict[str, Any]:

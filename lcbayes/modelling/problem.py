@@ -94,7 +94,8 @@ class Problem:
         self._directions = [k for k in sorted(latent) if _is_direction(latent[k])]
         lengths = (np.prod(latent[k]["fn"].batch_shape) for k in self._directions)
         # The lengths of direction vectors do not count as parameters.
-        self.n_parameters = self.dim - int(sum(lengths))
+        redundant = (getattr(v["fn"], "redundant", 0) for v in latent.values())
+        self.n_parameters = self.dim - int(sum(lengths)) - sum(redundant)
         self.names = tuple(sorted(latent))
         # NumPy only, because JAX may be tracing.
         ends = np.cumsum([template[k].size for k in self.names])

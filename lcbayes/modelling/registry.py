@@ -29,6 +29,16 @@ model is shown to the user. The report recognises standard site names (``albedo_
     search with the full model; the other sites start at their prior means.
 ``coordinates(data, **options)``
     Transforms {site: Transform} to coordinates in which the posterior is easier to sample.
+``resolved(options)``
+    The options with the content of the files that they name, so that a result needs no other file.
+``equivalents(**options)``
+    Matrices {site: (n, n)} on unconstrained sites that change nothing, such as the rotations of a
+    symmetric body; the identity first. One of them is sampled, and all count in the evidence.
+``mirrored(normal, **options)``
+    Matrices {site: (n, n)} of the reflection in the plane of Sun and observer, for directions in
+    one plane of a normal (3,); None if the body has no reflection.
+``search(problem, data, options, workers, progress, checkpoint)``
+    A search of its own in place of starts from the prior; as `inference.spin_search`.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
 """
@@ -55,7 +65,7 @@ from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
 PERIOD = "period"  # of models that take a number of hours: also text with a unit
-BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
+BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised", "body")
 
 
 @dataclass(frozen=True)
@@ -140,7 +150,8 @@ class Entry:
                     f"model {self.name!r} needs {option.name!r}; give it with --{flag} "
                     f"(see `lcbayes models {self.name}`)"
                 )
-        return checked
+        resolved = self.hook("resolved")
+        return checked if resolved is None else resolved(checked)
 
     @contextmanager
     def blamed(self) -> Iterator[None]:

@@ -17,6 +17,7 @@ LIGHT = small_curves.curve(24, 2, error=None, free_scale=np.array([True]))
 NEEDED = {
     "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
     "stabilised": {"law": "inertial"},  # the one that needs no orbit
+    "body": {"body": "plate", "spin": "free"},
 }
 QUICK = ("faceted", "convex-grid")  # of the others their own unit tests remain
 OPTIONS = [

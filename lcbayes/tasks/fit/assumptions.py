@@ -15,6 +15,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin, bisector_rate
 from lcbayes.modelling.registry import Entry
 from lcbayes.physics.photometry import SUN_MAGNITUDE
+from lcbayes.simulation.known_bodies.reader import body_text, described, read_body_text
 
 FRAMES = {
     "icrs": "the axes of ICRS",
@@ -49,6 +50,8 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
     elif model == "convex-grid":
         yield "The body is convex, and spins about a fixed axis of its own."
         yield f"Its sidereal period is near {options['period']} h; other periods were not searched."
+    elif model == "body":
+        yield from _of_known_body(options)
     elif model == "stabilised":
         yield "The body is flat facets that do not shade one another."
         law = options.get("law", "yaw-steering")
@@ -58,6 +61,27 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
                 "Directions of flight, where a law asks for them, come from the places of the file "
                 f"and are unsure by up to {unsure:.0f} deg; elements (--tle) give better ones."
             )
+
+
+def _of_known_body(options: Mapping[str, Any]) -> Iterator[str]:
+    """What is assumed of a body of known shape."""
+    file = read_body_text(body_text(str(options["body"])))
+    shaded = options.get("shadows", True) and file.body.assembly.shaded
+    shade = "shade and hide" if shaded else "do not shade"
+    yield f"The body is {described(file)}. Its parts {shade} one another."
+    symmetry, flat = file.body.symmetry, options.get("spin", "flat") == "flat"
+    if flat:
+        axis = ", ".join(f"{x:.3g}" for x in file.body.flat_axis)
+        yield f"It turns at a constant rate about its axis ({axis}), in axes of the body."
+    else:
+        yield "It turns at a constant angular velocity, about any axis of the body."
+    if not flat and symmetry.axis is not None:
+        yield "The angle about its axis of symmetry does not matter and is left out."
+    elif len(symmetry.rotations) > 1:
+        yield (
+            f"It looks the same in {len(symmetry.rotations)} attitudes, or fewer for a flat spin; "
+            "they are one solution."
+        )
 
 
 def _of_known_spin(curve: LightCurve, options: Mapping[str, Any]) -> Iterator[str]:
@@ -103,8 +127,9 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
-    if options:
-        yield "Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(options.items())) + "."
+    short = {k: v for k, v in options.items() if "\n" not in str(v)}
+    if short:
+        yield "Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(short.items())) + "."
     if np.any(curve.free_scale):
         n = int(np.sum(curve.free_scale))
         yield f"The scale of {n} of {curve.n_curves} curves is unknown and inferred."

@@ -15,7 +15,7 @@ PRIORS = "priors"  # option of every model, in Python only
 SAMPLERS = ("nuts", "ahmc", "smc")
 MODEL = option(
     "faceted",
-    help="faceted, faceted-brdf, convex-grid, stabilised, or a Python file",
+    help="faceted, faceted-brdf, convex-grid, stabilised, body, or a Python file",
     callables=True,
 )
 

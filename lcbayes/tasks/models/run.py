@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 
 from lcbayes.core.errors import EXIT_DONE
+from lcbayes.core.toml import read_toml
 from lcbayes.modelling import registry
+from lcbayes.simulation.known_bodies import bundled
 from lcbayes.tasks.models.options import ModelsOptions
 
 
@@ -24,4 +26,8 @@ def command(_source: None, options: ModelsOptions) -> int:
         for declared in entry.options.values():
             default = "must be given" if declared.required else f"default {declared.default!r}"
             print(f"  {declared.name:16s} {declared.type.__name__:6s} {default}")
+        if entry.name == "body":
+            print("\nbundled bodies:")
+            for name, path in bundled().items():
+                print(f"  {name:16s} {read_toml(path).text('title')}")
     return EXIT_DONE

@@ -1,0 +1,173 @@
+"""Bodies of known shape: is the motion found, and are missing shadows noticed?
+
+    python benchmarks/bodies.py [--first 0] [--cases 20] [--body rocket-stage] [--spin flat]
+        [--passes 2] [--snr 30] [--without-shadows] [--fit] [-o DIR]
+
+Each case is a bundled body with a random surface and a random motion (one turn in 20 to 200 s),
+seen on random passes of a low orbit and simulated with the shadows of its file; see `_body_cases`.
+The search covers all motions that the prior allows. It succeeds if the best end point is at most
+0.5 nats above the posterior optimum reached from the truth; `right` says whether its pole is within
+10 degrees and its rate within half a turn over the time base of the truth. With --without-shadows,
+the body that is fitted has none, and χ² of the best end point shows whether that is noticed. With
+--fit, each curve is then fitted by `lcbayes.fit`. One row a case is appended to bodies.csv in DIR;
+cases that are there are not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+from _body_cases import Case, drawn
+from _scores import share
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+import lcbayes
+from lcbayes.core.jax_setup import jnp
+from lcbayes.core.progress import Silent
+from lcbayes.inference import search
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+
+TOLERANCE = 0.5  # nats
+NOTICED = 0.01  # p-value of χ²
+WORKERS = 2
+COLUMNS = (
+    "body",
+    "spin",
+    "seed",
+    "passes",
+    "snr",
+    "shadows",
+    "turns",
+    "nats_above_truth",
+    "right",
+    "p_chi2",
+    "search_s",
+    "trusted",
+    "reasons",
+    "right_inside",
+    "fit_s",
+)
+
+
+def searched(case: Case, given: dict[str, object]) -> dict[str, object]:
+    """The best end point of the search against the optimum reached from the truth."""
+    entry, data = registry.find("body"), Epochs.of(case.curve)
+    options = entry.check({o.name: o.default for o in entry.options.values()} | given)
+    problem, _ = build_problem(entry, options | entry.pooled, data)
+    hook = entry.hook("search")
+    assert hook is not None
+    begun = time.monotonic()
+    ends, _ = hook(problem, data, options, WORKERS, Silent())
+    seconds = time.monotonic() - begun
+    best = compiled(problem.constrain)(ends.z[0], data)
+    truth = search.polish(problem, data, _truth(problem, data, case, ends.z[0])[None], 1)
+    missed = (data.brightness - best["expected"]) / data.error
+    dof = case.curve.n_obs - problem.n_parameters
+    return {
+        "nats_above_truth": float(ends.potential[0] - truth.potential[0]),
+        "right": _right(case, np.asarray(best["omega"])),
+        "p_chi2": float(chi2.sf(float(jnp.sum(missed**2)), dof)),
+        "search_s": seconds,
+    }
+
+
+def _truth(problem: Problem, data: Epochs, case: Case, z: np.ndarray) -> np.ndarray:
+    """An end point with the true motion in place of its own."""
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    middle = Rotation.from_rotvec(float(data.t_middle) * case.omega).as_matrix() @ case.attitude
+    moved = {k: sites[k] for k in problem.names}
+    if "rate_unit" in moved:
+        unit = np.linalg.norm(sites["omega"]) / abs(sites["rate_unit"])
+        moved["rate_unit"] = case.omega @ case.attitude @ case.body.flat_axis / unit
+    else:
+        unit = np.linalg.norm(sites["omega"]) / np.linalg.norm(sites["omega_unit"])
+        moved["omega_unit"] = case.omega / unit
+    if "axis_base" in moved:
+        assert case.body.symmetry.axis is not None
+        moved["axis_base"] = (middle @ case.body.symmetry.axis)[None]
+    else:
+        moved["attitude_base"] = Rotation.from_matrix(middle).as_quat(scalar_first=True)
+    return np.asarray(problem.ravel({k: jnp.asarray(v, float) for k, v in moved.items()}))
+
+
+def _right(case: Case, omega: np.ndarray) -> bool:
+    """Whether pole and rate are those of the truth."""
+    rate, true = np.linalg.norm(omega), np.linalg.norm(case.omega)
+    aligned = omega @ case.omega > np.cos(np.radians(10.0)) * rate * true
+    return bool(aligned and abs(rate - true) * np.ptp(case.curve.t) < np.pi)
+
+
+def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
+    """The verdict of `lcbayes.fit`, and whether a solution of weight above 5 % is right."""
+    begun = time.monotonic()
+    found = lcbayes.fit(case.curve, model="body", seed=1, **given)
+    inside = [
+        _right(case, np.asarray(found.data[f"modes/{i}/posterior/omega"]).reshape(-1, 3).mean(0))
+        for i, mode in enumerate(found.content["modes"])
+        if mode["weight"] > 0.05
+    ]
+    return {
+        "trusted": found.trusted,
+        "reasons": " ".join(reason.code for reason in found.reasons),
+        "right_inside": any(inside),
+        "fit_s": time.monotonic() - begun,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Measure the search for a known body.")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--body", default="rocket-stage")
+    parser.add_argument("--spin", default="flat", choices=("flat", "free"))
+    parser.add_argument("--passes", type=int, default=2)
+    parser.add_argument("--snr", type=float, default=30.0)
+    parser.add_argument("--without-shadows", action="store_true")
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("-o", "--out", type=Path, default=Path("build/bodies"))
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    path = args.out / "bodies.csv"
+    rows = list(csv.DictReader(path.open(encoding="utf-8"))) if path.exists() else []
+    about = {
+        "body": args.body,
+        "spin": args.spin,
+        "passes": args.passes,
+        "snr": args.snr,
+        "shadows": not args.without_shadows,
+    }
+    key = [str(v) for v in about.values()]
+    known = {int(r["seed"]) for r in rows if [r[k] for k in about] == key}
+    given = {"body": args.body, "spin": args.spin, "shadows": not args.without_shadows}
+    for seed in sorted({*range(args.first, args.first + args.cases)} - known):
+        case = drawn(args.body, args.spin, seed, args.snr, args.passes)
+        row = about | {"seed": seed, "turns": case.turns} | searched(case, given)
+        if args.fit:
+            row |= fitted(case, given)
+        new = not path.exists()
+        with path.open("a", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if new:
+                writer.writeheader()
+            writer.writerow({k: row.get(k, "") for k in COLUMNS})
+        print(row, flush=True)
+        rows.append({k: str(v) for k, v in row.items()})
+    mine = [r for r in rows if [r[k] for k in about] == key]
+    for name, hits in (
+        ("right motion", [r["right"] == "True" for r in mine]),
+        ("best not above the truth", [float(r["nats_above_truth"]) <= TOLERANCE for r in mine]),
+        ("refused by χ²", [float(r["p_chi2"]) < NOTICED for r in mine]),
+    ):
+        print(f"{name}: {sum(hits)} of {len(hits)} ({share(sum(hits), len(hits))})")
+
+
+if __name__ == "__main__":
+    main()

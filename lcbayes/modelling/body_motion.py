@@ -1,0 +1,151 @@
+"""Motion of a body whose axes mean something: its attitude is unknown beside its spin.
+
+The attitude is that in the middle of the light curve, where the data fix it best, so that it hardly
+depends on the rate. It is recorded at t = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpyro
+import numpyro.distributions as dist
+from numpy.typing import ArrayLike
+from numpyro.distributions import constraints
+from numpyro.distributions.util import validate_sample
+from numpyro.util import is_prng_key
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import nuisances, priors
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.priors import RADIUS_SD
+from lcbayes.physics.attitude import rotations
+
+type Turned = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
+
+
+class UniformRotation(dist.Distribution):
+    """Rotations uniform over all, represented by a quaternion (4,) of length near one.
+
+    log p(q) = −(|q| − 1)²/(2ρ²) − 3 log|q| + const with ρ = 0.1, as in `priors.UniformDirection`.
+    Components are (w, x, y, z); q and −q are the same rotation.
+    """
+
+    support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+    pytree_data_fields = ()
+    redundant = 1  # its length, which does not count as a parameter
+
+    def __init__(self, *, validate_args: bool | None = None) -> None:
+        super().__init__(batch_shape=(), event_shape=(4,), validate_args=validate_args)
+
+    def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+        assert is_prng_key(key)
+        key_direction, key_radius = jax.random.split(key)
+        u = jax.random.normal(key_direction, (*sample_shape, 4))
+        radius = 1.0 + RADIUS_SD * jax.random.truncated_normal(
+            key_radius, -1.0 / RADIUS_SD, jnp.inf, sample_shape
+        )
+        return u / jnp.linalg.norm(u, axis=-1, keepdims=True) * radius[..., None]
+
+    @validate_sample
+    def log_prob(self, value: jax.Array) -> jax.Array:
+        radius = jnp.sqrt(jnp.sum(value**2, axis=-1) + 1e-30)
+        log_norm = jnp.log(2.0 * jnp.pi**2) + jnp.log(RADIUS_SD) + 0.5 * jnp.log(2.0 * jnp.pi)
+        return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 3.0 * jnp.log(radius) - log_norm
+
+    def precision(self, value: jax.Array) -> jax.Array:
+        """Precision (4, 4): 1/ρ² radially, 4/r² across, the inverse variance of a uniform one."""
+        square = jnp.sum(value**2) + 1e-30
+        along = jnp.outer(value, value) / square
+        return along / RADIUS_SD**2 + (jnp.eye(4) - along) * 4.0 / square
+
+
+def matrix(quaternion: jax.Array) -> jax.Array:
+    """Rotation matrix (3, 3) of a quaternion (4,) = (w, x, y, z) of any length."""
+    w, x, y, z = quaternion / jnp.linalg.norm(quaternion)
+    return jnp.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def product(p: ArrayLike, q: ArrayLike) -> jax.Array:
+    """The quaternion of the rotation q followed by p."""
+    a, b = jnp.asarray(p), jnp.asarray(q)
+    vector = a[0] * b[1:] + b[0] * a[1:] + jnp.cross(a[1:], b[1:])
+    return jnp.concatenate([(a[0] * b[0] - a[1:] @ b[1:])[None], vector])
+
+
+def brought(start: ArrayLike, end: jax.Array) -> jax.Array:
+    """The shortest rotation (3, 3) that takes a unit vector to another one (Rodrigues)."""
+    a = jnp.asarray(start)
+    v = jnp.cross(a, end)
+    skew = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return jnp.eye(3) + skew + skew @ skew / jnp.maximum(1.0 + a @ end, 1e-12)
+
+
+def flat_spin(flat_axis: ArrayLike, omega_sd: float) -> tuple[jax.Array, jax.Array]:
+    """Attitude (3, 3) in the middle of the light curve and ω (3,) about an axis of the body.
+
+    ω = s A n with the axis n in body axes, s ~ N(0, omega_sd²) and A uniform.
+    """
+    attitude = _attitude()
+    unit = numpyro.sample("rate_unit", dist.Normal(0.0, 1.0))
+    omega = omega_sd * jnp.asarray(unit) * (attitude @ jnp.asarray(flat_axis))
+    numpyro.deterministic("omega", omega)
+    return attitude, omega
+
+
+def free_spin(axis: ArrayLike | None, omega_sd: float) -> tuple[jax.Array, jax.Array]:
+    """Attitude (3, 3) in the middle of the light curve and ω ~ N(0, omega_sd² I), of any direction.
+
+    The angle of a body about its axis of symmetry, if it has one, changes nothing: the direction of
+    the axis is sampled, and the angle is left out.
+    """
+    omega = priors.angular_velocity(omega_sd)
+    if axis is None:
+        return _attitude(), omega
+    direction = priors.directions("axis", 1)[0]
+    numpyro.deterministic("axis", direction)
+    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
+    cosine = jnp.clip(direction @ omega / rate, -1.0, 1.0)
+    numpyro.deterministic("cone_deg", jnp.rad2deg(jnp.arccos(cosine * (1.0 - 1e-12))))
+    return brought(axis, direction), omega
+
+
+def _attitude() -> jax.Array:
+    base = jnp.asarray(numpyro.sample("attitude_base", UniformRotation()))
+    return matrix(base)
+
+
+def turning(
+    data: Epochs, attitude: jax.Array, omega: jax.Array, clock_sd: float, rate_drift_sd: float
+) -> Turned:
+    """Directions in body axes, with errors of clocks and a drift of the rate.
+
+    Returns
+    -------
+    callable
+        ``(sun_body, obs_body)``, (T, 3) each, at the recorded times t of the epochs. The directions
+        are those of the recorded times, moved to the true ones.
+    """
+    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
+    late = nuisances.clock(data, clock_sd)
+    drift = nuisances.rate_drift(data, rate, rate_drift_sd)
+    true = nuisances.moved(data, late)
+
+    def since_middle(t: jax.Array) -> jax.Array:
+        elapsed = t - data.t_middle
+        return elapsed if drift is None else elapsed + drift * elapsed**2 / (2.0 * data.t_span)
+
+    def to_body(t: jax.Array) -> tuple[jax.Array, jax.Array]:
+        elapsed = since_middle(t if late is None else t + late)
+        sun, obs = rotations.constant_rate_to_body(elapsed, omega, true.sun, true.obs)
+        return sun @ attitude, obs @ attitude
+
+    start = rotations.constant_rate(since_middle(jnp.zeros(1)), omega)[0] @ attitude
+    numpyro.deterministic("attitude", start)
+    return to_body

@@ -1,0 +1,276 @@
+"""A body of known parts (box, cylinder, plate …) whose motion and surface are unknown."""
+
+from typing import Literal
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from scipy.spatial.transform import Rotation
+
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inference import body_search
+from lcbayes.modelling import body_motion, likelihood, nuisances
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.spin_coordinates import RateAndDirection
+from lcbayes.physics import photometry
+from lcbayes.simulation.known_bodies.reader import BodyFile, Prior, body_text, read_body_text
+
+SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
+
+MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
+POOLED = nuisances.UNMODELLED  # during the search for solutions
+DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
+
+
+def model(
+    data: Epochs,
+    *,
+    body: str,
+    spin: Literal["flat", "free"] = "flat",
+    omega_sd: float = 0.1,
+    shadows: bool = True,
+    scale_sd: float = 0.5,
+    noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
+    zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    clock_sd: float = nuisances.CLOCK_SD,
+    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
+):
+    """f(t) = κ Σ Aᵢ vᵢ f_rᵢ μ₀ᵢ μᵢ of a given body, ω constant, the attitude at t = 0 uniform.
+
+    Parameters
+    ----------
+    body
+        Name of a bundled body, or TOML file; see docs/bodies.md.
+    spin
+        "flat": about the principal axis of largest inertia of the body, or its spin_axis; "free":
+        about any axis. For a body with an axis of symmetry, "free" is its torque-free motion: ω is
+        the rate at which the axis goes round the angular momentum.
+    omega_sd
+        Prior standard deviation of each component of ω, or of the rate of a flat spin, rad/s.
+    shadows
+        Whether the parts shade and hide one another, if the body's file says so.
+    scale_sd
+        Prior sd of ln κ, if the brightness is calibrated; 0: κ = 1, the body is as large and bright
+        as the file says.
+    noise_law
+        gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    clock_sd
+        Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
+    rate_drift_sd
+        Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
+        then the mean; 0: constant.
+    """
+    file = _file(body, spin, shadows)
+    known = file.body
+    if spin == "flat":
+        attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd)
+    else:
+        attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd)
+    turned = body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
+    values = {name: _surface(file, name) for name in known.materials}
+    sizes = {
+        (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
+    }
+    albedo_area = _albedo_area(file, values)
+    size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else jnp.ones(())
+    numpyro.deterministic("albedo_area", size * albedo_area)
+
+    def seen(t):
+        return size * known.flux(*turned(t), values, shadows, sizes)
+
+    mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+
+
+def _file(body: str, spin: str, shadows: bool) -> BodyFile:
+    """The body, if its motion can be seen and its shadows have a derivative."""
+    file = read_body_text(body_text(body))
+    symmetry = file.body.symmetry
+    if symmetry.sphere:
+        raise InputError(
+            "the brightness of this body is the same in every attitude, so that no motion can be "
+            "inferred; give a body that is not a uniform sphere"
+        )
+    along = symmetry.axis
+    if spin == "flat" and along is not None and abs(along @ file.body.flat_axis) > 1.0 - 1e-6:
+        raise InputError(
+            "the body is symmetric about the axis of its flat spin, so that this rotation cannot "
+            "be seen; choose --spin free, or give spin_axis in [body]"
+        )
+    if shadows and file.body.assembly.method == "points":
+        raise InputError(
+            "the body has too many faces that shade one another for exact shadows, and others have "
+            "no derivative; leave out small parts, raise body.tolerance, or --set shadows=false"
+        )
+    return file
+
+
+def _surface(file: BodyFile, material: str):
+    """Parameters of a material, the unknown ones drawn from their priors."""
+    found = {}
+    for key, prior in file.priors[material].items():
+        found[key] = _drawn(f"{material}_{key}", prior)
+    return found
+
+
+def _drawn(name: str, prior: Prior):
+    if prior.kind == "uniform":
+        return jnp.asarray(numpyro.sample(name, dist.Uniform(prior.first, prior.second)))
+    law = dist.Normal(np.log(prior.first), np.log(prior.second))
+    value = jnp.exp(jnp.asarray(numpyro.sample(f"log_{name}", law)))
+    return jnp.asarray(numpyro.deterministic(name, value))
+
+
+def _size(albedo_area, scale_sd: float):
+    """κ, log-normal about 1.
+
+    The sampled site is ln κ of the total albedo-area: the data fix that, and κ and the reflectances
+    alone hardly.
+    """
+    law = dist.Normal(jnp.log(albedo_area), scale_sd)
+    total = jnp.asarray(numpyro.sample("log_brightness", law))
+    return jnp.asarray(numpyro.deterministic("size", jnp.exp(total) / albedo_area))
+
+
+def _albedo_area(file: BodyFile, values):
+    """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
+    sizes = []
+    for name, area in file.body.areas.items():
+        every = {**file.body.materials[name].parameters, **values[name]}
+        share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
+        sizes.append(area * share)
+    return jnp.stack([jnp.asarray(x) for x in sizes])
+
+
+def resolved(options):
+    """The options with the text of the body in place of its name or file."""
+    return {**options, "body": body_text(options["body"])}
+
+
+def coordinates(
+    data: Epochs,
+    *,
+    spin: str = "flat",
+    omega_sd: float = 0.1,
+    **options: object,  # noqa: ARG001
+) -> dict[str, RateAndDirection] | None:
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times."""
+    turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
+    return {"omega_unit": RateAndDirection()} if spin == "free" and turns > MIN_TURNS else None
+
+
+def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
+    """All motions that the prior allows; see `lcbayes.inference.body_search`."""
+    file = _file(options["body"], options["spin"], options["shadows"])
+    known = file.body
+    symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
+    flat = known.flat_axis if options["spin"] == "flat" else None
+    directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
+    fastest = body_search.PRIOR_REACH * omega_sd
+    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, fastest)
+    found, coverage = run.run(workers, progress)
+    span = float(run.arcs.span[-1])
+    found = found.at(body_search.distinct(found, span, body_search.STARTS))
+    starts = []
+    for attitude, pole, rate in zip(
+        body_search.attitudes(run, found), found.pole, found.rate, strict=True
+    ):
+        if flat is not None:
+            sites = {"rate_unit": rate / omega_sd * np.sign(pole @ attitude @ flat)}
+        else:
+            sites = {"omega_unit": rate / omega_sd * pole}
+        if flat is None and symmetry.axis is not None:
+            sites["axis_base"] = (attitude @ symmetry.axis)[None]
+        else:
+            sites["attitude_base"] = Rotation.from_matrix(attitude).as_quat(scalar_first=True)
+        starts.append(sites)
+    if "log_brightness" in problem.names:
+        median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
+        for sites, scale in zip(starts, found.scale, strict=True):
+            sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
+    gaps = body_search.gaps_between(run.arcs)
+    return body_search.optimised(problem, data, starts, gaps, workers, progress), coverage
+
+
+def equivalents(
+    *,
+    body: str,
+    spin: str = "flat",
+    shadows: bool = True,
+    **options: object,  # noqa: ARG001
+):
+    """Matrices on the sites of the motion that give the same motion of the same body.
+
+    A body that looks the same after a rotation G of its axes has the attitudes A and A G; and each
+    rotation is two quaternions. The first is the identity.
+    """
+    known = _file(body, spin, shadows).body
+    symmetry = known.symmetry
+    if spin == "free" and symmetry.axis is not None:
+        flips = any(m @ symmetry.axis @ symmetry.axis < 0.0 for m in symmetry.rotations)
+        signs = (1.0, -1.0) if flips else (1.0,)
+        return [{"axis_base": sign * np.eye(3)} for sign in signs]
+    found = []
+    for rotation in symmetry.rotations:
+        along = float(rotation @ known.flat_axis @ known.flat_axis)
+        if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
+            continue
+        right = _right(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
+        for sign in (1.0, -1.0):
+            one = {"attitude_base": sign * right}
+            if spin == "flat":
+                one["rate_unit"] = np.array([[np.sign(along)]])
+            found.append(one)
+    return found
+
+
+def mirrored(
+    normal: np.ndarray,
+    *,
+    body: str,
+    spin: str = "flat",
+    shadows: bool = True,
+    **options: object,  # noqa: ARG001
+):
+    """Matrices of the reflection R in the plane of Sun and observer, if the body has one too.
+
+    If M is a reflection of the body, R A M and −R ω give the brightness of A and ω. −R is half a
+    turn about the normal of the plane, and −M a rotation.
+    """
+    known = _file(body, spin, shadows).body
+    half = 2.0 * np.outer(normal, normal) - np.eye(3)
+    left = np.concatenate([[0.0], normal])
+    axis = known.symmetry.axis if spin == "free" else None
+    for reflection in known.symmetry.reflections:
+        along = float(-reflection @ known.flat_axis @ known.flat_axis)
+        if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
+            continue
+        if axis is not None:
+            return {"omega_unit": half, "axis_base": np.sign(-reflection @ axis @ axis) * half}
+        right = _right(Rotation.from_matrix(-reflection).as_quat(scalar_first=True))
+        found = {"attitude_base": _left(left) @ right}
+        if spin == "flat":
+            return found | {"rate_unit": np.array([[np.sign(along)]])}
+        return found | {"omega_unit": half}
+    return None
+
+
+def _left(q: np.ndarray) -> np.ndarray:
+    """The matrix (4, 4) of the product of a quaternion with q on its left."""
+    w, x, y, z = q
+    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+
+
+def _right(q: np.ndarray) -> np.ndarray:
+    """The matrix (4, 4) of the product of a quaternion with q on its right."""
+    w, x, y, z = q
+    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
