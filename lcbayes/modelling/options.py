@@ -40,8 +40,8 @@ class ModelOptions(Options):
         above=0.0,
         parse=period,
         metavar="P",
-        help="sidereal period with its unit: 23.7s, 23.70+-0.02s, 20-30s; a number alone is in "
-        "hours and for convex-grid only",
+        help="sidereal period with its unit: 23.7s, 23.70+-0.02s, 20-30s; for convex-grid a "
+        "number alone too (hours)",
     )
     pole: tuple[float, float, float] | None = option(
         None,

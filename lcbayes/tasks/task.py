@@ -187,7 +187,7 @@ def _check_period(options: Options, curve: LightCurve) -> None:
     span_s = float(curve.t.max() - curve.t.min())
     for name in ("period", "period_range"):
         given = getattr(options, name, None)
-        if given is None:
+        if given is None or isinstance(given, str):  # text has its unit
             continue
         longest = max(given) if isinstance(given, tuple) else given
         if longest * HOUR_S > MAX_PERIODS * span_s:

@@ -376,11 +376,6 @@ MISTAKES: dict[str, list[Mistake]] = {
             ("--n-facets is -3", "expected a whole number >= 1"),
         ),
         Mistake(
-            "A unit is given with the period",
-            f"{FIT} --model convex-grid --period 90s",
-            ("--period is '90s'", "a number > 0 hours"),
-        ),
-        Mistake(
             "The period is in seconds in place of hours",
             f"{FIT} --model convex-grid --period 90",
             ("--period is 90 hours", "covers 110 s", "90 s are 0.025 hours"),
@@ -392,13 +387,13 @@ MISTAKES: dict[str, list[Mistake]] = {
         ),
         Mistake(
             "An option of another model",
-            f"{FIT} --period 5",
-            ("model 'faceted' has no option 'period'", "available:"),
+            f"{FIT} --law lvlh",
+            ("model 'faceted' has no attitude law", "--reflectance"),
         ),
         Mistake(
             "A range of periods backwards",
-            "scan vectors.csv -o out --period-range 6,5",
-            ("--period-range is 6,5", "the shortest and the longest period"),
+            "scan vectors.csv -o out --period-range 0.03,0.02",
+            ("--period-range is 0.03,0.02", "the shortest and the longest period"),
         ),
         Mistake(
             "A scenario is misspelt",

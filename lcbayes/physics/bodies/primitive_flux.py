@@ -167,7 +167,7 @@ def primitive_flux(
 
     >>> up = jnp.array([[0.0, 0.0, 1.0]])
     >>> white = {"side": ("lambertian", {"r_diff": 0.9})}
-    >>> float(primitive_flux("sphere", {"radius": 2.0}, white, up, up)[0].round(9))
+    >>> round(float(primitive_flux("sphere", {"radius": 2.0}, white, up, up)[0]), 9)
     2.4
     """
     given = _checked(kind, sizes, surfaces)

@@ -21,6 +21,7 @@ class PredictOptions(Options):
     date: tuple[float, ...] = option(
         (),
         low=0.0,
+        unit="days",
         metavar="JD",
         help="predict the rotation angle of an asteroid at this Julian date; may be repeated",
     )
