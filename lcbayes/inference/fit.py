@@ -31,6 +31,7 @@ from lcbayes.inference.spin_search.search import applies, complete_search
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
+from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import bridge
@@ -41,7 +42,7 @@ from lcbayes.samplers.settings import PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
-PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body")
+PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body", RESPONSE)
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
