@@ -247,9 +247,11 @@ def why(misfit: Misfit) -> str:
     if found.cause is not None:
         gain = f"which lowers chi2 by {found.cause.gain:.0f}"
         return f"{said}; a possible explanation: {cause(found.cause)}, {gain}"
-    factor = np.sqrt(misfit.chi2 / misfit.dof)
-    if chi2.p_value < found.limit:
+    if found.too_large:
+        factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
+        if found.even:
+            return f"{said}, since the residuals are white and Gaussian but for this factor"
     return f"{said}; or try more facets, or another law"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -150,6 +151,33 @@ def test_errors_that_are_too_small_are_named(faceted):
     found = examine(faceted, z, data, light)
     assert found.cause is None
     assert "the errors are 1.4 times too small" in why(measure(faceted, data, z[None], found))
+
+
+@pytest.mark.parametrize("factor", [3.0, 10.0])
+def test_errors_that_are_far_too_small_are_named_before_an_alternative(faceted, factor):
+    """They enlarge the gain of every alternative, such as a further facet."""
+    for seed in range(4):
+        light = small_faults.light_curve(BODY, Fault(error_factor=factor), n=120, seed=seed)
+        z, data = best_fit(faceted, light)
+        found = examine(faceted, z, data, light)
+        assert any(e.p_value < found.limit for e in found.explanations)
+        assert found.cause is None
+        says = why(measure(faceted, data, z[None], found))
+        named = re.search(r"the errors are ([0-9.]+) times too small", says)
+        assert named is not None
+        assert float(named[1]) == pytest.approx(factor, rel=0.25)
+        assert found.even == ("since the residuals are white" in says)
+    assert found.even
+
+
+def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
+    fault = Fault(error_factor=3.0, clock=6.0)
+    light = small_faults.light_curve(BODY, fault, n=120, seed=3)
+    z, data = best_fit(faceted, light)
+    found = examine(faceted, z, data, light)
+    assert found.cause is not None
+    assert found.cause.name == "clock"
+    assert not found.even
 
 
 @pytest.mark.statistical(false_alarm=EACH)
