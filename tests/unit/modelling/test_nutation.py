@@ -10,9 +10,12 @@ from scipy.stats import multivariate_normal
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.fit import constrain_draws
 from lcbayes.modelling import nuisances, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from lcbayes.results.posterior import dataset
+from lcbayes.tasks.predict.brightness import predicted
 from tests.helpers import small_faults
 
 BODY = small_faults.body(1, 2)
@@ -178,3 +181,19 @@ def test_without_a_ratio_there_is_no_nutation(light):
     assert "nutation_ratio_unit" not in still.names
     z = jnp.linspace(-1.0, 1.0, with_it.dim)
     assert float(with_it.potential(z, data)) == float(without.potential(z, data))
+
+
+def test_predictions_contain_the_drawn_nutation():
+    fault = small_faults.Fault(nutation_deg=2.0)
+    light = small_faults.light_curve(BODY, fault, n=40, n_sites=1, n_passes=1)
+    problem, data = posed(light, nutation_ratio=0.3)
+    z = np.tile(np.asarray(at_truth(problem)), (1, 4, 1))
+    draws = nuisances.drawn(constrain_draws(problem, z, data), np.random.default_rng(0))
+    posterior = dataset(draws)
+    assert posterior["nutation"].dims == ("chain", "draw", "night", "nutation_component")
+    options = {"n_facets": 2, "nutation_ratio": 0.3}
+    chi2 = []
+    for known in (posterior, posterior.drop_vars("nutation")):
+        found, _ = predicted(known, light, light, "faceted", options)
+        chi2.append(np.sum(((light.brightness - found["flux_mean"]) / light.error) ** 2))
+    assert chi2[0] < 60.0 < 100.0 < chi2[1]
