@@ -96,7 +96,7 @@ def run(
         plain, problem = build_problem(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
-    fit = _Fit(plain, entry, settings, workers, checkpoint, progress, Timing())
+    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing())
     begun = time.monotonic()
     found = fit.search(options, data, key_start, spins)
     added = nutation_shown(entry, options, plain, found.solutions[0].z, found.data, curve)
@@ -108,7 +108,7 @@ def run(
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return replace(fit.by_particles(found, key), added=added)
-    if plain is not problem and not _hold(plain, problem, found.solutions, found.data):
+    if plain is not problem and not hold(plain, problem, found.solutions, found.data):
         problem = plain
     return replace(fit.by_chains(problem, found, key), added=added)
 
@@ -135,7 +135,7 @@ def nutation_shown(
     return {"nutation_ratio": alternatives.nutation_ratio(cause.version)}
 
 
-class _Found(NamedTuple):
+class Found(NamedTuple):
     """Solutions to sample, in the plain coordinates, with the data at their final weight."""
 
     solutions: list[Solution]
@@ -146,7 +146,7 @@ class _Found(NamedTuple):
     coverage: Coverage | None  # of a complete search over spins
 
 
-def _completed(plain: Problem, full: Problem, found: _Found) -> _Found:
+def _completed(plain: Problem, full: Problem, found: Found) -> Found:
     """Solutions of a problem as those of a problem with further parameters."""
     data = replace(found.data, information=jnp.asarray(1.0))
     ends = found.ends._replace(z=solutions.completed(plain, full, data, found.ends.z))
@@ -160,7 +160,7 @@ def _completed(plain: Problem, full: Problem, found: _Found) -> _Found:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Stages:
     """The stages of one fit and their shared state."""
 
     plain: Problem
@@ -177,7 +177,7 @@ class _Fit:
         data: Epochs,
         key: jax.Array,
         spins: Sequence[Mapping[str, Any]],
-    ) -> _Found:
+    ) -> Found:
         """Search with the model's pooled form if it has one, then re-optimise the solutions under
         the full model and under the data weight that the misfit allows."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
@@ -196,7 +196,9 @@ class _Fit:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
         elif complete:
-            ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
+            ends, coverage = complete_search(
+                pooled, data, chosen, workers, self.progress, self.checkpoint
+            )
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins
@@ -224,9 +226,9 @@ class _Fit:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return _Found(sampled, rest, ends, data, len(starts), coverage)
+        return Found(sampled, rest, ends, data, len(starts), coverage)
 
-    def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
+    def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
         order = FacetOrder(plain, self.entry.facet_sites)
@@ -246,7 +248,7 @@ class _Fit:
         posterior.reasons, posterior.settings = reasons, self.settings
         return posterior
 
-    def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
+    def by_chains(self, problem: Problem, found: Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
         order = FacetOrder(problem, self.entry.facet_sites)
@@ -267,7 +269,7 @@ class _Fit:
                 )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
-                log_z = _evidence(problem, data, order, whitening, z, z0, rng)
+                log_z = evidence(problem, data, order, whitening, z, z0, rng)
                 join(modes, Mode(solution, z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         log_evidence = weigh(modes)
@@ -295,7 +297,7 @@ def posterior_of(
     return Posterior(problem, data, modes, log_evidence, 1)
 
 
-def _evidence(
+def evidence(
     problem: Problem,
     data: Epochs,
     order: FacetOrder,
@@ -314,7 +316,7 @@ def _evidence(
     return LogEvidence(float(found.value + shift), found.se)
 
 
-def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
+def hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
     """Whether the model's sampling coordinates represent every solution.
 
     These coordinates serve efficient sampling and do not define the posterior. They may fail for

@@ -22,6 +22,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nutation, priors
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Rotation
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
@@ -234,15 +235,22 @@ def rotation(
     inertia_sd: float,
     clock_sd: float = CLOCK_SD,
     rate_drift_sd: float = RATE_DRIFT_SD,
+    known: KnownSpin | None = None,
 ) -> Rotating:
     """The rotation of `modelling.priors.spin` with errors of clocks and a drift of the rate.
+
+    The prior of ω is normal with sd ``omega_sd`` (rad/s), or that of what is known of the spin.
 
     Returns
     -------
     Rotating
         ``to_body(t, sun, obs)`` for recorded times t.
     """
-    turned, omega = priors.spin(spin, omega_sd, inertia_sd)
+    prior = None
+    if known is not None:
+        known.check(spin)
+        prior = known.prior(omega_sd, data)
+    turned, omega = priors.spin(spin, omega_sd, inertia_sd, prior)
     if spin == "none":
         return Rotating(data, turned, omega)
     rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
