@@ -81,7 +81,7 @@ class Explanation(NamedTuple):
     sd: float
     gain: float
     p_value: float
-    relative_p_value: float
+    relative_p_value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ class Examination:
     tests: list[ResidualTest]
     explanations: list[Explanation]
     limit: float
-    relative_limit: float
-    even: bool
+    relative_limit: float = 1.0
+    even: bool = False
 
     @property
     def refused(self) -> list[ResidualTest]:
