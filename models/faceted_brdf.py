@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpyro
 
-from lcbayes.modelling import likelihood, nuisances, priors
+from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
@@ -45,6 +45,8 @@ def model(
     zero_point_sd: float = nuisances.ZERO_POINT_SD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
+    nutation_sd: float = nutation.SD_DEG,
+    nutation_ratio: float = 0.0,
 ):
     """f(t) = Σ Aᵢ f_rᵢ μ₀ᵢ μᵢ, with f_r from the reflectance law and A = α / (Σ reflectances).
 
@@ -86,6 +88,11 @@ def model(
     rate_drift_sd
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
+    nutation_sd
+        Prior sd of each of four components of small nutation about a constant ω, deg; 0: none.
+    nutation_ratio
+        Nutation frequency over the rate of rotation, below 1; 0: no nutation, unless the residuals
+        of a fit show it.
     """
     known = KnownSpin.of(period, pole)
     turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd, known)
@@ -105,15 +112,27 @@ def model(
     def seen(sun, obs):
         return brightness.flux_brdf(sun, obs, normals, area, reflectance, parameters)
 
+    def averaged(e=None):
+        def instant(t):
+            sun, obs = directions(t)
+            return seen(sun, obs) if e is None else seen(*nutation.tilted(e, sun, obs))
+
+        if data.has_exposure:
+            return photometry.exposed(instant, data.exposure_s)(data.t)
+        return instant(data.t)
+
     sun, obs = directions(data.t)
     numpyro.deterministic("sun_body", sun)
     numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
-    if data.has_exposure:
-        mean = photometry.exposed(lambda t: seen(*directions(t)), data.exposure_s)(data.t)
-    else:
-        mean = seen(sun, obs)
-    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+    mean = averaged()
+    wobble = None
+    if spin == "free":
+        motion = turned.omega, turned.time
+        wobble = nutation.response(data, *motion, averaged, nutation_sd, nutation_ratio)
+    likelihood.observe(
+        data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise, wobble
+    )
 
 
 def coordinates(

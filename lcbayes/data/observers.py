@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.segments import PASS, split
+from lcbayes.data.segments import PASS, Gap, split
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -206,6 +206,38 @@ def matched(
         same = (labels == name) | (fitted.n_curves == 1)
         calibration[near & same & (observer == known.index[row])] = g
     return observer, calibration, known, groups
+
+
+class Nights(NamedTuple):
+    """Points of any observer without a gap of `NIGHT_GAP_S`.
+
+    Attributes
+    ----------
+    index : (T,) int
+        Night of each point; the number of nights denotes one without fitted points.
+    elapsed : (T,) s
+        Time since the middle of the night.
+    number : int
+    longest : s
+        Length of the longest night.
+    """
+
+    index: Index
+    elapsed: Floats
+    number: int
+    longest: float
+
+
+def matched_nights(times: Floats, fitted: LightCurve) -> Nights:
+    """Nights of the fitted curve to which times (T,) s belong, on the time axis of ``fitted.t``."""
+    parts = split(fitted.t, np.zeros(fitted.n_obs, np.int64), Gap(NIGHT_GAP_S))
+    index, elapsed = np.full(times.size, len(parts)), times - times.min()
+    for k, rows in enumerate(parts):
+        first, last = fitted.t[rows[0]], fitted.t[rows[-1]]
+        here = (times > first - NIGHT_GAP_S) & (times < last + NIGHT_GAP_S)
+        index[here], elapsed[here] = k, times[here] - 0.5 * (first + last)
+    longest = max(float(np.ptp(fitted.t[rows])) for rows in parts)
+    return Nights(index, elapsed, len(parts), longest)
 
 
 def direction_rates(curve: LightCurve, seen_by: Observers) -> tuple[Floats, Floats]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX
+from lcbayes.modelling.nutation import in_phase
 from lcbayes.modelling.problem import Problem, Sites, compiled
 from lcbayes.physics.bodies import facets
 
@@ -25,6 +26,7 @@ CLOCK_STEP_S, ANGLE_STEP = 1e-3, 1e-4  # of differences; brightness is smooth ov
 LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
 GRID = 96  # directions of a further facet
 MAX_FREQUENCIES = 256
+MAX_NIGHTS = 6  # with nutation of their own
 MAX_NAMED = 12  # observers or calibrations with an alternative each
 
 
@@ -132,28 +134,36 @@ def _drift(problem: Problem, z: Floats, data: Epochs) -> Iterator[Alternative]:
 
 
 def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterator[Alternative]:
-    """The spin axis moves on a cone, at any rate up to twice that of the rotation.
+    """Small torque-free nutation at any frequency that a rigid body can have.
 
-    To first order, the body is turned by a vector of constant length θ perpendicular to the angular
-    momentum, which rotates about it at the rate Ω = L/I_t of a body of equal transverse moments
-    of inertia I_t: from 0 (a needle) to twice the rate of rotation (a disc). The two amounts are
-    the components of the vector at t = 0, in deg.
+    The columns of each version are those of `modelling.nutation.response`: four for each night,
+    because the phase cannot be followed from night to night. The length of the vector of amounts is
+    the angle by which the body is turned, deg, as a root mean square over time and nights.
     """
     omega = np.asarray(sites["omega"])
     rate = float(np.linalg.norm(omega))
-    if rate == 0.0:
+    if rate == 0.0 or data.n_nights > MAX_NIGHTS:
         return
     pole = omega / rate
     across = np.stack(facets.across(pole[None])).reshape(2, 3)
-    by_angle = np.array([_by_rotation(problem, z, data, axis) for axis in across])
-    t = np.asarray(data.t)
-    n = int(np.clip(np.ceil(4.0 * rate * float(data.t_span) / np.pi), 4, MAX_FREQUENCIES))
-    ratio = 2.0 * (np.arange(n) + 0.5) / n
-    cos, sin = (f(ratio[:, None] * rate * t) for f in (np.cos, np.sin))
-    first, second = by_angle
-    columns = np.stack([cos * first + sin * second, cos * second - sin * first], axis=1)
-    labels = tuple(f"{r:.2f} times the rate of rotation" for r in ratio)
-    yield Alternative("nutation", "", "deg", np.radians(columns), labels)
+    first, second = (_by_rotation(problem, z, data, axis) for axis in across)
+    turn = rate * np.asarray(data.nights.elapsed)
+    cos, sin = np.cos(turn), np.sin(turn)
+    along = jnp.asarray([cos * first + sin * second, cos * second - sin * first])  # of body axes
+    longest = rate * float(data.longest_night)
+    n = int(np.clip(np.ceil(2.0 * longest / np.pi), 4, MAX_FREQUENCIES))
+    ratio = (np.arange(n) + 0.5) / n
+    each = np.array([in_phase(along, jnp.asarray(r * turn)) for r in ratio])
+    here = np.asarray(data.night) == np.arange(data.n_nights)[:, None]
+    columns = (each[:, None] * here[:, None]).reshape(n, -1, turn.size)
+    unit = np.radians(np.sqrt(2.0 * data.n_nights))
+    labels = tuple(f"{r:.4g} times the rate of rotation" for r in ratio)
+    yield Alternative("nutation", "", "deg", unit * columns, labels)
+
+
+def nutation_ratio(version: str) -> float:
+    """The frequency over the rate of rotation, of a version of the alternative ``nutation``."""
+    return float(version.split()[0])
 
 
 def _lobes(sites: Sites) -> Iterator[Alternative]:

@@ -35,6 +35,7 @@ STEP = 1e-3  # of differences, in posterior standard deviations
 HARMONICS = 4  # of the rotational phase
 ABSORBED = 1e-3  # share of the effect of an alternative that the parameters leave; below: none
 LAGS = 4  # of the autocorrelation
+KURTOSIS = "kurtosis"
 MAX_FREQUENCIES = 64  # of the periodogram
 
 
@@ -68,6 +69,8 @@ class Explanation(NamedTuple):
         Decrease of chi2.
     p_value : float
         Of a gain as large for any version of this alternative.
+    relative_p_value : float
+        Of as large a share of chi2, which does not depend on the size of the errors.
     """
 
     name: str
@@ -78,6 +81,7 @@ class Explanation(NamedTuple):
     sd: float
     gain: float
     p_value: float
+    relative_p_value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,19 @@ class Examination:
     limit : float
         The p-value below which one of these tests refuses the model: the model is refused by
         mistake with the probability `FALSE_ALARM`, whichever test does it.
+    relative_limit : float
+        The same for the p-values of shares of chi2: if the errors of a correct model are too small
+        by one factor, an alternative is taken for the cause with the probability `FALSE_ALARM`.
+    even : bool
+        Whether the residuals are white and Gaussian but for one factor, by the tests of shares of
+        chi2 and by their kurtosis.
     """
 
     tests: list[ResidualTest]
     explanations: list[Explanation]
     limit: float
+    relative_limit: float = 1.0
+    even: bool = False
 
     @property
     def refused(self) -> list[ResidualTest]:
@@ -104,9 +116,20 @@ class Examination:
         return sorted((t for t in self.tests if t.p_value < self.limit), key=lambda t: t.p_value)
 
     @property
+    def too_large(self) -> bool:
+        """Whether chi2 is too large."""
+        return any(t.name == "chi2" for t in self.refused)
+
+    @property
     def cause(self) -> Explanation | None:
-        """The alternative that explains the misfit best, if one is significant."""
+        """The alternative that explains the misfit best, if one is significant.
+
+        If chi2 is too large, it must explain a significant share of it: errors that are too small
+        enlarge the gain of every alternative.
+        """
         good = [e for e in self.explanations if e.p_value < self.limit]
+        if self.too_large:
+            good = [e for e in good if e.relative_p_value < self.relative_limit]
         return max(good, key=lambda e: e.gain, default=None)
 
 
@@ -162,15 +185,28 @@ def examine(
         gains, best = _gains(one, every, maker)
         values[_code(one)] = gains
         scores.append((one, gains, best))
-    p_values = {name: _ranks(value) for name, value in values.items()}
-    smallest = np.min(np.stack(list(p_values.values())), axis=0)
-    limit = float(np.quantile(smallest[1:], FALSE_ALARM))
+    p_values, limit = _p_values(values)
+    # every statistic is quadratic in the residuals
+    shares = {k: v / values["chi2"] for k, v in values.items() if k != "chi2"}
+    shares[KURTOSIS] = np.sum(every**4, axis=1) / values["chi2"] ** 2
+    relative, relative_limit = _p_values(shares)
+    even = min(float(p[0]) for p in relative.values()) >= relative_limit
     tests = [ResidualTest(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
     found = [
-        _explanation(one, best, every, maker, float(p_values[_code(one)][0]))
+        _explanation(one, best, every, maker)._replace(
+            p_value=float(p_values[_code(one)][0]), relative_p_value=float(relative[_code(one)][0])
+        )
         for one, _, best in scores
     ]
-    return Examination(tests, sorted(found, key=lambda e: (e.p_value, -e.gain)), limit)
+    found.sort(key=lambda e: (e.p_value, -e.gain))
+    return Examination(tests, found, limit, relative_limit, even)
+
+
+def _p_values(values: dict[str, Floats]) -> tuple[dict[str, Floats], float]:
+    """p-values (1 + n,) of statistics (1 + n,), and the limit for the smallest of them."""
+    found = {name: _ranks(value) for name, value in values.items()}
+    smallest = np.min(np.stack(list(found.values())), axis=0)
+    return found, float(np.quantile(smallest[1:], FALSE_ALARM))
 
 
 def _code(one: Alternative) -> str:
@@ -388,18 +424,18 @@ def _absorbed(information: Floats, columns: Floats) -> bool:
     return bool(np.linalg.eigvalsh(information).min() <= ABSORBED * size.max())
 
 
-def _explanation(
-    one: Alternative, best: int, every: Floats, maker: Projection, p_value: float
-) -> Explanation:
+def _explanation(one: Alternative, best: int, every: Floats, maker: Projection) -> Explanation:
+    """The alternative with its amount, without p-values."""
     columns = one.columns[best]
     information = columns @ maker.left(columns).T
     if _absorbed(information, columns):
-        return Explanation(one.name, one.about, one.unit, "", 0.0, np.inf, 0.0, 1.0)
+        return Explanation(one.name, one.about, one.unit, "", 0.0, np.inf, 0.0, 1.0, 1.0)
     amounts = np.linalg.solve(information, columns @ every.T)  # (K, 1 + n)
     amount = float(amounts[0, 0]) if len(columns) == 1 else float(np.linalg.norm(amounts[:, 0]))
     sd = float(np.sqrt(np.mean(np.var(amounts[:, 1:], axis=1))))
     gain = float(amounts[:, 0] @ information @ amounts[:, 0])
-    return Explanation(one.name, one.about, one.unit, one.labels[best], amount, sd, gain, p_value)
+    version = one.labels[best]
+    return Explanation(one.name, one.about, one.unit, version, amount, sd, gain, 1.0, 1.0)
 
 
 def _ranks(values: Floats) -> Floats:

@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT = 0.1, 0.03, 1.0
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
-NUISANCES = ("zero_point", "clock_offset", "rate_drift")  # they are meant to move
+NUISANCES = ("zero_point", "clock_offset", "rate_drift", "nutation")  # they are meant to move
 FAULTS = (
     "clock_0.1_s",
     "zero_point_0.03_mag",
@@ -167,12 +167,22 @@ def _places(
         for axis in np.eye(3)
     ]
     yield "site_100_m", np.array(each)
-    track = np.zeros_like(to_site)
-    for rows in split(curve.t, seen_by.index, PASS):
-        t, first = np.unique(curve.t[rows], return_index=True)
-        if t.size > 1:
-            speed = np.gradient(to_site[rows[first]], t, axis=0)
-            track[rows] = speed[np.searchsorted(t, curve.t[rows])]
+    yield "elements_1_day", change(ALONG_TRACK_KM * _track(curve, to_site, seen_by.index))[None]
+
+
+def _track(curve: LightCurve, to_site: Floats, observer: NDArray[np.int64]) -> Floats:
+    """Unit vectors (T, 3) against the direction of flight, zero if it is not known.
+
+    Without a velocity, it is that of the object relative to the site, some 3° from that of flight.
+    """
+    if curve.velocity_km_s is not None:
+        track = -curve.velocity_km_s
+    else:
+        track = np.zeros_like(to_site)
+        for rows in split(curve.t, observer, PASS):
+            t, first = np.unique(curve.t[rows], return_index=True)
+            if t.size > 1:
+                speed = np.gradient(to_site[rows[first]], t, axis=0)
+                track[rows] = speed[np.searchsorted(t, curve.t[rows])]
     length = np.linalg.norm(track, axis=1, keepdims=True)
-    track = np.where(length > 0, track / np.maximum(length, 1e-300), 0.0)
-    yield "elements_1_day", change(ALONG_TRACK_KM * track)[None]
+    return np.where(length > 0, track / np.maximum(length, 1e-300), 0.0)

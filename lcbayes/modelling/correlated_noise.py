@@ -20,15 +20,21 @@ STEPS, LOG_SD = (
 
 
 class Innovations(NamedTuple):
-    """Residuals and responses (T,) given earlier points, and their standard deviation."""
+    """Residuals, responses (T,) and columns (K, T) given earlier points, and the standard deviation
+    of the residuals."""
 
     miss: jax.Array
     response: jax.Array
+    columns: jax.Array | None
     sd: jax.Array
 
 
 def ornstein_uhlenbeck(
-    data: Epochs, miss: jax.Array, response: jax.Array, sd: jax.Array
+    data: Epochs,
+    miss: jax.Array,
+    response: jax.Array,
+    sd: jax.Array,
+    columns: jax.Array | None = None,
 ) -> Innovations:
     """Residuals given the earlier ones of the same pass, with correlated noise of unknown size.
 
@@ -41,10 +47,10 @@ def ornstein_uhlenbeck(
     size = jnp.asarray(numpyro.deterministic("correlated_sd", jnp.exp(log_sd)))
     time = jnp.asarray(numpyro.deterministic("correlated_time_s", jnp.exp(log_time)))
     unit = data.noise_unit[data.curve]
-    found = innovations(
-        data.segments, data.t, jnp.stack([miss, response]) / unit, sd / unit, size, time
-    )
-    return Innovations(found[0][0] * unit, found[0][1] * unit, found[1] * unit)
+    values = jnp.stack([miss, response, *([] if columns is None else columns)])
+    left, width = innovations(data.segments, data.t, values / unit, sd / unit, size, time)
+    miss, response, *rest = left * unit
+    return Innovations(miss, response, jnp.stack(rest) if rest else None, width * unit)
 
 
 def innovations(

@@ -11,7 +11,7 @@ from lcbayes.core.constants import DAY_S, SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.observers import direction_rates, matched, observers
+from lcbayes.data.observers import direction_rates, matched, matched_nights, observers
 from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
@@ -78,8 +78,13 @@ class Epochs:
     calibration : (T,) int
         Index of the zero point among those of the fitted curve; ``n_calibrations`` for any other
         calibration, −1 for a point that needs no zero point.
-    calibrated_together, segments : Passes
-        Points grouped by zero point, and by pass of one observer, in the same form as ``passes``.
+    night : (T,) int
+        Index of the night among those of the fitted curve; ``n_nights`` for any other, −1 for a
+        point that shares no fault of the motion with others.
+    calibrated_together, segments, nights : Passes
+        Points grouped by zero point, by pass of one observer, and by night of any observer, in the
+        same form as ``passes``. For nights, ``elapsed`` is the time since the middle, s.
+    longest_night : s
     t_step : s
         Median time step within the passes of the fitted curve.
     sun_rate, obs_rate : (T, 3) 1/s
@@ -92,8 +97,9 @@ class Epochs:
         Whether the group's brightness carries an unknown factor.
     n_sites, n_members : int
         Numbers of sites and groups of the fitted curve.
-    n_observers, n_calibrations, n_segments : int
-        Numbers of observers, zero points (0 if there is only one) and passes of the fitted curve.
+    n_observers, n_calibrations, n_segments, n_nights : int
+        Numbers of observers, zero points (0 if there is only one), passes and nights of the fitted
+        curve.
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
@@ -126,6 +132,9 @@ class Epochs:
     calibration: jax.Array
     calibrated_together: Passes
     segments: Passes
+    night: jax.Array
+    nights: Passes
+    longest_night: jax.Array
     t_step: jax.Array
     sun_rate: jax.Array
     obs_rate: jax.Array
@@ -139,6 +148,7 @@ class Epochs:
     n_observers: int = _static(1)
     n_calibrations: int = _static(0)
     n_segments: int = _static(1)
+    n_nights: int = _static(1)
     calibrated: bool = _static(True)
     has_passes: bool = _static(False)
 
@@ -160,6 +170,7 @@ class Epochs:
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
         observer, calibration, known, groups = matched(curve, t + fitted.t.min(), fitted)
+        nights = matched_nights(t + fitted.t.min(), fitted)
         sun_rate, obs_rate = direction_rates(curve, observers(curve))
         airmass = np.ones(n)
         if curve.position_km is not None and curve.range_km is not None:
@@ -191,6 +202,11 @@ class Epochs:
             calibration=jnp.asarray(calibration),
             calibrated_together=Passes.of_groups(calibration, curve.t),
             segments=Passes.of_groups(pass_numbers(curve), curve.t),
+            night=jnp.asarray(nights.index),
+            nights=Passes.of_groups(nights.index, curve.t)._replace(
+                elapsed=jnp.asarray(nights.elapsed)
+            ),
+            longest_night=jnp.asarray(nights.longest),
             t_step=jnp.asarray(_typical_step(fitted)),
             sun_rate=jnp.asarray(sun_rate),
             obs_rate=jnp.asarray(obs_rate),
@@ -204,6 +220,7 @@ class Epochs:
             n_observers=len(known.names),
             n_calibrations=len(groups.names),
             n_segments=len(split(fitted.t, known.index, PASS)),
+            n_nights=nights.number,
             calibrated=not np.all(fitted.free_scale),
             has_passes=has_passes,
         )
@@ -211,13 +228,14 @@ class Epochs:
     def without_passes(self) -> Epochs:
         """The same epochs with each point in a separate pass, independent of the other points.
 
-        Zero points are left out, and correlated noise is independent.
+        Zero points and nutation are left out, and correlated noise is independent.
         """
         return replace(
             self,
             passes=self.passes.without_passes(),
             segments=self.segments.without_passes(),
             calibration=jnp.full_like(self.calibration, -1),
+            night=jnp.full_like(self.night, -1),
         )
 
 

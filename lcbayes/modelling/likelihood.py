@@ -14,6 +14,7 @@ from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import nutation
 from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.nuisances import zero_point_response, zero_points
@@ -184,6 +185,7 @@ def observe(
     passes: bool = False,
     zero_point_sd: float = 0.0,
     correlated: bool = False,
+    wobble: nutation.Wobble | None = None,
 ) -> None:
     """Condition on the recorded brightness (site ``brightness``).
 
@@ -216,12 +218,16 @@ def observe(
     correlated : bool
         Whether the noise includes an Ornstein-Uhlenbeck process within each pass, see
         `correlated_noise`. It is integrated out too, and not used with ``passes``.
+    wobble : nutation.Wobble, optional
+        Response to small nutation, which is integrated out too, and not used with ``passes``.
 
     References
     ----------
     Linares & Crassidis, eqs. (1), (10), with the normalisation to the power m; Hogg, Bovy & Lang
     2010, arXiv:1008.4686, sec. 3 (mixture).
     """
+    if wobble is not None:
+        flux = nutation.shifted(data, flux, wobble)
     flux = jnp.asarray(numpyro.deterministic(FLUX, flux * data.sunlight))
     scale = curve_scales(data, flux)
     mean = expected(data, flux, scale)
@@ -240,11 +246,15 @@ def observe(
         inner = (x / unit for x in (data.brightness, mean, sd))
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
     else:
+        columns = None if wobble is None else _brightness(data, flux, scale, wobble.columns)
         response = zero_point_response(data, mean)
         if correlated:
-            miss, response, sd = ornstein_uhlenbeck(data, data.brightness - mean, response, sd)
+            miss = data.brightness - mean
+            miss, response, columns, sd = ornstein_uhlenbeck(data, miss, response, sd, columns)
             mean = data.brightness - miss
-        mean, sd = zero_points(data, mean, sd, response, zero_point_sd)
+        mean, sd, columns = zero_points(data, mean, sd, response, zero_point_sd, columns)
+        if wobble is not None and columns is not None:
+            mean, sd = nutation.given_earlier(data, mean, sd, columns, wobble.sd)
     if noise == "gaussian":
         likelihood = dist.Normal(mean, sd)
     elif noise == "student-t":
@@ -256,6 +266,12 @@ def observe(
         raise ValueError(f"unknown noise {noise!r}; available: gaussian, student-t, mixture")
     with handlers.scale(scale=data.information):
         numpyro.sample(OBSERVED, likelihood, obs=data.brightness)
+
+
+def _brightness(data: Epochs, flux: jax.Array, scale: jax.Array, columns: jax.Array) -> jax.Array:
+    """Changes of the brightness (K, T) by changes of the flux in full sunlight, to first order."""
+    _, push = jax.linearize(lambda x: expected(data, x, scale), flux)
+    return jax.vmap(push)(columns * data.sunlight)
 
 
 def _contaminated(mean: jax.Array, sd: jax.Array, passes: Passes | None) -> Contaminated:

@@ -1,16 +1,17 @@
 """Small faults of calibration, clocks and motion as parameters with priors.
 
-Zero points act linearly and are integrated out. Offsets of clocks and a change of rate are sampled
-in units of their prior standard deviations, so that their effect is exact. A fault is modelled only
-where the data can contain it: zero points if there are several calibrations, clocks if there are
-several observers, a change of rate if there are several passes. Without the structure, or with a
-standard deviation of zero, the model is unchanged.
+Zero points and small nutation act linearly and are integrated out. Offsets of clocks and a change
+of rate are sampled in units of their prior standard deviations, so that their effect is exact. A
+fault is modelled only where the data can contain it: zero points if there are several calibrations,
+clocks if there are several observers, a change of rate if there are several passes. Without the
+structure, or with a standard deviation of zero, the model is unchanged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpyro
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import priors
+from lcbayes.modelling import nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Rotation
@@ -28,14 +29,21 @@ ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photome
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
 RATE_DRIFT_SD = 0.01  # relative change of the rate of rotation over the light curve
 MAX_DRIFT_PHASE = 1.0  # rad, in the middle of the light curve
-UNMODELLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}
+UNMODELLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0, "nutation_sd": 0.0}
 """Options of a model without these parameters, for the search for solutions."""
+INTEGRATED_OUT = ("zero_point_", "nutation_mean", "nutation_root")
+# beginnings of the names of the moments of what is integrated out, given the data
 UNITS = {"zero_point": "mag", "clock_offset": "s", "rate_drift": ""}
 
 
 def zero_points(
-    data: Epochs, mean: jax.Array, sd: jax.Array, h: jax.Array, prior_sd: float
-) -> tuple[jax.Array, jax.Array]:
+    data: Epochs,
+    mean: jax.Array,
+    sd: jax.Array,
+    h: jax.Array,
+    prior_sd: float,
+    columns: jax.Array | None = None,
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     """Mean and standard deviation (T,) of each point given the earlier ones of its calibration.
 
     The points of a calibration share a zero point z ~ Normal(0, s²), mag, positive if fainter. To
@@ -59,6 +67,10 @@ def zero_points(
         `zero_point_response`, transformed in the same way.
     prior_sd : float
         s, mag.
+    columns : (K, T), optional
+        Further changes of the brightness by unit amounts n. They are returned given earlier points
+        too. ``zero_point_mean`` is then that at n = 0, and falls by ``zero_point_slope`` (G, K)
+        times the n of the night ``zero_point_night`` (G,).
 
     References
     ----------
@@ -66,17 +78,24 @@ def zero_points(
     with Gaussian weights, integrated out).
     """
     if not _on("zero_point_sd", prior_sd) or not data.n_calibrations:
-        return mean, sd
+        return mean, sd, columns
     groups = data.calibrated_together
     terms = jnp.stack([(h / sd) ** 2, h * (data.brightness - mean) / sd**2])
-    before, weighted = groups.before(terms)
+    if columns is not None:
+        terms = jnp.concatenate([terms, h * columns / sd**2])
+    before, weighted, *along = groups.before(terms)
     v = 1.0 / (1.0 / prior_sd**2 + before)
-    total = jnp.zeros((2, data.n_calibrations + 1)).at[:, data.calibration]
+    total = jnp.zeros((len(terms), data.n_calibrations + 1)).at[:, data.calibration]
     total = total.add(data.information * terms)[:, :-1]
     whole = 1.0 / (1.0 / prior_sd**2 + total[0])
     numpyro.deterministic("zero_point_mean", whole * total[1])
     numpyro.deterministic("zero_point_sd", jnp.sqrt(whole))
-    return mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v)
+    if columns is not None:
+        numpyro.deterministic("zero_point_slope", (whole * total[2:]).T)
+        night = jnp.zeros(data.n_calibrations + 1, int).at[data.calibration].max(data.night)
+        numpyro.deterministic("zero_point_night", night[:-1])
+        columns = columns - h * v * jnp.stack(along)
+    return mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v), columns
 
 
 def zero_point_response(data: Epochs, mean: jax.Array) -> jax.Array:
@@ -85,12 +104,56 @@ def zero_point_response(data: Epochs, mean: jax.Array) -> jax.Array:
     return jnp.where(data.calibration < 0, 0.0, each)
 
 
+class Faults(NamedTuple):
+    """Draws of what a model integrates out: (..., G) mag and (..., nights, 4) deg."""
+
+    zero_point: Any
+    nutation: Any
+
+
+def jointly(sites: Mapping[str, Any], normal: Callable[[str], Any]) -> Faults:
+    """Draws given the data: of the nutation, and of the zero points given the nutation.
+
+    Parameters
+    ----------
+    sites : mapping
+        Sites of the model; arrays of NumPy or JAX, with any leading axes.
+    normal : callable
+        Standard normal numbers of the shape of a named site.
+    """
+    zero_point = wobble = None
+    if "nutation_mean" in sites:
+        root = sites["nutation_root"]
+        wobble = sites["nutation_mean"] + (root @ normal("nutation_mean")[..., None])[..., 0]
+    if "zero_point_mean" in sites:
+        mean = sites["zero_point_mean"]
+        if wobble is not None:
+            night = (sites["zero_point_night"][..., None] == np.arange(wobble.shape[-2])) * 1.0
+            mean = mean - (sites["zero_point_slope"] * (night @ wobble)).sum(axis=-1)
+        zero_point = mean + sites["zero_point_sd"] * normal("zero_point_mean")
+    return Faults(zero_point, wobble)
+
+
+def drawn_jointly(sites: Mapping[str, jax.Array], key: jax.Array) -> Faults:
+    """`jointly` with a key of JAX."""
+    keys = {"zero_point_mean": key, "nutation_mean": jax.random.fold_in(key, 1)}
+    return jointly(sites, lambda name: jax.random.normal(keys[name], sites[name].shape))
+
+
 def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, NDArray]:
-    """Draws of the sites of a model, with ``zero_point`` in place of its mean and sd."""
-    found = {k: v for k, v in draws.items() if not k.startswith("zero_point_")}
-    if "zero_point_mean" in draws:
-        mean, sd = (np.asarray(draws[f"zero_point_{k}"]) for k in ("mean", "sd"))
-        found["zero_point"] = mean + sd * rng.standard_normal(mean.shape)
+    """Draws of the sites of a model, with draws of what it integrates out in place of its moments.
+
+    ``nutation_deg`` is the angle by which nutation turns the body, as a root mean square over a
+    nutation period, in the night in which it is largest.
+    """
+    found = {k: v for k, v in draws.items() if not k.startswith(INTEGRATED_OUT)}
+    faults = jointly(draws, lambda name: rng.standard_normal(np.shape(draws[name])))
+    if faults.zero_point is not None:
+        found["zero_point"] = faults.zero_point
+    if faults.nutation is not None:
+        found[nutation.AMOUNTS] = faults.nutation
+        angle = np.sqrt(0.5 * np.sum(faults.nutation**2, axis=-1))
+        found["nutation_deg"] = angle.max(axis=-1)
     return found
 
 
@@ -121,6 +184,50 @@ def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.
     return jnp.asarray(numpyro.deterministic("rate_drift", sd * unit / jnp.sqrt(1.0 + phase**2)))
 
 
+@dataclass(frozen=True)
+class Rotating:
+    """The rotation of a body, with errors of clocks and a drift of the rate.
+
+    Attributes
+    ----------
+    data : Epochs
+    turned : callable
+        Rotation at true times, as of `modelling.priors.spin`.
+    omega : (3,) rad/s
+        Angular velocity at t = 0, mean angular velocity if it drifts.
+    late : (T,) s, optional
+        To be added to the recorded times.
+    drift : scalar, optional
+        Relative change of the rate.
+    """
+
+    data: Epochs
+    turned: Rotation
+    omega: jax.Array
+    late: jax.Array | None = None
+    drift: jax.Array | None = None
+
+    def __call__(self, t: jax.Array, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
+        """Body components of the directions at recorded times t.
+
+        The directions are those of the recorded times, and are moved to the true ones at the rates
+        of ``data``.
+        """
+        if self.late is not None:
+            sun = _moved(sun, self.late[:, None] * self.data.sun_rate)
+            obs = _moved(obs, self.late[:, None] * self.data.obs_rate)
+        return self.turned(self.time(t), sun, obs)
+
+    def time(self, t: jax.Array) -> jax.Array:
+        """The time (T,) at which a body of constant rate has the attitude of recorded times t."""
+        if self.late is not None:
+            t = t + self.late
+        if self.drift is not None:
+            middle = self.data.t_middle
+            t = t + self.drift * ((t - middle) ** 2 - middle**2) / (2.0 * self.data.t_span)
+        return t
+
+
 def rotation(
     data: Epochs,
     spin: str,
@@ -129,39 +236,26 @@ def rotation(
     clock_sd: float = CLOCK_SD,
     rate_drift_sd: float = RATE_DRIFT_SD,
     known: KnownSpin | None = None,
-) -> Rotation:
+) -> Rotating:
     """The rotation of `modelling.priors.spin` with errors of clocks and a drift of the rate.
 
     The prior of ω is normal with sd ``omega_sd`` (rad/s), or that of what is known of the spin.
 
     Returns
     -------
-    callable
-        ``to_body(t, sun, obs)`` for recorded times t. The directions are those of the recorded
-        times, and are moved to the true ones at the rates of ``data``.
+    Rotating
+        ``to_body(t, sun, obs)`` for recorded times t.
     """
     prior = None
     if known is not None:
         known.check(spin)
         prior = known.prior(omega_sd, data)
-    turned, rate = priors.spin(spin, omega_sd, inertia_sd, prior)
+    turned, omega = priors.spin(spin, omega_sd, inertia_sd, prior)
     if spin == "none":
-        return turned
+        return Rotating(data, turned, omega)
+    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
     late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
-    if late is None and drift is None:
-        return turned
-
-    def to_body(t: jax.Array, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
-        if late is not None:
-            t = t + late
-            sun = _moved(sun, late[:, None] * data.sun_rate)
-            obs = _moved(obs, late[:, None] * data.obs_rate)
-        if drift is not None:
-            middle = data.t_middle
-            t = t + drift * ((t - middle) ** 2 - middle**2) / (2.0 * data.t_span)
-        return turned(t, sun, obs)
-
-    return to_body
+    return Rotating(data, turned, omega, late, drift)
 
 
 def moved(data: Epochs, late: jax.Array | None) -> Epochs:

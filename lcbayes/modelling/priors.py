@@ -226,21 +226,20 @@ def spin(
     callable
         ``to_body(t, *vectors)`` gives the body-frame components at times t (T,) s of inertial
         vectors (T, 3).
-    scalar
-        |ω| at t = 0, rad/s.
+    (3,)
+        ω at t = 0, rad/s.
     """
     if kind not in SPINS:
         raise ValueError(f"unknown spin {kind!r}; available: {', '.join(SPINS)}")
     omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd, known)
-    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
     if kind != "torque-free":
-        return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), rate
+        return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), omega
     tensor = inertia(inertia_sd)
     momentum = tensor @ omega
     pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
     pole_angles(pole)
 
-    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors), rate
+    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors), omega
 
 
 def pole_angles(pole: jax.Array) -> None:

@@ -21,7 +21,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
-from lcbayes.modelling.nuisances import zero_point_response
+from lcbayes.modelling.nuisances import drawn_jointly, zero_point_response
+from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
@@ -107,7 +108,7 @@ class Problem:
         moving = _reaching(lambda free: self._flux(free, data), template)
         self._body = {k: self._rows[k] for k in moving}
         widths = _reaching(
-            lambda free: self._conditions(data, free, self._flux(free, data)).sd, template
+            lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
         self._knows_errors = not widths
         still = np.setdiff1d(np.arange(self.dim), np.concatenate([[], *self._body.values()]))
@@ -215,12 +216,13 @@ class Problem:
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 
-    def _conditions(self, data: Epochs, free: Sites, flux: jax.Array) -> Moments:
+    def _conditions(self, data: Epochs, held: Sites, free: Sites, flux: jax.Array) -> Moments:
         """Centres and widths of all observed sites, concatenated, for a given flux.
 
-        A model may also condition on other quantities, such as the closure of facet areas.
+        A model may also condition on other quantities, such as the closure of facet areas. The
+        deterministic sites ``held`` have these values whatever the parameters are.
         """
-        with TRACING, handlers.substitute(data={FLUX: flux}):
+        with TRACING, handlers.substitute(data={FLUX: flux, **held}):
             trace, _ = self._trace(free, data)
         parts = [_moments(v) for v in trace.values() if _is_condition(v)]
         return Moments(
@@ -258,17 +260,21 @@ class Problem:
     def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
         """A posterior predictive draw of the data given z, independent between points, (T,).
 
-        Zero points are drawn given z and the data.
+        Zero points and nutation are drawn given z and the data.
         """
-        site = self._trace(z, data.without_passes())[0][OBSERVED]
-        drawn = site["fn"].sample(key)
         sites = self.constrain(z, data)
-        if "zero_point_mean" not in sites:
+        faults = drawn_jointly(sites, jax.random.fold_in(key, 1))
+        changed = {}
+        if faults.nutation is not None:
+            each = jnp.sum(faults.nutation[data.night].T * sites[RESPONSE], axis=0)
+            changed = {FLUX: sites[FLUX] + data.sunlight * each}
+        with TRACING, handlers.substitute(data=changed):
+            site = self._trace(z, data.without_passes())[0][OBSERVED]
+        drawn = site["fn"].sample(key)
+        if faults.zero_point is None:
             return drawn
-        key = jax.random.fold_in(key, 1)
-        unit = jax.random.normal(key, sites["zero_point_mean"].shape)
-        each = jnp.append(sites["zero_point_mean"] + sites["zero_point_sd"] * unit, 0.0)
-        return drawn + zero_point_response(data, _moments(site).mean) * each[data.calibration]
+        each = jnp.append(faults.zero_point, 0.0)[data.calibration]
+        return drawn + zero_point_response(data, _moments(site).mean) * each
 
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Expected information of all observed sites plus the prior precision, (D, D).
@@ -291,7 +297,9 @@ class Problem:
             along = jax.jacfwd(lambda x, name=name: self._flux({**free, name: x}, data))(free[name])
             parts.append(along.reshape(flux.size, -1).T)
         change = jnp.concatenate(parts)[self._body_order]
-        moments, push_on = jax.linearize(partial(self._conditions, data), free, flux)
+        # the change of a small response with the parameters is of second order
+        held = {RESPONSE: trace[RESPONSE]["value"]} if RESPONSE in trace else {}
+        moments, push_on = jax.linearize(partial(self._conditions, data, held), free, flux)
         mean, sd = jax.vmap(push_on)(basis, change)
         mean = mean * (jnp.sqrt(w) / moments.sd)
         information = mean @ mean.T + self.prior_precision(z, data)

@@ -101,10 +101,12 @@ class ResidualTestContent(TypedDict):
 
 
 class Residuals(TypedDict, total=False):
-    """Tests of the residuals: limit of the p-values, and alternatives with their amounts."""
+    """Tests of the residuals: limits of the p-values, and alternatives with their amounts."""
 
     false_alarm: float
     p_limit: float
+    relative_p_limit: float
+    even: bool
     tests: list[ResidualTestContent]
     alternatives: list[dict[str, Any]]
 

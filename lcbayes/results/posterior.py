@@ -27,7 +27,8 @@ from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
-from lcbayes.modelling.nuisances import drawn
+from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn
+from lcbayes.modelling.nutation import AMOUNTS
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
 from lcbayes.modelling.variables import unit
@@ -65,6 +66,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "site_offset": ("site",),
     "zero_point": ("calibration",),
     "clock_offset": ("observer",),
+    "nutation": ("night", "nutation_component"),
     "log_nu": ("facet",),
     "log_n": ("facet",),
     "log_m": ("facet",),
@@ -365,8 +367,10 @@ def _outliers(
 def _prior(problem: Problem, data: Epochs, seed: int, n: int = 500) -> xr.Dataset:
     sample = prior_sample(problem, data, jax.random.fold_in(jax.random.key(seed), 2), n)
     sites = constrain_draws(problem, sample.z[None], data)
-    # the prior of a zero point needs no draws: it is Normal(0, zero_point_sd)
-    draws = dataset({k: v for k, v in sites.items() if not k.startswith("zero_point_")})
+    # the priors of zero points and of nutation need no draws: they are normal and independent
+    draws = dataset(
+        {k: v for k, v in sites.items() if not k.startswith(INTEGRATED_OUT) and k != AMOUNTS}
+    )
     return draws.assign_attrs(
         {FACTORS: sample.note or "none", "with_factors": int(sample.honoured)}
     )

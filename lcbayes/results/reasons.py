@@ -226,7 +226,7 @@ CAUSES = {
     "model",
     "clock": "the times of {about} are {size} s too {late}",
     "rate-drift": "the rate of rotation {grows} by {size} % over the light curve",
-    "nutation": "the body precesses: its axis moves by {size} deg, at {version}",
+    "nutation": "the body nutates by {size} deg (rms), at {version}",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
     "diffuse reflection",
     "facet": "there is a further facet of albedo-area {size}, about {version}",
@@ -277,6 +277,8 @@ def why(misfit: Misfit) -> str:
     if errors:
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
+        if found.even:
+            return f"{said}, since the residuals are white and Gaussian but for this factor"
     if found.cause is not None:
         return f"{said}; no single change of the model removes half of the excess of chi2"
     return f"{said}; or try more facets, or another law"

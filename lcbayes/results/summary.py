@@ -186,6 +186,8 @@ def _examined(found: misfit_tests.Examination) -> Residuals:
     return {
         "false_alarm": misfit_tests.FALSE_ALARM,
         "p_limit": found.limit,
+        "relative_p_limit": found.relative_limit,
+        "even": found.even,
         "tests": [
             {"name": t.name, "statistic": t.statistic, "p_value": t.p_value} for t in found.tests
         ],

@@ -126,6 +126,17 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def _of_nutation(values: Mapping[str, Any]) -> Iterator[str]:
+    if values.get("spin") != "free" or not values.get("nutation_sd"):
+        return
+    if ratio := values.get("nutation_ratio"):
+        yield (
+            f"The body nutates by some {values['nutation_sd']:g} deg (nutation_sd) at {ratio:.3g} "
+            "times its rate of rotation (nutation_ratio); omega and normals are those of the mean "
+            "motion."
+        )
+
+
 def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
     short = {k: v for k, v in options.items() if "\n" not in str(v)}
     if short:
@@ -148,6 +159,7 @@ def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
     if law in NOISE:
         yield NOISE[law]
     yield from _of_faults(curve, values)
+    yield from _of_nutation(values)
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:
         yield f"The Sun's V magnitude was used for the band {', '.join(unknown)}."

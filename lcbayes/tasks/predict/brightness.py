@@ -17,6 +17,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.ephemeris import with_velocity
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import PASS_SPREADS, STUDENT_T_DF, expected
+from lcbayes.modelling.nutation import AMOUNTS, SD_DEG
 from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -212,8 +213,11 @@ class Foretold:
         problem = Problem(registry.find(model).bind(options), data)
         count = posterior.sizes["chain"] * posterior.sizes["draw"]
         pick = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-        sites = {k: posterior[k].values for k in problem.names}
+        names = [*problem.names, *({AMOUNTS} & set(posterior))]
+        sites = {k: posterior[k].values for k in names}
         sites = {k: v.reshape(count, *v.shape[2:])[pick] for k, v in sites.items()}
+        if AMOUNTS in sites:
+            sites[AMOUNTS] = _with_new_night(sites[AMOUNTS], options)
         return cls(problem, data, sites, pick, *_sources(fitted, wanted))
 
     def scales(self, posterior: xr.Dataset) -> Floats:
@@ -237,6 +241,13 @@ class Foretold:
             )
         drawn = {k: sites[k] for k in self.problem.names}
         return expected(wanted, self.problem.flux(drawn, wanted), scale[curve])
+
+
+def _with_new_night(amounts: Floats, options: Mapping[str, Any]) -> Floats:
+    """Nutation (S, nights + 1, 4), with a draw of the prior for a night without fitted points."""
+    sd = float(options.get("nutation_sd", SD_DEG))
+    new = sd * np.random.default_rng(0).standard_normal((len(amounts), 1, amounts.shape[-1]))
+    return np.concatenate([amounts, new], axis=1)
 
 
 def _means(

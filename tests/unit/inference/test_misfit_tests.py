@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,10 @@ import pytest
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import correlation, misfit_tests, robustness, search
 from lcbayes.inference.alternatives import alternatives
+from lcbayes.inference.fit import nutation_shown
 from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.misfit_tests import Projection, examine, names_of
-from lcbayes.inference.solutions import optimum
+from lcbayes.inference.solutions import completed, optimum
 from lcbayes.modelling import likelihood, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -130,7 +132,7 @@ def best_fit(problem, light):
     [
         (Fault(zero_point=0.5), "zero-point", "mag fainter than the model"),
         (Fault(clock=3.0), "clock", "the times of B are"),
-        (Fault(nutation_deg=2.5), "nutation", "the body precesses"),
+        (Fault(nutation_deg=2.5), "nutation", "the body nutates by"),
         (Fault(lobe=0.4), "lobe", "facet 0 has a weak lobe of exponent 30"),
     ],
 )
@@ -150,6 +152,55 @@ def test_errors_that_are_too_small_are_named(faceted):
     found = examine(faceted, z, data, light)
     assert found.cause is None
     assert "the errors are 1.4 times too small" in why(measure(faceted, data, z[None], found))
+
+
+@pytest.mark.parametrize("factor", [3.0, 10.0])
+def test_errors_that_are_far_too_small_are_named_before_an_alternative(faceted, factor):
+    """They enlarge the gain of every alternative, such as a further facet."""
+    for seed in range(4):
+        light = small_faults.light_curve(BODY, Fault(error_factor=factor), n=120, seed=seed)
+        z, data = best_fit(faceted, light)
+        found = examine(faceted, z, data, light)
+        assert any(e.p_value < found.limit for e in found.explanations)
+        assert found.cause is None
+        says = why(measure(faceted, data, z[None], found))
+        named = re.search(r"the errors are ([0-9.]+) times too small", says)
+        assert named is not None
+        assert float(named[1]) == pytest.approx(factor, rel=0.25)
+        assert found.even == ("since the residuals are white" in says)
+    assert found.even
+
+
+def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
+    fault = Fault(error_factor=3.0, clock=6.0)
+    light = small_faults.light_curve(BODY, fault, n=120, seed=3)
+    z, data = best_fit(faceted, light)
+    found = examine(faceted, z, data, light)
+    assert found.cause is not None
+    assert found.cause.name == "clock"
+    assert not found.even
+
+
+@pytest.mark.parametrize(
+    ("degrees", "options"), [(0.0, {}), (1.0, {}), (1.0, {"nutation_sd": 0.0})]
+)
+def test_nutation_is_added_where_the_residuals_show_it(faceted, degrees, options):
+    light = small_faults.light_curve(BODY, Fault(nutation_deg=degrees), n=120, seed=3)
+    z, data = best_fit(faceted, light)
+    given = {"n_facets": 2} | options
+    added = nutation_shown(registry.find("faceted"), given, faceted, z, data, light)
+    assert bool(added) == (degrees > 0 and not options)
+    if added:
+        with_it = Problem(registry.find("faceted").bind(given | added), data)
+        begin = completed(faceted, with_it, data, z[None])[0]
+        z_new, _ = optimum(with_it, data, begin, np.arange(with_it.dim))
+        found = with_it.constrain(jnp.asarray(z_new), data)
+        # 0.3 in body axes, but for whole turns of the phase between passes 900 s apart
+        phase = (float(found["nutation_ratio"]) - 0.3) * np.linalg.norm(BODY.omega) * 900.0
+        assert np.cos(phase) > 0.9
+        size = np.sqrt(0.5 * np.sum(np.asarray(found["nutation_mean"]) ** 2))
+        assert size == pytest.approx(degrees, rel=0.3)
+        assert not examine(with_it, z_new, data, light).refused
 
 
 @pytest.mark.statistical(false_alarm=EACH)

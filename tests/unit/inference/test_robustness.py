@@ -1,0 +1,114 @@
+"""How far a result moves with the place of the site and of the object: against refits.
+
+The orbit and the brightness are those of other code; the light curve is observed from a displaced
+site, or the object is ahead on its orbit, while the file has the directions of the assumed places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import robustness
+from lcbayes.inference.solutions import optimum
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from tests.helpers import small_faults
+from tests.helpers.low_earth_orbit import DAY, Orbit
+
+N, ERROR = 90, 1e-6  # relative to the mean: shifts are many sd, so that refits determine them
+BODY = small_faults.body(1, 2)
+QUANTITIES = ("omega_x_rad_s", "omega_y_rad_s", "albedo_area[0]", "albedo_area[1]", "g[0]", "g[1]")
+
+
+def passing() -> tuple[Orbit, np.ndarray]:
+    """An orbit that rises to 17° over the site, and times within the pass."""
+    sun = np.array([0.36, 0.48, 0.8])
+    return Orbit(7200.0, 1.2, 0.0, 0.3, 0.15, 0.35, sun), np.linspace(-240.0, 240.0, N)
+
+
+def brightness(orbit: Orbit, t, ahead_s=0.0, site_km=(0.0, 0.0, 0.0)):
+    """Flux, direction and range; the site's displacement turns with the Earth."""
+    satellite, _ = orbit.place(t + ahead_s)
+    _, site = orbit.place(t)
+    angle = 2.0 * np.pi * t / DAY
+    x, y, z = site_km
+    cos, sin = np.cos(angle), np.sin(angle)
+    line = site + np.stack([cos * x - sin * y, sin * x + cos * y, z + 0 * t], 1) - satellite
+    distance = np.linalg.norm(line, axis=1)
+    sun = np.tile(orbit.sun, (t.size, 1))
+    seen = small_faults.flux(BODY, t - t[0], sun, line / distance[:, None], small_faults.Fault())
+    return SOLAR_FLUX_VISIBLE * seen / (1e3 * distance) ** 2, line / distance[:, None], distance
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    orbit, t = passing()
+    flux, obs, distance = brightness(orbit, t)
+    light = LightCurve(
+        t=t,
+        brightness=flux,
+        error=np.full(N, ERROR * flux.mean()),
+        sun=np.tile(orbit.sun, (N, 1)),
+        obs=obs,
+        range_km=distance,
+        position_km=orbit.place(t)[0],
+        velocity_km_s=np.gradient(orbit.place(t)[0], t, axis=0),
+        kind="flux",
+        frame="icrs",
+        free_scale=np.array([False]),
+    )
+    data = Epochs.of(light)
+    problem = Problem(registry.find("faceted").bind({"n_facets": 2}), data)
+    sites = {
+        "normals_base": jnp.asarray(BODY.normals),
+        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
+        "omega_unit": jnp.asarray(BODY.omega / 0.1),
+        "log_level": jnp.zeros(0),
+    }
+    return problem, light, refit(problem, np.asarray(problem.ravel(sites)), light)
+
+
+def refit(problem, z, light):
+    for _ in range(3):
+        z, _ = optimum(problem, Epochs.of(light), z, np.arange(problem.dim))
+    return z
+
+
+def values(problem, z, light):
+    found = robustness._quantities(problem, z, Epochs.of(light))
+    return np.array([found[k] for k in QUANTITIES])
+
+
+def shift(fitted, ahead_s=0.0, site_km=(0.0, 0.0, 0.0)):
+    """Half the difference of fits with displacements of either sign."""
+    problem, light, z = fitted
+    orbit, t = passing()
+    after = []
+    for sign in (1.0, -1.0):
+        flux = brightness(orbit, t, sign * ahead_s, sign * np.array(site_km))[0]
+        moved = replace(light, brightness=flux)
+        after.append(values(problem, refit(problem, z, moved), moved))
+    return np.abs(after[0] - after[1]) / 2.0
+
+
+@pytest.mark.parametrize("fault", ["site_100_m", "elements_1_day"])
+def test_the_shift_is_that_of_a_fit_to_what_is_seen_from_elsewhere(fitted, fault):
+    problem, light, z = fitted
+    assert light.error is not None
+    wider = replace(light, error=100.0 * light.error)  # the derivatives are less exact otherwise
+    found = robustness.shifts(problem, z, Epochs.of(wider), wider, dict.fromkeys(QUANTITIES, 1.0))
+    stated = found.by_fault[fault][[found.quantities.index(k) for k in QUANTITIES]]
+    if fault == "site_100_m":
+        want = np.max([shift(fitted, site_km=0.1 * axis) for axis in np.eye(3)], axis=0)
+    else:
+        orbit, t = passing()
+        speed = np.linalg.norm(np.diff(orbit.place(t)[0], axis=0)[0]) / (t[1] - t[0])
+        want = shift(fitted, ahead_s=1.0 / speed)
+    np.testing.assert_allclose(stated, want, rtol=0.05)
