@@ -12,7 +12,7 @@ phases between them are a few, however many turns lie between.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -76,24 +76,28 @@ class Coverage:
         Number of evidences computed.
     survivors : int
         Cells left at the finest level.
+    tumbling : bool
+        Whether torque-free motions were searched instead of constant spins; ``cells`` is then the
+        number of motions that the data tell apart.
     """
 
     max_rate: float
     cells: int
     evaluated: int
     survivors: int
+    tumbling: bool = False
 
     def stored(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint."""
-        return {"coverage": np.array([self.max_rate, self.cells, self.evaluated, self.survivors])}
+        return {"coverage": np.array(astuple(self), float)}
 
     @classmethod
     def restored(cls, arrays: dict[str, NDArray]) -> Coverage | None:
         """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
         if "coverage" not in arrays:
             return None
-        max_rate, *counts = arrays.pop("coverage")
-        return cls(float(max_rate), *(int(n) for n in counts))
+        max_rate, *counts, tumbling = arrays.pop("coverage")
+        return cls(float(max_rate), *(int(n) for n in counts), tumbling=bool(tumbling))
 
 
 @dataclass(frozen=True)
