@@ -116,7 +116,7 @@ def complete_search(
     run = _Search(points, Rotated.of(series), precision(series, total), scale, workers)
     found, middle, coverage = run.motions(progress)
     x = moved(found.x, -middle, scale)
-    starts = _starts(problem, data, points, law, x, scale, total, int(options["n_facets"]), workers)
+    starts = run.starts(problem, data, x, total, int(options["n_facets"]))
     ends = search.successive_halving(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
@@ -162,7 +162,7 @@ class _Search:
             for i, stage in enumerate(stages):
                 inside = points.at(rows[min(i, len(rows) - 1)])
                 size = inside.t.size if i == 0 else points.t.size
-                error = stage.error * SERIES_ERROR * float(np.sqrt(np.mean(points.flux**2)))
+                error = stage.error * SERIES_ERROR * _rms(points.flux)
                 at = Window.of(self.rotated, inside, self.prior, error, size)
                 if i:
                     x = moved(x, float(at.middle) - middle, self.scale)
@@ -184,6 +184,39 @@ class _Search:
         bar.advance(len(x) * stage.steps)
         return found.at(distinct(found, stage.motions, APART))
 
+    def starts(
+        self, problem: Problem, data: Epochs, x: Floats, total_area: float, n_facets: int
+    ) -> Floats:
+        """Unconstrained vectors (n, D) of bodies of N facets in the motions x (m, 8) from t = 0.
+
+        Their facets are clusters of the non-negative albedo-areas on a grid of normals that fit
+        best, with a weak penalty (α/``total_area``)².
+        """
+        grid, points = facets.grid(NORMALS_TRIED), self.points
+        error = np.hypot(points.error, BODY_ERROR * _rms(points.flux))
+        target = np.concatenate([points.flux / error, np.zeros(len(grid))])
+        law = self.rotated.series.law
+        arrays = [jnp.asarray(v) for v in (points.t, points.sun, points.obs)]
+
+        def free(motion: Floats) -> Floats:
+            columns = np.asarray(_columns(law, grid, jnp.asarray(motion), self.scale, *arrays))
+            rows = np.concatenate([columns / error[:, None], np.eye(len(grid)) / total_area])
+            size = np.linalg.norm(rows, axis=0)
+            return nnls(rows / size, target, maxiter=50 * len(size))[0] / size
+
+        with threads(self.workers) as pool:
+            areas = list(pool.map(free, x))
+        draw = compiled(problem.constrain)(jnp.zeros(problem.dim), data)
+        rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, AREAS, INERTIA)}
+        rng = np.random.default_rng(0)
+        found = []
+        for motion, area in zip(x, areas, strict=True):
+            for _ in range(CLUSTERS):
+                normals, sizes = clustered(grid, area, n_facets, rng)
+                found.append((motion, normals, np.log(sizes)))
+        every = (jnp.asarray(np.stack(v)) for v in zip(*found, strict=True))
+        return np.asarray(_rows(problem, rest, *every))
+
 
 def prior_motions(n: int) -> Floats:
     """Motions (n, 8) that cover the prior: a Sobol sequence, for n a power of two.
@@ -198,42 +231,8 @@ def prior_motions(n: int) -> Floats:
     return np.concatenate([direction * rate[:, None], norm.ppf(u[:, 3:])], axis=1)
 
 
-def _starts(
-    problem: Problem,
-    data: Epochs,
-    points: Points,
-    law: DiffuseLaw,
-    x: Floats,
-    scale: Scale,
-    total: float,
-    n_facets: int,
-    workers: int,
-) -> Floats:
-    """Unconstrained vectors (n, D) of bodies of N facets in the motions x (n, 8) from t = 0."""
-    grid = facets.grid(NORMALS_TRIED)
-    error = np.hypot(points.error, BODY_ERROR * np.sqrt(np.mean(points.flux**2)))
-    target = np.concatenate([points.flux / error, np.zeros(len(grid))])
-
-    def free(i: int) -> Floats:
-        columns = np.asarray(
-            _columns(law, grid, jnp.asarray(x[i]), scale, *map(jnp.asarray, points[:3]))
-        )
-        rows = np.concatenate([columns / error[:, None], np.eye(len(grid)) / total])
-        size = np.linalg.norm(rows, axis=0)
-        return nnls(rows / size, target, maxiter=50 * len(size))[0] / size
-
-    with threads(workers) as pool:
-        areas = list(pool.map(free, range(len(x))))
-    draw = compiled(problem.constrain)(jnp.zeros(problem.dim), data)
-    rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, AREAS, INERTIA)}
-    rng = np.random.default_rng(0)
-    found = []
-    for motion, area in zip(x, areas, strict=True):
-        for _ in range(CLUSTERS):
-            normals, sizes = clustered(grid, area, n_facets, rng)
-            found.append((motion, normals, np.log(sizes)))
-    every = (jnp.asarray(np.stack(v)) for v in zip(*found, strict=True))
-    return np.asarray(_rows(problem, rest, *every))
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @partial(jax.jit, static_argnums=0)
