@@ -49,6 +49,7 @@ OPTIONS = {
     "omega_sd": 0.01,
     "seed": 1,
     "max_modes": 3,
+    "num_starts": 12000,
 }
 PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a different site
 POINTS = 40  # per pass

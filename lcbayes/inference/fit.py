@@ -26,9 +26,8 @@ from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
-from lcbayes.inference.spin_search import search as constant_spin
-from lcbayes.inference.spin_search import tumbling
 from lcbayes.inference.spin_search.cells import Coverage
+from lcbayes.inference.spin_search.search import applies, complete_search
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -139,15 +138,14 @@ class _Fit:
             chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
             if spins:
                 starts = placed(spins, starts, pooled, data, chosen)
-            own_starts = spins or settings.num_starts
-            complete = None if own_starts else _complete_search(pooled, data, chosen)
+            complete = not spins and not settings.num_starts and applies(pooled, data, chosen)
         stored = self.checkpoint.load("search")
         coverage = None
         if stored is not None:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
-        elif complete is not None:
-            ends, coverage = complete(pooled, data, chosen, workers, self.progress)
+        elif complete:
+            ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins
@@ -332,13 +330,6 @@ def function_source(function: Callable[..., Any]) -> bytes:
             if code is None
             else code.co_code + repr(code.co_consts).encode()
         )
-
-
-def _complete_search(problem: Problem, data: Epochs, options: Mapping[str, Any]):
-    """The complete search over motions that applies to a fit, or None."""
-    if constant_spin.applies(problem, data, options):
-        return constant_spin.complete_search
-    return tumbling.complete_search if tumbling.applies(problem, data, options) else None
 
 
 def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:

@@ -37,6 +37,7 @@ from lcbayes.inference.spin_search.motions import (
 )
 from lcbayes.inference.spin_search.rotated import Rotated
 from lcbayes.inference.spin_search.series import Series, precision, total_area
+from lcbayes.inference.spin_search.states import within
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import inertia_tensor
 from lcbayes.modelling.problem import Problem, Sites, compiled
@@ -53,6 +54,8 @@ GROWTH = 1.4  # of a window
 DRAWN = 2**16  # motions that cover the prior, in the first window
 COPIES = 8  # motions tried about each that survives, in the next window
 SERIES_ERROR = 0.12  # of the series, relative to the rms flux
+PADDED = 32  # points of a window are padded to a multiple, so that few programs are compiled
+PER_PARENT = 3  # of the motions tried about one survivor, improved
 APART = 1.0  # sd between motions that are told apart
 
 
@@ -65,7 +68,8 @@ class Stage:
     error: float = 1.0
 
 
-GROWING = Stage(768, 5)
+FIRST = Stage(3072, 8)
+GROWING = Stage(1024, 5)
 LAST = Stage(320, 8, 0.5)  # on all points
 NORMALS_TRIED = 250  # of the free body of a motion
 BODY_ERROR = 0.03  # of that body, relative to the rms flux
@@ -154,32 +158,37 @@ class _Search:
         points = Points(*(np.concatenate(v) for v in zip(*parts, strict=True)))
         passes = split(points.t, np.zeros(points.t.size, int), PASS)
         rows = windows(points, FIRST_TURN / self.fastest, GROWTH, passes)
-        stages = [*[GROWING] * len(rows), LAST]
+        stages = [FIRST, *[GROWING] * (len(rows) - 1), LAST]
         rng = np.random.default_rng(0)
         total = DRAWN + sum(s.motions * (COPIES + s.steps) for s in stages)
         x, middle, evaluated = prior_motions(DRAWN), 0.0, 0
+        parent = np.arange(len(x))
         with progress.stage("searching motions", total, "motions") as bar:
             for i, stage in enumerate(stages):
                 inside = points.at(rows[min(i, len(rows) - 1)])
-                size = inside.t.size if i == 0 else points.t.size
+                size = -(-inside.t.size // PADDED) * PADDED
                 error = stage.error * SERIES_ERROR * _rms(points.flux)
                 at = Window.of(self.rotated, inside, self.prior, error, size)
                 if i:
                     x = moved(x, float(at.middle) - middle, self.scale)
                 middle = float(at.middle)
                 evaluated += len(x)
-                found = self.survivors(at, x, stage, bar)
+                found = self.survivors(at, x, parent, stage, bar)
                 growing = i + 2 < len(stages)
                 x = spread(found, COPIES, rng) if growing else found.x
+                parent = np.arange(len(x)) % len(found.x)
         cells = float(np.median(np.sqrt(np.linalg.det(found.curvature[:50]))))
         coverage = Coverage(self.fastest, int(cells), evaluated, len(found.x), tumbling=True)
         return found, middle, coverage
 
-    def survivors(self, at: Window, x: Floats, stage: Stage, bar: Track) -> Motions:
-        """The best of the motions x (n, 8), improved, no two alike."""
+    def survivors(
+        self, at: Window, x: Floats, parent: NDArray[np.int64], stage: Stage, bar: Track
+    ) -> Motions:
+        """The best of the motions x (n, 8) about each parent (n,), improved, no two alike."""
         score = scores(self.rotated, at, self.scale, x, self.workers)
         bar.advance(len(x))
-        x = x[np.argsort(-score, kind="stable")[: stage.motions]]
+        order = np.argsort(-score, kind="stable")
+        x = x[order[within(parent[order], PER_PARENT)][: stage.motions]]
         found = improved(self.rotated, at, self.scale, x, stage.steps, self.workers)
         bar.advance(len(x) * stage.steps)
         return found.at(distinct(found, stage.motions, APART))
