@@ -54,7 +54,7 @@ GROWTH = 1.4  # of a window
 DRAWN = 2**16  # motions that cover the prior, in the first window
 COPIES = 8  # motions tried about each that survives, in the next window
 SERIES_ERROR = 0.12  # of the series, relative to the rms flux
-PADDED = 32  # points of a window are padded to a multiple, so that few programs are compiled
+SHORTER = 4  # ratio of the sizes to which windows are padded: each size is compiled
 PER_PARENT = 3  # of the motions tried about one survivor, improved
 APART = 1.0  # sd between motions that are told apart
 
@@ -166,8 +166,8 @@ class _Search:
         with progress.stage("searching motions", total, "motions") as bar:
             for i, stage in enumerate(stages):
                 inside = points.at(rows[min(i, len(rows) - 1)])
-                size = -(-inside.t.size // PADDED) * PADDED
                 error = stage.error * SERIES_ERROR * _rms(points.flux)
+                size = padded_size(inside.t.size, points.t.size)
                 at = Window.of(self.rotated, inside, self.prior, error, size)
                 if i:
                     x = moved(x, float(at.middle) - middle, self.scale)
@@ -225,6 +225,13 @@ class _Search:
                 found.append((motion, normals, np.log(sizes)))
         every = (jnp.asarray(np.stack(v)) for v in zip(*found, strict=True))
         return np.asarray(_rows(problem, rest, *every))
+
+
+def padded_size(n: int, most: int) -> int:
+    """The least of ``most``, ``most``/4, ``most``/16, … that is not below n."""
+    while (shorter := -(-most // SHORTER)) >= n and shorter < most:
+        most = shorter
+    return most
 
 
 def prior_motions(n: int) -> Floats:
