@@ -6,15 +6,39 @@ import textwrap
 
 import numpy as np
 
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import FAINT, Gallery, colour
 from lcbayes.inversion.separated.attitude_test import MIN_PAIRS, MIN_POINTS, AttitudeTest, Verdict
 
 
 def words(result: AttitudeTest) -> list[str]:
     """The result as lines of text, without the verdict."""
+    first, *rest = remarks(result)
+    return [first, *(_line(v, result) for v in result.verdicts if v.tested), *rest]
+
+
+def table(result: AttitudeTest) -> Listing:
+    """A row for each law that was tested."""
+    rows = [
+        (
+            v.name,
+            "rejected" if result.rejected(v) else "consistent",
+            f"{v.p_value:.3f}",
+            str(v.n_pairs),
+            str(v.n_points),
+            ", ".join(v.same_as) or "–",
+        )
+        for v in result.verdicts
+        if v.tested
+    ]
+    heads = ("attitude law", "verdict", "p-value", "pairs", "points", "same directions here as")
+    return Listing("laws", heads, rows)
+
+
+def remarks(result: AttitudeTest) -> list[str]:
+    """What the text says besides the laws that were tested."""
     flashes = f", {result.n_glints} more left out as glints" if result.n_glints else ""
     lines = [f"{result.n_obs} points{flashes}; laws are rejected below p = {result.level:g}"]
-    lines += [_line(v, result) for v in result.verdicts if v.tested]
     lines += _not_tested(result)
     held = [v for v in result.verdicts if v.tested and not result.rejected(v)]
     tested = [v for v in result.verdicts if v.tested]
@@ -78,20 +102,24 @@ def draw(result: AttitudeTest, gallery: Gallery) -> None:
 def draw_laws(result: AttitudeTest, gallery: Gallery) -> None:
     """The p-value of each tested law."""
     tested = [v for v in result.verdicts if v.tested]
-    figure = gallery.figure(6.4, 1.0 + 0.2 * len(tested))
+    figure = gallery.figure(6.4, 1.3 + 0.2 * len(tested))
     axes = figure.subplots()
     y = np.arange(len(tested))[::-1]
     hue = [colour(1) if result.rejected(v) else colour(0) for v in tested]
     axes.hlines(y, 1e-3, [max(v.p_value, 1.05e-3) for v in tested], color=hue, lw=1.0, alpha=0.5)
     axes.scatter([v.p_value for v in tested], y, s=22, c=hue, zorder=3)
     axes.axvline(result.level, color=FAINT, lw=0.8, ls="--")
+    for name, index in (("consistent", 0), ("rejected", 1)):
+        axes.scatter([], [], s=22, color=colour(index), label=name)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     axes.set_xscale("log")
     axes.set_xlim(1e-3, 1.3)
     axes.set_xticks([0.001, 0.01, 0.1, 1.0], ["0.001", "0.01", "0.1", "1"])
     axes.set_yticks(y, [v.name for v in tested])
     axes.set_ylim(-0.7, len(tested) - 0.3)
     axes.set_xlabel(f"p-value (dashed: {result.level:g}, below it a law is rejected)")
-    gallery.add(figure, "laws", "p-value of each attitude law.", "p-value of each attitude law.")
+    alt = "p-value of each attitude law."
+    gallery.add(figure, "laws", alt, f"{alt} No p-value is below 1/(1 + number of bodies).")
 
 
 def draw_pairs(result: AttitudeTest, gallery: Gallery) -> None:

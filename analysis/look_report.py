@@ -204,15 +204,17 @@ def write_page(
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def draw(curve: LightCurve, passes: list[Any], found: Candidates | None, gallery: Gallery) -> None:
+def draw(
+    curve: LightCurve, passes: list[Any], candidates: Candidates | None, gallery: Gallery
+) -> None:
     """All figures."""
     draw_passes(curve, passes, gallery)
     if not curve.brightness_only:
         draw_phase_angle(curve, passes, gallery)
-    if found is not None:
-        draw_periodogram(found, gallery)
-        if found.significant:
-            draw_folded(found, gallery)
+    if candidates is not None:
+        draw_periodogram(candidates, gallery)
+        if candidates.significant:
+            draw_folded(candidates, gallery)
 
 
 def _scaled(curve: LightCurve) -> tuple[Any, str]:
@@ -302,19 +304,19 @@ def draw_phase_angle(curve: LightCurve, passes: list[Any], gallery: Gallery) -> 
     )
 
 
-def draw_periodogram(found: Candidates, gallery: Gallery) -> None:
+def draw_periodogram(candidates: Candidates, gallery: Gallery) -> None:
     """Part of χ² explained against the period, with the candidates."""
     figure = gallery.figure(6.4, 2.8)
     axes = figure.subplots()
-    unit, size = _unit(1.0 / float(found.spin.grid[0]))
-    axes.plot(1.0 / found.spin.grid / size, found.spin.power, color=colour(0), lw=0.7)
-    if found.significant:
-        for i, one in enumerate(found.listed):
+    unit, size = _unit(1.0 / float(candidates.spin.grid[0]))
+    axes.plot(1.0 / candidates.spin.grid / size, candidates.spin.power, color=colour(0), lw=0.7)
+    if candidates.significant:
+        for i, one in enumerate(candidates.listed):
             label = None if i else "candidates"
             axes.axvline(one.period_s / size, color=colour(1), lw=0.8, ls=":", label=label)
         axes.legend(loc="upper right")
     axes.set_xscale("log")
-    axes.set_ylim(0, 1.12 * float(found.spin.power.max()))
+    axes.set_ylim(0, 1.12 * float(candidates.spin.power.max()))
     axes.set_xlabel(f"period ({unit})")
     axes.set_ylabel("part of χ² explained")
     axes.xaxis.set_major_formatter("{x:g}")
@@ -323,7 +325,7 @@ def draw_periodogram(found: Candidates, gallery: Gallery) -> None:
         "periodogram",
         "Part of chi-squared explained against the period.",
         "Periodogram of a sinusoid with a free phase and level in each "
-        + ("season." if found.joined else "pass."),
+        + ("season." if candidates.joined else "pass."),
     )
 
 
@@ -331,22 +333,22 @@ def _unit(longest: float) -> tuple[str, float]:
     return ("h", 3600.0) if longest > 3 * 3600 else ("min", 60.0) if longest > 1800 else ("s", 1.0)
 
 
-def draw_folded(found: Candidates, gallery: Gallery) -> None:
+def draw_folded(candidates: Candidates, gallery: Gallery) -> None:
     """The points, divided by their trend, folded with the best period and with twice that."""
-    assert found.best is not None
+    assert candidates.best is not None
     figure = gallery.figure(8.0, 3.0)
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, period in zip(panels, (found.best, 2 * found.best), strict=True):
-        for i, one in enumerate(found.spin.passes):
+    for axes, period in zip(panels, (candidates.best, 2 * candidates.best), strict=True):
+        for i, one in enumerate(candidates.spin.passes):
             for turn in range(int(TWO)):
                 x = (one.t - one.t[0]) / period % 1.0 + turn
-                hue = colour(i) if len(found.spin.passes) <= 7 else DATA
+                hue = colour(i) if len(candidates.spin.passes) <= 7 else DATA
                 axes.plot(x, 1 + one.y, ".", ms=2.5, alpha=0.6, color=hue, rasterized=True)
         axes.set_xlim(0, TWO)
         axes.set_title(f"period {_period(period)}", loc="left")
         axes.set_xlabel("cycles")
     panels[0].set_ylabel("flux ÷ its trend")
-    note = "" if found.joined else " Phases of different passes are not aligned."
+    note = "" if candidates.joined else " Phases of different passes are not aligned."
     gallery.add(
         figure,
         "folded",

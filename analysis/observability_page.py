@@ -17,7 +17,7 @@ from lcbayes.simulation.observability import summary
 from lcbayes.simulation.observability.summary import Findings
 
 
-def write_page(found: Findings, content: Mapping[str, Any], folder: Path, command: str) -> None:
+def write_page(findings: Findings, content: Mapping[str, Any], folder: Path, command: str) -> None:
     """Write ``report.html`` and ``figures/``.
 
     Parameters
@@ -29,44 +29,44 @@ def write_page(found: Findings, content: Mapping[str, Any], folder: Path, comman
     figures = folder / "figures"
     figures.mkdir()
     with style.drawing():
-        images = plots.draw(found, style.Gallery(figures))
-    page = _page(found, content, images, command)
+        images = plots.draw(findings, style.Gallery(figures))
+    page = _page(findings, content, images, command)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _page(
-    found: Findings, content: Mapping[str, Any], images: dict[str, style.Image], command: str
+    findings: Findings, content: Mapping[str, Any], images: dict[str, style.Image], command: str
 ) -> str:
-    sentences = summary.sentences(found.trades)
+    sentences = summary.sentences(findings.trades)
     return (
         environment()
         .get_template("observability.html.j2")
         .render(
-            title=found.scenario.name,
-            n_obs=found.measured.curve.n_obs,
-            head=f"{summary.headline(found)}.",
-            good=not found.trades,
+            title=findings.scenario.name,
+            n_obs=findings.measured.curve.n_obs,
+            head=f"{summary.headline(findings)}.",
+            good=not findings.trades,
             trades=[line[0].upper() + line[1:] for line in sentences[:16]],
             more=max(0, len(sentences) - 16),
             images=images,
-            scene=scene(found),
-            parameters=_parameters(found),
-            linearity=summary.linearity_words(found),
+            scene=scene(findings),
+            parameters=_parameters(findings),
+            linearity=summary.linearity_words(findings),
             plan=content["plan"],
-            plan_words=[] if found.plan is None else summary.plan_words(found.plan),
-            schedule=[] if found.plan is None else _schedule(content["plan"]),
-            notes=found.notes,
+            plan_words=[] if findings.plan is None else summary.plan_words(findings.plan),
+            schedule=[] if findings.plan is None else _schedule(content["plan"]),
+            notes=findings.notes,
             command=command,
             version=installed_version(),
         )
     )
 
 
-def _parameters(found: Findings) -> list[tuple[str, ...]]:
-    c = found.campaign
+def _parameters(findings: Findings) -> list[tuple[str, ...]]:
+    c = findings.campaign
     rows = []
     for p, alone, both, off in zip(
-        c.unknowns.parameters, c.bound, c.bound_with_prior, found.nonlinearity, strict=True
+        c.unknowns.parameters, c.bound, c.bound_with_prior, findings.nonlinearity, strict=True
     ):
         bent = "> 100" if off > 1.0 else f"{100.0 * off:.0f}" if off >= 0.01 else "< 1"
         rows.append(
@@ -93,18 +93,18 @@ def _schedule(plan: dict[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def scene(found: Findings) -> dict[str, Any]:
+def scene(findings: Findings) -> dict[str, Any]:
     """The sphere of observers for the viewer, coloured by the information from each direction."""
     from matplotlib import colormaps
 
     patches, middles = plots.sphere_patches()
-    share = plots.levels(found.map_information(middles))
+    share = plots.levels(findings.map_information(middles))
     colours = colormaps[plots.CMAP](np.nan_to_num(share))[:, :3]
     colours[~np.isfinite(share)] = 0.90
-    m, i = found.measured, found.most_informative
+    m, i = findings.measured, findings.most_informative
     rows = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 400)).astype(int)
     best = middles[int(np.nanargmax(np.nan_to_num(share)))]
-    body = found.scenario.body
+    body = findings.scenario.body
     marks = [("Sun", m.sun_body[i]), ("best", best)]
     if len(body.areas) <= 12:
         marks += [(f"facet {k}", n) for k, n in enumerate(body.normals)]

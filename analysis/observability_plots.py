@@ -20,31 +20,31 @@ CMAP = "viridis"
 FAINT_ERROR = 0.5  # mag: larger errors are meaningful in flux only, so such points are omitted
 
 
-def draw(found: Findings, gallery: Gallery) -> dict[str, Image]:
+def draw(findings: Findings, gallery: Gallery) -> dict[str, Image]:
     """All figures that have content, by name."""
     made = {
-        "information": draw_information(found, gallery),
-        "hemisphere": draw_hemisphere(found, gallery),
-        "seen": draw_seen(found, gallery),
-        "bounds": draw_bounds(found, gallery),
+        "information": draw_information(findings, gallery),
+        "hemisphere": draw_hemisphere(findings, gallery),
+        "seen": draw_seen(findings, gallery),
+        "bounds": draw_bounds(findings, gallery),
     }
-    if found.trades:
-        made["open"] = draw_open(found, gallery)
-    if found.plan is not None:
-        made["plan"] = draw_plan(found, gallery)
+    if findings.trades:
+        made["open"] = draw_open(findings, gallery)
+    if findings.plan is not None:
+        made["plan"] = draw_plan(findings, gallery)
     return made
 
 
-def _sites(found: Findings) -> list[tuple[str, NDArray[np.bool_], str]]:
+def _sites(findings: Findings) -> list[tuple[str, NDArray[np.bool_], str]]:
     """Name, rows and colour of each site."""
-    site = found.measured.curve.site
+    site = findings.measured.curve.site
     names = list(dict.fromkeys(map(str, site)))
     return [(name, site == name, colour(i)) for i, name in enumerate(names)]
 
 
-def _time(found: Findings) -> tuple[Floats, str]:
+def _time(findings: Findings) -> tuple[Floats, str]:
     """Times in a suitable unit, and the label of the axis."""
-    t = found.measured.curve.t
+    t = findings.measured.curve.t
     span = float(np.ptp(t))
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if span > 3.0 * size:
@@ -52,14 +52,14 @@ def _time(found: Findings) -> tuple[Floats, str]:
     return t, "time (s)"
 
 
-def draw_information(found: Findings, gallery: Gallery) -> Image:
-    m = found.measured
+def draw_information(findings: Findings, gallery: Gallery) -> Image:
+    m = findings.measured
     figure = gallery.figure(7.0, 4.4)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    t, label = _time(found)
+    t, label = _time(findings)
     sd = np.degrees(np.where(m.information > 0, m.information, np.nan) ** -0.5)
     measured = m.mag_err < FAINT_ERROR
-    for name, here, hue in _sites(found):
+    for name, here, hue in _sites(findings):
         good = here & measured
         upper.errorbar(
             t[good],
@@ -76,14 +76,14 @@ def draw_information(found: Findings, gallery: Gallery) -> Image:
     upper.set_ylabel("magnitude" if m.apparent else "−2.5 log₁₀ flux")
     lower.set_ylabel("attitude about one axis (°)")
     lower.set_xlabel(label)
-    if found.plan is not None:
-        best = [found.plan.visits[v] for v in found.plan.schedule.visits]
+    if findings.plan is not None:
+        best = [findings.plan.visits[v] for v in findings.plan.schedule.visits]
         rows = np.concatenate(best)
         lower.semilogy(
             t[rows], sd[rows], "o", ms=8, mfc="none", mec=INK, mew=0.8, label="in the plan"
         )
         lower.legend(loc="best")
-    if any(name for name, _, _ in _sites(found)):
+    if any(name for name, _, _ in _sites(findings)):
         upper.legend(loc="best", ncols=3)
     low, high = np.nanmin(sd), np.nanmax(sd)
     lower.yaxis.set_major_formatter("{x:g}")
@@ -126,7 +126,7 @@ def levels(information: Floats) -> Floats:
     return np.where(information > 0.0, np.clip(depth, 0.0, 1.0), np.nan)
 
 
-def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
+def draw_hemisphere(findings: Findings, gallery: Gallery) -> Image:
     """The information of a measurement from each direction in the body frame."""
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
@@ -135,7 +135,7 @@ def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
         np.radians(0.5 * (lon[1:] + lon[:-1])), np.radians(0.5 * (lat[1:] + lat[:-1]))
     )
     directions = np.stack(_point(x, y), axis=-1)  # pyright: ignore[reportArgumentType]
-    information = found.map_information(directions.reshape(-1, 3)).reshape(x.shape)
+    information = findings.map_information(directions.reshape(-1, 3)).reshape(x.shape)
     positive = np.where(information > 0.0, information, np.nan)
     top = float(np.nanmax(positive))
     from matplotlib.colors import LogNorm
@@ -157,7 +157,7 @@ def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
         extend="min",
         label="information of one measurement (1/rad²)",
     )
-    _mark_directions(axes, found)
+    _mark_directions(axes, findings)
     legend = figure.legend(loc="outside lower center", ncols=3, frameon=True)
     legend.get_frame().set(facecolor="#8894a0", edgecolor="none", alpha=0.55)
     return gallery.add(
@@ -170,24 +170,24 @@ def draw_hemisphere(found: Findings, gallery: Gallery) -> Image:
     )
 
 
-def _mark_directions(axes: Any, found: Findings) -> None:
+def _mark_directions(axes: Any, findings: Findings) -> None:
     """The observer, the Sun and the facet normals on a map of the body frame."""
-    m, i = found.measured, found.most_informative
+    m, i = findings.measured, findings.most_informative
     path = np.linspace(0, len(m.obs_body) - 1, min(len(m.obs_body), 600)).astype(int)
     dots = {"ms": 1.6, "color": "white", "alpha": 0.7, "label": "observer, all measurements"}
     axes.plot(*place(*lon_lat_deg(m.obs_body[path])), ".", **dots)
     axes.plot(*place(*lon_lat_deg(m.obs_body[i])), "o", ms=7, mfc="none", mec="white", mew=1.6)
     star = {"ms": 13, "color": "#ffd23f", "mec": INK, "mew": 0.6, "label": "Sun"}
     axes.plot(*place(*lon_lat_deg(m.sun_body[i])), "*", **star)
-    body = found.scenario.body
+    body = findings.scenario.body
     if len(body.areas) <= 40:
         squares = {"ms": 5, "mfc": "none", "mec": PALETTE[1], "mew": 1.2}
         axes.plot(*place(*lon_lat_deg(body.normals)), "s", label="facet normals", **squares)
 
 
-def draw_seen(found: Findings, gallery: Gallery) -> Image:
+def draw_seen(findings: Findings, gallery: Gallery) -> Image:
     """The axis to which each measurement is sensitive, and for the best one the two others."""
-    m, i = found.measured, found.most_informative
+    m, i = findings.measured, findings.most_informative
     figure = gallery.figure(7.0, 4.0)
     axes = mollweide(figure)
     kept = m.information > 0.0
@@ -239,8 +239,8 @@ def _great_circle(plane: Floats) -> Floats:
     return np.cos(turn) * plane[0] + np.sin(turn) * plane[1]
 
 
-def draw_bounds(found: Findings, gallery: Gallery) -> Image:
-    c = found.campaign
+def draw_bounds(findings: Findings, gallery: Gallery) -> Image:
+    c = findings.campaign
     parameters, sd = c.unknowns.parameters, c.unknowns.prior_sd
     ratio, alone = c.bound_with_prior / sd, c.bound / sd
     rows = np.arange(len(parameters))
@@ -291,8 +291,8 @@ def draw_bounds(found: Findings, gallery: Gallery) -> Image:
     )
 
 
-def draw_open(found: Findings, gallery: Gallery) -> Image:
-    unknowns, trades = found.campaign.unknowns, found.trades[:16]
+def draw_open(findings: Findings, gallery: Gallery) -> Image:
+    unknowns, trades = findings.campaign.unknowns, findings.trades[:16]
     weights = np.array([t.combination for t in trades]) / unknowns.prior_sd
     weights /= np.abs(weights).max(axis=1, keepdims=True)
     columns = np.flatnonzero(np.abs(weights).max(axis=0) > 0.05)
@@ -305,7 +305,7 @@ def draw_open(found: Findings, gallery: Gallery) -> Image:
     axes.set_xticks(
         range(len(order)), [unknowns.names[c] for c in order], rotation=90, fontsize=7.5
     )
-    sentences = list(dict.fromkeys(t.words for t in found.trades))
+    sentences = list(dict.fromkeys(t.words for t in findings.trades))
     numbers = [str(sentences.index(t.words) + 1) for t in trades]
     axes.set_yticks(range(len(trades)), numbers)
     axes.set_ylabel("combination")
@@ -315,7 +315,7 @@ def draw_open(found: Findings, gallery: Gallery) -> Image:
     axes.grid(which="minor", color="white", lw=1.2)
     axes.tick_params(which="both", length=0)
     figure.colorbar(picture, ax=axes, label="change, in prior widths", ticks=[-1, 0, 1], shrink=0.9)
-    more = len(found.trades) - len(trades)
+    more = len(findings.trades) - len(trades)
     return gallery.add(
         figure,
         "open",
@@ -325,17 +325,17 @@ def draw_open(found: Findings, gallery: Gallery) -> Image:
     )
 
 
-def draw_plan(found: Findings, gallery: Gallery) -> Image:
+def draw_plan(findings: Findings, gallery: Gallery) -> Image:
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-    plan = found.plan
+    plan = findings.plan
     assert plan is not None
     figure = gallery.figure(9.0, 3.4)
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
-    t, label = _time(found)
+    t, label = _time(findings)
     first = np.array([rows[0] for rows in plan.visits])
     chosen = plan.schedule.visits
-    for name, here, hue in _sites(found):
+    for name, here, hue in _sites(findings):
         mine = here[first]
         left.plot(
             t[first][mine],

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from lcbayes.analysis import (
+    asteroid_plots,
     diagnostics_plots,
     explore,
     light_curve_plots,
     quantities,
+    shape_files,
     shape_plots,
     sky_plots,
     style,
@@ -21,28 +23,30 @@ from lcbayes.analysis import (
 from lcbayes.analysis.contents import Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
+from lcbayes.results.asteroid import tilt_warning
 from lcbayes.results.reasons import agreement, searched, stored
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
 
 def write_page(folder: Path, results: Results) -> None:
-    """Write ``report.html``, ``figures/`` and ``shape.obj`` of a fit into a folder."""
+    """Write ``report.html``, ``figures/`` and the files of the shape into a folder."""
     figures = folder / "figures"
     figures.mkdir()
     with style.drawing():
         page, shapes = _compose(results, style.Gallery(figures))
     (folder / "report.html").write_text(page, encoding="utf-8")
-    _write_shapes(folder, shapes)
+    _write_shapes(folder, results, shapes)
 
 
-def _write_shapes(scratch: Path, shapes: list[shape_plots.Shape]) -> None:
-    """Write the heaviest solution as `shape.obj`, and the others as `shape-2.obj` and so on."""
+def _write_shapes(folder: Path, results: Results, shapes: list[shape_plots.Shape]) -> None:
+    """Write the heaviest solution as ``shape.*``, and the others as ``shape-2.*`` and so on."""
     for shape in shapes:
         if shape.body is not None:
             tail = "" if shape is shapes[0] else f"-{shape.mode.index + 1}"
-            text = shape.body.obj(f"{shape.mode.name}, made by lcbayes\n{shape.caption}")
-            (scratch / f"shape{tail}.obj").write_text(text, encoding="utf-8")
+            comment = f"{shape.mode.name}, made by lcbayes\n{shape.caption}"
+            model = shape_files.model_of_fit(results, shape.mode)
+            shape_files.write_body(folder, shape.body, tail, comment, model)
 
 
 def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_plots.Shape]]:
@@ -75,6 +79,10 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "legend": _legend(results),
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
+        "phased": [i for m in drawn for i in asteroid_plots.draw_phased(results, m, gallery)],
+        "warnings": [
+            f"{m.name}: {words}." for m in drawn if (words := tilt_warning(m.summary.get("body")))
+        ],
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
         "rests_on": tables.rests_on_table(results),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lcbayes.analysis import scan_plots, style
+from lcbayes.analysis import scan_plots, shape_files, style
 from lcbayes.analysis.numerals import duration
 from lcbayes.analysis.pages import command, environment
 from lcbayes.analysis.sky_plots import FRAMES
@@ -25,7 +25,7 @@ def write_page(
     run: Mapping[str, Any],
     options: type[Options],
 ) -> None:
-    """Write ``report.html``, ``figures/`` and, for smooth bodies, ``shape.obj`` into a folder.
+    """Write ``report.html``, ``figures/`` and, for smooth bodies, ``shape.*`` into a folder.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def write_page(
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
     if body is not None:
-        text = body.obj("convex body of the best solution, lcbayes scan")
-        (folder / "shape.obj").write_text(text, encoding="utf-8")
+        comment = "convex body of the best solution, lcbayes scan"
+        shape_files.write_body(folder, body, "", comment, shape_files.model_of_scan(scan))
 
 
 def headline(summary: Mapping[str, Any]) -> str:

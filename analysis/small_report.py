@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,16 @@ from lcbayes.core.version import installed_version
 if TYPE_CHECKING:
     from lcbayes.results.result import Result
 
+
+@dataclass(frozen=True)
+class Listing:
+    """A table of the page: its name as a file, heads, and cells of each row as text."""
+
+    name: str
+    heads: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
 UNTRUSTED = "NOT to be trusted"
 
 
@@ -22,6 +33,7 @@ def write_page(
     draw: Callable[[Gallery], None],
     refused: str = UNTRUSTED,
     explored: Any = None,
+    listing: tuple[Listing, list[str]] | None = None,
 ) -> None:
     """Write ``report.html`` and ``figures/`` of a result without a posterior.
 
@@ -31,6 +43,7 @@ def write_page(
     draw : function that adds its figures to the given gallery
     refused : heading of the reasons, if there are any
     explored : data of the interactive light curve, from `explore_curve.payload`
+    listing : a table and remarks on it, in place of the lines of text
     """
     figures = folder / "figures"
     figures.mkdir()
@@ -47,6 +60,7 @@ def write_page(
             refused=refused[:1].upper() + refused[1:],
             content=content | {"reasons": [reason.text for reason in result.reasons]},
             lines=result.lines(),
+            listing=listing,
             images=gallery.images,
             explored=explored,
             version=installed_version(),

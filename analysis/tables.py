@@ -11,6 +11,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
+from lcbayes.results.asteroid import QUANTITIES
 from lcbayes.results.reasons import FAULTS, TESTS
 
 LONG = 24  # rows from which a group is collapsed
@@ -47,7 +48,24 @@ def key_table(results: Results, drawn: list[Mode]) -> dict[str, Any]:
             low, high = (show(q.quantile(p), q.sd) for p in (0.05, 0.95))
             cells.append((show(q.mean, q.sd), f"{low} to {high}"))
         rows.append({"name": name, "unit": unit, "cells": cells})
+    rows += _body_rows(drawn)
     return {"heads": [(m.name, weight(m)) for m in drawn], "rows": rows}
+
+
+def _body_rows(drawn: list[Mode]) -> list[dict[str, Any]]:
+    """Rows on the body of an asteroid, one for each quantity."""
+    known = [(m.summary.get("body") or {}).get("quantities") or {} for m in drawn]
+    rows = []
+    for name, words in QUANTITIES.items():
+        if any(name in one for one in known):
+            cells = [_cell(one[name]) if name in one else ("–", "") for one in known]
+            rows.append({"name": words, "unit": "", "cells": cells})
+    return rows
+
+
+def _cell(row: dict[str, float]) -> tuple[str, str]:
+    mean, low, high = (show(row[k], row["sd"]) for k in ("mean", "q05", "q95"))
+    return mean, f"{low} to {high}"
 
 
 def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:

@@ -17,14 +17,20 @@ version = release = re.search(  # type: ignore[union-attr]
 )[1]
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # and Markdown, by myst-parser
     "sphinx.ext.apidoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "gallery/contents.md", "api/modules.rst"]
+exclude_patterns = ["_build", "**/.ipynb_checkpoints", "gallery/contents.md", "api/modules.rst"]
 html_extra_path = ["_build/extra"]
 (ROOT / "docs" / "_build" / "extra").mkdir(parents=True, exist_ok=True)
+
+nb_execution_mode = "cache"  # notebooks are stored without outputs, and run if they change
+nb_execution_cache_path = str(ROOT / "docs" / "_build" / "notebooks")
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_output_stderr = "remove"
 
 myst_heading_anchors = 3  # links such as models.md#a-facet-that-is-never-seen
 myst_enable_extensions = ["attrs_inline"]  # widths of the gallery's pictures
@@ -89,7 +95,7 @@ def read(_app: Any, name: str, source: list[str]) -> None:
     if name == "index":
         for section in source[0].split("\n## ")[1:]:
             head, _, rest = section.partition("\n")
-            pages = "\n".join(re.findall(r"\]\(([\w-]+)\.md\)", rest))
+            pages = "\n".join(re.findall(r"\]\(([\w/-]+)\.(?:md|ipynb)\)", rest))
             source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {head}\n\n{pages}\n```\n"
 
 

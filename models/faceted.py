@@ -2,18 +2,17 @@
 
 from typing import Literal
 
-import numpy as np
 import numpyro
 
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.spin_coordinates import RateAndDirection
+from lcbayes.modelling.known_spin import KnownSpin
+from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
 from lcbayes.physics import brightness, photometry
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
 
-MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
 POOLED = nuisances.UNMODELLED  # during the search for solutions
 
 
@@ -23,6 +22,8 @@ def model(
     n_facets: int = 2,
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
+    period: str = "",
+    pole: str = "",
     inertia_sd: float = 1.0,
     reflectance: brightness.DiffuseLaw = "non-lambertian",
     log_area_mean: float = 0.0,
@@ -37,6 +38,9 @@ def model(
 ):
     """Flux f(t) = Σ αᵢ K(μ₀ᵢ, μᵢ) with α log-normal, normals uniform, ω ~ N(0, omega_sd² I).
 
+    What is known of the spin (``period``, ``pole``) replaces the prior of ω's size or direction:
+    see `modelling.known_spin`.
+
     Parameters
     ----------
     n_facets
@@ -46,6 +50,10 @@ def model(
         at t = 0 and the inertia tensor of a rigid body without torque are inferred.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
+    period
+        Sidereal period as far as it is known, with a unit: 23.7s, 23.70+-0.02s, 20-30s, or several.
+    pole
+        Region of the pole or its opposite, RA,DEC,RADIUS, deg, in the axes of the light curve.
     inertia_sd
         Elongation of a torque-free body; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     reflectance
@@ -68,7 +76,8 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd)
+    known = KnownSpin.of(period, pole)
+    turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd, known)
     normals = priors.normals(n_facets)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -96,11 +105,8 @@ def coordinates(
     *,
     spin: str = "free",
     omega_sd: float = 0.1,
+    period: str = "",
     **options: object,  # noqa: ARG001
 ) -> dict[str, RateAndDirection] | None:
-    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times.
-
-    They are singular at ω = 0, so that bodies which may hardly turn keep the components.
-    """
-    turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
-    return {"omega_unit": RateAndDirection()} if spin == "free" and turns > MIN_TURNS else None
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times."""
+    return rate_and_direction(spin, omega_sd, period, float(data.t_span))

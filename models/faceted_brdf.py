@@ -6,6 +6,8 @@ import numpyro
 
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import KnownSpin
+from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.reflectance import SatelliteLaw
 
@@ -31,6 +33,8 @@ def model(
     reflectance: SatelliteLaw = "ashikhmin-shirley",
     spin: Literal["free", "none", "torque-free"] = "free",
     omega_sd: float = 0.1,
+    period: str = "",
+    pole: str = "",
     inertia_sd: float = 1.0,
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
@@ -59,6 +63,10 @@ def model(
         at t = 0 and the inertia tensor of a rigid body without torque are inferred.
     omega_sd
         Prior standard deviation of each component of ω, rad/s.
+    period
+        Sidereal period as far as it is known, with a unit: 23.7s, 23.70+-0.02s, 20-30s, or several.
+    pole
+        Region of the pole or its opposite, RA,DEC,RADIUS, deg, in the axes of the light curve.
     inertia_sd
         Elongation of a torque-free body; 1: a box is 2.1 to 9.9 times as long as thin (90 %).
     log_area_mean, log_area_sd
@@ -79,7 +87,8 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd)
+    known = KnownSpin.of(period, pole)
+    turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd, known)
     normals = priors.normals(n_facets)
     albedo_area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
@@ -105,3 +114,15 @@ def model(
     else:
         mean = seen(sun, obs)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+
+
+def coordinates(
+    data: Epochs,
+    *,
+    spin: str = "free",
+    omega_sd: float = 0.1,
+    period: str = "",
+    **options: object,  # noqa: ARG001
+) -> dict[str, RateAndDirection] | None:
+    """Coordinates of the sampler: rate and direction of ω, if the period is known."""
+    return rate_and_direction(spin, omega_sd, period, float(data.t_span)) if period else None

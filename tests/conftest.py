@@ -1,4 +1,5 @@
-"""One browser for all tests of pages, how XLA optimises, and how often tests may fail by chance."""
+"""One browser for all tests of pages, how XLA optimises, which tests are long, and how often tests
+may fail by chance."""
 
 from __future__ import annotations
 
@@ -7,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers import browser_pages, false_alarms
+from tests.helpers import browser_pages, false_alarms, quick_run
 
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     config.stash[false_alarms.COLLECTED] = false_alarms.check(items)
+    quick_run.mark(items)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from typing import Any
 
 from lcbayes.cli import task
 from lcbayes.cli.options import join_negative_values
+from lcbayes.cli.parser import Parser, unknown_command, unknown_words
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 from lcbayes.tasks.task import Task
 
@@ -49,14 +50,17 @@ trusted (the report says why); 130 interrupted
 """
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="lcbayes",
         description="Facets, spin and surface of an unresolved space object from its light curve.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
+    parser.add_argument(
+        "--completion", metavar="SHELL", help="print completions for bash, zsh or fish, and exit"
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
         _add_task(commands, name)
@@ -73,7 +77,18 @@ def _add_task(commands: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     task.add_arguments(parser, declared)
-    parser.set_defaults(run=partial(task.run, task=declared))
+    parser.set_defaults(run=partial(task.run, task=declared), parser=parser)
+
+
+def _print_completion(shell: str, parser: Parser) -> int:
+    from lcbayes.cli.completion import script
+
+    try:
+        print(script(shell, parser), end="")
+    except InputError as fault:
+        print(f"lcbayes: {fault}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,16 +100,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif isinstance(stream, io.TextIOWrapper):  # a terminal may not show all characters
             stream.reconfigure(errors="backslashreplace")
     parser = _parser()
+    words = join_negative_values(sys.argv[1:] if argv is None else argv)
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        print(f"lcbayes: {unknown_command(words[0], COMMANDS)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     try:
-        words = join_negative_values(sys.argv[1:] if argv is None else argv)
-        args = parser.parse_args(words)
+        args, unknown = parser.parse_known_args(words)
     except SystemExit as stop:  # argparse has printed the error
         return int(stop.code or 0)
+    if unknown:
+        used = getattr(args, "parser", parser)
+        print(f"{used.prog}: {unknown_words(unknown, used)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     if args.version:
         from lcbayes.core.version import installed_version
 
         print(f"lcbayes {installed_version()}")
         return 0
+    if args.completion is not None:
+        return _print_completion(args.completion, parser)
     if args.command is None:
         parser.print_help()
         return EXIT_BAD_INPUT

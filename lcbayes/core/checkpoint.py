@@ -6,6 +6,7 @@ import json
 import shutil
 import zlib
 from collections.abc import Callable
+from copy import copy
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -32,7 +33,7 @@ class Checkpoint:
         identity: dict[str, Any],
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.folder, self._say = folder, say
+        self.folder, self._say, self._prefix = folder, say, ""
         if folder is None:
             return
         stamp = folder / IDENTITY
@@ -44,6 +45,12 @@ class Checkpoint:
         if self.resumed:
             say(f"resuming the run that stopped in {folder.parent}")
 
+    def within(self, part: str) -> Checkpoint:
+        """The arrays of a part of the run: their names begin with that of the part."""
+        inner = copy(self)
+        inner._prefix = f"{self._prefix}{part}-"
+        return inner
+
     @property
     def resumed(self) -> bool:
         """Whether an earlier run left arrays to resume from."""
@@ -51,7 +58,7 @@ class Checkpoint:
 
     def load(self, name: str) -> Arrays | None:
         """The arrays saved under that name, or None if they are missing or unreadable."""
-        if self.folder is None or not (path := self.folder / f"{name}.npz").is_file():
+        if self.folder is None or not (path := self._path(self.folder, name)).is_file():
             return None
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -63,8 +70,20 @@ class Checkpoint:
     def save(self, name: str, arrays: Arrays) -> None:
         if self.folder is not None:
             write_atomic(
-                self.folder / f"{name}.npz", lambda p: np.savez(p, allow_pickle=False, **arrays)
+                self._path(self.folder, name), lambda p: np.savez(p, allow_pickle=False, **arrays)
             )
+
+    def once[T](self, name: str, kind: Callable[..., T], compute: Callable[[], T]) -> T:
+        """A named tuple of arrays as saved under that name, or computed and saved."""
+        stored = self.load(name)
+        if stored is not None:
+            return kind(**stored)
+        found = compute()
+        self.save(name, found._asdict())  # pyright: ignore[reportAttributeAccessIssue]
+        return found
+
+    def _path(self, folder: Path, name: str) -> Path:
+        return folder / f"{self._prefix}{name}.npz"
 
     def finish(self) -> None:
         """Discard the checkpoint after the results are written; the next run starts afresh."""

@@ -133,11 +133,11 @@ def _client(scheduler: str | None, n_workers: int | None, deaths: int) -> Iterat
 
 def _require_lcbayes(client: Any) -> None:
     """Raise InputError unless every worker can import lcbayes; otherwise tasks fail silently."""
-    found = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
-    without = [address for address, what in found.items() if what is not InputError]
+    imported = client.run(resolve_name, f"{InputError.__module__}:InputError", on_error="return")
+    without = [address for address, what in imported.items() if what is not InputError]
     if without:
         raise InputError(
-            f"{len(without)} of the {len(found)} Dask workers cannot import lcbayes "
+            f"{len(without)} of the {len(imported)} Dask workers cannot import lcbayes "
             f"({without[0]}); install it in their environment"
         )
 
@@ -191,10 +191,10 @@ def _dask(
         try:
             for done in done_by_dask(waiting):
                 i = waiting[done]
-                found = _outcome(done, keep_going, attempt == MAX_ATTEMPTS - 1, gone)
-                if found is not _LOST:
+                outcome = _outcome(done, keep_going, attempt == MAX_ATTEMPTS - 1, gone)
+                if outcome is not _LOST:
                     del left[i]
-                    yield i, found
+                    yield i, outcome
         finally:
             with suppress(*gone):
                 client.cancel(list(waiting))

@@ -120,6 +120,9 @@ def read_text(path: str | os.PathLike[str]) -> TextFile:
 def _decode(path: str, data: bytes) -> tuple[str, tuple[str, ...]]:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"{path} is UTF-16 text; save it as UTF-8")
+    for start, kind, remedy in _OTHER_KINDS:
+        if data.startswith(start):
+            raise InputError(f"{path} is {kind}; {remedy}")
     if control := _control(data):
         where = data.index(control[:1])
         line = data.count(b"\n", 0, where) + 1
@@ -139,6 +142,19 @@ def _decode(path: str, data: bytes) -> tuple[str, tuple[str, ...]]:
         return data.decode("latin-1"), (f"read as Latin-1 (line {line} is not UTF-8)",)
 
 
+_AS_CSV = "save it as CSV"
+# first bytes, kind of file, and remedy
+_OTHER_KINDS = (
+    (b"PK\x03\x04", "an Excel workbook or another zip archive", _AS_CSV),
+    (b"\xd0\xcf\x11\xe0", "an old Excel or Word document", _AS_CSV),
+    (b"SIMPLE  =", "a FITS file", "write its table as ECSV with astropy, or as CSV"),
+    (b"\x93NUMPY", "a NumPy array", "write it as CSV with the names of the columns"),
+    (b"\x89HDF\r\n", "an HDF5 or netCDF file", _AS_CSV),
+    (b"%PDF", "a PDF document", "give the table it shows as CSV"),
+    (b"<!DOCTYPE", "a web page", "download the file itself"),
+    (b"<!doctype", "a web page", "download the file itself"),
+    (b"<html", "a web page", "download the file itself"),
+)
 _TEXT_BYTES = bytes({*range(0x20, 0x7F), *range(0x80, 0x100), *b"\t\n\r\f"})
 
 

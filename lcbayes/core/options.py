@@ -1,6 +1,6 @@
 """Options of tasks, declared once: type, unit, range, default and one line of help.
 
-A task declares its options as a frozen dataclass with fields created by `option`:
+A task declares its options as a frozen dataclass with fields created by `option`::
 
     @dataclass(frozen=True)
     class SpinOptions(Options):
@@ -23,6 +23,7 @@ from types import NoneType, UnionType
 from typing import Any, Self, cast, get_args, get_origin, get_type_hints
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 
 _KEY = "option"
 _BOOL = {"true": True, "false": False}
@@ -170,7 +171,10 @@ class Option:
             ) from None
         d = self.declared
         if d.choices and converted not in d.choices:
-            raise InputError(f"{self.flag} is {value!r}; available: {', '.join(d.choices)}")
+            raise InputError(
+                f"{self.flag} is {value!r}{closest(str(value), d.choices)}; available: "
+                f"{', '.join(d.choices)}"
+            )
         outside = self.kind in (int, float) and not (
             (d.low is None or converted >= d.low)
             and (d.high is None or converted <= d.high)
@@ -253,7 +257,9 @@ class Options:
         known = declared_options(cls)
         for name in given:
             if name not in known:
-                raise InputError(f"unknown option {name!r}; available: {', '.join(known)}")
+                raise InputError(
+                    f"unknown option {name!r}{closest(name, known)}; available: {', '.join(known)}"
+                )
         for name, declared in known.items():
             if declared.required and name not in given:
                 raise InputError(f"{declared.flag} is missing; {declared.declared.help}")
@@ -274,11 +280,11 @@ class Options:
 def declared_options(cls: type) -> dict[str, Option]:
     """The options of a dataclass by name, in the order of declaration."""
     hints = get_type_hints(cls)
-    found: dict[str, Option] = {}
+    options: dict[str, Option] = {}
     for field in dataclasses.fields(cls):
         if _KEY in field.metadata:
-            found[field.name] = _option(field, hints[field.name])
-    return found
+            options[field.name] = _option(field, hints[field.name])
+    return options
 
 
 def _option(field: Field[Any], hint: Any) -> Option:

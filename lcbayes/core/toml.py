@@ -189,14 +189,14 @@ class Table:
         value = self._data[key]
         try:
             if isinstance(value, str):
-                found = datetime.fromisoformat(value)
+                moment = datetime.fromisoformat(value)
             elif isinstance(value, date) and not isinstance(value, datetime):
-                found = datetime.combine(value, time())
+                moment = datetime.combine(value, time())
             elif isinstance(value, datetime):
-                found = value
+                moment = value
             else:
                 raise ValueError
-            utc = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+            utc = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
             if not FIRST_YEAR <= utc.year <= LAST_YEAR:
                 raise ValueError
         except (ValueError, OverflowError):

@@ -151,11 +151,11 @@ def calibrations(curve: LightCurve, seen_by: Observers) -> Calibrations:
 
 def _nights(series: Index, needed: Index) -> list[int]:
     """Number of the night of each needed group among those of its series; 0 if it has only one."""
-    found = []
+    numbers = []
     for g in needed:
         same = np.flatnonzero(series == series[g])
-        found.append(int(np.searchsorted(same, g)) + 1 if same.size > 1 else 0)
-    return found
+        numbers.append(int(np.searchsorted(same, g)) + 1 if same.size > 1 else 0)
+    return numbers
 
 
 def _name(curve: LightCurve, seen_by: Observers, row: int, night: int) -> str:

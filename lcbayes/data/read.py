@@ -24,9 +24,12 @@ from lcbayes.data.formats.tdm import is_tdm, read_tdm
 from lcbayes.data.formats.times import with_utc
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.options import ReadOptions
+from lcbayes.data.plausible import check
+from lcbayes.geometry.tle import LENGTH
 
 
 def _read_csv(file: TextFile, options: Options) -> LightCurve:
+    _refuse_other_kinds(file)
     meta = comment_values(file)
     rename, notes = renamed(
         file, header_labels(file), options.columns, brightness=not options.geometry_only
@@ -34,6 +37,22 @@ def _read_csv(file: TextFile, options: Options) -> LightCurve:
     table = parse(file, NUMERIC, rename, texts=TEXTS)
     table.meta = meta
     return build(with_utc(table), options, "csv", notes)
+
+
+def _refuse_other_kinds(file: TextFile) -> None:
+    """Refuse texts that are confused with a light curve."""
+    lines = file.text.split("\n", 3)[:3]
+    if any(line.startswith("1 ") and len(line.rstrip()) == LENGTH for line in lines):
+        raise InputError(
+            f"{file.name} holds two-line elements; give a light curve, and the elements with --tle"
+        )
+    if file.path.suffix.lower() == ".toml":
+        raise InputError(
+            f"{file.name} is a TOML file; give a light curve (lcbayes simulate makes one from a "
+            "scenario)"
+        )
+    if file.text.lstrip()[:1] in ("{", "["):
+        raise InputError(f"{file.name} is JSON; give a table with one row per point, such as CSV")
 
 
 _READERS: dict[str, Callable[[TextFile, Options], LightCurve]] = {
@@ -122,6 +141,7 @@ def read(
     if mapping:
         reading["columns"] = ",".join(f'{name}="{label}"' for name, label in mapping.items())
     source = dict(curve.source)
+    source |= _notes(source.get("notes", ""), *check(curve))
     if tle is not None:
         reading["tle"] = os.path.abspath(tle)
         source["tle_sha256"] = hashlib.sha256(read_bytes(tle)).hexdigest()
@@ -146,6 +166,11 @@ def read_geometry(
     return _read(path, format, options)
 
 
+def _notes(*notes: str) -> dict[str, str]:
+    joined = "; ".join(filter(None, notes))
+    return {"notes": joined} if joined else {}
+
+
 def _path(path: str | os.PathLike[str] | None) -> str | None:
     return None if path is None else os.fspath(path)
 
@@ -163,10 +188,10 @@ def _read(path: str | os.PathLike[str], format: str | None, options: Options) ->
         file, format = replace(text_of(read_parquet(path)), path=Path(path)), format or "csv"
     else:
         file = read_text(path)
-    found = format or recognise(file)
-    if options.columns and found not in WITH_COLUMNS:
-        raise InputError(f"{file.name} is {found}, whose columns are fixed; leave out --columns")
-    return _READERS[found](file, options)
+    kind = format or recognise(file)
+    if options.columns and kind not in WITH_COLUMNS:
+        raise InputError(f"{file.name} is {kind}, whose columns are fixed; leave out --columns")
+    return _READERS[kind](file, options)
 
 
 def _is_parquet(path: str | os.PathLike[str]) -> bool:

@@ -54,6 +54,14 @@ class Tle:
         """
         return self.states(time, max_age_days)[0]
 
+    def age_days(self, time: Times) -> Floats:
+        """Days between each time and the epoch of the nearest elements, (T,)."""
+        return np.min(self._ages(time), axis=1)
+
+    def _ages(self, time: Times) -> Floats:
+        jd1, jd2 = time.utc
+        return np.abs((jd1[:, None] - self.epochs) + jd2[:, None])
+
     def states(self, time: Times, max_age_days: float | None = None) -> tuple[Floats, Floats]:
         """Positions (km) and velocities (km/s) in SGP4's frame, (T, 3) each.
 
@@ -65,7 +73,7 @@ class Tle:
         from sgp4.api import SGP4_ERRORS
 
         jd1, jd2 = time.utc
-        age = np.abs((jd1[:, None] - self.epochs) + jd2[:, None])
+        age = self._ages(time)
         nearest = np.argmin(age, axis=1)
         oldest = age[np.arange(jd1.size), nearest]
         if max_age_days is not None and (oldest > max_age_days).any():

@@ -6,12 +6,10 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
@@ -19,22 +17,20 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Parts, Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import basins, population, screening, search, sparse
+from lcbayes.inference import basins, chain_evidence, population, screening, search, sparse
 from lcbayes.inference import correlation as information
 from lcbayes.inference import goodness_of_fit as misfit
-from lcbayes.inference.area_prior import AREA, AreaPrior, area_prior_of, bic
-from lcbayes.inference.basins import evenly
-from lcbayes.inference.fit import Posterior, posterior_of
-from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.area_prior import AreaPrior, area_prior_of, bic
+from lcbayes.inference.candidate import Candidate, candidate, log_likelihood
+from lcbayes.inference.chain_evidence import Doubtful, Ends, Searches
+from lcbayes.inference.fit import Stages, posterior_of
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.loo import Loo, loo
 from lcbayes.inference.odds import facets
-from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.screening import RuledOut
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled, prior_draws
+from lcbayes.modelling.problem import Problem, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import smc
 from lcbayes.samplers.sampling import Timing
@@ -44,63 +40,6 @@ from lcbayes.samplers.tempering_path import time_ordered
 Floats = NDArray[np.float64]
 
 STARTS = 64  # starts of the search for each number of facets
-LOO_DRAWS = 2000
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A number of facets and its evidence, fit and diagnostics.
-
-    Attributes
-    ----------
-    n_facets, n_parameters : int
-        Number of facets, and total number of parameters.
-    log_evidences : (R,)
-        Log evidence of each run, under the prior conditioned on every facet being seen.
-    log_evidence, se : float
-        ln of the mean evidence; its error, including that of the prior mass.
-    spread : float
-        Standard deviation of the runs' ln evidence.
-    log_prior_mass : float
-        `lcbayes.inference.prior_mass`; already subtracted.
-    loo : Loo
-    misfit : Misfit
-        Misfit of the best fit reached from the best particle.
-    information : float
-        Information per point, from the residuals of the best particle.
-    best : float
-        ln likelihood of the best particle, with each point at full weight.
-    z_best : (D,)
-        The best particle.
-    log_areas : (S, N)
-        ln of the albedo-areas with a log-normal prior, of equally weighted draws; S = 0 if the
-        model has none.
-    posterior : Posterior or None
-        Draws of each solution.
-    reasons : list of Finding
-        Reasons why the result is unreliable; empty if there are no problems.
-    """
-
-    n_facets: int
-    n_parameters: int
-    log_evidences: Floats
-    log_evidence: float
-    se: float
-    log_prior_mass: float
-    loo: Loo
-    misfit: Misfit
-    information: float
-    best: float
-    z_best: Floats
-    gradients: int
-    seconds: float
-    reasons: list[Finding] = field(default_factory=list)
-    log_areas: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    posterior: Posterior | None = None
-
-    @property
-    def spread(self) -> float:
-        return float(np.std(self.log_evidences, ddof=1))
 
 
 @dataclass
@@ -119,17 +58,36 @@ class Compared:
     options: Mapping[str, Any] = field(default_factory=dict)  # of the model, without n_facets
 
 
+@dataclass(frozen=True)
+class Plan:
+    """How numbers of facets are compared.
+
+    Attributes
+    ----------
+    particles : Settings
+        Of the sampler "smc".
+    chains : Settings or None
+        Of chains, which give the evidence where they can be relied on; None for particles alone.
+    upper_bound : int or None
+        Initial number of facets of the sparse path, or None for no such path. The final number is
+        compared with the others.
+    """
+
+    particles: Settings
+    chains: Settings | None = None
+    upper_bound: int | None = None
+
+
 def run(
     curve: LightCurve,
     entry: Entry,
     options: Mapping[str, Any],
     counts: Sequence[int],
-    settings: Settings,
-    upper_bound: int | None,
+    plan: Plan,
     checkpoint: Checkpoint,
     progress: Silent,
 ) -> Compared:
-    """Evidence and LOO of each plausible number of facets, by `smc` from the prior.
+    """Evidence and LOO of each plausible number of facets, by `smc` from the prior or by chains.
 
     The numbers are processed in order of their best fits. A number whose largest likelihood lies
     far below an evidence already computed is ruled out (`lcbayes.inference.screening`).
@@ -145,18 +103,14 @@ def run(
     ----------
     counts
         Numbers of facets.
-    settings
-        Settings of the sampler "smc".
-    upper_bound
-        Initial number of facets of the sparse path, or None for no such path. The final number is
-        compared with the others.
+    plan : Plan
 
     Raises
     ------
     InputError
         If sampling from the prior fails for every number of facets.
     """
-    data = Epochs.of(curve)
+    data, settings, upper_bound = Epochs.of(curve), plan.particles, plan.upper_bound
     key_search, key_runs, key_mass, key_path = jax.random.split(jax.random.key(settings.seed), 4)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     plain = dict(options)
@@ -164,18 +118,29 @@ def run(
     with entry.blamed():
         problems = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
 
-    begun = time.monotonic()
-    searched = {
-        n: _best_fit(problem, data, key_search, n, settings, workers, checkpoint, progress)
-        for n, problem in problems.items()
-    }
+    begun, ends = time.monotonic(), {}
+    if plan.chains is None:
+        searched = {
+            n: _best_fit(problem, data, key_search, n, settings, workers, checkpoint, progress)
+            for n, problem in problems.items()
+        }
+    else:
+        known = {o.name: o.default for o in entry.options.values()} | plain
+        number = settings.num_starts or STARTS
+        arguments = (known, entry.facet_sites, number, workers, checkpoint, progress)
+        searches = Searches(data, *arguments)
+        ends = {
+            n: searches.ends(p, n, jax.random.fold_in(key_search, n))
+            for n, p in sorted(problems.items())
+        }
+        searched = {n: e.best for n, e in ends.items()}
     optima = {n: z for n, z in searched.items() if z is not None}
     if not optima:
         raise InputError(
             "no start of the search has a finite posterior density; check the errors and the "
             "geometry, or widen the priors"
         )
-    weighed_at = max(optima, key=lambda n: _log_likelihood(problems[n], optima[n], data))
+    weighed_at = max(optima, key=lambda n: log_likelihood(problems[n], optima[n], data))
     weighed = information.tempered(problems[weighed_at], optima[weighed_at], data)
     simplest = min(optima, key=lambda n: bic(problems[n], optima[n], weighed))
     area_prior = area_prior_of(entry, plain, problems[simplest], optima[simplest], data)
@@ -183,12 +148,13 @@ def run(
         plain["log_area_mean"] = area_prior.log_mean
         centred = {n: build_problem(entry, {**plain, "n_facets": n}, data)[0] for n in counts}
         optima = {n: _same_body(problems[n], z, centred[n], data) for n, z in optima.items()}
+        ends = {n: e.moved(problems[n], centred[n], data) for n, e in ends.items()}
         problems = centred
     search_s = time.monotonic() - begun
 
     execution = Execution(settings, workers, checkpoint)
     comparison = _Comparison(entry, execution, problems, optima, data, weighed, plain)
-    comparison.area_prior = area_prior
+    comparison.area_prior, comparison.chains, comparison.ends = area_prior, plan.chains, ends
     with progress.stage("comparing", 100, "%") as track:
         parts = Parts(track, 100, sum(map(_cost, counts)))
         if upper_bound:
@@ -242,6 +208,8 @@ class _Comparison:
     weighed: Epochs  # the same data, with the common power of the likelihood
     options: Mapping[str, Any]  # of the model, without n_facets
     area_prior: AreaPrior | None = None
+    chains: Settings | None = None
+    ends: Mapping[int, Ends] = field(default_factory=dict)  # of the searches, for chains
     candidates: dict[int, Candidate] = field(default_factory=dict)
     ruled_out: dict[int, RuledOut] = field(default_factory=dict)
     failed: list[Finding] = field(default_factory=list)
@@ -290,6 +258,12 @@ class _Comparison:
     def _measured(
         self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
     ) -> Candidate:
+        doubt = ""
+        if self.chains is not None and n in self.ends:
+            try:
+                return self._by_chains(n, key_runs, key_mass, progress)
+            except Doubtful as fault:
+                doubt = str(fault)
         problem, settings = self.problems[n], self.execution.settings
         name = f"facets-{n}-run"
         runs = self.execution.runs(
@@ -299,18 +273,36 @@ class _Comparison:
         measured = basins.measure(
             problem, self.weighed, runs, order, seed=settings.seed, workers=self.execution.workers
         )
-        found = _candidate(n, problem, self.weighed, runs, measured.weighed, key_mass)
+        whole, log_z, reasons = measured.weighed.log_evidence, *measured.weighed[-2:]
+        found = candidate(n, problem, self.weighed, runs, (whole, log_z, reasons), key_mass)
         modes, warnings = population.solutions_of(problem, self.weighed, measured, settings)
         timing = Timing(sampling_s=found.seconds, gradients=found.gradients)
         posterior = posterior_of(problem, self.weighed, order, modes, measured.weighed.log_evidence)
         posterior.reasons, posterior.timing = [*found.reasons, *warnings], timing
         posterior.settings = settings
+        return replace(found, posterior=posterior, doubt=doubt)
+
+    def _by_chains(
+        self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
+    ) -> Candidate:
+        """The candidate from chains; raises Doubtful if they cannot be relied on."""
+        assert self.chains is not None
+        options = {**self.options, "n_facets": n}
+        problem, sampled = build_problem(self.entry, options, self.data)
+        kept = self.execution.checkpoint.within(f"facets-{n}")
+        workers = self.execution.workers
+        stages = Stages(problem, self.entry, self.chains, workers, kept, progress, Timing())
+        posterior, runs, total = chain_evidence.measure(
+            stages, sampled, self.ends[n], self.weighed, key_runs
+        )
+        log_z = np.array([r.log_evidence for r in runs])
+        found = candidate(n, problem, self.weighed, runs, (total, log_z, []), key_mass)
         return replace(found, posterior=posterior)
 
     def _best_likelihood(self, n: int) -> float:
         if n not in self.optima:
             return -np.inf
-        return _log_likelihood(self.problems[n], self.optima[n], self.data)
+        return log_likelihood(self.problems[n], self.optima[n], self.data)
 
     def _excluded(self, n: int) -> RuledOut | None:
         """The number if it is ruled out by the largest evidence so far, or None.
@@ -372,75 +364,6 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None
-
-
-def _candidate(
-    n: int,
-    problem: Problem,
-    data: Epochs,
-    runs: Sequence[smc.Result],
-    weighed: basins.Weighed,
-    key: jax.Array,
-) -> Candidate:
-    mass = log_prior_mass(problem, data, key)
-    total, log_z = weighed.log_evidence, weighed.log_evidences - mass.value
-    best = _best_particle(runs)
-    optimum = search.polish(problem, data, best[None], 1).z[0]
-    rows = jnp.asarray(np.vstack([_pooled(runs), best]))
-    log_likelihood = np.asarray(_pointwise(problem, rows, data))
-    log_areas = np.zeros((0, 0))
-    if AREA in problem.names:
-        log_areas = np.asarray(_log_areas(problem, rows[:-1], data))
-    own = information.tempered(problem, best, data)
-    reasons = list(dict.fromkeys(reason for r in runs for reason in r.reasons))
-    reasons += weighed.reasons
-    return Candidate(
-        n_facets=n,
-        n_parameters=problem.n_parameters,
-        log_evidences=log_z,
-        log_evidence=total.value - mass.value,
-        se=float(np.hypot(total.se, mass.se)),
-        log_prior_mass=mass.value,
-        loo=loo(log_likelihood[:-1], float(data.information)),
-        misfit=misfit.measure(problem, data, np.stack([best, optimum])),
-        information=float(own.information),
-        best=float(log_likelihood[-1].sum()),
-        z_best=best,
-        gradients=sum(r.gradients for r in runs),
-        seconds=sum(r.seconds for r in runs),
-        reasons=reasons,
-        log_areas=log_areas,
-    )
-
-
-def _pooled(runs: Sequence[smc.Result]) -> Floats:
-    """Equally weighted draws of all runs; each run is weighted by its evidence (unbiased)."""
-    log_z = np.array([r.log_evidence for r in runs])
-    share = np.exp(log_z - logsumexp(log_z))
-    n = min(LOO_DRAWS, min(len(r.z) for r in runs) / share.max())
-    parts = np.floor(n * share).astype(int)
-    return np.concatenate([evenly(r.z, k) for r, k in zip(runs, parts, strict=True)])
-
-
-def _best_particle(runs: Sequence[smc.Result]) -> Floats:
-    best = max(runs, key=lambda r: r.log_likelihood.max())
-    return best.z[np.argmax(best.log_likelihood)]
-
-
-def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
-    """ln likelihood of all points, each at full weight."""
-    return float(compiled(problem.log_likelihood)(jnp.asarray(z), data).sum())
-
-
-@partial(jax.jit, static_argnums=0)
-def _pointwise(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    """ln likelihood of every point at rows (n, D), as (n, T)."""
-    return jax.lax.map(lambda row: problem.log_likelihood(row, data), rows)
-
-
-@partial(jax.jit, static_argnums=0)
-def _log_areas(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    return jax.lax.map(lambda row: problem.constrain(row, data)[AREA], rows)
 
 
 def _same_body(source: Problem, z: Floats, target: Problem, data: Epochs) -> Floats:

@@ -86,18 +86,18 @@ def run(
         plain, problem = build_problem(entry, options, data)
     workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
-    fit = _Fit(plain, entry, settings, workers, checkpoint, progress, Timing())
+    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing())
     begun = time.monotonic()
     found = fit.search(options, data, key_start, spins)
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return fit.by_particles(found, key)
-    if plain is not problem and not _hold(plain, problem, found.solutions, found.data):
+    if plain is not problem and not hold(plain, problem, found.solutions, found.data):
         problem = plain
     return fit.by_chains(problem, found, key)
 
 
-class _Found(NamedTuple):
+class Found(NamedTuple):
     """Solutions to sample, in the plain coordinates, with the data at their final weight."""
 
     solutions: list[Solution]
@@ -109,7 +109,7 @@ class _Found(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Stages:
     """The stages of one fit and their shared state."""
 
     plain: Problem
@@ -126,7 +126,7 @@ class _Fit:
         data: Epochs,
         key: jax.Array,
         spins: Sequence[Mapping[str, Any]],
-    ) -> _Found:
+    ) -> Found:
         """Search with the model's pooled form if it has one, then re-optimise the solutions under
         the full model and under the data weight that the misfit allows."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
@@ -145,7 +145,9 @@ class _Fit:
             coverage = Coverage.restored(stored)
             ends = search.SearchState(**stored)
         elif complete:
-            ends, coverage = complete_search(pooled, data, chosen, workers, self.progress)
+            ends, coverage = complete_search(
+                pooled, data, chosen, workers, self.progress, self.checkpoint
+            )
             self.checkpoint.save("search", ends._asdict() | coverage.stored())
         else:
             informed = entry.hook("starts") is not None or spins
@@ -173,9 +175,9 @@ class _Fit:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return _Found(sampled, rest, ends, data, len(starts), coverage)
+        return Found(sampled, rest, ends, data, len(starts), coverage)
 
-    def by_particles(self, found: _Found, key: jax.Array) -> Posterior:
+    def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
         order = FacetOrder(plain, self.entry.facet_sites)
@@ -195,7 +197,7 @@ class _Fit:
         posterior.reasons, posterior.settings = reasons, self.settings
         return posterior
 
-    def by_chains(self, problem: Problem, found: _Found, key: jax.Array) -> Posterior:
+    def by_chains(self, problem: Problem, found: Found, key: jax.Array) -> Posterior:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
         order = FacetOrder(problem, self.entry.facet_sites)
@@ -216,7 +218,7 @@ class _Fit:
                 )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
-                log_z = _evidence(problem, data, order, whitening, z, z0, rng)
+                log_z = evidence(problem, data, order, whitening, z, z0, rng)
                 join(modes, Mode(solution, z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         log_evidence = weigh(modes)
@@ -244,7 +246,7 @@ def posterior_of(
     return Posterior(problem, data, modes, log_evidence, 1)
 
 
-def _evidence(
+def evidence(
     problem: Problem,
     data: Epochs,
     order: FacetOrder,
@@ -263,7 +265,7 @@ def _evidence(
     return LogEvidence(float(found.value + shift), found.se)
 
 
-def _hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
+def hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
     """Whether the model's sampling coordinates represent every solution.
 
     These coordinates serve efficient sampling and do not define the posterior. They may fail for

@@ -156,7 +156,7 @@ def _shares(
 ) -> Floats:
     """Squared distance of points z (n, D) of the plain problem from each mode, divided by the limit
     of the mode's region, (M, n)."""
-    z = np.asarray(z if problem is plain else _translated(plain, problem, z, data))
+    z = np.asarray(z if problem is plain else translated(plain, problem, z, data))
     share = np.full((len(modes), len(z)), np.inf)
     for i, mode in enumerate(modes):
         region = _Region.of(mode.z)
@@ -165,7 +165,7 @@ def _shares(
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> jax.Array:
+def translated(plain: Problem, problem: Problem, z: Floats, data: Epochs) -> jax.Array:
     """Rows (n, D) of one problem in the coordinates of the other."""
     return jax.lax.map(lambda row: problem.ravel(plain.constrain(row, data)), jnp.asarray(z))
 

@@ -21,6 +21,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import priors
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Rotation
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
@@ -127,8 +128,11 @@ def rotation(
     inertia_sd: float,
     clock_sd: float = CLOCK_SD,
     rate_drift_sd: float = RATE_DRIFT_SD,
+    known: KnownSpin | None = None,
 ) -> Rotation:
     """The rotation of `modelling.priors.spin` with errors of clocks and a drift of the rate.
+
+    The prior of ω is normal with sd ``omega_sd`` (rad/s), or that of what is known of the spin.
 
     Returns
     -------
@@ -136,7 +140,11 @@ def rotation(
         ``to_body(t, sun, obs)`` for recorded times t. The directions are those of the recorded
         times, and are moved to the true ones at the rates of ``data``.
     """
-    turned, rate = priors.spin(spin, omega_sd, inertia_sd)
+    prior = None
+    if known is not None:
+        known.check(spin)
+        prior = known.prior(omega_sd, data)
+    turned, rate = priors.spin(spin, omega_sd, inertia_sd, prior)
     if spin == "none":
         return turned
     late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)

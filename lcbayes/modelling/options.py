@@ -10,6 +10,14 @@ from typing import Any, Self
 from lcbayes.core.options import Options, declared_options, option
 
 
+def period(text: str) -> float | str:
+    """A number of hours, or text with a unit, which the model reads."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
+
+
 @dataclass(frozen=True)
 class ModelOptions(Options):
     """Options that most models share, and the additional options of a single model.
@@ -27,7 +35,18 @@ class ModelOptions(Options):
         None, low=1, help="number of facets, or of grid normals for convex-grid"
     )
     period: float | None = option(
-        None, unit="hours", above=0.0, metavar="HOURS", help="approximate sidereal period"
+        None,
+        above=0.0,
+        parse=period,
+        metavar="P",
+        help="sidereal period with its unit: 23.7s, 23.70+-0.02s, 20-30s; a number alone is in "
+        "hours and for convex-grid only",
+    )
+    pole: tuple[float, float, float] | None = option(
+        None,
+        unit="deg",
+        metavar="RA,DEC,RADIUS",
+        help="region of the pole or its opposite, GCRS, for bodies that spin",
     )
     law: str | None = option(None, metavar="NAME", help="attitude law, for stabilised")
     reflectance: str | None = option(None, metavar="NAME", help="reflectance law")
@@ -68,6 +87,8 @@ class ModelOptions(Options):
     def for_model(self) -> dict[str, Any]:
         """Options passed to the model."""
         shared = {name: getattr(self, name) for name in declared_options(ModelOptions)}
+        if self.pole is not None:
+            shared["pole"] = ",".join(f"{x:.12g}" for x in self.pole)
         return {name: value for name, value in shared.items() if value is not None} | dict(
             self.others
         )

@@ -164,10 +164,14 @@ def deviations(name: str, n: int, median: float, log_sd: float = 1.0) -> jax.Arr
     return offset
 
 
-def angular_velocity(sd: float) -> jax.Array:
-    """ω ~ N(0, sd² I), rad/s, inertial, (3,); Linares & Crassidis, above eq. (9)."""
+def angular_velocity(sd: float, known: dist.Distribution | None = None) -> jax.Array:
+    """ω ~ N(0, sd² I), rad/s, inertial, (3,); Linares & Crassidis, above eq. (9).
+
+    ``known`` is another prior of ω/sd, such as `modelling.known_spin.SpinPrior`.
+    """
     _positive("omega_sd", sd)
-    unit = jnp.asarray(numpyro.sample("omega_unit", dist.Normal(0.0, 1.0).expand([3]).to_event(1)))
+    prior = dist.Normal(0.0, 1.0).expand([3]).to_event(1) if known is None else known
+    unit = jnp.asarray(numpyro.sample("omega_unit", prior))
     omega = sd * unit
     numpyro.deterministic("omega", omega)
     return omega
@@ -205,12 +209,17 @@ TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
 TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
 
 
-def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> tuple[Rotation, jax.Array]:
+def spin(
+    kind: str,
+    omega_sd: float,
+    inertia_sd: float = 1.0,
+    known: dist.Distribution | None = None,
+) -> tuple[Rotation, jax.Array]:
     """Rotation of the body for a model's option ``spin``.
 
     "free" is rotation at a constant ω, "none" is no rotation, and "torque-free" is the motion of a
     rigid body with a sampled inertia tensor from ω at t = 0. The body axes are the inertial axes at
-    t = 0.
+    t = 0. ``known`` is a prior of ω/omega_sd in place of the normal one.
 
     Returns
     -------
@@ -222,7 +231,7 @@ def spin(kind: str, omega_sd: float, inertia_sd: float = 1.0) -> tuple[Rotation,
     """
     if kind not in SPINS:
         raise ValueError(f"unknown spin {kind!r}; available: {', '.join(SPINS)}")
-    omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd)
+    omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd, known)
     rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
     if kind != "torque-free":
         return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), rate

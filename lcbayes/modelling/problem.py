@@ -14,7 +14,7 @@ from jax.interpreters.partial_eval import dce_jaxpr
 from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.distributions import biject_to
-from numpyro.distributions.transforms import Transform
+from numpyro.distributions.transforms import IdentityTransform, Transform
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -333,7 +333,10 @@ class Problem:
         """Positive part of the Hessian of −ln prior of one site."""
         transform = self._transforms[name]
         if hasattr(fn, "precision"):
-            return fn.precision(value)
+            if isinstance(transform, IdentityTransform):
+                return fn.precision(value)
+            jacobian = jax.jacfwd(transform)(value).reshape(value.size, value.size)
+            return jacobian.T @ fn.precision(transform(value)) @ jacobian
 
         def minus_log_prior(flat: jax.Array) -> jax.Array:
             free = flat.reshape(value.shape)

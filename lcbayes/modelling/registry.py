@@ -48,9 +48,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
+from lcbayes.core.constants import HOUR_S
+from lcbayes.core.durations import seconds
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
+PERIOD = "period"  # of models that take a number of hours: also text with a unit
 BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised")
 
 
@@ -191,6 +195,8 @@ def _convert(model: str, option: Option, value: Any) -> Any:
             f"option {option.name!r} of model {model!r} is {value!r}; "
             f"available: {', '.join(option.choices)}"
         )
+    if (option.name, option.type) == (PERIOD, float) and isinstance(value, str):
+        return seconds(value, default="h") / HOUR_S
     try:
         if option.type is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]
@@ -221,7 +227,7 @@ def find(name: str | Callable[..., Any]) -> Entry:
     path = Path(name)
     if path.suffix != ".py" and not path.exists():
         raise InputError(
-            f"unknown model {name!r}; available: {', '.join(BUILT_IN)}; "
+            f"unknown model {name!r}{closest(name, BUILT_IN)}; available: {', '.join(BUILT_IN)}; "
             "or give a file: --model ./mine.py"
         )
     if not path.is_file():

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpyro.distributions import constraints
 from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.jax_setup import jax, jnp
+
+MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
+
+
+def rate_and_direction(
+    spin: str, omega_sd: float, period: str, t_span: float
+) -> dict[str, RateAndDirection] | None:
+    """Coordinates of the site ``omega_unit`` for options of a model; None for its components.
+
+    Rate and direction are sampled if the body may turn many times or its period is known. They are
+    singular at ω = 0, so that bodies which may hardly turn keep the components.
+    """
+    many = omega_sd * t_span / (2.0 * np.pi) > MIN_TURNS
+    return {"omega_unit": RateAndDirection()} if spin == "free" and (many or period) else None
 
 
 class RateAndDirection(Transform):

@@ -49,19 +49,23 @@ COLUMNS = {
 
 
 def summarise(
-    found: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
+    comparison: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
 ) -> tuple[CompareNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
-    candidates, counts = found.candidates, [c.n_facets for c in found.candidates]
+    candidates, counts = comparison.candidates, [c.n_facets for c in comparison.candidates]
     n_runs = len(candidates[0].log_evidences)
     errors = odds.moderated(np.array([c.se for c in candidates]))
     values = np.array([c.log_evidence for c in candidates])
     chances = odds.probabilities(values, errors, n_runs, seed)
     verdict = odds.verdict(counts, chances)
     stacked = stacking({c.n_facets: c.loo for c in candidates})
-    worth = found.information
-    rows = _rows(found, errors, chances, stacked)
-    against = [*found.failed, *odds.undecided(counts, chances), *_findings(found, verdict)]
+    worth = comparison.information
+    rows = _rows(comparison, errors, chances, stacked)
+    against = [
+        *comparison.failed,
+        *odds.undecided(counts, chances),
+        *_findings(comparison, verdict),
+    ]
     content: CompareNumbers = {
         "model": identity["model"],
         "n_obs": n_obs,
@@ -71,7 +75,7 @@ def summarise(
         "not_told_from_it": verdict.rivals,
         "not_excluded": verdict.possible,
         "information_per_point": worth,
-        "weighed_at_n_facets": found.weighed_at,
+        "weighed_at_n_facets": comparison.weighed_at,
         "n_runs": n_runs,
         "candidates": rows,
         "ruled_out": [
@@ -83,12 +87,12 @@ def summarise(
                 "chi2": r.misfit.chi2,
                 "dof": r.misfit.dof,
             }
-            for r in found.ruled_out
+            for r in comparison.ruled_out
         ],
-        "sparse": _sparse(found),
-        "area_prior": _area_prior(found),
+        "sparse": _sparse(comparison),
+        "area_prior": _area_prior(comparison),
         "timing": {
-            "search_s": found.search_s,
+            "search_s": comparison.search_s,
             "sampling_s": sum(c.seconds for c in candidates),
             "gradients": sum(c.gradients for c in candidates),
         },
@@ -97,20 +101,20 @@ def summarise(
     return content, reasons(against)
 
 
-def _sparse(found: Compared) -> dict[str, Any] | None:
+def _sparse(comparison: Compared) -> dict[str, Any] | None:
     """End of the sparse path and the nats by which it fits worse than the best number, or why there
     is none."""
-    if found.path is None:
-        return {"fault": found.path_fault} if found.path_fault else None
-    fits = max(found.candidates, key=lambda c: c.best)
-    behind = found.information * fits.best - found.path.best
-    return asdict(found.path) | {"behind": behind, "astray": bool(behind > ASTRAY)}
+    if comparison.path is None:
+        return {"fault": comparison.path_fault} if comparison.path_fault else None
+    fits = max(comparison.candidates, key=lambda c: c.best)
+    behind = comparison.information * fits.best - comparison.path.best
+    return asdict(comparison.path) | {"behind": behind, "astray": bool(behind > ASTRAY)}
 
 
-def _area_prior(found: Compared) -> dict[str, Any] | None:
+def _area_prior(comparison: Compared) -> dict[str, Any] | None:
     """The prior on areas, and the probabilities under other medians of it."""
-    prior = found.area_prior
-    if prior is None or not all(c.log_areas.size for c in found.candidates):
+    prior = comparison.area_prior
+    if prior is None or not all(c.log_areas.size for c in comparison.candidates):
         return None
     medians = [float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS]
     if np.min(np.abs(np.log(medians) - prior.default)) > SAME_MEDIAN:
@@ -119,11 +123,11 @@ def _area_prior(found: Compared) -> dict[str, Any] | None:
     for median in sorted(medians):
         changes = [
             odds.evidence_change(c.log_areas, prior.log_mean, prior.log_sd, np.log(median))
-            for c in found.candidates
+            for c in comparison.candidates
         ]
         if min(draws for _, draws in changes) < MIN_DRAWS:
             continue
-        value = np.array([c.log_evidence for c in found.candidates]) + [d for d, _ in changes]
+        value = np.array([c.log_evidence for c in comparison.candidates]) + [d for d, _ in changes]
         scan.append({"median_m2": float(median), "probability": odds.shares(value)})
     return {
         "median_m2": float(np.exp(prior.log_mean)),
@@ -134,12 +138,12 @@ def _area_prior(found: Compared) -> dict[str, Any] | None:
 
 
 def _rows(
-    found: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
+    comparison: Compared, errors: NDArray[np.float64], chances: odds.Odds, stacked: Stacked
 ) -> list[CandidateContent]:
     """The candidates, with their probabilities and stacking weights."""
-    worth = found.information
+    worth = comparison.information
     rows: list[CandidateContent] = []
-    for k, c in enumerate(found.candidates):
+    for k, c in enumerate(comparison.candidates):
         elpd, khat = c.loo
         rows.append(
             {
@@ -166,22 +170,24 @@ def _rows(
                 "dof": c.misfit.dof,
                 "gradients": c.gradients,
                 "seconds": c.seconds,
+                "evidence_from": "chains" if c.from_chains else "particles",
+                "chains_doubted": c.doubt,
                 "reasons": [reason.content for reason in reasons(c.reasons)],
             }
         )
     return rows
 
 
-def _findings(found: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
-    top = max(c.log_evidence for c in found.candidates)
-    for c in found.candidates:
+def _findings(comparison: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
+    top = max(c.log_evidence for c in comparison.candidates)
+    for c in comparison.candidates:
         if c.log_evidence + 5.0 * c.se > top - LOST:
             yield from (reason._replace(about=facets(c.n_facets)) for reason in c.reasons)
-    fits: Candidate = max(found.candidates, key=lambda c: c.best)
-    if fits.information > CLEANER * found.information:
-        worth = {"used": found.information, "found": fits.information}
+    fits: Candidate = max(comparison.candidates, key=lambda c: c.best)
+    if fits.information > CLEANER * comparison.information:
+        worth = {"used": comparison.information, "found": fits.information}
         yield Finding("points-overcounted", worth)
-    best = next(c for c in found.candidates if c.n_facets == verdict.best)
+    best = next(c for c in comparison.candidates if c.n_facets == verdict.best)
     if not best.misfit.explained:
         values = {"facets": facets(verdict.best), "why": best.misfit.words}
         yield Finding("no-number-explains-data", values)

@@ -56,6 +56,25 @@ class RunWeights(TypedDict, total=False):
     weight_by_run: Any
 
 
+class BodyRow(TypedDict):
+    """Posterior of a quantity of the body."""
+
+    mean: float
+    sd: float
+    q05: float
+    q50: float
+    q95: float
+
+
+class BodyContent(TypedDict):
+    """Bodies of an asteroid: those constructed and those not, `results.asteroid.QUANTITIES`."""
+
+    n_bodies: int
+    n_failed: int
+    quantities: dict[str, BodyRow]
+    tilted: bool
+
+
 class ModeContent(SpinMeans, RunWeights):
     """One solution."""
 
@@ -70,6 +89,7 @@ class ModeContent(SpinMeans, RunWeights):
     min_ess_bulk: float
     min_ess_tail: float
     parameters: dict[str, ParameterContent]
+    body: NotRequired[BodyContent]
 
 
 class ResidualTestContent(TypedDict):
@@ -161,7 +181,7 @@ class FitNumbers(Outliers):
     model_options: NotRequired[dict[str, Any]]
     sparse: NotRequired[dict[str, Any]]
     n_starts: int
-    search: dict[str, float] | None
+    search: dict[str, Any] | None
     notes: str
     identity: dict[str, Any]
 
@@ -195,6 +215,8 @@ class CandidateContent(TypedDict):
     dof: float
     gradients: int
     seconds: float
+    evidence_from: str
+    chains_doubted: str
     reasons: list[ReasonContent]
 
 

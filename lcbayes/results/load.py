@@ -30,21 +30,21 @@ def read_summary(folder: Path) -> dict[str, Any]:
         It is missing or damaged, or another version wrote it.
     """
     path = folder / SUMMARY
-    found = read_json(path, KINDS)
-    reasons = found.get("reasons")
+    content = read_json(path, KINDS)
+    reasons = content.get("reasons")
     valid = (
-        found.get("schema") == SCHEMA
-        and isinstance(found.get("trusted"), bool)
+        content.get("schema") == SCHEMA
+        and isinstance(content.get("trusted"), bool)
         and isinstance(reasons, list)
         and all(map(_is_reason, cast("list[Any]", reasons)))
-        and found["trusted"] == (not reasons)
+        and content["trusted"] == (not reasons)
     )
     if not valid:
         raise InputError(
             f"{path} is not of this version of lcbayes (schema {SCHEMA}) or is damaged; run the "
             "command that wrote it again"
         )
-    return found
+    return content
 
 
 def _is_reason(entry: Any) -> bool:
@@ -60,21 +60,21 @@ def read_json(path: Path, kinds: Mapping[str, type]) -> dict[str, Any]:
     """
     again = "run the command that wrote it again"
     try:
-        found = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes())
     except FileNotFoundError:
         raise InputError(f"{path} is missing; {again}") from None
     except json.JSONDecodeError as fault:
         raise InputError(f"{path}, line {fault.lineno}: {fault.msg}; {again}") from None
     except (OSError, ValueError, RecursionError) as fault:
         raise InputError(f"{path} cannot be read ({_first_line(fault)}); {again}") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise InputError(f"{path} is no JSON object; {again}")
-    found = cast("dict[str, Any]", found)
+    content = cast("dict[str, Any]", content)
     for key, kind in kinds.items():
-        if not isinstance(found.get(key), kind | None):
+        if not isinstance(content.get(key), kind | None):
             said = {dict: "an object", list: "a list", str: "a string"}[kind]
             raise InputError(f"{path}: {key} is not {said}; {again}")
-    return found
+    return content
 
 
 @contextmanager

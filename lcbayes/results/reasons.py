@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lcbayes.core.reasons import Finding, Reason
+from lcbayes.core.text import join_words
 
 if TYPE_CHECKING:
     from lcbayes.inference.goodness_of_fit import Misfit
@@ -144,6 +145,11 @@ SENTENCES = {
     "normal-unconstrained": "the normal is not constrained: the region is {part:.0%} of the sphere",
     "always-seen": "with {probability:.0%} probability the facet is lit and seen throughout, and "
     "what it looks like is the smooth rest's to decide",
+    # occultations
+    "chords-choose-few-bodies": "the chords choose {effective:.1f} of {bodies} bodies of the "
+    "posterior (effective number; at least {limit:.0f} are needed): no diameter or weight is given "
+    "from light curves and chords together; take more with --num-bodies, or fit a more flexible "
+    "body",
     # batches
     "objects-failed": "{count} of {objects} objects failed: {names}",
     "objects-not-trusted": "{count} of {objects} results must not be trusted: {names}",
@@ -186,8 +192,26 @@ def reason(finding: Finding) -> Reason:
 
 
 def reasons(findings: Iterable[Finding]) -> list[Reason]:
-    """The reasons in the order of the findings, without duplicates."""
-    return list(dict.fromkeys(map(reason, findings)))
+    """The reasons in the order of the findings, one for all findings of one kind.
+
+    If they concern several parts of the result, the sentence has the numbers of the first and names
+    the others.
+    """
+    kinds: dict[tuple[str, ...], dict[str, Finding]] = {}
+    for finding in findings:
+        kind = str(finding.values.get("kind", "")) if finding.about else repr(finding)
+        kinds.setdefault((finding.code, kind), {}).setdefault(finding.about, finding)
+    return [_joined(*kind.values()) for kind in kinds.values()]
+
+
+def _joined(first: Finding, *others: Finding) -> Reason:
+    one = reason(first)
+    if not others:
+        return one
+    noun = first.about.rpartition(" ")[0]
+    numbers = [other.about.removeprefix(f"{noun} ") for other in others]
+    plural = "s" if len(others) > 1 else ""
+    return Reason(one.code, f"{one.text}; likewise {noun}{plural} {join_words(numbers)}")
 
 
 def stored(content: Mapping[str, Any]) -> list[Reason]:
@@ -195,6 +219,7 @@ def stored(content: Mapping[str, Any]) -> list[Reason]:
     return [Reason(str(r["code"]), str(r["text"])) for r in content["reasons"]]
 
 
+LEAST_SHARE = 0.5  # of the excess of chi2 that an alternative explains
 CAUSES = {
     "zero-point": "{about} is {size} mag {fainter} than the model",
     "phase-slope": "the brightness changes by {size} mag/rad {more} with the phase angle than the "
@@ -244,12 +269,16 @@ def why(misfit: Misfit) -> str:
     if chi2.p_value >= found.limit:
         name = TESTS.get(worst.name, f"the test of {worst.name}")
         said += f", but p = {_p(worst)} for {name} (limit {found.limit:.2g})"
-    if found.cause is not None:
+    errors = chi2.p_value < found.limit
+    excess = misfit.chi2 - misfit.dof
+    if found.cause is not None and not (errors and found.cause.gain < LEAST_SHARE * excess):
         gain = f"which lowers chi2 by {found.cause.gain:.0f}"
         return f"{said}; a possible explanation: {cause(found.cause)}, {gain}"
-    factor = np.sqrt(misfit.chi2 / misfit.dof)
-    if chi2.p_value < found.limit:
+    if errors:
+        factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
+    if found.cause is not None:
+        return f"{said}; no single change of the model removes half of the excess of chi2"
     return f"{said}; or try more facets, or another law"
 
 
@@ -289,7 +318,7 @@ FAULTS = {
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 
 
-def searched(coverage: Mapping[str, float] | None) -> list[str]:
+def searched(coverage: Mapping[str, Any] | None) -> list[str]:
     """A line on the motions that a search covered, `inference.spin_search.cells.Coverage`."""
     if not coverage:
         return []
@@ -300,8 +329,15 @@ def searched(coverage: Mapping[str, float] | None) -> list[str]:
             f"in growing windows of time, and {coverage['survivors']:,.0f} were followed to the "
             "end."
         ]
+    which = f"up to {coverage['max_rate']:.3g} rad/s"
+    if ranges := coverage.get("ranges"):
+        listed = [f"{2 * np.pi / b:.5g} to {2 * np.pi / a:.5g} s" for a, b in reversed(ranges)]
+        which = f"with periods of {' or '.join(listed)}"
+    if (sky := coverage.get("sky", 1.0)) < 1.0:
+        which += f" and poles in the given {100 * sky:.2g} % of the sky"
+    others = ", and no others" if ranges or sky < 1.0 else ""
     return [
-        f"All spins up to {coverage['max_rate']:.3g} rad/s were searched: of "
+        f"All spins {which} were searched{others}: of "
         f"{coverage['cells']:,.0f} cells of pole and rate, {coverage['survivors']:,.0f} were "
         "followed to the end."
     ]

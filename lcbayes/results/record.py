@@ -59,13 +59,13 @@ def record_of(task: str, options: Options, source: str, value: Any) -> dict[str,
 
 def _of_curve(path: str | None, curve: LightCurve) -> dict[str, Any]:
     reading = json.loads(curve.source.get("reading", "{}"))
-    found: dict[str, Any] = {"reading": reading}
+    entries: dict[str, Any] = {"reading": reading}
     known = {k: curve.source[k] for k in ("format", "sha256") if k in curve.source}
     if path is not None:
-        found["input.curve"] = {"path": path, **known}
+        entries["input.curve"] = {"path": path, **known}
     if "tle" in reading:
-        found["input.tle"] = {"path": reading["tle"], "sha256": curve.source["tle_sha256"]}
-    return found
+        entries["input.tle"] = {"path": reading["tle"], "sha256": curve.source["tle_sha256"]}
+    return entries
 
 
 def _plain(value: Any) -> Any:
@@ -196,8 +196,8 @@ def read_record(path: Path) -> Record:
             raise root.table("options").fault(name, "is no text and no number")
     reading = ReadOptions.of(root.table("reading", empty).values).as_dict()
     inputs = root.table("input", empty)
-    found = {name: _input(inputs.table(name)) for name in inputs.keys()}  # noqa: SIM118
-    return Record(path, root.text("task"), options, reading, found, root.values)
+    files = {name: _input(inputs.table(name)) for name in inputs.keys()}  # noqa: SIM118
+    return Record(path, root.text("task"), options, reading, files, root.values)
 
 
 def _input(table: Table) -> tuple[str, str]:

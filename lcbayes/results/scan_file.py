@@ -56,7 +56,17 @@ def _dataset(columns: dict[str, np.ndarray], axis: str) -> xr.Dataset:
 
 
 def _plain(scan: AttitudeScan) -> dict[str, Any]:
-    names = ("n_obs", "dof", "error_known", "frame", "n_laws", "n_periods", "left_out", "timing")
+    names = (
+        "n_obs",
+        "dof",
+        "error_known",
+        "frame",
+        "n_laws",
+        "n_periods",
+        "left_out",
+        "timing",
+        "epoch_jd",
+    )
     about = {k: getattr(scan, k) for k in names}
     about["error_known"] = bool(scan.error_known)
     return about | {"settings": asdict(scan.settings)}

@@ -28,7 +28,7 @@ SCHEMA = 2
 RECORD, SUMMARY, LOCK, CHECKPOINT = "run.toml", "summary.json", ".lock", "checkpoint"
 STAGING = ".new-"  # prefix of staging folders
 # Files that tasks write. All those of an earlier result of the same task are removed.
-PAGE = ("report.html", "figures", "shape.*", "shape-[0-9]*.*")
+PAGE = ("report.html", "figures", "shape.*", "shape-[0-9]*.*", "spin.txt", "spin-[0-9]*.txt")
 WRITTEN = (
     *PAGE,
     "posterior.nc",

@@ -91,10 +91,10 @@ def tuning(kernel: MCMCKernel, state, whitening: Whitening) -> dict[str, Any]:
             "step_size": float(state.adapt_state.step_size),
             INVERSE_MASS: (factor * np.asarray(variances)) @ factor.T,
         }
-    found = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
+    settings = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
     if isinstance(kernel, kernels.AHMC):
-        found["proposal_scale"] = kernel.proposal_scale(state)
-    return found
+        settings["proposal_scale"] = kernel.proposal_scale(state)
+    return settings
 
 
 @partial(jax.jit, static_argnums=(0, 2))

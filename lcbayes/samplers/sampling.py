@@ -160,9 +160,9 @@ class Sampler:
         )
         leaves, structure = jax.tree.flatten(shapes)
         sampler = self.settings.sampler
-        found = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
+        program = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
-        return found
+        return program
 
 
 def _steps(blocks: list[dict[str, NDArray]]) -> float:

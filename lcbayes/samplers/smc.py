@@ -234,10 +234,10 @@ class _Run:
             if len(pooled.z) and tempering.effective_number(pooled.log_factors) >= wanted:
                 break
         else:
-            found = tempering.effective_number(pooled.log_factors) if len(pooled.z) else 0.0
-            if found < 0.05 * wanted:
+            effective = tempering.effective_number(pooled.log_factors) if len(pooled.z) else 0.0
+            if effective < 0.05 * wanted:
                 raise InputError(
-                    f"of {n_pool} draws from the prior only about {found:.0f} have any density "
+                    f"of {n_pool} draws from the prior only about {effective:.0f} have any density "
                     "(every facet must be lit and seen); ask for fewer facets or more particles"
                 )
         if not self._follows(pooled.z[0], pooled.log_likelihood[0].sum()):

@@ -62,7 +62,12 @@ class DeterministicResult[D, C: Mapping[str, object]](Result[C]):
         """Draw the figures of the report."""
 
     def write_page(self, folder: Path) -> None:
-        small_report.write_page(folder, self, self.draw, self.refused, self.explored())
+        explored, listing = self.explored(), self.listing()
+        small_report.write_page(folder, self, self.draw, self.refused, explored, listing)
+
+    def listing(self) -> tuple[small_report.Listing, list[str]] | None:
+        """A table for the page and remarks on it; None: the page shows `lines`."""
+        return None
 
     def explored(self) -> Any:
         """The light curve and candidate periods for the interactive part of the page, or None."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lcbayes.results.store import ResultsFolder
 
 R = TypeVar("R")
+MAX_PERIODS = 50.0  # longest period relative to the duration of the light curve
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
 # what a task writes: TEXT goes to standard output, results of SOURCE stay in the source's folder
 FOLDER, REQUIRED_FOLDER, FILE, SOURCE, TEXT = "folder", "required", "file", "source", "text"
@@ -157,6 +158,9 @@ def execute(
 ) -> Any:
     """Run a task and write its result to ``out``; arguments as for its public function."""
     value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
+    # other tasks take the period as known, which may be long
+    if task.source == CURVE and (task.has_model_options or hasattr(options, "period_range")):
+        _check_period(options, value)
     context = Context(progress or Silent())
     if task.out == REQUIRED_FOLDER and out is None:
         raise InputError(f"the results of {task.name} need a folder; give out=DIR")
@@ -174,6 +178,24 @@ def execute(
         result.write(context.folder, report=report)
         context.finish()
     return result
+
+
+def _check_period(options: Options, curve: LightCurve) -> None:
+    """Refuse periods, in hours, during which the light curve covers only a small part of a turn."""
+    from lcbayes.core.constants import HOUR_S
+
+    span_s = float(curve.t.max() - curve.t.min())
+    for name in ("period", "period_range"):
+        given = getattr(options, name, None)
+        if given is None:
+            continue
+        longest = max(given) if isinstance(given, tuple) else given
+        if longest * HOUR_S > MAX_PERIODS * span_s:
+            flag = f"--{name.replace('_', '-')}"
+            raise InputError(
+                f"{flag} is {longest:g} hours, and the light curve covers {span_s:.4g} s; give "
+                f"hours ({longest:g} s are {longest / HOUR_S:.3g} hours), or more data"
+            )
 
 
 def recorded(task: Task, result: Result, options: Options, value: Any) -> Result:

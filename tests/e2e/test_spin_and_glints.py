@@ -15,8 +15,10 @@ from lcbayes.analysis import glints_report
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_DONE, EXIT_NOT_TRUSTED
 from lcbayes.inversion.glints import analyse
+from lcbayes.modelling.known_spin import Period
 from lcbayes.physics.attitude.laws import ConstantRate
 from lcbayes.results.result import DO_NOT_TRUST
+from lcbayes.results.start import read_start
 from tests.helpers.low_earth_orbit import spinner, steady
 from tests.helpers.refused_input import assert_refused
 from tests.helpers.results_folders import figures
@@ -31,7 +33,13 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["spin", str(tmp_path / "passes.csv"), "-o", str(out)]
     assert main.main(argv) == EXIT_DONE
-    assert "sidereal period" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "sidereal period" in told
+    curve_file, onward = str(tmp_path / "passes.csv"), f"{out}-fit"
+    assert f"lcbayes fit {curve_file} --n-facets 3 --start-from {out} -o {onward}" in told
+    start = read_start(out, lcbayes.read(tmp_path / "passes.csv"))
+    ranges = [Period.of(text) for text in start.periods.split(",")]
+    assert any(p.low < truth["period"] < p.high for p in ranges)
     found = json.loads((out / "summary.json").read_text())
     assert (found["schema"], found["task"], found["trusted"]) == (2, "spin", True)
     best = found["solutions"][0]

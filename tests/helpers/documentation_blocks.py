@@ -143,22 +143,29 @@ def three_facets(to: Path) -> None:
 def earlier_fit(scenario: Path, out: Path) -> None:
     curve = scenario.with_name("earlier.csv")
     simulate(scenario, curve)
-    few: dict[str, Any] = {
+    short: dict[str, Any] = {
         "num_warmup": 50,
         "num_samples": 50,
         "num_chains": 2,
         "num_starts": 8,
         "max_modes": 1,
     }
-    lcbayes.fit(lcbayes.read(curve), n_facets=3, out=out, seed=1, **few)
+    lcbayes.fit(lcbayes.read(curve), n_facets=3, out=out, seed=1, **short)
 
 
 def small_fit(out: Path) -> None:
     """One facet, with few draws."""
     curve = out.with_name("one.csv")
     simulate("one-facet", curve)
-    few: dict[str, Any] = {"num_warmup": 200, "num_samples": 200, "num_chains": 2, "num_starts": 8}
-    lcbayes.fit(lcbayes.read(curve), n_facets=1, spin="none", out=out, seed=1, report=False, **few)
+    short: dict[str, Any] = {
+        "num_warmup": 200,
+        "num_samples": 200,
+        "num_chains": 2,
+        "num_starts": 8,
+    }
+    lcbayes.fit(
+        lcbayes.read(curve), n_facets=1, spin="none", out=out, seed=1, report=False, **short
+    )
 
 
 def own_model(to: Path) -> None:

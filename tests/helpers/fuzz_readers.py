@@ -41,7 +41,7 @@ def fuzz(folder: Path, minutes: float, seed: int) -> None:
             file_readers.give(name, text.encode(), folder)  # loads what is loaded lazily
     before = memory()
     begun = time.monotonic()
-    told: dict[str, float] = {"texts": 0, "read": 0, "slowest_s": 0.0}
+    counts: dict[str, float] = {"texts": 0, "read": 0, "slowest_s": 0.0}
     kinds: dict[str, int] = {}
 
     def one(content: bytes) -> None:
@@ -49,7 +49,7 @@ def fuzz(folder: Path, minutes: float, seed: int) -> None:
             return
         start = time.monotonic()
         try:
-            told["read"] += file_readers.give(NAMES[content[0] % len(NAMES)], content[1:], folder)
+            counts["read"] += file_readers.give(NAMES[content[0] % len(NAMES)], content[1:], folder)
         except file_readers.Fault as fault:
             kind = f"{NAMES[content[0] % len(NAMES)]}-{type(fault.__cause__).__name__}"
             kinds[kind] = kinds.get(kind, 0) + 1
@@ -58,14 +58,14 @@ def fuzz(folder: Path, minutes: float, seed: int) -> None:
                 (faults / kind).write_bytes(content)
                 print(f"{kind}: {fault}", flush=True)
         took = time.monotonic() - start
-        told["texts"] += 1
-        if took > told["slowest_s"]:
-            told["slowest_s"] = took
+        counts["texts"] += 1
+        if took > counts["slowest_s"]:
+            counts["slowest_s"] = took
             if took > SECONDS:
                 print(f"slow, {took:.0f} s: {content!r}", flush=True)
-        if told["texts"] % 2000 == 0:
+        if counts["texts"] % 2000 == 0:
             print(
-                f"{time.monotonic() - begun:.0f} s: {told}, faults {kinds}, "
+                f"{time.monotonic() - begun:.0f} s: {counts}, faults {kinds}, "
                 f"memory + {memory() - before:.0f} MiB",
                 flush=True,
             )

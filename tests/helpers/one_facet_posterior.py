@@ -72,7 +72,7 @@ def experiment(
     )
 
 
-def posed(data: Epochs) -> Problem:
+def posterior(data: Epochs) -> Problem:
     """The posterior of `MODEL` given the data."""
     return Problem(MODEL, data)
 

@@ -16,8 +16,8 @@ def assert_refused(
 ) -> None:
     """The command ends with 2 and one line on standard error that holds the message."""
     assert main.main(list(argv)) == EXIT_BAD_INPUT
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert message in told.err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert message in printed.err
     assert not out.exists()

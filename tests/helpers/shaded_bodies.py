@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.simulation.scenarios.scenario import Scenario, load
 from lcbayes.simulation.simulate import body_flux
-from tests.helpers import ray_casting as cast
+from tests.helpers import ray_casting
 
 Floats = NDArray[np.float64]
 
@@ -161,32 +161,41 @@ def flux(found: Scenario, sun: Floats, obs: Floats, shaded: bool = True) -> Floa
 def surfaces(name: str) -> tuple[list, list]:
     """What shines, with its reflectance and share of the points, and what stops rays."""
     if name == "wings":
-        made = [(face, 0.8, 1.0) for face in cast.box_faces((0, 0, 0), (1.5, 1.2, 2.0))]
+        made = [(face, 0.8, 1.0) for face in ray_casting.box_faces((0, 0, 0), (1.5, 1.2, 2.0))]
         for y in (0.6, -3.6):
-            front = cast.Rectangle((0, y, -0.6), (0, 3, 0), (0, 0, 1.2))
+            front = ray_casting.Rectangle((0, y, -0.6), (0, 3, 0), (0, 0, 1.2))
             made += [
                 (front, 0.4, 1.0),
-                (cast.Rectangle((0, y, -0.6), (0, 0, 1.2), (0, 3, 0)), 0.8, 1.0),
+                (ray_casting.Rectangle((0, y, -0.6), (0, 0, 1.2), (0, 3, 0)), 0.8, 1.0),
             ]
     elif name == "l-shape":
         boxes = ((0, 0, 0), (2, 1, 1)), ((0.5, 0, 1), (1, 1, 1))
-        made = [(face, 0.8, 1.0) for one in boxes for face in cast.box_faces(*one)]
+        made = [(face, 0.8, 1.0) for one in boxes for face in ray_casting.box_faces(*one)]
     elif name == "stage":
-        made = [(cast.Round(1, -2, 1, 2), 0.8, 1.0), (cast.Disc(1, 2, True), 0.4, 1.0)]
-        made += [(cast.Disc(1, -2, False), 0.4, 1.0), (cast.Round(0.7, -3, 0.25, -2), 0.8, 1.0)]
-        made += [(cast.Disc(0.7, -3, False), 0.8, 1.0), (cast.Disc(0.25, -2, True), 0.8, 0.1)]
+        made = [
+            (ray_casting.Round(1, -2, 1, 2), 0.8, 1.0),
+            (ray_casting.Disc(1, 2, True), 0.4, 1.0),
+        ]
+        made += [
+            (ray_casting.Disc(1, -2, False), 0.4, 1.0),
+            (ray_casting.Round(0.7, -3, 0.25, -2), 0.8, 1.0),
+        ]
+        made += [
+            (ray_casting.Disc(0.7, -3, False), 0.8, 1.0),
+            (ray_casting.Disc(0.25, -2, True), 0.8, 0.1),
+        ]
     elif name == "dish":
-        made = [(face, 0.8, 1.0) for face in cast.box_faces((0, 0, 0), (1, 1, 1))]
-        made += [(cast.Paraboloid(0.2 / 0.36, 0.6, 0.6, True), 0.8, 1.0)]
-        made += [(cast.Paraboloid(0.2 / 0.36, 0.6, 0.6, False), 0.4, 1.0)]
+        made = [(face, 0.8, 1.0) for face in ray_casting.box_faces((0, 0, 0), (1, 1, 1))]
+        made += [(ray_casting.Paraboloid(0.2 / 0.36, 0.6, 0.6, True), 0.8, 1.0)]
+        made += [(ray_casting.Paraboloid(0.2 / 0.36, 0.6, 0.6, False), 0.4, 1.0)]
     else:
-        made = [(cast.Triangle(t), 0.8, 4.0 / 192) for t in ring()]
+        made = [(ray_casting.Triangle(t), 0.8, 4.0 / 192) for t in ring()]
     return made, [surface for surface, _, _ in made]
 
 
 def cast_flux(name: str, sun: Floats, obs: Floats, n: int) -> Floats:
     """The flux that rays give, n points on each surface, or 4 n on the mesh."""
-    return cast.flux(*surfaces(name), sun, obs, n)
+    return ray_casting.flux(*surfaces(name), sun, obs, n)
 
 
 def attitudes(count: int, seed: int) -> tuple[Floats, Floats]:

@@ -72,7 +72,7 @@ def curve(
     return LightCurve(**(given | changes))
 
 
-def posed(light: LightCurve, model: str = "faceted", **options: Any) -> tuple[Problem, Epochs]:
+def posterior(light: LightCurve, model: str = "faceted", **options: Any) -> tuple[Problem, Epochs]:
     """The posterior of a built-in model."""
     data = Epochs.of(light)
     return Problem(registry.find(model).bind(options), data), data
@@ -91,7 +91,7 @@ def truth(problem: Problem, data: Epochs, n_facets: int, **sites: Any) -> jax.Ar
 
 
 def magnitudes(n: int, seed: int = 0) -> LightCurve:
-    """One facet in V magnitudes at 700 km, its noise not told: 0.03 mag."""
+    """One facet in V magnitudes at 700 km, without errors; the noise is 0.03 mag."""
     light = curve(n, noise=1e-9)
     kept = np.flatnonzero(light.brightness > 0.02 * light.brightness.max())
     light = light.select(kept)

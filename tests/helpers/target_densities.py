@@ -123,7 +123,7 @@ def facet_data(seed: int = 1) -> Epochs:
 def facet() -> Target:
     """The model ``faceted``, one facet: z holds log α and the vector that carries the normal."""
     data = facet_data()
-    problem = one_facet_posterior.posed(data)
+    problem = one_facet_posterior.posterior(data)
     grid = one_facet_posterior.Quadrature.of(data)
 
     def start(n: int, rng: np.random.Generator) -> Floats:

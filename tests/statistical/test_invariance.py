@@ -169,7 +169,7 @@ def test_grids_agree_with_closed_forms(make):
 def test_the_facet_grid_is_the_models_posterior():
     """The two sums over the epochs give the model's own density, and the grid is fine enough."""
     data = target_densities.facet_data()
-    problem = one_facet_posterior.posed(data)
+    problem = one_facet_posterior.posterior(data)
     grid = one_facet_posterior.Quadrature.of(data)
     rng = np.random.default_rng(4)
     cells = rng.choice(grid.log_density.size, 40, p=grid.weights.ravel())

@@ -24,7 +24,7 @@ def test_evidence_agrees_with_nested_sampling(n_facets):
     """
     from tests.helpers import nested_sampling
 
-    problem, data = small_curves.posed(
+    problem, data = small_curves.posterior(
         small_curves.curve(30, n_facets), n_facets=n_facets, spin="none"
     )
     found = smc.replicate(problem, data, jax.random.key(0), 500, RUNS)

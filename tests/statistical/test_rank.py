@@ -61,7 +61,7 @@ def posed() -> tuple[Problem, Epochs]:
     """One facet in two passes of 11 points, noise as large as the peak of a square metre."""
     what = one_facet_posterior.experiment(2, sigma=0.3, step=10.0)
     data = Epochs.of(simulate(what, 0)[0])
-    return one_facet_posterior.posed(data), data
+    return one_facet_posterior.posterior(data), data
 
 
 def prior_draw(problem: Problem, data: Epochs, key: jax.Array) -> jax.Array:

@@ -25,7 +25,7 @@ PLAN = smc.Plan(oversampling=1)  # one solution: none to lose on the way
 @pytest.fixture(scope="module")
 def one():
     data = Epochs.of(simulate(scenario.load("one-facet"), 0)[0])
-    return one_facet_posterior.posed(data), data, one_facet_posterior.Quadrature.of(data)
+    return one_facet_posterior.posterior(data), data, one_facet_posterior.Quadrature.of(data)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_mirror_images_weigh_the_same():
     """
     sun, obs = in_plane(40)
     light = small_curves.curve(40, 2, spinning=True, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=2)
+    problem, data = small_curves.posterior(light, n_facets=2)
     mirror = symmetry.plane_mirror(problem, data)
     found = smc.replicate(problem, data, jax.random.key(0), 300, N_MIRRORED, mirror=mirror)
 
@@ -107,7 +107,7 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     """Two facets, whose posterior holds every body twice, once in each order: the way from the
     prior counts both, chains see one. The limit, 0.6 nat at most, is below the ln 2 between."""
     light = small_curves.curve(30, 2)
-    problem, data = small_curves.posed(light, n_facets=2, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=2, spin="none")
     runs = smc.replicate(problem, data, jax.random.key(0), 250, N_RUNS, plan=PLAN)
     fitted = lcbayes.fit(
         light,

@@ -134,6 +134,7 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
 
 
 _MISSING = "such values mark missing measurements: drop those rows"
+_IN_MAG = f"{_MISSING}, or give errors in mag"
 _JD_RANGE = (
     "outside the years 1900 .. 2099",
     "give full Julian dates (MJD + 2400000.5), UTC",
@@ -172,7 +173,7 @@ def _brightness(
         table.reject(kind, faint, f"outside {BRIGHTEST_MAG:g} .. {FAINTEST_MAG:g} mag", _MISSING)
     given = table.numbers.get(err)
     if given is not None and kind == "mag" and options.error is None:
-        table.reject(err, given >= LARGEST_MAG_ERROR, f">= {LARGEST_MAG_ERROR:g} mag", _MISSING)
+        table.reject(err, given >= LARGEST_MAG_ERROR, f">= {LARGEST_MAG_ERROR:g} mag", _IN_MAG)
     if given is not None and options.error is None and options.error_floor is not None:
         given = table.number(err)  # before the error floor hides NaN
     error = options.errors(given, len(table), table.file.name)
@@ -236,7 +237,7 @@ def _check_flux(
     if range_km is None:
         return (
             "flux without range_km is taken as reduced to 1 m under unit sunlight (median "
-            f"{level:.3g} m²); if the column holds counts, add a column calibrated with 0, and if "
+            f"{level:.3g} m²): if the column holds counts, add a column calibrated with 0, and if "
             "it holds magnitudes, name it mag",
         )
     with np.errstate(over="ignore"):

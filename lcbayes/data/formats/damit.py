@@ -110,9 +110,9 @@ def _parse(
         if len(cells) != 2 or points < 1 or cells[1] not in ("0", "1"):
             what = "expected `npoints flag` with flag 0 or 1, as the curve before is complete"
             _fail(file, number, what, "check npoints above")
-        found = len(filled) - at - 1
-        if points > found:
-            what = f"{points} points are announced, but only {found} lines follow"
+        remaining = len(filled) - at - 1
+        if points > remaining:
+            what = f"{points} points are announced, but only {remaining} lines follow"
             _fail(file, number, what, "the file is cut short or the count is wrong")
         for line, row in filled[at + 1 : at + 1 + points]:
             rows.append(_row(file, line, row))

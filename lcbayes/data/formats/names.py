@@ -70,6 +70,11 @@ def mapping_of(columns: str | Mapping[str, str] | None) -> dict[str, str]:
         columns = {m[1]: (m[2] or m[3]).strip() for m in _MAPPED.finditer(columns)}
     unknown = [name for name in columns if name not in KNOWN and name != IGNORE]
     if unknown:
+        name, label = unknown[0], columns[unknown[0]]
+        if label in KNOWN:
+            raise InputError(
+                f"--columns has {name}={label}; the lcbayes name comes first: {label}={name}"
+            )
         raise InputError(
             f"--columns names {unknown[0]!r}; available: {', '.join((*KNOWN, IGNORE))}"
         )
@@ -105,18 +110,18 @@ def renamed(
     present = {simple[label] for label in labels} | set(rename.values())
     notes = []
     for name in _missing(present):
-        found = [
+        similar = [
             label for label in labels if label not in rename and simple[label] in ALIASES[name]
         ]
-        if len(found) > 1:
+        if len(similar) > 1:
             raise InputError(
-                f"{file.name} has {' and '.join(map(repr, found))}, each of which could be {name}; "
-                f"say which: --columns {name}={found[0]!r}"
+                f"{file.name} has {' and '.join(map(repr, similar))}, each of which could be "
+                f"{name}; say which: --columns {name}={similar[0]!r}"
             )
-        if found:
-            rename[found[0]] = name
+        if similar:
+            rename[similar[0]] = name
             present |= {name}
-            notes.append(f"column {found[0]!r} was taken for {name}")
+            notes.append(f"column {similar[0]!r} was taken for {name}")
     if brightness:
         notes += _errors(file, labels, simple, rename, present)
     return rename, tuple(notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from lcbayes.geometry.tle import Tle, read_tle
 
 Floats = NDArray[np.float64]
 
+OLD_DAYS = 5.0  # age of elements above which a low orbit is noticeably off
+LOW_ORBIT_KM = 8400.0  # distance from the centre of the Earth
 RANGE_TOLERANCE = 0.05  # relative difference between the ranges in the file and from the elements
 
 
@@ -35,26 +38,50 @@ def computed_geometry(
         )
     try:
         site = _site(table, options)
-        found = _place(table, options, site, t, epoch_jd, used)
-        low = found.altitude_deg < 0.0
+        geometry = _place(table, options, site, t, epoch_jd, used)
+        low = geometry.altitude_deg < 0.0
         if low.any():
-            row, worst = int(np.argmax(low)), float(found.altitude_deg[low][0])
+            row, worst = int(np.argmax(low)), float(geometry.altitude_deg[low][0])
             what = f"has {int(low.sum())} of {low.size} points below the horizon"
-            remedy = "check the site, the times and that the elements are of this object"
+            remedy = (
+                "check the site (degrees, north and east positive), the times (UTC) and that the "
+                "elements are of this object"
+            )
+            if likely := _site_that_sees(table, options, site, t, epoch_jd):
+                remedy = f"with {likely}, all would be above it: check the site"
             raise RowError("the satellite", what, row, f"altitude {worst:.1f} deg", remedy)
     except RowError as fault:
         raise fault.located(table.label(fault.name), table.at(fault.row)) from None
-    notes, extra = found.notes, {}
-    dark = int(np.count_nonzero(~found.sunlit))
+    notes, extra = geometry.notes, {}
+    dark = int(np.count_nonzero(~geometry.sunlit))
     if dark == t.size and not options.geometry_only:
         raise InputError(
             f"{table.file.name}: all {dark} points lie in the Earth's shadow, where nothing is "
             "seen; check the times and that the places or elements are of this object"
         )
     if dark:
-        extra["sunlit"] = found.sunlit.astype(int)
+        extra["sunlit"] = geometry.sunlit.astype(int)
         notes += (f"{dark} points lie in the Earth's shadow or penumbra (column sunlit is 0)",)
-    return found, notes, extra
+    return geometry, notes, extra
+
+
+def _site_that_sees(table: Table, options: Options, site: Site, t: Floats, epoch_jd: float) -> str:
+    """The usual mistake about a site without which all points are above the horizon, or ""."""
+    lat, lon = np.asarray(site.lat_deg), np.asarray(site.lon_deg)
+    others = {
+        "the opposite sign of the longitude (east is positive)": (lat, -lon),
+        "latitude and longitude exchanged": (lon, lat),
+        "degrees in place of radians": (np.degrees(lat), np.degrees(lon)),
+    }
+    for what, (other_lat, other_lon) in others.items():
+        try:
+            other = Site(other_lat, other_lon, site.height_m)
+            seen = _place(table, options, other, t, epoch_jd, set())
+        except InputError:
+            continue
+        if np.all(seen.altitude_deg > 0.0):
+            return what
+    return ""
 
 
 def _place(
@@ -63,14 +90,25 @@ def _place(
     time = Times.of(epoch_jd, t)
     if options.tle is not None:
         elements = options.tle if isinstance(options.tle, Tle) else read_tle(options.tle)
-        found = from_tle(time, site, elements)
+        geometry = from_tle(time, site, elements)
+        age = float(np.max(elements.age_days(time)))
+        if (
+            age > OLD_DAYS
+            and np.median(np.linalg.norm(geometry.position_km, axis=1)) < LOW_ORBIT_KM
+        ):
+            note = (
+                f"the elements are up to {age:.0f} days from the observations, so that the "
+                "satellite may be degrees from its place along the track: get elements within "
+                f"{OLD_DAYS:g} days"
+            )
+            geometry = replace(geometry, notes=(*geometry.notes, note))
         if "range_km" in table:
             used.add("range_km")
             given = table.number("range_km")
-            off = np.abs(found.range_km - given) > RANGE_TOLERANCE * given
+            off = np.abs(geometry.range_km - given) > RANGE_TOLERANCE * given
             remedy = f"check that {elements.name} is of this object and date"
             table.reject("range_km", off, "that the elements contradict by over 5 %", remedy)
-        return found
+        return geometry
     if "ra_deg" in table or "dec_deg" in table:
         need(table, RADEC)
         used |= {*RADEC}

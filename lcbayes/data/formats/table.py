@@ -26,6 +26,8 @@ MAX_COLUMNS = 1000
 MAX_CELL = 1000  # characters
 MAX_TEXT = 1 << 31  # bytes of all text columns, in which every cell has the size of the longest
 _META = re.compile(r"#\s*([A-Za-z_]\w*)\s*[:=]\s*(\S.*)")
+_DECIMAL = "; numbers with decimal commas need semicolons between the cells"
+_OTHER_MARKS = "|:"  # that are not read as delimiters
 _NAMES = {"\t": "tab", ",": "comma", ";": "semicolon", " ": "space"}
 
 
@@ -111,10 +113,10 @@ def comment_values(file: TextFile) -> dict[str, tuple[str, int]]:
             continue
         if not line.startswith("#"):
             break
-        found = _META.match(line)
-        if found is None:
+        match = _META.match(line)
+        if match is None:
             continue
-        key, value = found[1].lower(), found[2].rstrip()
+        key, value = match[1].lower(), match[2].rstrip()
         if key in meta and meta[key][0] != value and key in ("frame", "epoch_jd"):
             raise InputError(
                 f"{file.at(number)}: {key} is {value!r}, but line {meta[key][1]} says "
@@ -235,6 +237,11 @@ def _check_header(file: TextFile, line: int, labels: list[str], names: list[str]
             "are not needed"
         )
     _longest(file, "the header", labels, np.full(len(labels), line))
+    if len(labels) == 1 and any(mark in labels[0] for mark in _OTHER_MARKS):
+        raise InputError(
+            f"{where} is one cell, {labels[0][:40]!r}; separate cells by commas, semicolons, tabs "
+            "or spaces"
+        )
     if all(_is_number(label) for label in labels):
         raise InputError(f"{where} holds numbers where names of columns are expected; add a header")
     first: dict[str, int] = {}
@@ -308,7 +315,7 @@ def _chunks(
                     raise InputError(
                         f"{file.at(last)} has {len(row)} {_NAMES[delimiter]}-separated cells; "
                         f"the header names {width}; correct the row, or quote cells that hold a "
-                        f"{_NAMES[delimiter]}"
+                        f"{_NAMES[delimiter]}{_DECIMAL * (delimiter == ',' and len(row) > width)}"
                     )
             elif row[0].startswith("#"):
                 continue

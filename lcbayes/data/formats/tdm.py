@@ -171,8 +171,8 @@ def _table(file: TextFile, segments: list[Segment], options: Options) -> tuple[T
             curve.append(str(i))
             columns["mag"].append(magnitude)
             for column, keyword in names.items():
-                found = segment.data.get(keyword, {}).get(time)
-                columns[column].append(np.nan if found is None else found[0])
+                entry = segment.data.get(keyword, {}).get(time)
+                columns[column].append(np.nan if entry is None else entry[0])
     if not times:
         raise InputError(f"{file.name}: no magnitude is a number; nothing is left to read")
     given = {

@@ -27,10 +27,10 @@ def seconds_from_utc(table: Table, name: str) -> tuple[Floats, float]:
     Leap seconds in between are counted, and 23:59:60 is a valid time.
     """
     cells = table.texts[name]
-    found = [_UTC.fullmatch(cell) for cell in cells.tolist()]
-    bad = np.array([match is None for match in found])
+    matches = [_UTC.fullmatch(cell) for cell in cells.tolist()]
+    bad = np.array([match is None for match in matches])
     table.reject(name, bad, "not written in ISO 8601, UTC", _REMEDY)
-    parts = [match.groups() for match in found if match is not None]
+    parts = [match.groups() for match in matches if match is not None]
     days = np.array([part[0] for part in parts])
     try:
         day = days.astype("datetime64[D]")

@@ -9,6 +9,7 @@ between arcs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -24,7 +25,8 @@ from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
-NNLS_STEPS = 160
+NNLS_STEPS = 30
+NNLS_TOLERANCE = 0.01  # of ½ χ²
 TOLERANCE = 0.05  # of ½ χ², below which two steps in succession end an improvement
 PATIENT = Controls(patience=2)
 BATCH = 8
@@ -70,12 +72,14 @@ def improved(
     area_sd: float,
     steps: int,
     workers: int,
+    report: Callable[[int], None],
 ) -> States:
     """The best free body of each state, with the state improved by Gauss-Newton steps.
 
     Minimises Σ (F − Σ α K)²/σ² over albedo-areas α ≥ 0 of facets of the given normals (M, 3), the
     pole (n, 3), rate (n,) and phases (n, A) of ``motion``. Areas follow each step, with a weak
     penalty (α/``area_sd``)²: without it, facets that hardly receive light grow without limit.
+    ``report`` is called with the number of states that are done.
     """
     grid = jnp.asarray(normals)
 
@@ -83,6 +87,7 @@ def improved(
         padded = np.resize(rows, BATCH)
         at = (jnp.asarray(x[padded]) for x in motion)
         found = _improved(law, grid, arcs, *at, area_sd, steps)
+        report(rows.size)
         return States(*(np.asarray(x)[: rows.size] for x in found))
 
     rows = np.arange(len(motion[1]))
@@ -182,28 +187,51 @@ def _without_pole(information: jax.Array) -> jax.Array:
 
 
 def _nonnegative(matrix: jax.Array, vector: jax.Array) -> jax.Array:
-    """x ≥ 0 that minimises ½ xᵀ M x − vᵀ x, by accelerated projected gradient with restarts.
+    """x ≥ 0 that minimises ½ xᵀ M x − vᵀ x, by a primal-dual interior-point method.
+
+    Neighbouring normals have nearly the same brightness: gradient methods take thousands of steps
+    on such a matrix, and this one some ten factorisations. Facets without light are exactly 0.
 
     References
     ----------
-    Beck & Teboulle 2009, SIAM J. Imaging Sci. 2, 183; O'Donoghue & Candès 2015 (restarts).
+    Mehrotra 1992, SIAM J. Optim. 2, 575 (predictor and corrector from one factorisation).
     """
-    scale = 1.0 / jnp.sqrt(jnp.diagonal(matrix) + 1e-300)  # unit columns converge faster
+    scale = 1.0 / jnp.sqrt(jnp.diagonal(matrix) + 1e-300)
     matrix, vector = matrix * scale * scale[:, None], vector * scale
-    step = 1.0 / jnp.max(jnp.sum(jnp.abs(matrix), axis=1))
+    size = jnp.maximum(jnp.max(jnp.abs(vector)), 1e-300)
+    vector = vector / size
 
-    def body(_, carry):
-        x, y, momentum = carry
-        slope = matrix @ y - vector
-        new = jnp.maximum(y - step * slope, 0.0)
-        again = slope @ (new - x) > 0.0
-        momentum = jnp.where(again, 1.0, momentum)
-        following = 0.5 * (1.0 + jnp.sqrt(1.0 + 4.0 * momentum**2))
-        beyond = jnp.where(again, new, new + (momentum - 1.0) / following * (new - x))
-        return new, beyond, following
+    def unfinished(carry):
+        x, z, step = carry
+        return (step < NNLS_STEPS) & (x @ z * size**2 > NNLS_TOLERANCE)  # the duality gap
 
-    zero = jnp.zeros_like(vector)
-    return scale * jax.lax.fori_loop(0, NNLS_STEPS, body, (zero, zero, jnp.ones(())))[0]
+    def body(carry):
+        x, z, step = carry
+        gap = matrix @ x - vector - z
+        factor = jax.scipy.linalg.cho_factor(matrix + jnp.diag(z / x))
+
+        def moves(target: jax.Array) -> tuple[jax.Array, jax.Array]:
+            """Changes of x and z for which, to first order, the gap is 0 and x z is ``target``."""
+            dx = jax.scipy.linalg.cho_solve(factor, (target - x * z) / x - gap)
+            return dx, (target - x * z - z * dx) / x
+
+        dx, dz = moves(jnp.zeros_like(x))
+        reach = _inside(x, dx, z, dz)
+        mean = jnp.mean(x * z)
+        centre = (jnp.mean((x + reach * dx) * (z + reach * dz)) / mean) ** 3 * mean
+        dx, dz = moves(centre - dx * dz)
+        reach = 0.995 * _inside(x, dx, z, dz)
+        return x + reach * dx, z + reach * dz, step + 1
+
+    one = jnp.ones_like(vector)
+    x, z, _ = jax.lax.while_loop(unfinished, body, (one, one, 0))
+    return jnp.where(x > z, x, 0.0) * size * scale
+
+
+def _inside(x: jax.Array, dx: jax.Array, z: jax.Array, dz: jax.Array) -> jax.Array:
+    """The longest step, at most 1, that keeps x and z non-negative."""
+    ratio = jnp.concatenate([jnp.where(dx < 0, -x / dx, 1.0), jnp.where(dz < 0, -z / dz, 1.0)])
+    return jnp.minimum(1.0, jnp.min(ratio))
 
 
 def clustered(

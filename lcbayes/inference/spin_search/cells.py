@@ -12,15 +12,17 @@ phases between them are a few, however many turns lie between.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.core.threads import threads
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.series import Series, log_evidence
 from lcbayes.physics.bodies import facets
@@ -28,12 +30,14 @@ from lcbayes.physics.bodies import facets
 Floats = NDArray[np.float64]
 
 POLE_GRID = 500  # poles over the sphere, 9° apart
+POLE_STEP = np.radians(9.0)
 STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 BUDGET = 150_000  # cells evaluated at each level after the first
 MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
+CELLS, LEVEL, EVALUATED = "cells", "level", "evaluated"  # in a checkpoint
 
 
 class Cells(NamedTuple):
@@ -58,8 +62,16 @@ class Cells(NamedTuple):
     def kept(self, most: int, margin: float = MARGIN) -> Cells:
         """The best cells, best first."""
         order = np.argsort(-self.score, kind="stable")[:most]
-        order = order[self.score[order] > self.score[order[0]] - margin]
-        return self._replace(pole=self.pole[order], rate=self.rate[order], score=self.score[order])
+        return self.at(order[self.score[order] > self.score[order[0]] - margin])
+
+    def stored(self, level: int, evaluated: int) -> dict[str, NDArray]:
+        """Arrays for a checkpoint, with the number of arcs and of evidences so far."""
+        every = self._asdict() | {LEVEL: level, EVALUATED: evaluated}
+        return {name: np.asarray(value) for name, value in every.items()}
+
+    def at(self, rows: NDArray[Any]) -> Cells:
+        """Some of the cells, by index or mask."""
+        return self._replace(pole=self.pole[rows], rate=self.rate[rows], score=self.score[rows])
 
 
 @dataclass(frozen=True)
@@ -69,13 +81,17 @@ class Coverage:
     Attributes
     ----------
     max_rate : rad/s
-        All spins up to this rate were covered.
+        The fastest rate that was covered.
     cells : int
         Number of distinct cells of pole and rate over the whole time base.
     evaluated : int
         Number of evidences computed.
     survivors : int
         Cells left at the finest level.
+    ranges : tuple of (rad/s, rad/s)
+        Ranges of rates of known periods; empty if all spins up to ``max_rate`` were covered.
+    sky : float
+        Fraction of all poles.
     tumbling : bool
         Whether torque-free motions were searched instead of constant spins; ``cells`` is then the
         number of motions that the data tell apart.
@@ -85,19 +101,28 @@ class Coverage:
     cells: int
     evaluated: int
     survivors: int
+    ranges: tuple[tuple[float, float], ...] = ()
+    sky: float = 1.0
     tumbling: bool = False
 
     def stored(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint."""
-        return {"coverage": np.array(astuple(self), float)}
+        numbers = [self.max_rate, self.sky, self.cells, self.evaluated, self.survivors]
+        numbers.append(self.tumbling)
+        return {"coverage": np.array([*numbers, *(x for r in self.ranges for x in r)])}
 
     @classmethod
     def restored(cls, arrays: dict[str, NDArray]) -> Coverage | None:
         """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
         if "coverage" not in arrays:
             return None
-        max_rate, *counts, tumbling = arrays.pop("coverage")
-        return cls(float(max_rate), *(int(n) for n in counts), tumbling=bool(tumbling))
+        max_rate, sky, cells, evaluated, survivors, tumbling, *ends = arrays.pop(
+            "coverage"
+        ).tolist()
+        ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
+        return cls(
+            max_rate, int(cells), int(evaluated), int(survivors), ranges, sky, bool(tumbling)
+        )
 
 
 @dataclass(frozen=True)
@@ -111,10 +136,16 @@ class Grid:
     prior : (P,)
         Precisions of the harmonics.
     poles : (K, 3)
+        Those allowed, and their neighbours.
     coarse : (n,) rad/s
         Rates that one arc tells apart.
-    omega_sd : rad/s
-        Prior sd of each component of ω.
+    coarse_step : rad/s
+        Spacing of the full grid of such rates, from the slowest allowed to the fastest.
+    row : (m,) int
+        Row in ``coarse`` of each rate of the full grid; for a rate that is not allowed, the nearest
+        that is.
+    allowed : Allowed
+        The spins to visit.
     """
 
     series: Series
@@ -122,24 +153,22 @@ class Grid:
     prior: Floats
     poles: Floats
     coarse: Floats
-    omega_sd: float
+    coarse_step: float
+    row: NDArray[np.int64]
+    allowed: Allowed
 
     @classmethod
-    def of(
-        cls, series: Series, arcs: Arcs, prior: Floats, max_rate: float, omega_sd: float
-    ) -> Grid:
-        coarse = cls.rates(arcs, max_rate)
-        return cls(series, arcs, prior, facets.grid(POLE_GRID), coarse, omega_sd)
-
-    @staticmethod
-    def rates(arcs: Arcs, max_rate: float) -> Floats:
-        """Rates up to a fastest that one arc tells apart, rad/s."""
-        n = max(1, int(np.ceil(max_rate * max(arcs.duration, 1e-9) / STEP)))
-        return (np.arange(n) + 0.5) * max_rate / n
-
-    @property
-    def coarse_step(self) -> float:
-        return 2.0 * float(self.coarse[0])
+    def of(cls, series: Series, arcs: Arcs, prior: Floats, allowed: Allowed) -> Grid:
+        """The grids of the poles and rates that are allowed."""
+        low, high = allowed.slowest, allowed.fastest
+        n = max(1, int(np.ceil((high - low) * max(arcs.duration, 1e-9) / STEP)))
+        step = (high - low) / n
+        full = low + (np.arange(n) + 0.5) * (high - low) / n
+        rows = np.flatnonzero(allowed.rates(full, 0.5 * step))
+        nearest = np.abs(np.arange(n)[:, None] - rows).argmin(axis=1)
+        poles = facets.grid(POLE_GRID)
+        poles = poles[allowed.poles(poles, POLE_STEP)]
+        return cls(series, arcs, prior, poles, full[rows], step, nearest, allowed)
 
     @property
     def n_arcs(self) -> int:
@@ -148,12 +177,16 @@ class Grid:
     def pairs(self) -> tuple[Floats, float]:
         """Rates that represent all phases between the first two arcs, and their width, rad/s."""
         if self.n_arcs == 1:
-            return self.coarse, self.coarse_step
+            return self.coarse, self.coarse_step  # of which all are allowed in part
         gap = self.gap
         turn = min(self.coarse_step * gap, 2 * np.pi)
         n = max(1, int(np.ceil(turn / PHASE_STEP)))
         offset = ((np.arange(n) + 0.5) / n - 0.5) * turn / gap
-        return (self.coarse[:, None] + offset).ravel(), turn / gap / n
+        rate, width = (self.coarse[:, None] + offset).ravel(), turn / gap / n
+        if self.allowed.everything:
+            return rate, width
+        row, alias = self.aliases(rate)
+        return rate[np.unique(row[self.allowed.rates(alias, 0.5 * width)])], width
 
     @property
     def gap(self) -> float:
@@ -176,7 +209,8 @@ class Grid:
 
     def index(self, rate: Floats) -> NDArray[np.int64]:
         """The coarse rate next to each rate."""
-        return np.clip((rate / self.coarse_step).astype(int), 0, self.coarse.size - 1)
+        full = ((rate - self.allowed.slowest) / self.coarse_step).astype(int)
+        return self.row[np.clip(full, 0, self.row.size - 1)]
 
     def score(
         self, pole: NDArray[np.int64], rate: Floats, n_arcs: int, workers: int, bar: Track
@@ -208,34 +242,56 @@ class Grid:
 
         with threads(workers) as pool:
             list(pool.map(one, poles, np.split(order, first[1:])))
-        return scores - 0.5 * (rate / self.omega_sd) ** 2
+        return scores + self.allowed.log_prior(rate)
 
-    def search(self, workers: int, progress: Silent, most: int) -> tuple[Cells, Coverage]:
-        """The best cells over the whole time base, best first."""
+    def search(
+        self, workers: int, progress: Silent, most: int, kept: Checkpoint | None = None
+    ) -> tuple[Cells, Coverage]:
+        """The best cells over the whole time base, best first.
+
+        The cells of each level are saved in ``kept``, from which an interrupted search goes on.
+        """
+        kept = kept or Checkpoint(None, {})
         rate, width = self.pairs()
-        pole = np.repeat(np.arange(len(self.poles)), rate.size)
-        rate = np.tile(rate, len(self.poles))
-        evaluated = rate.size
-        with progress.stage("searching spins", rate.size, "cells") as bar:
-            score = self.score(pole, rate, min(2, self.n_arcs), workers, bar)
-            found = self.with_aliases(Cells(pole, rate, width, score))
-            for n_arcs in range(3, self.n_arcs + 1):
+        number = evaluated = rate.size * len(self.poles)
+        stored = kept.load(CELLS)
+        with progress.stage("searching spins", number if stored is None else 0, "cells") as bar:
+            if stored is not None:
+                level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
+                width = float(stored["width"])
+                found = Cells(stored["pole"], stored["rate"], width, stored["score"])
+            else:
+                pole = np.repeat(np.arange(len(self.poles)), rate.size)
+                rate = np.tile(rate, len(self.poles))
+                level = min(2, self.n_arcs)
+                score = self.score(pole, rate, level, workers, bar)
+                found = self.with_aliases(Cells(pole, rate, width, score))
+                kept.save(CELLS, found.stored(level, evaluated))
+            for n_arcs in range(level + 1, self.n_arcs + 1):
                 found = self.divided(found, n_arcs)
                 bar.more(found.rate.size)
                 evaluated += found.rate.size
                 score = self.score(found.pole, found.rate, n_arcs, workers, bar)
                 found = found._replace(score=score)
-        fastest = float(self.coarse[-1]) + 0.5 * self.coarse_step
-        cells = int(len(self.poles) * fastest * float(self.arcs.span[-1]) / STEP)
+                kept.save(CELLS, found.stored(n_arcs, evaluated))
         found = found.kept(most)
-        return found, Coverage(fastest, cells, evaluated, found.rate.size)
+        return found, self.coverage(evaluated, found.rate.size)
+
+    def coverage(self, evaluated: int, survivors: int) -> Coverage:
+        """What the cells cover."""
+        allowed = self.allowed
+        cells = int(len(self.poles) * allowed.width * float(self.arcs.span[-1]) / STEP)
+        ranges = allowed.ranges if allowed.omega_sd is None else ()
+        sky = 1.0 if allowed.pole is None else 1.0 - allowed.pole.cosine
+        return Coverage(allowed.fastest, cells, evaluated, survivors, ranges, sky)
 
     def with_aliases(self, cells: Cells) -> Cells:
         """The best cells of the first two arcs, with every rate that has their phase."""
         number = max(1.0, self.coarse_step * self.gap / (2 * np.pi)) if self.n_arcs > 1 else 1.0
         cells = cells.kept(int(BUDGET / (2 * number)))
         row, rate = self.aliases(cells.rate)
-        return cells._replace(pole=cells.pole[row], rate=rate, score=cells.score[row])
+        cells = cells._replace(pole=cells.pole[row], rate=rate, score=cells.score[row])
+        return cells.at(self.allowed.rates(cells.rate, 0.5 * cells.width))
 
     def divided(self, cells: Cells, n_arcs: int) -> Cells:
         """The best cells, divided into those that a further arc tells apart."""
@@ -245,7 +301,8 @@ class Grid:
         offset = ((np.arange(number) + 0.5) / number - 0.5) * cells.width
         rate = (cells.rate[:, None] + offset).ravel()
         score = np.repeat(cells.score, number)
-        return Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
+        found = Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
+        return found.at(self.allowed.rates(rate, 0.5 * found.width))
 
 
 @jax.jit

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
@@ -25,8 +24,6 @@ Floats = NDArray[np.float64]
 
 NORMALS, OMEGA, AREAS = "normals_base", "omega_unit", "log_albedo_area"
 INERTIA = "inertia_base"  # of torque-free motion
-SPACINGS = (0.12, 0.05)  # rad: of the finer grids about the normals of a free body
-SUPPORT = 36  # normals, those of the largest areas, about which a grid is refined
 CANDIDATES = 600  # normals tried for a facet
 PLACES = 3  # best places tried for each facet that is moved
 APART = np.cos(np.radians(25.0))  # between these places
@@ -64,37 +61,6 @@ def _rows(problem: Problem, rest, omega, normals, areas, omega_sd):
         return problem.ravel(rest | known)
 
     return jax.vmap(one)(omega, normals, areas)
-
-
-def sharpened(
-    points: Points,
-    omega: Floats,
-    law: DiffuseLaw,
-    normals: Floats,
-    areas: Floats,
-    area_sd: float,
-) -> tuple[Floats, Floats]:
-    """A free body at ω (3,) on ever finer grids about its normals: normals (M, 3), areas (M,).
-
-    Parameters
-    ----------
-    normals, areas : (M, 3), (M,)
-        On a coarse grid, body axes at t = 0.
-    """
-    for spacing in SPACINGS:
-        support = normals[np.argsort(-areas)[:SUPPORT]]
-        first, second = facets.across(support)
-        angle = np.arange(6) * np.pi / 3
-        ring = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
-        normals = np.concatenate([support, *(support + spacing * ring)])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        arrays = (jnp.asarray(x) for x in (normals, omega, points.t, points.sun, points.obs))
-        columns = np.asarray(_columns(law, *arrays)) / points.error[:, None]
-        rows = np.concatenate([columns, np.eye(len(normals)) / area_sd])
-        target = np.concatenate([points.flux / points.error, np.zeros(len(normals))])
-        size = np.linalg.norm(rows, axis=0)
-        areas = nnls(rows / size, target, maxiter=50 * len(size))[0] / size
-    return normals, areas
 
 
 def climbed(
@@ -213,9 +179,3 @@ def _moves(
                 problem.ravel(known | {NORMALS: jnp.asarray(moved), AREAS: jnp.asarray(sized)})
             )
             gain[grid @ grid[i] > APART] = 0.0
-
-
-@partial(jax.jit, static_argnums=0)
-def _columns(law, normals, omega, t, sun, obs) -> jax.Array:
-    sun, obs = rotations.constant_rate_to_body(t, omega, sun, obs)
-    return diffuse_kernel(law, sun @ normals.T, obs @ normals.T, LAMBERT_C)[0]

@@ -156,6 +156,14 @@ def distinct(found: Motions, most: int, apart: float) -> NDArray[np.int64]:
     return np.array(chosen, int)
 
 
+def within(group: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Rows of the first ``most`` members of each group."""
+    order = np.argsort(group, kind="stable")
+    _, first, size = np.unique(group[order], return_index=True, return_counts=True)
+    rank = np.arange(len(group)) - np.repeat(first, size)
+    return np.sort(order[rank < most])
+
+
 def spread(found: Motions, copies: int, rng: np.random.Generator) -> Floats:
     """Each motion, and draws from the normal distribution of its curvature, (n copies, 8)."""
     factor = np.linalg.cholesky(found.curvature)

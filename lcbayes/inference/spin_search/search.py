@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import MIN_SUNLIGHT, Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
@@ -23,7 +25,6 @@ from lcbayes.inference.spin_search.facets import (
     OMEGA,
     Bodies,
     climbed,
-    sharpened,
     starts,
 )
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
@@ -35,44 +36,30 @@ from lcbayes.physics.brightness import DIFFUSE_LAWS, DiffuseLaw
 Floats = NDArray[np.float64]
 
 MIN_POINTS = 12  # below, starts from the prior do as well
-PRIOR_REACH = 4.0  # fastest spin in prior sd of a component of ω: 99.9 % of the prior
 SURVIVORS = 60_000  # cells at the finest level
 SERIES_ERROR = 0.15  # of the series and of the size of a cell, relative to the mean flux
 
 
 @dataclass(frozen=True)
 class Stage:
-    """States carried on, the error of the free body (relative), normals of its grid, and steps."""
+    """Error of the free body (relative), normals of its grid, and steps."""
 
-    states: int
     error: float
     normals: int
     steps: int
 
 
-STAGES = (Stage(240, 0.05, 100, 7), Stage(60, 0.01, 250, 6))
-ALIASES = 24  # spins tried for each state of the last stage
-SCREENED = Stage(60 * ALIASES, 0.03, 120, 0)  # their bodies, before the best are improved
+FREE = (Stage(0.05, 100, 7), Stage(0.01, 250, 6))  # with free phases between arcs
+STATES = (240, 60)  # improved in each of these stages
+CONSTANT = Stage(0.03, 120, 0)
+ALIASES = 24  # constant spins tried near each of the last states
 CELLS = 1000  # cells tried as they are
-PER_STATE = 3  # of the aliases of a state, carried on
-CONSTANT = (Stage(240, 0.01, 160, 5), Stage(110, 0.003, 400, 4))  # constant spins with a free body
-OPTIMISED: tuple[int, ...] = (
-    24,
-    16,
-    12,
-    8,
-    8,
-    8,
-    *(4,) * 20,
-    *(2,) * 50,
-)  # bodies of N facets from each of the best of these
-
-
-OPTIMISED_SLOW: tuple[int, ...] = (12, 8, 8, *(4,) * 12, *(2,) * 20)
+STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
-# Rounds of successive halving of bodies of N facets: see `inference.search`.
-ROUNDS = ((1.0, 12, 0.25), (1.0, 30, 0.3), (1.0, 150, 1.0))
+DRAWS = 2  # of bodies of N facets at each constant spin
+# Rounds of successive halving of these bodies: see `inference.search`.
+ROUNDS = ((1.0, 2, 0.4), (1.0, 6, 0.35), (1.0, 12, 0.3), (1.0, 30, 0.25), (1.0, 150, 1.0))
 
 
 def applies(problem: Problem, data: Epochs, options: Mapping[str, Any]) -> bool:
@@ -88,66 +75,126 @@ def complete_search(
     options: Mapping[str, Any],
     workers: int,
     progress: Silent,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[SearchState, Coverage]:
     """Optima of the posterior over all constant spins that the prior allows, best first.
 
     1. Every cell of pole and rate gets the evidence of a random body (`series`), from the closest
        pair of passes to all (`cells`).
     2. The best distinct states are improved with free albedo-areas on a grid of normals and free
-       phases between arcs (`bodies`); the constant spins that fit these phases follow (`states`).
-    3. Bodies of N facets are optimised from there with the posterior itself (`facets`).
+       phases between arcs (`bodies`).
+    3. Bodies of N facets are optimised with the posterior itself at the constant spins that fit
+       these phases (`states`), and at those of the best cells.
 
     Parameters
     ----------
     problem : Problem
     data : Epochs
     options : mapping
-        Of the model, with defaults: ``omega_sd``, ``n_facets`` and ``reflectance``.
+        Of the model, with defaults: ``omega_sd``, ``period``, ``pole``, ``n_facets`` and
+        ``reflectance``.
     workers : int
     progress : Silent
+    checkpoint : Checkpoint, optional
+        Keeps the cells of each level and the spins of each stage, from which an interrupted search
+        goes on.
 
     Returns
     -------
     SearchState, Coverage
     """
+    spins = find_spins(data, options, workers, progress, checkpoint)
+    return with_bodies(problem, data, options, spins, workers, progress), spins.coverage
+
+
+@dataclass(frozen=True)
+class Spins:
+    """Constant spins, each with a free body, and what the search for them covered.
+
+    They do not depend on a number of facets.
+
+    Attributes
+    ----------
+    run : _Refinement
+    found : States
+        The best first.
+    coverage : Coverage
+    """
+
+    run: _Refinement
+    found: States
+    coverage: Coverage
+
+
+def find_spins(
+    data: Epochs,
+    options: Mapping[str, Any],
+    workers: int,
+    progress: Silent,
+    checkpoint: Checkpoint | None = None,
+) -> Spins:
+    """The constant spins at which some body fits; parameters as for `complete_search`."""
+    kept = Checkpoint(None, {}) if checkpoint is None else checkpoint.within("search")
     law: DiffuseLaw = options["reflectance"]
-    omega_sd = float(options["omega_sd"])
+    allowed = Allowed.of(options, data)
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
-    fastest = PRIOR_REACH * omega_sd
-    arcs = Arcs.of(points, fastest, SERIES_ERROR)
-    grid = Grid.of(series, arcs, precision(series, total), fastest, omega_sd)
-    cells, coverage = grid.search(workers, progress, SURVIVORS)
-    slow_cells = _slow(grid, points, fastest, workers, progress)
-    run = _Refinement(points, grid, law, total, fastest, workers)
-    constant = SCREENED.states + sum(s.states for s in CONSTANT)
-    n_states = sum(s.states for s in STAGES) + constant * (1 if slow_cells is None else 2)
-    with progress.stage("improving spins", n_states, "spins") as bar:
-        found = [(run.constant(cells, run.free(cells, bar), bar), OPTIMISED)]
-        if slow_cells is not None:
-            found.append((run.constant(slow_cells, None, bar), OPTIMISED_SLOW))
-    starts = [run.bodies(problem, data, f, c, int(options["n_facets"]), omega_sd) for f, c in found]
+    arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
+    grid = Grid.of(series, arcs, precision(series, total), allowed)
+    cells, coverage = grid.search(workers, progress, SURVIVORS, kept)
+    slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
+    run = _Refinement(points, grid, law, total, workers)
+    with progress.stage("improving spins", sum(STATES), "spins") as bar:
+        motions = run.constant([cells, slow_cells], run.free(cells, bar, kept))
+    with progress.stage("trying spins", motions.rate.size, "spins") as bar:
+        found = kept.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
+    return Spins(run, found, coverage)
+
+
+def with_bodies(
+    problem: Problem,
+    data: Epochs,
+    options: Mapping[str, Any],
+    spins: Spins,
+    workers: int,
+    progress: Silent,
+    further: Floats | None = None,
+) -> SearchState:
+    """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
+    run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
+    starts = run.bodies(problem, data, spins.found, n, omega_sd)
+    if further is not None:
+        starts = np.concatenate([starts, further])
     ends = search.successive_halving(
-        problem, data, jnp.concatenate(starts), workers, progress, rounds=ROUNDS
+        problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
-    gaps = np.diff(np.sort(np.asarray(arcs.middle)))
-    return climbed(problem, data, points, law, ends, gaps, workers), coverage
+    gaps = np.diff(np.sort(np.asarray(run.grid.arcs.middle)))
+    return climbed(problem, data, run.points, run.law, ends, gaps, workers)
 
 
 def _slow(
-    grid: Grid, points: Points, fastest: float, workers: int, progress: Silent
+    grid: Grid, points: Points, workers: int, progress: Silent, kept: Checkpoint
 ) -> Cells | None:
     """Cells of slow spins, if the prior allows others too.
 
     A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
     spins are crowded out.
     """
-    slow = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
-    if slow >= fastest:
+    limit = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
+    slow = grid.allowed.up_to(limit)
+    if slow is None or limit >= grid.allowed.fastest:
         return None
-    arcs = Arcs.of(points, fastest, SLOW_ERROR)
-    slower = replace(grid, arcs=arcs, coarse=Grid.rates(arcs, slow))
-    return slower.search(workers, progress, SURVIVORS)[0]
+    arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
+    slower = Grid.of(grid.series, arcs, grid.prior, slow)
+    return slower.search(workers, progress, SURVIVORS, kept)[0]
+
+
+class _Motions(NamedTuple):
+    """Poles (n, 3), rates (n,) rad/s and phases (n, A) rad, as in `States`."""
+
+    pole: Floats
+    rate: Floats
+    phase: Floats
 
 
 @dataclass(frozen=True)
@@ -158,97 +205,84 @@ class _Refinement:
     grid: Grid
     law: DiffuseLaw
     total_area: float
-    fastest: float
     workers: int
 
-    def free(self, cells: Cells, bar: Track) -> States:
+    def free(self, cells: Cells, bar: Track, kept: Checkpoint) -> States:
         """States improved with free phases between the arcs, best first."""
-        rows = states.representatives(self.grid, cells, STAGES[0].states)
+        rows = states.representatives(self.grid, cells, STATES[0])
         rate = cells.rate[rows]
         phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
-        at = self.grid.poles[cells.pole[rows]], rate, phase
-        for i, stage in enumerate(STAGES):
-            arcs = Arcs.of(self.points, self.fastest, stage.error)
-            found = self._improved(arcs, *at, stage)[1]
-            bar.advance(stage.states)
-            if i + 1 < len(STAGES):
-                duration = self.grid.arcs.duration
-                found = found.at(states.distinct(found, duration, STAGES[i + 1].states))
-                at = found.pole, found.rate, found.phase
+        at = _Motions(self.grid.poles[cells.pole[rows]], rate, phase)
+        for i, stage in enumerate(FREE):
+            found = kept.once(
+                f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar, free=True)
+            )
+            most = STATES[min(i + 1, len(FREE) - 1)]
+            found = found.at(states.distinct(found, self.grid.arcs.duration, most))
+            at = _Motions(found.pole, found.rate, found.phase)
         return found
 
-    def constant(self, cells: Cells, found: States | None, bar: Track) -> States:
-        """Constant spins of cells or that fit the phases of states, improved, best first.
+    def constant(self, cells: Sequence[Cells | None], found: States) -> _Motions:
+        """Constant spins of the best cells, and those that fit the phases of states.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
         cells themselves are better.
         """
         span = float(np.ptp(self.points.t))
-        middle = 0.5 * (self.points.t[0] + self.points.t[-1])
-        rows = states.representatives(self.grid, cells, CELLS, span)
-        pole, rate = [*self.grid.poles[cells.pole[rows]]], [*cells.rate[rows]]
-        phase, group = [0.0] * len(rows), [*range(-len(rows), 0)]
-        if found is not None:
-            for i in states.distinct(found, self.grid.arcs.duration, STAGES[-1].states):
-                rates, origin = states.spins(self.grid, found, int(i), ALIASES)
-                pole += [found.pole[i]] * rates.size
-                rate += [*rates]
-                phase += [*(origin + rates * middle)]
-                group += [int(i)] * rates.size
-        arcs = Arcs.whole(self.points, SCREENED.error)
-        start = np.array(pole), np.array(rate), np.array(phase)[:, None]
-        order, screened = self._improved(arcs, *start, SCREENED)
-        bar.advance(SCREENED.states)
-        rows = states.within(np.array(group)[order], PER_STATE)[: CONSTANT[0].states]
-        at = screened.pole[rows], screened.rate[rows], screened.phase[rows]
-        for stage in CONSTANT:
-            arcs = Arcs.whole(self.points, stage.error)
-            strict = self._improved(arcs, *at, stage)[1]
-            bar.advance(stage.states)
-            rows = states.distinct(strict, span, CONSTANT[-1].states)
-            at = strict.pole[rows], strict.rate[rows], strict.phase[rows]
-        return strict.at(states.distinct(strict, span, len(OPTIMISED)))
+        parts = []
+        for some in (c for c in cells if c is not None):
+            rows = states.representatives(self.grid, some, CELLS, span)
+            parts.append((self.grid.poles[some.pole[rows]], some.rate[rows], np.zeros(len(rows))))
+        for i in range(found.rate.size):
+            rate, origin = states.spins(self.grid, found, i, ALIASES)
+            inside = self.grid.allowed.rates(rate, STRAY / max(span, 1e-9))
+            rate, origin = rate[inside], origin[inside]
+            pole = np.broadcast_to(found.pole[i], (rate.size, 3))
+            parts.append((pole, rate, origin + rate * self._middle))
+        pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return _Motions(pole, rate, phase[:, None])
 
     def bodies(
-        self,
-        problem: Problem,
-        data: Epochs,
-        found: States,
-        counts: Sequence[int],
-        n_facets: int,
-        omega_sd: float,
+        self, problem: Problem, data: Epochs, found: States, n_facets: int, omega_sd: float
     ) -> Floats:
-        """Unconstrained vectors (n, D) of bodies of N facets, ``counts`` at each constant spin."""
-        normals = facets.grid(CONSTANT[-1].normals)
-        middle = 0.5 * (self.points.t[0] + self.points.t[-1])
+        """Unconstrained vectors (n, D) of bodies of N facets, `DRAWS` at each constant spin."""
+        normals = facets.grid(CONSTANT.normals)
         rng = np.random.default_rng(0)
         parts = []
-        for i, n in zip(range(found.rate.size), counts, strict=False):
-            angle = found.phase[i, 0] - found.rate[i] * middle  # at t = 0
+        for i, rate in enumerate(found.rate):
+            angle = found.phase[i, 0] - rate * self._middle  # at t = 0
             axes = np.asarray(frame(jnp.asarray(found.pole[i]))) @ _about_z(angle)
-            omega = found.pole[i] * found.rate[i]
-            free = sharpened(
-                self.points, omega, self.law, normals @ axes.T, found.areas[i], self.total_area
-            )
-            parts += [(omega, *bodies.clustered(*free, n_facets, rng)) for _ in range(n)]
+            free = normals @ axes.T, found.areas[i]
+            omega = found.pole[i] * rate
+            parts += [(omega, *bodies.clustered(*free, n_facets, rng)) for _ in range(DRAWS)]
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 
-    def _improved(
-        self, arcs: Arcs, pole, rate, phase, stage: Stage
-    ) -> tuple[NDArray[np.int64], States]:
-        """States improved with the normals of a stage, best first, and their rows at the start."""
+    def improved(
+        self, motions: _Motions, stage: Stage, bar: Track, *, free: bool = False
+    ) -> States:
+        """States improved with the normals of a stage, best first."""
+        arcs = (
+            Arcs.of(self.points, self.grid.allowed.fastest, stage.error)
+            if free
+            else Arcs.whole(self.points, stage.error)
+        )
         found = bodies.improved(
             arcs,
-            (pole, rate, phase),
+            motions,
             self.law,
             facets.grid(stage.normals),
             area_sd=self.total_area,
             steps=stage.steps,
             workers=self.workers,
+            report=bar.advance,
         )
-        order = np.argsort(found.chi2, kind="stable")
-        return order, found.at(order)
+        return found.at(np.argsort(found.chi2, kind="stable"))
+
+    @property
+    def _middle(self) -> float:
+        """Of all points, s."""
+        return 0.5 * float(self.points.t[0] + self.points.t[-1])
 
 
 def _about_z(angle: float) -> Floats:

@@ -43,17 +43,6 @@ def representatives(
     return np.array(chosen)
 
 
-def within(group: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Rows of the first members of each group, which are in order, best first."""
-    seen: dict[int, int] = {}
-    rows = []
-    for i, g in enumerate(group):
-        seen[int(g)] = seen.get(int(g), 0) + 1
-        if seen[int(g)] <= most:
-            rows.append(i)
-    return np.array(rows, int)
-
-
 def distinct(found: States, span: float, most: int) -> NDArray[np.int64]:
     """Rows of states, best first, none of which has pole, rate and phases of a better one.
 

@@ -34,10 +34,10 @@ from lcbayes.inference.spin_search.motions import (
     spread,
     tensor_and_rate,
     windows,
+    within,
 )
 from lcbayes.inference.spin_search.rotated import Rotated
 from lcbayes.inference.spin_search.series import Series, precision, total_area
-from lcbayes.inference.spin_search.states import within
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import inertia_tensor
 from lcbayes.modelling.problem import Problem, Sites, compiled

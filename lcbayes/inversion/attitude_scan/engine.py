@@ -98,7 +98,16 @@ def run(
     )
     flux = relative(curve)
     scan = AttitudeScan(
-        settings, [], curve.n_obs, 0, points.error_known, curve.frame, curve.t, curve.curve, flux
+        settings,
+        [],
+        curve.n_obs,
+        0,
+        points.error_known,
+        curve.frame,
+        curve.t,
+        curve.curve,
+        flux,
+        epoch_jd=curve.epoch_jd,
     )
     chosen, scan.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     scan.n_laws = len(chosen)

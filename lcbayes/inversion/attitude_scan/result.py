@@ -117,6 +117,8 @@ class AttitudeScan:
     t, curve, flux : (T,)
         Time (s), group and flux over the mean of its curve for each point; for figures.
     timing : mapping of seconds
+    epoch_jd : float or None
+        Julian date of t = 0; None if only seconds are known.
     """
 
     settings: Any
@@ -134,6 +136,7 @@ class AttitudeScan:
     left_out: dict[str, str] = field(default_factory=dict)
     sky: tuple[Floats, Floats] | None = None
     timing: dict[str, float] = field(default_factory=dict)
+    epoch_jd: float | None = None
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: over the data, closer periods differ by less than one turn of the body."""

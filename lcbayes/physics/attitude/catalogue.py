@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import closest
 from lcbayes.physics.attitude.laws import Attitude, ConstantRate, Fixed, Law, PrincipalAxis
 
 _NADIR, _FLIGHT = ("+z", "nadir"), ("-y", "orbit-normal")
@@ -247,7 +248,9 @@ def find(name: str) -> Law:
     """
     found = _NAMES.get(" ".join(name.lower().split()))
     if found is None:
-        raise InputError(f"unknown attitude law {name!r}; available: {', '.join(LAWS)}")
+        raise InputError(
+            f"unknown attitude law {name!r}{closest(name, LAWS)}; available: {', '.join(LAWS)}"
+        )
     return found
 
 

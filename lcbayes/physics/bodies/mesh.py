@@ -227,14 +227,20 @@ def to_obj(polygons: Sequence[Floats], labels: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def to_stl(polygons: Sequence[Floats]) -> bytes:
-    """Binary STL, single precision; polygons of more than three vertices as fans of triangles."""
+def to_stl(polygons: Sequence[Floats], header: str = "") -> bytes:
+    """Binary STL, single precision; polygons of more than three vertices as fans of triangles.
+
+    ``header`` is ASCII text of at most 80 bytes; it may not begin with "solid".
+    """
     corners = triangles(polygons)[0]
     facets = np.zeros(len(corners), _FACET)
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     facets["normal"] = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     facets["vertices"] = corners
-    return bytes(_STL_HEADER) + len(facets).to_bytes(4, "little") + facets.tobytes()
+    start = header.encode("ascii").ljust(_STL_HEADER, b"\0")
+    if len(start) > _STL_HEADER or start.startswith(b"solid"):
+        raise ValueError(f"{header!r} cannot be the header of a binary STL file")
+    return start + len(facets).to_bytes(4, "little") + facets.tobytes()
 
 
 def triangles(polygons: Sequence[Floats]) -> tuple[Floats, NDArray[np.integer]]:

@@ -1,13 +1,14 @@
-"""A convex polyhedron: volume, dimensions, moments of inertia, and its OBJ and PLY files."""
+"""A convex polyhedron: volume, dimensions, moments of inertia; its OBJ, PLY and STL files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lcbayes.physics.bodies.mesh import to_stl
 
 Floats = NDArray[np.float64]
 
@@ -42,13 +43,10 @@ class Polyhedron:
         I/M = tr(C) 1 − C with C = ∫ x xᵀ dV / V. A tetrahedron from the origin over the triangle
         (a, b, c) has ∫ x xᵀ dV = v/20 (a aᵀ + b bᵀ + c cᵀ + s sᵀ), s = a + b + c, v its volume.
         """
-        second, volume = np.zeros((3, 3)), 0.0
-        for a, b, c in self._triangles():
-            corners = np.stack([a, b, c, a + b + c])
-            v = float(np.linalg.det(corners[:3])) / 6.0
-            second += v / 20.0 * corners.T @ corners
-            volume += v
-        second /= volume
+        corners = self.vertices[self.triangles]
+        volumes = np.linalg.det(corners) / 6.0
+        corners = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
+        second = np.einsum("f,fki,fkj->ij", volumes / 20.0, corners, corners) / volumes.sum()
         return np.trace(second) * np.eye(3) - second
 
     @cached_property
@@ -68,10 +66,34 @@ class Polyhedron:
         """Extents along the principal axes of inertia, in their order, (3,) m."""
         return np.ptp(self.vertices @ self.principal[1].T, axis=0)
 
-    def _triangles(self) -> Iterator[Floats]:
-        for face in self.faces:
-            for i in range(1, len(face) - 1):
-                yield self.vertices[face[[0, i, i + 1]]]
+    @property
+    def ellipsoid(self) -> Floats:
+        """Axes of the dynamically equivalent ellipsoid of equal volume, (3,) m, longest first.
+
+        The homogeneous ellipsoid whose principal moments have the ratios of those of the body:
+        a² ∝ I_b + I_c − I_a for moments I_a ≤ I_b ≤ I_c. Axes are full lengths, not semi-axes.
+        """
+        moments = self.principal[0]
+        axes = np.sqrt(moments.sum() - 2.0 * moments)
+        return axes * np.cbrt(6.0 * self.volume / (np.pi * np.prod(axes)))
+
+    @property
+    def of_unit_diameter(self) -> Polyhedron:
+        """The body in units of its volume-equivalent diameter (6V/π)^⅓."""
+        diameter = np.cbrt(6.0 * self.volume / np.pi)
+        return Polyhedron(
+            self.vertices / diameter,
+            self.faces,
+            self.facet,
+            self.areas / diameter**2,
+            np.pi / 6.0,
+        )
+
+    @cached_property
+    def triangles(self) -> NDArray[np.integer]:
+        """The faces as fans of triangles: indices into ``vertices``, (F, 3)."""
+        fans = [face[[0, i, i + 1]] for face in self.faces for i in range(1, len(face) - 1)]
+        return np.array(fans, int).reshape(-1, 3)
 
     def obj(self, comment: str = "") -> str:
         """Wavefront OBJ text."""
@@ -92,3 +114,7 @@ class Polyhedron:
         lines += ["{:.9g} {:.9g} {:.9g}".format(*v) for v in self.vertices]
         lines += [f"{len(face)} " + " ".join(map(str, face)) for face in self.faces]
         return "\n".join(lines) + "\n"
+
+    def stl(self, header: str = "") -> bytes:
+        """Binary STL; ``header`` is the text of its first 80 bytes."""
+        return to_stl([self.vertices[t] for t in self.triangles], header)

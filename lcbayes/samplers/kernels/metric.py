@@ -52,9 +52,9 @@ def inverse_root(mass: jax.Array, fallback: jax.Array) -> tuple[jax.Array, jax.A
     def root(m):
         return solve_triangular(jnp.linalg.cholesky(_symmetric(m)), eye, lower=True).T
 
-    found = root(mass)
-    good = _finite(found) & _finite(mass)
-    return jax.lax.cond(good, lambda: found, lambda: root(fallback)), good
+    factor = root(mass)
+    good = _finite(factor) & _finite(mass)
+    return jax.lax.cond(good, lambda: factor, lambda: root(fallback)), good
 
 
 def momentum(key: jax.Array, dim: int) -> jax.Array:

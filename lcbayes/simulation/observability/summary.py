@@ -71,21 +71,21 @@ class Findings:
         return square / sd**2
 
 
-def numbers(found: Findings) -> dict[str, Any]:
+def numbers(findings: Findings) -> dict[str, Any]:
     """The content of `observability.json`."""
-    m, c = found.measured, found.campaign
+    m, c = findings.measured, findings.campaign
     curve = m.curve
     directions = grid(MAP_DIRECTIONS)
-    information = found.map_information(directions)
-    i, best = found.most_informative, int(np.argmax(information))
+    information = findings.map_information(directions)
+    i, best = findings.most_informative, int(np.argmax(information))
     return {
-        "scenario": found.scenario.name,
+        "scenario": findings.scenario.name,
         "n_measurements": curve.n_obs,
         "frame": curve.frame,
         "epoch_jd": curve.epoch_jd,
         "flux_unit": "m2, at unit distance under unit irradiance" if not m.apparent else "W/m2",
         "mag_is": "apparent" if m.apparent else "-2.5 log10 of the flux, the range being unknown",
-        "notes": list(found.notes),
+        "notes": list(findings.notes),
         "measurements": [
             {
                 "t": curve.t[k],
@@ -108,7 +108,7 @@ def numbers(found: Findings) -> dict[str, Any]:
             "crlb_sd": c.bound,
             "crlb_sd_with_prior": c.bound_with_prior,
             "crlb_pole_deg": pole_bound(c),
-            "nonlinearity": found.nonlinearity,
+            "nonlinearity": findings.nonlinearity,
             "unobservable": [
                 {
                     "words": t.words,
@@ -116,7 +116,7 @@ def numbers(found: Findings) -> dict[str, Any]:
                     "information_over_prior": t.information,
                     "exact": t.exact,
                 }
-                for t in found.trades
+                for t in findings.trades
             ],
         },
         "map": {
@@ -126,7 +126,7 @@ def numbers(found: Findings) -> dict[str, Any]:
             "best_obs_body": directions[best],
             "best_information": information[best],
         },
-        "plan": None if found.plan is None else _plan(found.plan, found.measured),
+        "plan": None if findings.plan is None else _plan(findings.plan, findings.measured),
     }
 
 
@@ -185,13 +185,13 @@ def utc(epoch_jd: float | None, t: float) -> str:
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{moment.microsecond // 100_000}Z"
 
 
-def words(found: Findings) -> list[str]:
+def words(findings: Findings) -> list[str]:
     """The results as lines of text, starting with the unconstrained combinations."""
-    m, c = found.measured, found.campaign
-    curve, i = m.curve, found.most_informative
-    lines = [f"note: {note}" for note in found.notes]
-    lines.append(f"{curve.n_obs} measurements: {headline(found).lower()}")
-    said = sentences(found.trades)
+    m, c = findings.measured, findings.campaign
+    curve, i = m.curve, findings.most_informative
+    lines = [f"note: {note}" for note in findings.notes]
+    lines.append(f"{curve.n_obs} measurements: {headline(findings).lower()}")
+    said = sentences(findings.trades)
     lines += [f"  {line}" for line in said[:12]]
     if len(said) > 12:
         lines.append(f"  and {len(said) - 12} more, in observability.json")
@@ -201,32 +201,32 @@ def words(found: Findings) -> list[str]:
         + f", known about one axis to {np.degrees(m.information[i] ** -0.5):.2g} deg"
     )
     lines += bound_words(c)
-    lines.append(linearity_words(found))
-    if found.plan is not None:
-        lines += plan_words(found.plan)
+    lines.append(linearity_words(findings))
+    if findings.plan is not None:
+        lines += plan_words(findings.plan)
     return lines
 
 
-def headline(found: Findings) -> str:
+def headline(findings: Findings) -> str:
     """Sentence on the number of unconstrained combinations of the unknowns."""
-    unknown, left = len(found.campaign.unknowns.parameters), len(found.trades)
+    unknown, left = len(findings.campaign.unknowns.parameters), len(findings.trades)
     if not left:
         return f"All of the {unknown} unknowns are seen"
     some, stay = ("One combination", "stays") if left == 1 else (f"{left} combinations", "stay")
-    exact = sum(t.exact for t in found.trades)
+    exact = sum(t.exact for t in findings.trades)
     how = f", {exact} of them whatever the noise" if exact else ""
     if exact == left:
         how = " whatever the noise"
     return f"{some} of the {unknown} unknowns {stay} open{how}"
 
 
-def linearity_words(found: Findings) -> str:
+def linearity_words(findings: Findings) -> str:
     """Sentence on whether the bound describes the errors, with the unknowns for which it fails.
 
     It covers the unknowns that the data constrain; the others have only the width of the prior.
     """
-    parameters = found.campaign.unknowns.parameters
-    off = np.where(np.isfinite(found.campaign.bound), found.nonlinearity, -1.0)
+    parameters = findings.campaign.unknowns.parameters
+    off = np.where(np.isfinite(findings.campaign.bound), findings.nonlinearity, -1.0)
     bent = np.flatnonzero(off > MAX_NONLINEARITY)
     seen = int(np.sum(off >= 0.0))
     if not seen:

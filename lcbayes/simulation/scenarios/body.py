@@ -51,7 +51,10 @@ def _material(table: Table) -> Material:
     return Material(name, values)
 
 
-ON_ARRAY = ("panel", "back")  # parts that a solar array consists of, unless told otherwise
+ON_ARRAY = (
+    "panel",
+    "back",
+)  # parts that a solar array consists of, unless a scenario says otherwise
 
 
 def read_body(

@@ -105,8 +105,8 @@ def input_files(scenario: str | Path) -> dict[str, Path]:
         ("geometry", "file", "geometry"),
         ("geometry", "tle", "tle"),
     ):
-        found = root.table(table, None)
-        text = found.text(key, "") if found is not None and key in found else ""
+        section = root.table(table, None)
+        text = section.text(key, "") if section is not None and key in section else ""
         if text and "\n" not in text.strip():
             files[name] = path.parent / text
     return files
@@ -172,12 +172,12 @@ def _attitude(table: Table) -> Attitude:
     law = table.text("law")
     if law not in FREE:
         return _stabilised(law, table)
-    found: Attitude
+    attitude: Attitude
     if law == "constant-rate":
-        found = ConstantRate(table.vector("omega_rad_s", limit=MAX_RATE))
+        attitude = ConstantRate(table.vector("omega_rad_s", limit=MAX_RATE))
     elif law == "principal-axis":
         period = _period(table)
-        found = PrincipalAxis(
+        attitude = PrincipalAxis(
             table.number("pole_lon_deg"),
             table.number("pole_lat_deg", low=-90.0, high=90.0),
             period,
@@ -192,11 +192,11 @@ def _attitude(table: Table) -> Attitude:
                 "sum of the other two",
             )
         turn = (table.number(f"{k}_deg", 0.0) for k in ("yaw", "pitch", "roll"))
-        found = TorqueFree(table.vector("omega_rad_s", limit=MAX_RATE), inertia, *turn)
+        attitude = TorqueFree(table.vector("omega_rad_s", limit=MAX_RATE), inertia, *turn)
     else:
-        found = Fixed()
+        attitude = Fixed()
     table.done()
-    return found
+    return attitude
 
 
 def _stabilised(name: str, table: Table) -> Law:
@@ -235,6 +235,6 @@ def _noise(table: Table) -> Noise:
     if len(kinds) != 1:
         given = " and ".join(map(repr, kinds)) or "none of them"
         raise table.fault(None, f"needs one of 'sigma', 'mag_err' and 'snr'; it has {given}")
-    found = Noise(kinds[0], table.number(kinds[0], REQUIRED, *NOISES[kinds[0]]))
+    noise = Noise(kinds[0], table.number(kinds[0], REQUIRED, *NOISES[kinds[0]]))
     table.done()
-    return found
+    return noise

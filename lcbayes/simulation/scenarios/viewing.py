@@ -94,17 +94,19 @@ def read_geometry(table: Table) -> Planar | Orbit | Vectors:
     """The geometry of the table [geometry], which holds defaults for [[geometry.passes]]."""
     kind = table.text("kind", choices=("planar", "orbit", "vectors"))
     if kind == "vectors":
-        found = Vectors(table.path.parent / table.text("file"))
+        viewing = Vectors(table.path.parent / table.text("file"))
     elif kind == "planar":
-        found = Planar(
+        viewing = Planar(
             tuple(_planar_pass(item) for item in _passes(table, PLANAR_KEYS)),
             table.text("frame", "inertial", FRAMES),
             table.number("range_km", None, *RANGES_KM),
         )
     else:
-        found = Orbit(_tle(table), tuple(_orbit_pass(item) for item in _passes(table, ORBIT_KEYS)))
+        viewing = Orbit(
+            _tle(table), tuple(_orbit_pass(item) for item in _passes(table, ORBIT_KEYS))
+        )
     table.done()
-    return found
+    return viewing
 
 
 def _passes(table: Table, keys: tuple[str, ...]) -> list[Table]:
@@ -119,9 +121,9 @@ def _planar_pass(table: Table) -> PlanarPass:
     _check_span(table, stop - start, step)
     most = {key: MAX_RATE if key.startswith("omega") else MAX_ANGLE for key in DIRECTION_KEYS}
     directions = {key: table.number(key, low=-high, high=high) for key, high in most.items()}
-    found = PlanarPass(start, stop, step, plane=table.text("plane", "xy", PLANES), **directions)
+    transit = PlanarPass(start, stop, step, plane=table.text("plane", "xy", PLANES), **directions)
     table.done()
-    return found
+    return transit
 
 
 def _orbit_pass(table: Table) -> OrbitPass:
@@ -129,7 +131,7 @@ def _orbit_pass(table: Table) -> OrbitPass:
     start, stop = table.instant("start"), table.instant("stop")
     step = table.number("step", above=0.0)
     _check_span(table, (stop - start).total_seconds(), step)
-    found = OrbitPass(
+    transit = OrbitPass(
         site,
         start,
         stop,
@@ -138,7 +140,7 @@ def _orbit_pass(table: Table) -> OrbitPass:
         table.number("max_sun_elevation_deg", -9.0, low=-90.0, high=90.0),
     )
     table.done()
-    return found
+    return transit
 
 
 def _check_span(table: Table, span: float, step: float) -> None:
@@ -152,14 +154,14 @@ def _check_span(table: Table, span: float, step: float) -> None:
 
 def _site(table: Table) -> NamedSite:
     site = table.table("site")
-    found = NamedSite(
+    named = NamedSite(
         site.text("name", ""),
         site.number("lat_deg", low=-90.0, high=90.0),
         site.number("lon_deg", low=-180.0, high=360.0),
         site.number("height_m", 0.0, low=-500.0, high=9000.0),
     )
     site.done()
-    return found
+    return named
 
 
 def _tle(table: Table) -> Tle:

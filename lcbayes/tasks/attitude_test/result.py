@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypedDict
 
 from lcbayes.analysis import attitude_test_report
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated.attitude_test import AttitudeTest
@@ -109,6 +110,9 @@ class AttitudeTestResult(DeterministicResult[AttitudeTest, AttitudeTestContent])
     def tables(self) -> dict[str, pd.DataFrame]:
         """The laws."""
         return {"laws": self.summary()}
+
+    def listing(self) -> tuple[Listing, list[str]]:
+        return attitude_test_report.table(self.data), attitude_test_report.remarks(self.data)
 
     def draw(self, gallery: Gallery) -> None:
         attitude_test_report.draw(self.data, gallery)

@@ -103,7 +103,8 @@ def _check(asked: Sequence[Object]) -> None:
     for one in asked:
         entry = registry.find(one.options.model)
         given = dict(one.options.for_model)
-        if one.options.start_from is not None and "period" in entry.options:
+        period = entry.options.get("period")
+        if one.options.start_from is not None and period is not None and period.required:
             given.setdefault("period", 1.0)  # that of the scan
         entry.check(given)
 

@@ -12,6 +12,7 @@ from lcbayes.modelling.options import ModelOptions
 from lcbayes.tasks.fit.options import MODEL, model_file
 from lcbayes.tasks.task import Task
 
+PARTICLES, CHAINS = "particles", "chains"
 MOST = 50  # facets; a guard against typing errors, far above what data can resolve
 
 
@@ -50,6 +51,11 @@ class CompareOptions(ModelOptions):
     num_particles: int = option(100, low=10, help="particles that move, in each run")
     num_runs: int = option(4, low=2, help="independent runs for each number of facets")
     num_starts: int = option(0, low=0, help="starts of the search for the best fit; 0: 64")
+    evidence: str = option(
+        PARTICLES,
+        choices=(PARTICLES, CHAINS),
+        help="chains: chains and bridges where these agree, particles for the other numbers",
+    )
     sparse: int | None = option(
         None, low=2, help="upper bound of facets from which to take the sparse path too"
     )
@@ -80,12 +86,17 @@ examples:
   lcbayes compare pass.csv --n-facets 1-8 -o out
   lcbayes compare pass.csv --n-facets 2,3,4 --num-particles 2000 --num-runs 8 -o out
   lcbayes compare pass.csv --n-facets 1-4 --sparse 10 -o out
+  lcbayes compare passes.csv --n-facets 1-4 --evidence chains -o out
   lcbayes compare starlink.csv --n-facets 1-3 --model stabilised -o out
   lcbayes compare glint.csv --n-facets 1-4 --model faceted-brdf --reflectance cook-torrance -o out
 
 Evidences and predictive densities are natural logarithms (nat). Each number of
 facets is as likely as the others before the data. The exit status is 3 where the
 independent runs differ too much for a conclusion, or the particles lost their way.
+
+--evidence chains searches the solutions of each number, samples each with --num-runs
+chains, and gives the evidence by bridge sampling. Where chains disagree, a bridge is
+uncertain by more than 0.3 nat, or a solution may be missing, particles are used.
 A run that was stopped goes on when the same command is given again.
 """,
     options=CompareOptions,

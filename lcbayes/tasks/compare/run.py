@@ -15,10 +15,10 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.registry import Entry
 from lcbayes.results.comparison import summarise
 from lcbayes.samplers.settings import PARTICLES, Settings
-from lcbayes.tasks.compare.options import MOST, TASK, CompareOptions
+from lcbayes.tasks.compare.options import CHAINS, MOST, TASK, CompareOptions
 from lcbayes.tasks.compare.result import Comparison
 from lcbayes.tasks.fit.result import Fit
-from lcbayes.tasks.fit.run import assembled, check_curve
+from lcbayes.tasks.fit.run import assembled, check_curve, check_pole
 from lcbayes.tasks.task import Context, task_function
 
 
@@ -27,7 +27,8 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     """Compare numbers of facets for a light curve.
 
     For each number, independent runs of tempered particles from the prior to the posterior give the
-    evidence; the scatter between runs gives its error. The predictive densities of left-out epochs
+    evidence; the scatter between runs gives its error. With ``evidence="chains"``, chains about
+    each solution and bridges give it where they agree. The predictive densities of left-out epochs
     are also given. They answer a different question: which number predicts best, not which is true.
     The prior on the area of each facet is centred at the typical area of the best fit unless
     ``log_area_mean`` is given, and the result shows how the probabilities depend on it.
@@ -68,15 +69,20 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     checked = entry.check({**asked, "n_facets": counts[0]})
     del checked["n_facets"]
     check_curve(curve)
+    check_pole(curve, options)
     settings = Settings(
         PARTICLES, options.seed, None, options.num_particles, options.num_runs, options.num_starts
     )
+    chains = None
+    if options.evidence == CHAINS:
+        chains = Settings(seed=options.seed, num_chains=options.num_runs)
     identity = identity_of(curve, entry, checked, settings, installed_version())
     identity |= {"facets": ",".join(map(str, counts)), "sparse": options.sparse or 0}
+    if chains is not None:
+        identity |= {"chains": chains.as_dict()}
     checkpoint = context.checkpoint(identity)
-    found = engine.run(
-        curve, entry, checked, counts, settings, options.sparse, checkpoint, context.progress
-    )
+    plan = engine.Plan(settings, chains, options.sparse)
+    found = engine.run(curve, entry, checked, counts, plan, checkpoint, context.progress)
     content, reasons = summarise(found, identity, curve.n_obs, options.seed)
     context.progress.say("checking the draws of each number: predicted brightness, leave-one-out")
     return Comparison(content, reasons, {}, _fits(found, curve, entry, identity))

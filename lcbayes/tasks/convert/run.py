@@ -16,6 +16,6 @@ def command(curve: LightCurve, options: ConvertOptions) -> int:
         raise InputError(f"OUT is the input, {options.output}; give another name")
     write(curve, options.output)
     print(f"{options.output}: {curve!r}")
-    if "notes" in curve.source:
-        print(f"note: {curve.source['notes']}")
+    for note in filter(None, curve.source.get("notes", "").split("; ")):
+        print(f"note: {note}")
     return EXIT_DONE

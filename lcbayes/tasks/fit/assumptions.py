@@ -11,6 +11,8 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import calibrations, observers
 from lcbayes.data.segments import PASS, split
 from lcbayes.modelling.ephemeris import velocity_direction_sd_deg
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import KnownSpin, bisector_rate
 from lcbayes.modelling.registry import Entry
 from lcbayes.physics.photometry import SUN_MAGNITUDE
 
@@ -43,6 +45,7 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
             "torque-free": "It is rigid and no torque acts on it; angular velocity and inertia "
             f"are those at the start, where its axes are {frame}.",
         }[str(options.get("spin", "free"))]
+        yield from _of_known_spin(curve, options)
     elif model == "convex-grid":
         yield "The body is convex, and spins about a fixed axis of its own."
         yield f"Its sidereal period is near {options['period']} h; other periods were not searched."
@@ -55,6 +58,15 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
                 "Directions of flight, where a law asks for them, come from the places of the file "
                 f"and are unsure by up to {unsure:.0f} deg; elements (--tle) give better ones."
             )
+
+
+def _of_known_spin(curve: LightCurve, options: Mapping[str, Any]) -> Iterator[str]:
+    """The prior of the spin, if a period or a pole was given."""
+    known = KnownSpin.of(options.get("period", ""), options.get("pole", ""))
+    if known is not None:
+        rate = float(bisector_rate(Epochs.of(curve)))
+        axes = "GCRS" if curve.frame == "icrs" else FRAMES.get(curve.frame, curve.frame)
+        yield from known.sentences(rate, axes, constant=options.get("spin") != "torque-free")
 
 
 def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:

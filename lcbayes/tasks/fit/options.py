@@ -56,7 +56,9 @@ class FitOptions(ModelOptions):
         help="find the number of facets, at most N, under a squared-L1 prior, and fit with it",
     )
     start_from: Path | None = option(
-        None, metavar="DIR", help="results of lcbayes scan, whose spins the search starts from"
+        None,
+        metavar="DIR",
+        help="results of lcbayes scan or lcbayes spin, whose spins the search starts from",
     )
 
     def files(self) -> dict[str, Path]:
@@ -94,6 +96,8 @@ TASK = Task(
 examples:
   lcbayes fit pass.csv -o out --n-facets 3 --seed 1
   lcbayes fit pass.csv -o out --sparse 8          # finds the number of facets first
+  lcbayes fit passes.csv -o out --n-facets 3 --period 20-30s --pole 120,-45,20
+  lcbayes fit passes.csv -o out --n-facets 3 --start-from spin
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
   lcbayes fit pass.csv -o out --n-facets 4 --sampler smc
   lcbayes fit starlink.csv -o out --model stabilised
@@ -103,6 +107,13 @@ examples:
 
 A run that was stopped goes on when the same command is given again.
 `lcbayes models NAME` lists the options of a model.
+
+--period is sidereal, and both senses of rotation are possible. A single value is
+taken to be uncertain by 1 %, and by the rate of the phase-angle bisector, because a
+period seen in the brightness is synodic; 23.70+-0.02s sets another width. A range is
+uniform in ln P, and several periods are separated by commas: 22s,44s. --pole gives a
+region of the sky (GCRS) that holds the pole or its opposite. Both replace the prior
+of omega, and the search visits these spins alone.
 
 --sparse N: the prior exp(-w (sum of albedo-areas)^2) shrinks facets that the data
 do not require; w costs 50 nats for the areas of the best fit (--set sparsity=W sets

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.analysis import (
+    asteroid_plots,
     contents,
     diagnostics_plots,
     light_curve_plots,
@@ -24,7 +25,8 @@ from lcbayes.analysis import report as page
 from lcbayes.analysis.numerals import show
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.results.content import FitContent, ParameterContent
+from lcbayes.results.asteroid import QUANTITIES, tilt_warning
+from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LISTED = 24  # quantities of a solution in the text, and values of one quantity
+SHOWN = ("extent_ab", "extent_bc", "ellipsoid_ab", "ellipsoid_bc", "inertia_tilt_deg")
 COLUMNS = ("mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk", "ess_tail")
 
 
@@ -113,6 +116,10 @@ class Fit(Result[FitContent]):
         if tests := quality.get("tests"):
             found["residual_tests"] = pd.DataFrame(tests)
             found["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
+        if len(dimensions := self._dimensions()):
+            found["dimensions"] = dimensions
+        if (curves := self._model_curves()) is not None:
+            found["model_curves"] = curves
         return found
 
     def lines(self) -> list[str]:
@@ -127,6 +134,7 @@ class Fit(Result[FitContent]):
             lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
             lines += self._rotation(i - 1)
             lines += self._parameters(mode["parameters"])
+            lines += _body(mode.get("body"))
         return [*lines, *searched(content.get("search")), *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:
@@ -155,6 +163,29 @@ class Fit(Result[FitContent]):
             yield f"  {name:22s} {f'{mean:>10s} ± {sd} {self._unit(name)}':32s} {low} to {high}"
         if len(rows) > len(short):
             yield f"  … and {len(rows) - len(short)} more in summary.json"
+
+    def _dimensions(self) -> pd.DataFrame:
+        """One row per quantity of the body of each solution, with its definition."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {"solution": i, "weight": mode["weight"], "quantity": name, **row}
+            | {"definition": QUANTITIES[name]}
+            for i, mode in enumerate(self.content["modes"], 1)
+            if (body := mode.get("body")) is not None
+            for name, row in body["quantities"].items()
+        )
+
+    def _model_curves(self) -> pd.DataFrame | None:
+        """The model light curves of an asteroid's solutions; None for other objects."""
+        import pandas as pd
+
+        if not any("body" in mode for mode in self.content["modes"]):
+            return None
+        results = self._contents()
+        found = [asteroid_plots.model_curves(results, mode) for mode in results.modes]
+        parts = [pd.DataFrame(columns) for columns in found if columns is not None]
+        return pd.concat(parts, ignore_index=True) if parts else None
 
     def _unit(self, name: str) -> str:
         base = name.partition("[")[0]
@@ -224,3 +255,18 @@ class Fit(Result[FitContent]):
 
     def _contents(self) -> contents.Results:
         return contents.assemble(self.folder or Path(), self.tree, dict(self.content), "")
+
+
+def _body(body: BodyContent | None) -> Iterator[str]:
+    """The axis ratios of the body of a solution, and a warning if it should not spin so."""
+    if body is None or not body["quantities"]:
+        return
+    for name in SHOWN:
+        row = body["quantities"][name]
+        mean, sd, low, high = (show(row[k], row["sd"]) for k in ("mean", "sd", "q05", "q95"))
+        yield f"  {name:22s} {f'{mean:>10s} ± {sd}':32s} {low} to {high}"
+    if body["n_failed"]:
+        total = body["n_bodies"] + body["n_failed"]
+        yield f"  note: no convex body was found for {body['n_failed']} of {total} draws"
+    if warning := tilt_warning(body):
+        yield f"  warning: {warning}"

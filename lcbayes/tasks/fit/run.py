@@ -22,9 +22,11 @@ from lcbayes.inference import facet_count, sparse
 from lcbayes.inference import fit as engine
 from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
+from lcbayes.modelling.options import ModelOptions
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
-from lcbayes.results.scan_start import read_scan
+from lcbayes.results.asteroid import asteroids, body_content
+from lcbayes.results.start import Start, read_start
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
 from lcbayes.tasks.fit.assumptions import assumptions
@@ -123,12 +125,13 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     )
     entry = registry.find(options.model)
     check_curve(curve)
-    spins = [] if options.start_from is None else read_scan(options.start_from, curve)
-    asked = options.for_model
+    check_pole(curve, options)
+    spins, asked = [], options.for_model
+    if options.start_from is not None:
+        start = read_start(options.start_from, curve)
+        spins, asked = _started(start, entry, asked)
     if PRIORS in asked:
         entry = entry.with_priors(asked.pop(PRIORS))
-    if spins and "period" in entry.options:
-        asked = {"period": spins[0]["period_h"]} | asked
     checked = entry.check(asked)
     if options.sparse is not None:
         _check_sparse(entry, options)
@@ -172,7 +175,43 @@ def assembled(
         listed = [*json.loads(tree.attrs["assumptions"]), path.sentence]
         tree.attrs["assumptions"] = json.dumps(listed)
     tree.attrs |= _verdict(reasons)
+    for mode, solution in zip(content["modes"], asteroids(tree), strict=False):
+        mode["body"] = body_content(solution)
     return Fit(tree, content, reasons)
+
+
+def _started(
+    start: Start, entry: Entry, asked: Mapping[str, Any]
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The spins from which the search starts, and the options with the periods of a start.
+
+    Raises
+    ------
+    InputError
+        The model has no spin, or needs a pole that was not found.
+    """
+    period = entry.options.get("period")
+    if period is None and start.periods:
+        raise InputError("--start-from goes with models that spin freely: faceted, convex-grid")
+    if period is None or (period.type is str and not start.periods):
+        return start.spins, dict(asked)
+    if period.type is str:  # a prior, which the search over all spins keeps to
+        return [], {"period": start.periods, **asked}
+    if not start.spins:
+        raise InputError(
+            f"the spin found no pole, which {entry.name} starts from; scan the periods "
+            f"{start.periods} with lcbayes scan first"
+        )
+    return start.spins, {"period": start.spins[0]["period_h"], **asked}
+
+
+def check_pole(curve: LightCurve, options: ModelOptions) -> None:
+    """Raise an InputError if a pole is given whose axes are not those of the light curve."""
+    if options.pole is not None and curve.frame == "ecliptic-j2000":
+        raise InputError(
+            "--pole is right ascension and declination, and the directions of this file are "
+            "ecliptic; give no --pole, or a light curve in GCRS"
+        )
 
 
 def _check_sparse(entry: Entry, options: FitOptions) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.candidates import Candidates
 from lcbayes.inversion.spin.sidereal import MIN_PASSES
 from lcbayes.inversion.spin.windows import MIN_CYCLES
+from lcbayes.tasks.commands import command
 
 START_S = 40.0  # tracing, compiling and search of a fit
 GRADIENTS = 150_000  # of a fit: 4 chains of 950 draws with some 40 gradients each
@@ -109,14 +109,6 @@ def _known(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -
         low=ranges is not None and bool(np.median(ranges) < LOW_KM),
         sampled_passes=enough,
     )
-
-
-def command(curve: LightCurve, task: str, *words: str) -> str:
-    """A command line for this file, with the options it was read with."""
-    line = ["lcbayes", task, curve.source.get("file") or "CURVE", *words]
-    for name, value in json.loads(curve.source.get("reading", "{}")).items():
-        line += [f"--{name.replace('_', '-')}", str(value)]
-    return shlex.join([*line, "-o", task if task != "fit" else "out"])
 
 
 def fit_cost(epochs: int, facets: int) -> float:

@@ -9,17 +9,22 @@ import xarray as xr
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.reasons import Reason
+from lcbayes.data.formats.occultation import read_occultations
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.read import read_geometry
 from lcbayes.modelling import registry
+from lcbayes.results.asteroid import asteroids
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior, read_summary
-from lcbayes.results.reasons import stored
+from lcbayes.results.reasons import reasons, stored
 from lcbayes.results.record import read_record
+from lcbayes.tasks.predict import outline, rotation
 from lcbayes.tasks.predict.brightness import predicted
 from lcbayes.tasks.predict.options import TASK, PredictOptions
+from lcbayes.tasks.predict.outline_result import OutlinePrediction
 from lcbayes.tasks.predict.result import Prediction
+from lcbayes.tasks.predict.rotation import RotationPrediction
 from lcbayes.tasks.task import Context, task_function
 
 
@@ -43,23 +48,28 @@ class Fitted(NamedTuple):
 
 
 @task_function(TASK)
-def predict(folder: str | Path, options: PredictOptions, _: Context) -> Prediction:
-    """Brightness that a fit predicts for other epochs and geometries.
+def predict(
+    folder: str | Path, options: PredictOptions, context: Context
+) -> Prediction | RotationPrediction | OutlinePrediction:
+    """Brightness, rotation or outline that a fit predicts.
 
-    The folder of the fit contains everything needed; the light curve is not read again.
+    The folder of the fit contains everything needed; the light curve is not read again. Give one
+    of a file with epochs and geometry, dates, and an occultation.
 
     {parameters}
 
     Returns
     -------
-    Prediction
-        ``summary()`` has one row per epoch; it is trusted if the fit is trusted.
+    Prediction, RotationPrediction or OutlinePrediction
+        ``summary()`` has one row per epoch, per date and solution, or per solution; it is trusted
+        if the fit is trusted.
 
     Raises
     ------
     InputError
         The folder holds no fit, the two curves are not compatible, or the model of the fit is a
-        file that was not given or has changed.
+        file that was not given or has changed; dates or an occultation are given for a fit that
+        is not of an asteroid.
 
     Examples
     --------
@@ -73,6 +83,13 @@ def predict(folder: str | Path, options: PredictOptions, _: Context) -> Predicti
     >>> result.trusted, len(result.summary())    # 20 draws are too few
     (False, 102)
     """
+    asked = (options.geometry, options.date or None, options.occultation)
+    if sum(x is not None for x in asked) != 1:
+        raise InputError(
+            "give one of: a file with epochs and geometry, --date JD, --occultation FILE"
+        )
+    if options.geometry is None:
+        return _of_asteroid(Path(folder), options, context)
     fit = load_fit(Path(folder), options.model)
     wanted = read_geometry(options.geometry, tle=options.tle, site=options.site)
     columns, notes = predicted(
@@ -84,6 +101,22 @@ def predict(folder: str | Path, options: PredictOptions, _: Context) -> Predicti
         times = {"jd": wanted.epoch_jd + wanted.t / 86400}
     curves = [wanted.curve_names[i] for i in wanted.curve]
     return Prediction({**times, "curve": curves, **columns}, notes, fit.reasons)
+
+
+def _of_asteroid(
+    folder: Path, options: PredictOptions, context: Context
+) -> RotationPrediction | OutlinePrediction:
+    """The rotation at dates, or the outline over chords."""
+    events = [] if options.occultation is None else read_occultations(options.occultation)
+    with open_posterior(folder) as tree:
+        solutions = asteroids(tree)
+    rotation.check(solutions, folder)
+    against = stored(read_summary(folder))
+    if options.occultation is None:
+        return RotationPrediction(rotation.rotations(solutions, options.date), against)
+    found = outline.outlines(solutions, events, options.num_bodies, context.progress)
+    content = outline.content(found, events, str(options.occultation), options.seed)
+    return OutlinePrediction(found, events, content, [*against, *reasons(outline.findings(found))])
 
 
 def load_fit(folder: Path, model: str | None = None) -> Fitted:

@@ -15,7 +15,7 @@ class ReportOptions(Options):
 
 TASK = Task(
     name="report",
-    summary="write report.html, figures/ and shape.obj of a results folder again",
+    summary="write report.html, figures/ and the shape of a results folder again",
     details="""\
 example:
   lcbayes report out

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lcbayes.core.constants import HOUR_S
+from lcbayes.core.durations import LISTED, seconds
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Options, option
 from lcbayes.tasks.task import Task
-
-UNITS = {"s": 1.0 / 3600.0, "min": 1.0 / 60.0, "h": 1.0, "d": 24.0}
 
 
 def hours(text: str) -> float:
@@ -18,14 +18,11 @@ def hours(text: str) -> float:
     ------
     InputError
     """
-    text = text.strip()
-    number = text.rstrip("abcdefghijklmnopqrstuvwxyz") if text[-1:].isalpha() else text
-    unit = text[len(number) :].strip() or "h"
     try:
-        return float(number) * UNITS[unit]
-    except (KeyError, ValueError):
+        return seconds(text, default="h") / HOUR_S
+    except InputError:
         raise InputError(
-            f"{text!r} is no period; give hours, or a number with s, min, h or d, such as 30s"
+            f"{text.strip()!r} is no period; give hours, or a number with {LISTED}, such as 30s"
         ) from None
 
 
@@ -101,8 +98,8 @@ examples:
   lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out
 
 Periods are sidereal, in hours, or with a unit: 30s, 12min, 5.76h, 2d. A scan ranks;
-how well a spin is known, `lcbayes fit --start-from DIR` says. A run that was stopped
-goes on when the same command is given again.
+how well a spin is known, `lcbayes fit --start-from DIR` says; that command is printed.
+A run that was stopped goes on when the same command is given again.
 """,
     options=ScanOptions,
     fully_lit=True,

@@ -19,6 +19,7 @@ from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 from lcbayes.results.scan_file import load_scan, save_scan
+from lcbayes.tasks.commands import onward
 from lcbayes.tasks.scan.options import ScanOptions
 
 if TYPE_CHECKING:
@@ -102,7 +103,8 @@ class Scan(Result[ScanContent]):
         lines.append(
             f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
         )
-        return lines
+        spins = any(s["near_equal"] and "period_h" in s for s in self.solutions)
+        return lines + (onward(self) if spins else [])
 
     def write_files(self, folder: Path) -> None:
         save_scan(self._scan, folder / FILE)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from lcbayes.analysis import shape_match_report
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.separated.shape_match import ShapeMatch, Surface
@@ -97,6 +98,9 @@ class ShapeMatchResult(DeterministicResult[ShapeMatch, ShapeMatchContent]):
     def tables(self) -> dict[str, pd.DataFrame]:
         """The candidates."""
         return {"candidates": self.summary()}
+
+    def listing(self) -> tuple[Listing, list[str]]:
+        return shape_match_report.table(self.data), shape_match_report.remarks(self.data)
 
     def draw(self, gallery: Gallery) -> None:
         shape_match_report.draw(self.data, gallery)

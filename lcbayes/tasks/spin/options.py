@@ -27,6 +27,7 @@ examples:
 Several passes of different geometry are needed, each of six cycles or more. Where
 the spin is not stable, not rapid enough, or its synodic period not measurably
 different from the sidereal one, no pole is given and the exit status is 3.
+`lcbayes fit --start-from DIR` goes on from the periods; the command is printed.
 Written: report.html, summary.json, tables/, figures/, run.toml.
 """,
     options=SpinOptions,

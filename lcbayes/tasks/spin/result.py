@@ -17,6 +17,8 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.sidereal import Solution, Spin
 from lcbayes.results.content import Floats, Verdict
+from lcbayes.results.start import candidate_periods
+from lcbayes.tasks.commands import onward
 from lcbayes.tasks.deterministic import CurveContent, DeterministicResult, about, figure_of
 from lcbayes.tasks.spin.conditions import ConditionContent, condition_content
 
@@ -120,7 +122,8 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
         return rows.rename(columns=COLUMNS)
 
     def lines(self) -> list[str]:
-        return spin_report.words(self.data, self._curve)
+        lines = spin_report.words(self.data, self._curve)
+        return lines + (onward(self) if candidate_periods(self._content) else [])
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Solutions, and the synodic period along the passes."""

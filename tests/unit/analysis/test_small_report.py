@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import lcbayes
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.errors import InputError
 from lcbayes.core.reasons import Reason
@@ -115,3 +116,22 @@ def test_a_report_is_shown_in_a_notebook(browser):
     assert tab.query_selector("iframe").bounding_box()["height"] == pytest.approx(702, abs=2)
     assert not faults
     tab.close()
+
+
+class Listed(Axis):
+    """A result whose page has a table."""
+
+    def listing(self):
+        rows = [("a<b>", "0.2"), ("c", "0.1")]
+        return Listing("axes", ("axis", "p-value"), rows), ["2 axes", "neither is rejected"]
+
+
+def test_a_table_takes_the_place_of_the_text(tmp_path, look):
+    axis = made([])
+    listed = Listed(None, axis.content)
+    page = listed.report(tmp_path).read_text(encoding="utf-8")
+    assert '<table data-name="axes">' in page
+    assert "<td>a&lt;b&gt;</td><td>0.2</td>" in page
+    assert page.index("<p>2 axes.</p>") < page.index("<table") < page.index("neither is rejected")
+    assert "axis at 3" not in page
+    look(tmp_path / "report.html")

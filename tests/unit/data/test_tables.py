@@ -354,12 +354,14 @@ def curves(draw):
     kind = draw(st.sampled_from(["flux", "mag"]))
     range_km = draw(st.one_of(st.none(), st.just(column(positive))))
     magnitudes = kind == "mag"
-    # readers refuse magnitudes that mark missing values, and fluxes that no body sends
+    # readers refuse magnitudes that mark missing values, those that are all fluxes, and fluxes that
+    # no body sends
+    mags = st.floats(-30.0, 40.0).filter(lambda m: m == 0 or abs(m) >= 1e-3)
     free = draw(hnp.arrays(bool, n_curves)) | (magnitudes == (range_km is None))
     errors = st.floats(1e-300, 8.0) if magnitudes else positive
     return LightCurve(
         t=np.sort(column(numbers)),
-        brightness=column(st.floats(-30.0, 40.0) if magnitudes else numbers),
+        brightness=column(mags if magnitudes else numbers),
         error=draw(st.one_of(st.none(), st.just(column(errors)))),
         sun=unit[0],
         obs=unit[1],

@@ -13,7 +13,7 @@ from tests.helpers import small_curves
 
 
 def at(areas, n: int = 40):
-    problem, data = small_curves.posed(small_curves.curve(n), n_facets=len(areas), spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(n), n_facets=len(areas), spin="none")
     normals = np.resize(small_curves.NORMALS, (len(areas), 3))
     sites = {
         "normals_base": jnp.asarray(normals),

@@ -69,8 +69,8 @@ def test_points_that_are_copies_count_once():
         **{k: getattr(light, k)[ten] for k in ("t", "brightness", "error", "sun", "obs")},
         **{k: getattr(light, k)[ten] for k in ("curve", "band", "exposure_s", "site")},
     )
-    problem, data = small_curves.posed(light, n_facets=1, spin="none")
-    _, many = small_curves.posed(copies, n_facets=1, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=1, spin="none")
+    _, many = small_curves.posterior(copies, n_facets=1, spin="none")
     z = small_curves.truth(problem, data, 1)
     weighed = correlation.tempered(problem, np.asarray(z), many)
     assert 0.07 < float(weighed.information) < 0.15

@@ -183,7 +183,7 @@ def test_weights_of_modes_and_their_errors():
 
 
 def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mode():
-    problem, data = small_curves.posed(small_curves.curve(8), n_facets=1, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(8), n_facets=1, spin="none")
     order = fit.FacetOrder(problem, registry.find("faceted").facet_sites)
     z = np.random.default_rng(3).standard_normal((2, 500, 4))
     mode = fit.Mode(Solution(np.zeros(4), 0.0, 0.0, 1.0, 1), z, {}, bridge.LogEvidence(5.0, 0.1))
@@ -202,7 +202,7 @@ def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mo
 
 
 def test_two_runs_into_one_region_are_one_mode_whatever_their_lengths():
-    problem, _ = small_curves.posed(small_curves.curve(8), n_facets=1, spin="none")
+    problem, _ = small_curves.posterior(small_curves.curve(8), n_facets=1, spin="none")
     order = fit.FacetOrder(problem, registry.find("faceted").facet_sites)
     rng = np.random.default_rng(2)
     solution = Solution(np.zeros(4), 0.0, 0.0, 1.0, 1)

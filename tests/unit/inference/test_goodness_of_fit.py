@@ -80,7 +80,7 @@ def test_only_the_brightness_takes_freedom():
 
 
 def test_a_direction_is_two_parameters_and_an_area_one():
-    problem, data = small_curves.posed(
+    problem, data = small_curves.posterior(
         small_curves.curve(60, 2, noise=0.01), n_facets=2, spin="none"
     )
     z = np.asarray(small_curves.truth(problem, data, 2))

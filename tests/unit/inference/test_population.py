@@ -25,7 +25,7 @@ N_RUNS, N = 3, 1200
 
 @pytest.fixture(scope="module")
 def posed():
-    problem, data = small_curves.posed(small_curves.curve(30), n_facets=2, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(30), n_facets=2, spin="none")
     return problem, data, FacetOrder(problem, SITES)
 
 

@@ -57,7 +57,7 @@ def test_facets_in_a_lune(n_facets):
     sun = np.tile([1.0, 0.0, 0.0], (n, 1))
     obs = np.tile([0.5, np.sqrt(0.75), 0.0], (n, 1))
     light = small_curves.curve(n, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=n_facets, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=n_facets, spin="none")
     found = log_prior_mass(problem, data, jax.random.key(1))
     seen = 1 / 3 + 2 * np.pi * EDGE / (4 * np.pi)
     assert abs(found.value - n_facets * np.log(seen)) < limit() * found.se

@@ -31,7 +31,7 @@ def potentials(problem):
 
 @pytest.fixture(scope="module")
 def one():
-    problem, data = small_curves.posed(small_curves.curve(30), n_facets=1, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(30), n_facets=1, spin="none")
     keys = jax.random.split(jax.random.key(0), 24)
     starts = jax.jit(jax.vmap(problem.prior_draw, (0, None)))(keys, data)
     return problem, data, starts, search.successive_halving(problem, data, starts, 2, Silent())
@@ -39,7 +39,7 @@ def one():
 
 @pytest.fixture(scope="module")
 def two():
-    return small_curves.posed(small_curves.curve(20, 2), n_facets=2, spin="none")
+    return small_curves.posterior(small_curves.curve(20, 2), n_facets=2, spin="none")
 
 
 def test_finds_the_optimum_that_scipy_finds(one):

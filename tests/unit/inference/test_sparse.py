@@ -70,7 +70,7 @@ def test_errors_that_go_together_do_not_blur_a_distance():
 def test_optima_of_a_known_body(swap):
     """Two facets, one of them once more and one tiny: two remain of four at every optimum near the
     best. An optimum that is 11 nats higher does not count, nor does one without a density."""
-    problem, data = small_curves.posed(small_curves.curve(40, 2), n_facets=4, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(40, 2), n_facets=4, spin="none")
     rng = np.random.default_rng(0)
     far = np.array([0.5, -0.2, 0.8])
     normals = np.stack([*small_curves.NORMALS, small_curves.NORMALS[0], far / np.linalg.norm(far)])
@@ -96,7 +96,7 @@ def test_optima_of_a_known_body(swap):
 
 
 def test_a_path_that_starts_nowhere_is_refused():
-    problem, data = small_curves.posed(small_curves.curve(40, 2), n_facets=2, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(40, 2), n_facets=2, spin="none")
     z = np.zeros((2, problem.dim))
     with pytest.raises(InputError, match="no start of the sparse path"):
         sparse.path(problem, data, ("normals_base",), z, np.full(2, np.nan), 0.5)
@@ -107,13 +107,13 @@ def test_the_path_starts_at_the_fit_that_is_given():
     good, and two facets remain. From draws of the prior the same data mislead the path."""
     curve = small_curves.curve(40, 2)
     entry = registry.find("faceted")
-    problem, data = small_curves.posed(curve, n_facets=2, spin="none")
+    problem, data = small_curves.posterior(curve, n_facets=2, spin="none")
     sites = {
         "normals_base": jnp.asarray(small_curves.NORMALS),
         "log_albedo_area": jnp.log(jnp.asarray(small_curves.AREAS)),
     }
     fit = sparse.Fit(problem, np.asarray(problem.ravel(sites)))
-    larger, _ = small_curves.posed(curve, n_facets=5, spin="none")
+    larger, _ = small_curves.posterior(curve, n_facets=5, spin="none")
     key = jax.random.key(0)
     rows = sparse.widened(fit, larger, entry.facet_sites, data, key, 3)
     for row in rows:

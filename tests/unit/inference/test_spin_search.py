@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search import bodies, states
+from lcbayes.inference.spin_search import search as complete
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import Bodies, starts
-from lcbayes.inference.spin_search.search import applies, complete_search
+from lcbayes.inference.spin_search.search import Stage, applies, complete_search
 from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection
+from lcbayes.results.reasons import searched
 
 LAW = "lambertian"
 GAP = 5400.0  # s between the passes
@@ -77,7 +85,7 @@ def grid(points: Points) -> Grid:
     series = Series.of(LAW)
     arcs = Arcs.of(points, 4 * OMEGA_SD, 0.15)
     prior = precision(series, total_area(series, points.sun, points.obs, points.flux))
-    return Grid.of(series, arcs, prior, 4 * OMEGA_SD, OMEGA_SD)
+    return Grid.of(series, arcs, prior, Allowed(((0.0, 4 * OMEGA_SD),), OMEGA_SD))
 
 
 def test_a_body_in_harmonics_is_as_bright_as_its_facets():
@@ -132,15 +140,23 @@ def test_the_evidence_is_that_of_a_gaussian_field():
     assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-10)
 
 
-def test_nonnegative_areas_are_those_of_lawson_and_hanson():
-    rng = np.random.default_rng(3)
-    matrix, target = rng.uniform(0, 1, (60, 20)), rng.uniform(0, 1, 60)
-    ours = bodies._nonnegative(jnp.asarray(matrix.T @ matrix), jnp.asarray(matrix.T @ target))
-    exact, norm = nnls(matrix, target)
-    misfit = float(np.sum((target - matrix @ np.asarray(ours)) ** 2))
+@pytest.mark.parametrize("n_normals", [60, 250])
+def test_nonnegative_areas_are_those_of_lawson_and_hanson(truth: Truth, n_normals):
+    """½ χ² on a grid of normals, whose neighbours have nearly the same brightness."""
+    rate = np.linalg.norm(truth.omega)
+    curve = truth.curve
+    s, o = (rotated(v, truth.omega / rate, rate * curve.t) for v in (curve.sun, curve.obs))
+    grid = np.random.default_rng(3).normal(size=(n_normals, 3))
+    grid /= np.linalg.norm(grid, axis=1, keepdims=True)
+    design = np.maximum(s @ grid.T, 0.0) * np.maximum(o @ grid.T, 0.0) / np.pi
+    design, target = design / curve.error[:, None], curve.brightness / curve.error
+    design = np.concatenate([design, 0.1 * np.eye(n_normals)])
+    target = np.concatenate([target, np.zeros(n_normals)])
+    ours = bodies._nonnegative(jnp.asarray(design.T @ design), jnp.asarray(design.T @ target))
+    norm = nnls(design, target, maxiter=100 * n_normals)[1]
     assert np.all(np.asarray(ours) >= 0.0)
-    assert misfit == pytest.approx(norm**2, rel=1e-3)
-    assert exact.min() >= 0.0
+    misfit = 0.5 * float(np.sum((target - design @ np.asarray(ours)) ** 2))
+    assert 0.0 <= misfit - 0.5 * norm**2 + 1e-9 < 2 * bodies.NNLS_TOLERANCE
 
 
 def test_the_jacobian_of_rate_and_direction():
@@ -170,6 +186,140 @@ def test_the_true_cell_is_among_the_best(grid: Grid, truth: Truth):
     assert np.flatnonzero(near).min(initial=found.rate.size) < 0.02 * coverage.evaluated
     assert coverage.max_rate == pytest.approx(4 * OMEGA_SD)
     assert Coverage.restored(coverage.stored()) == coverage
+
+
+def restricted(grid: Grid, period: str, pole: str = "") -> Grid:
+    """The grid for a known period (s) or pole."""
+    known = KnownSpin.of(period, pole)
+    assert known is not None
+    ranges = known.rates(0.0) or ((0.0, 4 * OMEGA_SD),)
+    allowed = Allowed(ranges, None if period else OMEGA_SD, known.pole)
+    return Grid.of(grid.series, grid.arcs, grid.prior, allowed)
+
+
+TRUE_POLE = "308.66,39.79,15"  # of Truth.omega
+
+
+@pytest.mark.parametrize(
+    ("period", "pole", "inside"),
+    [
+        ("280-330s", "", True),
+        ("300.0+-0.2s", "", True),
+        ("150s,300s", "", True),
+        ("", TRUE_POLE, True),
+        ("290-310s", TRUE_POLE, True),
+        ("310-400s", "", False),
+        ("", "100,0,30", False),
+    ],
+)
+def test_a_search_visits_the_spins_that_are_known(grid: Grid, truth: Truth, period, pole, inside):
+    """The truth is among the best cells if it is allowed; otherwise no cell is near it."""
+    few = restricted(grid, period, pole)
+    found, coverage = few.search(1, Silent(), 60_000)
+    rate = np.linalg.norm(truth.omega)
+    near = np.abs(few.poles[found.pole] @ truth.omega) / rate > np.cos(np.radians(9.0))
+    near &= np.abs(found.rate - rate) * GAP < 1.5
+    assert near.any() == inside
+    if inside:
+        assert np.flatnonzero(near).min() < 0.1 * coverage.evaluated
+    assert coverage.evaluated < 0.5 * 2000 * few.coarse.size * (GAP * grid.coarse_step)
+    assert Coverage.restored(coverage.stored()) == coverage
+    if period:
+        low, high = few.allowed.ranges[0]
+        assert np.all(found.rate + found.width >= low)
+        if len(few.allowed.ranges) == 1:
+            assert np.all(found.rate - found.width <= high)
+            said = searched(asdict(coverage))[0]
+            assert f"with periods of {2 * np.pi / high:.5g} to {2 * np.pi / low:.5g} s" in said
+    if pole:
+        assert "of the sky were searched, and no others" in searched(asdict(coverage))[0]
+
+
+def test_the_search_says_what_it_covers(grid: Grid):
+    said = searched(asdict(grid.coverage(10, 5)))
+    assert said[0].startswith(f"All spins up to {4 * OMEGA_SD:.3g} rad/s were searched: of ")
+
+
+class Stopped(Checkpoint):
+    """A checkpoint of a run that is killed when it saves for the nth time."""
+
+    def __init__(self, folder: Path, n: int) -> None:
+        super().__init__(folder, {})
+        self.left = n
+
+    def save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
+        super().save(name, arrays)
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+class Counted(Grid):
+    """A grid that counts its evaluations."""
+
+    evaluations = 0
+
+    def score(self, *args, **kwargs):
+        Counted.evaluations += 1
+        return super().score(*args, **kwargs)
+
+
+def test_a_stopped_search_of_cells_goes_on(tmp_path, grid: Grid):
+    """Three arcs, two levels: stopped after each, with the numbers of an uninterrupted search."""
+    points = grid.arcs
+    third = replace_arcs(points)
+    allowed = Allowed(((0.019, 0.023),))
+    whole = Grid.of(grid.series, third, grid.prior, allowed)
+    cells, coverage = whole.search(1, Silent(), 500)
+    counted = Counted(**vars(whole))
+    for n, again in ((1, 1), (2, 0)):
+        folder = tmp_path / str(n)
+        with pytest.raises(KeyboardInterrupt):
+            whole.search(1, Silent(), 500, Stopped(folder, n))
+        Counted.evaluations = 0
+        resumed, told = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
+        assert Counted.evaluations == again
+        assert told == coverage
+        for a, b in zip(resumed, cells, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def replace_arcs(arcs: Arcs) -> Arcs:
+    """The arcs with the first once more, half a gap later."""
+    every = {k: jnp.concatenate([v, v[:1]]) for k, v in vars(arcs).items()}
+    every["middle"] = every["middle"].at[2].add(0.5 * GAP)
+    every["span"] = every["span"].at[2].set(every["span"][1])
+    return Arcs(**every)
+
+
+@pytest.mark.slow
+def test_a_stopped_search_ends_as_an_uninterrupted_one(tmp_path, truth: Truth, monkeypatch):
+    """Stopped at every save, with few states so that it is quick."""
+    monkeypatch.setattr(complete, "FREE", (Stage(0.05, 60, 2), Stage(0.02, 80, 2)))
+    monkeypatch.setattr(complete, "STATES", (12, 6))
+    monkeypatch.setattr(complete, "CONSTANT", Stage(0.03, 60, 0))
+    monkeypatch.setattr(complete, "ALIASES", 4)
+    monkeypatch.setattr(complete, "CELLS", 20)
+    entry, data = registry.find("faceted"), Epochs.of(truth.curve)
+    options = {o.name: o.default for o in entry.options.values()} | {
+        "n_facets": 2,
+        "period": "290-310s",
+        "reflectance": LAW,
+    }
+    problem, _ = build_problem(entry, options | dict(entry.pooled), data)
+    ends, coverage = complete_search(problem, data, options, 1, Silent())
+    stops = 0
+    while True:
+        try:
+            kept = Stopped(tmp_path / "kept", 1)
+            resumed, told = complete_search(problem, data, options, 1, Silent(), kept)
+            break
+        except KeyboardInterrupt:
+            stops += 1
+    assert stops >= 4
+    assert told == coverage
+    for a, b in zip(resumed, ends, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_spins_that_differ_by_a_turn_between_passes_are_one_state(grid: Grid):

@@ -29,7 +29,7 @@ def test_mirror_image_has_the_same_posterior():
     """n → n with −z, ω → (−ω_x, −ω_y, ω_z): the density is the same to rounding, anywhere."""
     sun, obs = in_plane(25)
     light = small_curves.curve(25, 2, spinning=True, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=2)
+    problem, data = small_curves.posterior(light, n_facets=2)
     keys = jax.random.split(jax.random.key(0), 50)
     z = jax.jit(jax.vmap(problem.prior_draw, (0, None)))(keys, data)
 
@@ -57,7 +57,7 @@ def test_mirror_is_found_in_any_plane():
     """A tilted plane: the matrix is its own inverse, orthogonal, and leaves the density alone."""
     turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     sun, obs = (v @ turn.T for v in in_plane(25))
-    problem, data = small_curves.posed(
+    problem, data = small_curves.posterior(
         small_curves.curve(25, 2, spinning=True, sun=sun, obs=obs), n_facets=2
     )
     mirror = symmetry.plane_mirror(problem, data)
@@ -76,7 +76,7 @@ def test_mirror_of_a_body_without_torque_has_the_mirrored_inertia():
     turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
     sun, obs = (v @ turn.T for v in in_plane(9))
     light = small_curves.curve(9, 2, spinning=True, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=2, spin="torque-free")
+    problem, data = small_curves.posterior(light, n_facets=2, spin="torque-free")
     mirror = symmetry.plane_mirror(problem, data)
     assert mirror is not None
     np.testing.assert_allclose(mirror @ mirror, np.eye(problem.dim), atol=1e-12)
@@ -90,7 +90,7 @@ def test_images_of_solutions_are_solutions_where_the_mirror_is_a_symmetry():
     """Once each, and not those of a matrix that is none, nor that of a facet in the plane."""
     sun, obs = in_plane(25)
     light = small_curves.curve(25, 1, noise=1e-3, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=1, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=1, spin="none")
     order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
     mirror = symmetry.plane_mirror(problem, data)
     assert mirror is not None
@@ -132,7 +132,9 @@ def test_a_mirror_image_that_no_start_reached_is_sampled():
 
 
 def test_no_mirror_out_of_plane():
-    assert symmetry.plane_mirror(*small_curves.posed(small_curves.curve(25), n_facets=1)) is None
+    assert (
+        symmetry.plane_mirror(*small_curves.posterior(small_curves.curve(25), n_facets=1)) is None
+    )
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -148,7 +150,7 @@ def test_mirror_of_what_is_not_symmetric_still_leaves_the_posterior():
         def potential(self, z, data):  # noqa: ARG002
             return 0.5 * jnp.sum((z - 1.0) ** 2)
 
-    _, data = small_curves.posed(small_curves.curve(5), n_facets=1)
+    _, data = small_curves.posterior(small_curves.curve(5), n_facets=1)
     n, problem = 4000, Shifted()
     z = 1.0 + np.random.default_rng(0).standard_normal((n, 1))
     state = State(jnp.asarray(z), jnp.asarray(0.5 * (z[:, 0] - 1) ** 2), jnp.asarray(z - 1))
@@ -169,7 +171,7 @@ def test_mirror_images_weigh_the_same_with_the_move():
     """A run of 200 particles: the weight of one side is binomial."""
     sun, obs = in_plane(25)
     light = small_curves.curve(25, 1, noise=0.1, sun=sun, obs=obs)
-    problem, data = small_curves.posed(light, n_facets=1, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=1, spin="none")
     mirror = symmetry.plane_mirror(problem, data)
     plan = smc.Plan(oversampling=1)
     found = smc.run(problem, data, jax.random.key(0), 200, plan=plan, mirror=mirror)

@@ -167,6 +167,7 @@ def test_motions_are_improved_and_told_apart(rotated, window):
     again = np.concatenate([found.x[:1], found.x[:1] + 1e-4, found.x[:1] + 3.0])
     same = Motions(again, np.zeros(3), np.tile(np.eye(8), (3, 1, 1)))
     assert list(motions.distinct(same, 3, 1.0)) == [0, 2]
+    assert list(motions.within(np.array([5, 2, 5, 5, 2, 7]), 2)) == [0, 1, 2, 4, 5]
     assert motions.spread(found, 4, np.random.default_rng(0)).shape == (12, 8)
 
 

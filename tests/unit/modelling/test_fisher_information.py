@@ -114,7 +114,7 @@ def test_fisher_is_the_corrected_appendix(case):
     factor = np.ones(T) if range_km is None else SUN_FLUX / (1e3 * range_km) ** 2
     error = factor * np.linspace(0.02, 0.08, T)
     light = small_curves.curve(T, error=error, range_km=range_km)
-    problem, data = small_curves.posed(
+    problem, data = small_curves.posterior(
         light,
         n_facets=N,
         spin="free" if spin else "none",

@@ -28,7 +28,7 @@ CASES = {
 @pytest.fixture(scope="module", params=CASES)
 def case(request):
     light, options = CASES[request.param]
-    problem, data = small_curves.posed(small_curves.curve(12, **light), **options)
+    problem, data = small_curves.posterior(small_curves.curve(12, **light), **options)
     z = small_curves.truth(problem, data, options["n_facets"])
     shift = 0.02 * jax.random.normal(jax.random.key(1), z.shape)
     return problem, data, z + shift
@@ -67,7 +67,7 @@ def test_fisher_is_jacobian_and_prior(case):
 def test_fisher_is_the_expected_curvature(name):
     """Mean over replicated data of the Hessian of −ln likelihood at the point that made them."""
     light, options = CASES[name]
-    problem, data = small_curves.posed(small_curves.curve(12, noise=0.05, **light), **options)
+    problem, data = small_curves.posterior(small_curves.curve(12, noise=0.05, **light), **options)
     z = small_curves.truth(problem, data, 1)
 
     def curvature(key):
@@ -87,7 +87,7 @@ def test_fisher_is_the_expected_curvature(name):
 
 
 def test_prior_precision_of_gaussian_sites_is_theirs():
-    problem, data = small_curves.posed(small_curves.curve(12), n_facets=1, log_area_sd=0.5)
+    problem, data = small_curves.posterior(small_curves.curve(12), n_facets=1, log_area_sd=0.5)
     z = small_curves.truth(problem, data, 1)
     index = problem.unravel(jnp.arange(float(problem.dim)))
     found = np.asarray(jax.jit(problem.prior_precision)(z, data))
@@ -105,7 +105,7 @@ def test_prior_precision_of_gaussian_sites_is_theirs():
 def test_a_facet_that_no_epoch_sees_leaves_the_prior():
     """The likelihood part is singular there (misprint of eq. 28); the prior's precision is not."""
     light = small_curves.curve(12)
-    problem, data = small_curves.posed(light, n_facets=1, spin="none")
+    problem, data = small_curves.posterior(light, n_facets=1, spin="none")
     away = {"normals_base": -jnp.asarray(small_curves.NORMALS[:1]), "log_albedo_area": jnp.zeros(1)}
     z = problem.ravel(away)
     fisher = np.asarray(jax.jit(problem.fisher)(z, data))
@@ -135,7 +135,7 @@ def test_prior_draws_have_finite_density(case):
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_replicates_have_the_moments_of_the_likelihood():
-    problem, data = small_curves.posed(small_curves.curve(6), n_facets=1, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(6), n_facets=1, spin="none")
     z = small_curves.truth(problem, data, 1)
     keys = jax.random.split(jax.random.key(4), 4000)
     y = np.asarray(jax.jit(jax.vmap(lambda k: problem.replicate(z, data, k)))(keys))

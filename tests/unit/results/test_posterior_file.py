@@ -94,7 +94,7 @@ def modes(problem: Problem, data: Epochs, n: int, apart: float) -> list[Mode]:
     return found
 
 
-PROBLEM = small_curves.posed(lit(), **OPTIONS)[0]  # one, that what is compiled serves all
+PROBLEM = small_curves.posterior(lit(), **OPTIONS)[0]  # one, that what is compiled serves all
 
 
 @cache

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from lcbayes.core.reasons import Finding
+from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.misfit_tests import Examination, Explanation, ResidualTest
 from lcbayes.inversion.spin import sidereal
-from lcbayes.results.reasons import CONDITIONS, SENTENCES, condition, reason, reasons
+from lcbayes.results.reasons import CONDITIONS, SENTENCES, condition, reason, reasons, why
 
 ROOT = Path(__file__).resolve().parents[3] / "lcbayes"
 
@@ -84,3 +86,31 @@ def test_reasons_are_named_once_with_the_part_concerned():
     assert str(one) == (
         "pass 2: no glint stands out: none has a false-alarm probability below 0.01"
     )
+
+
+def test_a_reason_that_concerns_several_solutions_is_given_once():
+    found = [
+        Finding("chains-disagree", {"rhat": rhat, "limit": 1.01}, f"solution {i}")
+        for i, rhat in ((1, 1.2), (2, 1.3), (4, 1.4))
+    ]
+    sizes = [
+        Finding("few-effective-draws", {"ess": 90.0, "kind": kind, "limit": 400}, "solution 2")
+        for kind in ("bulk", "tail")
+    ]
+    one, bulk, tail = reasons([found[0], sizes[0], *found[1:], sizes[1]])
+    assert one.text.startswith("solution 1: the chains disagree (R-hat 1.200")
+    assert one.text.endswith("; likewise solutions 2 and 4")
+    assert ("(bulk" in bulk.text, "(tail" in tail.text) == (True, True)
+    (pair,) = reasons(found[:2])
+    assert pair.text.endswith("; likewise solution 2")
+
+
+@pytest.mark.parametrize(
+    ("gain", "says"),
+    [(43.0, "the errors are 3.2 times too small; no single change"), (700.0, "a further facet")],
+)
+def test_errors_are_named_unless_a_change_of_the_model_explains_most(gain, says):
+    facet = Explanation("facet", "", "m2", "phi 0.1", 0.05, 0.01, gain, 1e-4)
+    tests = [ResidualTest("chi2", 1045.0, 1e-4)]
+    misfit = Misfit(1045.0, 101.8, "gaussian", examination=Examination(tests, [facet], 0.01))
+    assert says in why(misfit)

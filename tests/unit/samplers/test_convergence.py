@@ -59,7 +59,7 @@ def test_hopeless_chains_cost_no_more():
 
 def test_chains_that_disagree_about_a_direction_are_extended():
     """The spread of the length of the vector hides what R-hat of the polar angle shows."""
-    problem, data = small_curves.posed(small_curves.curve(20), n_facets=1, spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(20), n_facets=1, spin="none")
     rng = np.random.default_rng(0)
     centre = np.asarray(small_curves.truth(problem, data, 1))
     z = centre + 0.01 * rng.standard_normal((4, 750, problem.dim))

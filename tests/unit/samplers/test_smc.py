@@ -125,10 +125,10 @@ def test_likelihoods_are_those_of_the_particles(gaussian, runs):
 
 def test_factors_are_all_but_prior_and_brightness():
     """U = −ln prior − ln factors − ln likelihood, the prior that of `prior_draw`."""
-    problem, data = small_curves.posed(small_curves.curve(12, 2), n_facets=2, sparsity=0.01)
+    problem, data = small_curves.posterior(small_curves.curve(12, 2), n_facets=2, sparsity=0.01)
     draw = jax.jit(jax.vmap(problem.prior_draw, (0, None)))
     z = draw(jax.random.split(jax.random.key(0), 30), data)
-    plain, _ = small_curves.posed(small_curves.curve(12, 2), n_facets=2)
+    plain, _ = small_curves.posterior(small_curves.curve(12, 2), n_facets=2)
 
     def parts(z):
         area = jnp.exp(problem.unravel(z)["log_albedo_area"])
@@ -196,7 +196,7 @@ def test_the_path_takes_in_points_in_time_and_ends_at_all_of_them(gaussian):
 
 def test_points_come_in_together_where_nothing_turns():
     """A flux that depends on time by itself turns; facets do if they have a spin."""
-    problem, data = small_curves.posed(small_curves.curve(12), spin="none")
+    problem, data = small_curves.posterior(small_curves.curve(12), spin="none")
     assert not tempering_path.rotates(problem, data, jax.random.key(0))
     together = TimePath.of(data, problem.dim, time_ordered=False)
     for s in np.linspace(0, 1, 11):
@@ -205,7 +205,7 @@ def test_points_come_in_together_where_nothing_turns():
     for s in (0.0, 0.5, 0.7, 1.0):
         np.testing.assert_allclose(together.powers(s), time_ordered.powers(s))
     assert tempering_path.rotates(
-        *small_curves.posed(small_curves.curve(12), spin="free"), jax.random.key(0)
+        *small_curves.posterior(small_curves.curve(12), spin="free"), jax.random.key(0)
     )
     epochs = Epochs.of(small_curves.curve(20))
     assert tempering_path.rotates(Problem(linear, epochs), epochs, jax.random.key(0))

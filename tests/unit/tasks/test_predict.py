@@ -25,7 +25,7 @@ ONE = {"n_facets": 1, "spin": "none"}
 
 def posterior(light: LightCurve, n: int = 300, **options):
     """Draws from the Gaussian at the truth: what chains would give, without running them."""
-    problem, data = small_curves.posed(light, **(ONE | options))
+    problem, data = small_curves.posterior(light, **(ONE | options))
     z0 = small_curves.truth(problem, data, 1)
     fisher = jax.jit(problem.fisher)(z0, data)
     factor = jnp.linalg.inv(jnp.linalg.cholesky(fisher)).T
@@ -59,7 +59,7 @@ def test_intervals_hold_what_was_recorded(light, draws):
 
 def test_mean_is_the_models(light):
     """At one draw without spread the mean is what the model expects, also in a part of them."""
-    problem, data = small_curves.posed(light, **ONE)
+    problem, data = small_curves.posterior(light, **ONE)
     z = small_curves.truth(problem, data, 1)
     sites = {
         k: np.asarray(v)[None, None]
@@ -92,7 +92,7 @@ def test_zero_points_are_those_of_the_site_or_drawn_anew():
 
     body = small_faults.body(1, 1)
     light = small_faults.light_curve(body, small_faults.Fault(zero_point=0.3), n=40, noise=1e-3)
-    problem, data = small_curves.posed(light, n_facets=1, clock_sd=0.0, rate_drift_sd=0.0)
+    problem, data = small_curves.posterior(light, n_facets=1, clock_sd=0.0, rate_drift_sd=0.0)
     sites = {
         "normals_base": jnp.asarray(body.normals),
         "log_albedo_area": jnp.log(jnp.asarray(body.areas)),

@@ -1,0 +1,26 @@
+"""What leaves the quick run executes no line that the rest does not, and is still a test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.helpers import quick_run
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_longest_of_equal_tests_leaves():
+    lines = {name: {("file", n) for n in numbers} for name, numbers in CASES.items()}
+    times = {"a": 9.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 0.5}
+    # "a" has line 3 alone; "b" is in "c" and "d"; without it, "c" has line 2 alone; "e" is short.
+    assert quick_run.chosen(times, lines) == ["b", "d"]
+
+
+CASES = {"": [0], "a": [0, 3], "b": [1, 2], "c": [0, 1, 2], "d": [1], "e": [1]}
+
+
+def test_every_listed_test_is_there():
+    for name in quick_run.listed():
+        path, _, function = name.partition("::")
+        function = function.partition("[")[0].rpartition("::")[2]
+        assert f"def {function}(" in (ROOT / path).read_text(), name

@@ -1,0 +1,104 @@
+"""The files of a release agree: versions, requirements, citations and figures."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lcbayes.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+RECIPE = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text("utf-8"))
+CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+PAPER = (ROOT / "paper" / "paper.md").read_text("utf-8")
+RESULTS = (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8")
+CONDA_NAMES = {"matplotlib-base": "matplotlib", "astropy-base": "astropy"}
+
+
+def test_versions_agree() -> None:
+    version = PROJECT["version"]
+    assert RECIPE["context"]["version"] == version
+    assert CITATION["version"] == version
+    least = PROJECT["requires-python"].removeprefix(">=")
+    variants = yaml.safe_load((ROOT / "recipe" / "variants.yaml").read_text("utf-8"))
+    assert variants["python_min"] == [least]
+
+
+def test_the_recipe_has_the_requirements_of_the_package() -> None:
+    _, *run = RECIPE["requirements"]["run"]
+    pairs = (line.partition(" ") for line in run)
+    given = {CONDA_NAMES.get(name, name) + bound for name, _, bound in pairs}
+    assert given == set(PROJECT["dependencies"])
+    script = PROJECT["scripts"]["lcbayes"]
+    assert RECIPE["build"]["python"]["entry_points"] == [f"lcbayes = {script}"]
+    assert RECIPE["source"] == {"path": ".."}  # builds without network
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    bibliography = (ROOT / "paper" / "paper.bib").read_text("utf-8")
+    keys = set(re.findall(r"@\w+\{(\w+),", bibliography))
+    assert set(re.findall(r"@([a-z]+\d{4})", PAPER)) == keys
+
+
+@pytest.mark.parametrize("row", re.findall(r"(?m)^\| (.+) \| (.+\d.+) \|$", PAPER))
+def test_numbers_of_the_paper_are_those_of_the_benchmarks(row: tuple[str, str]) -> None:
+    title, text = row
+    section = RESULTS.split(f"\n## {title}\n")[1].split("\n## ")[0].replace("−", "-")
+    numbers = re.findall(r"-?\d+(?:\.\d+)?%?(?: of \d+)?", text.replace("−", "-"))
+    assert numbers
+    for number in numbers:
+        assert re.search(rf"(?<![\d.]){re.escape(number)}(?!\.?\d)", section), number
+
+
+TEMPLATES = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)
+def test_issue_templates_are_valid(path: Path) -> None:
+    content = yaml.safe_load(path.read_text("utf-8"))
+    if path.stem == "config":
+        return
+    assert {"name", "description", "body"} <= set(content)
+    assert all(field["attributes"]["label"] for field in content["body"])
+
+
+def completed(words: str) -> list[str]:
+    """What bash offers after some words."""
+    line = words.split(" ")
+    program = (
+        f"{completion('bash')}\nCOMP_WORDS=({' '.join(w or chr(34) * 2 for w in line)})\n"
+        f"COMP_CWORD={len(line) - 1}\n_lcbayes\necho ${{COMPREPLY[*]}}"
+    )
+    done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+def completion(shell: str) -> str:
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main.main(["--completion", shell]) == 0
+    return out.getvalue()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+def test_bash_completes_commands_options_and_values() -> None:
+    assert completed("lcbayes sp") == ["spin"]
+    assert completed("lcbayes fit --n-f") == ["--n-facets"]
+    assert completed("lcbayes fit --sampler a") == ["ahmc"]
+    assert set(main.COMMANDS) <= set(completed("lcbayes "))
+
+
+def test_other_shells_have_completions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert completion("zsh").startswith("autoload")
+    assert "__fish_seen_subcommand_from fit' -l n-facets" in completion("fish")
+    assert main.main(["--completion", "tcsh"]) == 2
+    assert "available: bash, zsh, fish" in capsys.readouterr().err

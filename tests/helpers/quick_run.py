@@ -1,0 +1,82 @@
+"""The tests that `make test` leaves to `make test-all` because others execute the same lines.
+
+    python -m tests.helpers.quick_run COVERAGE_FILE JUNIT_FILE
+
+Both files are of one run, in which ``long_tests.txt`` was empty:
+
+    python -m pytest -m "not slow" --cov --cov-context=test --junitxml=JUNIT_FILE
+
+From the longest to the shortest, a test is listed if every line of the package that it executes is
+executed by a test that is not listed. The quick run therefore covers the same lines.
+"""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from coverage import CoverageData
+
+LIST = Path(__file__).parents[1] / "long_tests.txt"
+LEAST_S = 1.0  # shorter tests are not worth a line
+# What these test is no line of the package: what is installed, and what imports what.
+KEPT = ("tests/e2e/test_packaging.py", "tests/contract/test_imports.py")
+
+
+def listed() -> set[str]:
+    """Node ids in ``long_tests.txt``."""
+    return {line for line in LIST.read_text().splitlines() if line and line[0] != "#"}
+
+
+def mark(items: list[pytest.Item]) -> None:
+    """Mark the listed tests as slow."""
+    long = listed()
+    for item in items:
+        if item.nodeid in long:
+            item.add_marker(pytest.mark.slow)
+
+
+def seconds(junit: Path) -> dict[str, float]:
+    """Time of each test by node id."""
+    times = {}
+    for case in ET.parse(junit).iter("testcase"):
+        module = case.attrib["classname"].replace(".", "/") + ".py"
+        times[f"{module}::{case.attrib['name']}"] = float(case.attrib["time"])
+    return times
+
+
+def lines(data: CoverageData) -> dict[str, set[tuple[str, int]]]:
+    """Lines of the package by the node id of the test that executes them."""
+    found: dict[str, set[tuple[str, int]]] = {}
+    for path in data.measured_files():
+        for number, contexts in data.contexts_by_lineno(path).items():
+            for context in contexts:
+                found.setdefault(context.partition("|")[0], set()).add((path, number))
+    return found
+
+
+def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -> list[str]:
+    """Node ids of tests without which the same lines are executed, the longest first."""
+    imported = executed.get("", set())
+    left = Counter(line for name, some in executed.items() if name for line in some - imported)
+    long = []
+    for name in sorted(times, key=lambda n: (-times[n], n)):
+        if times[name] < LEAST_S or name.startswith(KEPT):
+            continue
+        own = executed.get(name, set()) - imported
+        if all(left[line] > 1 for line in own):
+            left.subtract(own)
+            long.append(name)
+    return long
+
+
+if __name__ == "__main__":
+    data = CoverageData(sys.argv[1])
+    data.read()
+    head = f"# Chosen by {Path(__file__).name}, which says how.\n"
+    LIST.write_text(
+        head + "".join(f"{n}\n" for n in sorted(chosen(seconds(Path(sys.argv[2])), lines(data))))
+    )

@@ -1,0 +1,121 @@
+"""The folder of a scan or a spin, read again as the start of a fit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import lcbayes
+from lcbayes.cli import main
+from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.modelling.known_spin import Period
+from lcbayes.modelling.variables import SPIN
+from lcbayes.results.start import Start, candidate_periods, read_start
+from tests.helpers import small_curves
+
+FITTING = ["--n-facets", "1", "--num-starts", "16", "--num-warmup", "10", "--num-samples", "10"]
+SOLUTION = dict.fromkeys(SPIN, 1.0) | {"near_equal": True}
+HEAD = 'schema = 2\ntask = "scan"\n'
+INPUT = HEAD + '[input.curve]\npath = "a.csv"\nsha256 = "0"\n'
+
+
+@pytest.mark.parametrize(
+    ("summary", "toml", "says"),
+    [
+        ([1, 2], INPUT, "is no JSON object"),
+        ({}, INPUT.replace("scan", "fit"), "holds no scan"),
+        ({"model": "attitude-scan"}, INPUT, "found no constant spin"),
+        ({"model": "attitude-scan", "solutions": [3, {}]}, INPUT, "found no constant spin"),
+        ({"model": "attitude-scan"}, HEAD + "input = 3\n", "input is 3; expected a table"),
+        ({"model": "attitude-scan"}, INPUT.replace('"0"', '"1"'), "is of another light curve"),
+    ],
+)
+def test_a_damaged_scan_is_named_in_a_line(tmp_path, summary, toml, says):
+    curve = replace(small_curves.curve(20), source={"sha256": "0"})
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    (tmp_path / "run.toml").write_text(toml)
+    with pytest.raises(InputError, match=says):
+        read_start(tmp_path, curve)
+    whole = {"model": "attitude-scan", "solutions": [SOLUTION]}
+    (tmp_path / "summary.json").write_text(json.dumps(whole))
+    (tmp_path / "run.toml").write_text(INPUT)
+    assert read_start(tmp_path, curve) == Start([SOLUTION])
+
+
+def spin_folder(folder: Path, sha256: str, **content: Any) -> Path:
+    """The folder of a spin of the light curve of that digest."""
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps({"solutions": []} | content))
+    text = INPUT.replace("scan", "spin").replace('"0"', f'"{sha256}"')
+    (folder / "run.toml").write_text(text)
+    return folder
+
+
+def test_candidate_periods_are_those_of_the_solutions():
+    """Wide ranges, joined where they overlap; at least one per cent, or five sd."""
+    solutions = [
+        {"period_s": 20.0, "period_sd_s": 0.001},
+        {"period_s": 20.1, "period_sd_s": 0.001},
+        {"period_s": 40.0, "period_sd_s": 0.8},
+        {"period_s": None, "period_sd_s": 0.1},
+    ]
+    found = [Period.of(text) for text in candidate_periods({"solutions": solutions})]
+    assert [(p.low, p.high) for p in found] == [
+        pytest.approx((20.0 * np.exp(-0.01), 20.1 * np.exp(0.01))),
+        pytest.approx((40.0 * np.exp(-0.1), 40.0 * np.exp(0.1))),
+    ]
+    assert candidate_periods({"solutions": [], "photometric_period_s": None}) == []
+
+
+def test_a_spin_without_a_period_is_no_start(tmp_path):
+    curve = replace(small_curves.curve(20), source={"sha256": "0"})
+    folder = spin_folder(tmp_path / "spin", "0", photometric_period_s=None)
+    with pytest.raises(InputError, match="found no period to start from"):
+        read_start(folder, curve)
+
+
+def test_a_fit_takes_its_prior_from_a_spin(tmp_path, capsys):
+    """The periods are options of the model and an assumption; --period goes before them."""
+    lcbayes.write(small_curves.curve(20), tmp_path / "a.csv")
+    digest = lcbayes.read(tmp_path / "a.csv").source["sha256"]
+    folder = spin_folder(tmp_path / "spin", digest, photometric_period_s=300.0)
+    argv = ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report", *FITTING]
+    assert main.main([*argv, "--start-from", str(folder)]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["model_options"]["period"] == "297-303s,594-606s,1188-1212s"
+    with xr.open_datatree(tmp_path / "out" / "posterior.nc") as tree:
+        said = " ".join(json.loads(tree.attrs["assumptions"]))
+    assert "The sidereal period is 297 to 303 s (ends uncertain by" in said
+    assert "in either sense (--period)" in said
+    capsys.readouterr()
+    argv[1:4] = [str(tmp_path / "a.csv"), "-o", str(tmp_path / "other")]
+    known = ["--period", "5min", "--pole", "120,-45,30", "--start-from", str(folder)]
+    assert main.main([*argv, *known]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    record = (tmp_path / "other" / "run.toml").read_text()
+    assert 'period = "5min"' in record
+    assert "pole = [120.0, -45.0, 30.0]" in record
+    summary = json.loads((tmp_path / "other" / "summary.json").read_text())
+    assert summary["model_options"]["period"] == "5min"
+    assert summary["model_options"]["pole"] == "120,-45,30"
+
+
+def test_a_pole_in_other_axes_is_refused(tmp_path, capsys):
+    curve = replace(small_curves.curve(20), frame="ecliptic-j2000")
+    with pytest.raises(InputError, match="the directions of this file are ecliptic"):
+        lcbayes.fit(curve, n_facets=1, pole=(120, -45, 30))
+    lcbayes.write(small_curves.curve(20), tmp_path / "a.csv")
+    argv = ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out")]
+    for given, says in (
+        (["--period", "23.7"], "'23.7' needs a unit"),
+        (["--pole", "120,-45"], "--pole is '120,-45'; expected 3 numbers in deg"),
+        (["--period", "20s", "--model", "stabilised"], "has no option 'period'"),
+        (["--period", "20s", "--spin", "none"], "does not turn"),
+    ):
+        assert main.main([*argv, *given]) == EXIT_BAD_INPUT
+        assert says in capsys.readouterr().err
