@@ -28,6 +28,8 @@ class Points(NamedTuple):
     t : (T,) s
     sun, obs : (T, 3)
     flux, error : (T,) m²
+    series : (T,) int
+        Points of one series have one observer and scale.
     """
 
     t: Floats
@@ -35,6 +37,11 @@ class Points(NamedTuple):
     obs: Floats
     flux: Floats
     error: Floats
+    series: NDArray[np.int64]
+
+    def at(self, rows: NDArray) -> Points:
+        """Some of the points."""
+        return Points(*(x[rows] for x in self))
 
     @classmethod
     def of(cls, data: Epochs) -> Points:
@@ -53,7 +60,9 @@ class Points(NamedTuple):
         order = np.argsort(np.asarray(data.t), kind="stable")
         keep = order[np.asarray(data.sunlight)[order] > MIN_SUNLIGHT]
         t, sun, obs = (np.asarray(x)[keep] for x in (data.t, data.sun, data.obs))
-        return cls(t, sun, obs, (value / unit)[keep], (error / unit)[keep])
+        labels = np.stack([np.asarray(data.curve), np.asarray(data.observer)], axis=1)
+        series = np.unique(labels, axis=0, return_inverse=True)[1].ravel()[keep]
+        return cls(t, sun, obs, (value / unit)[keep], (error / unit)[keep], series)
 
 
 @jax.tree_util.register_dataclass
@@ -117,7 +126,7 @@ class Arcs:
         """
         rows = split(points.t, np.zeros(points.t.size, int), PASS)
         rows = [part for long in rows for part in _shortened(points.t, long, MAX_RATES / max_rate)]
-        parts = [_averaged(points, r, RESOLVED / max_rate) for r in rows]
+        parts = [averaged(points, r, RESOLVED / max_rate) for r in rows]
         floor = model_error * abs(float(np.mean(points.flux)))
         order = _growing([0.5 * (p.t[0] + p.t[-1]) for p in parts])
         parts = [parts[i] for i in order]
@@ -150,10 +159,11 @@ def _shortened(t: Floats, rows: NDArray, longest: float) -> list[NDArray]:
     return [part for part in np.split(rows, np.searchsorted(t[rows], edges)) if part.size]
 
 
-def _averaged(points: Points, rows: NDArray, window: float) -> Points:
-    """The rows, with points within a time window (s) averaged."""
+def averaged(points: Points, rows: NDArray, window: float) -> Points:
+    """The rows, with points of one series within a time window (s) averaged, in order of time."""
     group = np.floor((points.t[rows] - points.t[rows[0]]) / window).astype(int)
-    group = np.unique(group, return_inverse=True)[1]
+    group = group * (points.series.max() + 1) + points.series[rows]
+    _, first, group = np.unique(group, return_index=True, return_inverse=True)
     weight = 1.0 / points.error[rows] ** 2
     total = np.bincount(group, weight)
 
@@ -163,7 +173,8 @@ def _averaged(points: Points, rows: NDArray, window: float) -> Points:
         return np.bincount(group, weight * values) / total
 
     t, sun, obs, flux = (mean(x[rows]) for x in (points.t, points.sun, points.obs, points.flux))
-    return Points(t, sun, obs, flux, 1.0 / np.sqrt(total))
+    found = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), points.series[rows][first])
+    return found.at(np.argsort(t, kind="stable"))
 
 
 def _growing(middle: list[float]) -> list[int]:
