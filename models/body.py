@@ -19,7 +19,7 @@ from lcbayes.simulation.known_bodies.reader import BodyFile, Prior, body_text, r
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
 MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
-POOLED = nuisances.UNMODELLED  # during the search for solutions
+POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
 

@@ -184,6 +184,8 @@ def _check_period(options: Options, curve: LightCurve) -> None:
     """Refuse periods, in hours, during which the light curve covers only a small part of a turn."""
     from lcbayes.core.constants import HOUR_S
 
+    if getattr(options, "model", "convex-grid") != "convex-grid":
+        return  # other models take a period with its unit
     span_s = float(curve.t.max() - curve.t.min())
     for name in ("period", "period_range"):
         given = getattr(options, name, None)
