@@ -1,23 +1,17 @@
 """Accuracy and coverage of pole, rate and inertia of tumbling bodies from three passes.
 
-    python benchmarks/tumbling.py [-o DIR]            20 bodies from the prior, 20 complete fits
-    python benchmarks/tumbling.py --search [-o DIR]   the search for the motion alone
+    python benchmarks/tumbling.py [DIR]      20 bodies drawn from the prior, 20 complete fits
 
 Each seed draws a body of three visible facets and its motion from the prior of the model, and noise
-of 2 %. A search succeeds if its best end point is at most 0.5 nats above the posterior optimum
-reached from the truth; one row a seed is appended to search.csv in DIR, and seeds that are there
-are not repeated. The curves are fitted by `lcbayes.batch`, which resumes an interrupted run if the
-same DIR is given again. Over draws from the prior, 90 % intervals contain the truth in 90 % of
-cases: 16 to 20 of 20 in 95.7 % of trials.
+of 2 %. The curves are fitted by `lcbayes.batch`, which resumes an interrupted run if the same DIR
+is given again. Over draws from the prior, 90 % intervals contain the truth in 90 % of cases: 16 to
+20 of 20 in 95.7 % of trials.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import sys
 import tempfile
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,10 +25,8 @@ from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Console
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unit_vector
-from lcbayes.inference import search
 from lcbayes.inference.goodness_of_fit import MIN_FIT
 from lcbayes.inference.problem_cache import build_problem
-from lcbayes.inference.spin_search.tumbling import complete_search
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
@@ -42,6 +34,7 @@ from lcbayes.modelling.problem import compiled
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers import low_earth_orbit
 
+SEEDS = range(20)
 N_FACETS, NOISE = 3, 0.02
 OPTIONS = {
     "n_facets": N_FACETS,
@@ -53,8 +46,6 @@ OPTIONS = {
 }
 PASSES = ((0.0, 400.0), (350.0, 750.0), (800.0, 1200.0))  # s, each seen from a different site
 POINTS = 40  # per pass
-QUANTITIES = ("omega", "inertia_ratio", "pole_lon_deg", "pole_lat_deg")
-TOLERANCE = 0.5  # nats
 ASKED = {k: OPTIONS[k] for k in ("n_facets", "spin", "omega_sd")}
 
 
@@ -92,11 +83,8 @@ def geometry(rng: np.random.Generator) -> LightCurve:
 
 
 def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
-    """A light curve and the sites of its truth, drawn from the prior.
-
-    A body is drawn again if one of its facets is never lit and seen, which the prior excludes, or
-    if it is dark over half the time.
-    """
+    """A light curve and its truth, drawn from the prior. A body is drawn again if one of its facets
+    is never lit and seen, which the prior excludes, or if it is dark over half the time."""
     rng = np.random.default_rng(seed)
     entry = registry.find("faceted")
     while True:
@@ -111,56 +99,10 @@ def drawn(seed: int) -> tuple[LightCurve, dict[str, np.ndarray]]:
             if seen and np.median(flux) > 0.05 * flux.max():
                 error = NOISE * float(flux.mean())
                 noisy = flux + error * rng.standard_normal(flux.size)
-                noisy_curve = replace(curve, brightness=noisy, error=np.full(flux.size, error))
-                return noisy_curve, {k: np.asarray(v) for k, v in sites.items()}
-
-
-def searched(seed: int) -> dict[str, float]:
-    """Nats of the best end point of the search above the optimum at the truth, and its time."""
-    curve, truth = drawn(seed)
-    entry, data = registry.find("faceted"), Epochs.of(curve)
-    options = {o.name: o.default for o in entry.options.values()} | ASKED
-    problem, _ = build_problem(entry, options | dict(entry.pooled), data)
-    begun = time.monotonic()
-    ends, coverage = complete_search(problem, data, options, 2, Console())
-    seconds = time.monotonic() - begun
-    at = np.asarray(problem.ravel({k: truth[k] for k in problem.names}))
-    best = search.polish(problem, data, at[None], 1)
-    above = float(ends.potential[0] - best.potential[0])
-    return {
-        "seed": seed,
-        "nats_above_truth": above,
-        "search_s": seconds,
-        "survivors": coverage.survivors,
-    }
-
-
-def search_all(folder: Path, seeds: range) -> None:
-    """The search alone for every seed, into search.csv and RESULTS.md."""
-    path = folder / "search.csv"
-    rows = list(csv.DictReader(path.open())) if path.exists() else []
-    done = {int(row["seed"]) for row in rows}
-    for seed in (s for s in seeds if s not in done):
-        row = searched(seed)
-        with path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
-            if file.tell() == 0:
-                writer.writeheader()
-            writer.writerow(row)
-        print(row, flush=True)
-    rows = list(csv.DictReader(path.open()))
-    above = np.array([float(row["nats_above_truth"]) for row in rows])
-    seconds = np.array([float(row["search_s"]) for row in rows])
-    text = (
-        f"{len(rows)} bodies as in the section on torque-free tumbling, two cores: the best end "
-        f"point is at most {TOLERANCE} nats above the optimum reached from the truth in "
-        f"{np.sum(above < TOLERANCE)}; median {np.median(seconds):.0f} s, 90 % within "
-        f"{np.quantile(seconds, 0.9):.0f} s.\n"
-    )
-    print(text)
-    write_section(
-        "Complete search over torque-free motions", "python benchmarks/tumbling.py --search", text
-    )
+                keep = ("omega", "inertia_ratio", "pole_lon_deg", "pole_lat_deg")
+                return replace(curve, brightness=noisy, error=np.full(flux.size, error)), {
+                    k: np.asarray(sites[k]) for k in keep
+                }
 
 
 def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
@@ -192,14 +134,13 @@ def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[floa
     return found
 
 
-def fit_all(folder: Path, seeds: range) -> None:
-    """A complete fit of every seed, into RESULTS.md."""
+def main(folder: Path) -> None:
     curves = folder / "curves"
     curves.mkdir(parents=True, exist_ok=True)
     truths = {}
-    for seed in seeds:
+    for seed in SEEDS:
         curve, truth = drawn(seed)
-        truths[f"seed-{seed:02d}"] = {k: truth[k] for k in QUANTITIES}
+        truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
     found = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
     status = {row["name"]: row["status"] for row in found.rows}
@@ -225,7 +166,7 @@ def fit_all(folder: Path, seeds: range) -> None:
         sds = [every[n][quantity][1] for n in every]
         rows.append([*cells, f"{np.median(errors):.2g}", f"{np.median(sds):.2g}"])
     text = (
-        f"{len(seeds)} bodies of {N_FACETS} facets drawn from the prior (omega_sd "
+        f"{len(SEEDS)} bodies of {N_FACETS} facets drawn from the prior (omega_sd "
         f"{OPTIONS['omega_sd']} rad/s, inertia_sd 1), each seen from three sites in "
         f"{PASSES[-1][1]:.0f} s, {len(PASSES) * POINTS} points, noise {NOISE:.0%} of the mean; "
         f"{len(explained)} fits explain the data by their chi2; trusted: {len(trusted)}. "
@@ -251,19 +192,9 @@ def fit_all(folder: Path, seeds: range) -> None:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure fits of tumbling bodies.")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--cases", type=int, default=20, help="number of seeds")
-    parser.add_argument("--search", action="store_true", help="only the search for the motion")
-    parser.add_argument("-o", type=Path, help="folder")
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.cases)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = options.o or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        (search_all if options.search else fit_all)(folder, seeds)
-
-
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:]:
+        main(Path(sys.argv[1]))
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            main(Path(scratch))

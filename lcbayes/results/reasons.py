@@ -321,16 +321,9 @@ LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 
 
 def searched(coverage: Mapping[str, Any] | None) -> list[str]:
-    """A line on the motions that a search covered, `inference.spin_search.cells.Coverage`."""
+    """A line on the spins that a search covered, `inference.spin_search.cells.Coverage`."""
     if not coverage:
         return []
-    if coverage.get("tumbling"):
-        return [
-            f"Torque-free motions up to {coverage['max_rate']:.3g} rad/s were searched: the data "
-            f"distinguish about {coverage['cells']:.1g}; {coverage['evaluated']:,.0f} were tried "
-            f"in growing windows of time, and {coverage['survivors']:,.0f} were followed to the "
-            "end."
-        ]
     which = f"up to {coverage['max_rate']:.3g} rad/s"
     if ranges := coverage.get("ranges"):
         listed = [f"{2 * np.pi / b:.5g} to {2 * np.pi / a:.5g} s" for a, b in reversed(ranges)]

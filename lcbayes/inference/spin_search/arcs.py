@@ -126,7 +126,7 @@ class Arcs:
         """
         rows = split(points.t, np.zeros(points.t.size, int), PASS)
         rows = [part for long in rows for part in _shortened(points.t, long, MAX_RATES / max_rate)]
-        parts = [averaged(points, r, RESOLVED / max_rate) for r in rows]
+        parts = [_averaged(points, r, RESOLVED / max_rate) for r in rows]
         floor = model_error * abs(float(np.mean(points.flux)))
         order = _growing([0.5 * (p.t[0] + p.t[-1]) for p in parts])
         parts = [parts[i] for i in order]
@@ -159,7 +159,7 @@ def _shortened(t: Floats, rows: NDArray, longest: float) -> list[NDArray]:
     return [part for part in np.split(rows, np.searchsorted(t[rows], edges)) if part.size]
 
 
-def averaged(points: Points, rows: NDArray, window: float) -> Points:
+def _averaged(points: Points, rows: NDArray, window: float) -> Points:
     """The rows, with points of one series within a time window (s) averaged, in order of time."""
     group = np.floor((points.t[rows] - points.t[rows[0]]) / window).astype(int)
     group = group * (points.series.max() + 1) + points.series[rows]

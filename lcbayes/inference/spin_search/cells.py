@@ -92,9 +92,6 @@ class Coverage:
         Ranges of rates of known periods; empty if all spins up to ``max_rate`` were covered.
     sky : float
         Fraction of all poles.
-    tumbling : bool
-        Whether torque-free motions were searched instead of constant spins; ``cells`` is then the
-        number of motions that the data tell apart.
     """
 
     max_rate: float
@@ -103,12 +100,10 @@ class Coverage:
     survivors: int
     ranges: tuple[tuple[float, float], ...] = ()
     sky: float = 1.0
-    tumbling: bool = False
 
     def stored(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint."""
         numbers = [self.max_rate, self.sky, self.cells, self.evaluated, self.survivors]
-        numbers.append(self.tumbling)
         return {"coverage": np.array([*numbers, *(x for r in self.ranges for x in r)])}
 
     @classmethod
@@ -116,13 +111,9 @@ class Coverage:
         """The coverage among the arrays of a checkpoint, from which it is removed, if there."""
         if "coverage" not in arrays:
             return None
-        max_rate, sky, cells, evaluated, survivors, tumbling, *ends = arrays.pop(
-            "coverage"
-        ).tolist()
+        max_rate, sky, cells, evaluated, survivors, *ends = arrays.pop("coverage").tolist()
         ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
-        return cls(
-            max_rate, int(cells), int(evaluated), int(survivors), ranges, sky, bool(tumbling)
-        )
+        return cls(max_rate, int(cells), int(evaluated), int(survivors), ranges, sky)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.arcs import Points
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, Sites, compiled
+from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
@@ -23,7 +22,6 @@ from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 Floats = NDArray[np.float64]
 
 NORMALS, OMEGA, AREAS = "normals_base", "omega_unit", "log_albedo_area"
-INERTIA = "inertia_base"  # of torque-free motion
 CANDIDATES = 600  # normals tried for a facet
 PLACES = 3  # best places tried for each facet that is moved
 APART = np.cos(np.radians(25.0))  # between these places
@@ -71,23 +69,19 @@ def climbed(
     ends: SearchState,
     gaps: Floats,
     workers: int,
-    body_axes: Callable[[Sites, Points], Points] | None = None,
 ) -> SearchState:
     """The end points, with better optima reached by moving one facet or adding turns.
 
     Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
     there. Each facet of the best bodies in turn is taken away and put where it explains the most of
     what the others leave. A rate may also be wrong by whole turns in one of the ``gaps`` (s)
-    between passes. All parameters are then optimised. ``body_axes`` gives the points with
-    directions in body axes from the sites of a body; by default, for a constant ω.
+    between passes. All parameters are then optimised.
     """
-    axes = body_axes or _constant_rate
     for _ in range(ROUNDS):
         rows = []
         for i in _different(ends):
             z = np.asarray(ends.z[i])
-            moves = _moves(problem, data, points, law, z, axes)
-            rows += [*moves, *_aliases(problem, data, gaps, z)]
+            rows += [*_moves(problem, data, points, law, z), *_aliases(problem, data, gaps, z)]
         if not rows:
             break
         tried = search.polish(problem, data, np.stack(rows), workers)
@@ -133,29 +127,22 @@ def _different(ends: SearchState) -> list[int]:
     return [i for i in rows if np.isfinite(ends.potential[i])]
 
 
-def _constant_rate(sites: Sites, points: Points) -> Points:
-    """The points with directions in the axes of a body of constant ω."""
-    arrays = (jnp.asarray(x) for x in (points.t, sites["omega"], points.sun, points.obs))
-    sun, obs = rotations.constant_rate_to_body(*arrays)
-    return points._replace(sun=np.asarray(sun), obs=np.asarray(obs))
-
-
-def _moves(
-    problem: Problem,
-    data: Epochs,
-    points: Points,
-    law: DiffuseLaw,
-    z: Floats,
-    body_axes: Callable[[Sites, Points], Points],
-):
+def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats):
     """Unconstrained vectors of a body with one facet elsewhere."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     normals = sites[NORMALS] / np.linalg.norm(sites[NORMALS], axis=1, keepdims=True)
     grid = facets.grid(CANDIDATES)
-    seen = body_axes(sites, points)
-    every = jnp.asarray(np.concatenate([normals, grid]).T)
-    kernel = diffuse_kernel(law, seen.sun @ every, seen.obs @ every, LAMBERT_C)[0]
-    columns = np.asarray(kernel) / points.error[:, None]
+    columns = (
+        np.asarray(
+            _columns(
+                law,
+                jnp.asarray(np.concatenate([normals, grid])),
+                jnp.asarray(sites["omega"]),
+                *(jnp.asarray(x) for x in (points.t, points.sun, points.obs)),
+            )
+        )
+        / points.error[:, None]
+    )
     white = points.flux / points.error
     own, other = columns[:, : len(normals)], columns[:, len(normals) :]
     unit = np.linalg.lstsq(own, white, rcond=None)[0]
@@ -179,3 +166,9 @@ def _moves(
                 problem.ravel(known | {NORMALS: jnp.asarray(moved), AREAS: jnp.asarray(sized)})
             )
             gain[grid @ grid[i] > APART] = 0.0
+
+
+@partial(jax.jit, static_argnums=0)
+def _columns(law, normals, omega, t, sun, obs) -> jax.Array:
+    sun, obs = rotations.constant_rate_to_body(t, omega, sun, obs)
+    return diffuse_kernel(law, sun @ normals.T, obs @ normals.T, LAMBERT_C)[0]

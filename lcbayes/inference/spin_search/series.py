@@ -85,7 +85,7 @@ class Series:
     def turned(self, rows: Response, angle: jax.Array) -> jax.Array:
         """Brightness (..., T, P) of the harmonics of a body turned about z by angles (..., T)."""
         angle = angle[..., None] * self.order
-        return rotated(rows.cosine, rows.sine, jnp.cos(angle), jnp.sin(angle))
+        return _rotated(rows.cosine, rows.sine, jnp.cos(angle), jnp.sin(angle))
 
     def turned_normal(self, matrix: jax.Array, vector: jax.Array, angle: jax.Array):
         """Normal matrix (P, P) and vector (P,) for a body turned about z by a further angle."""
@@ -93,7 +93,7 @@ class Series:
 
         def apply(x: jax.Array) -> jax.Array:
             n = self.cosine.shape[1]
-            return rotated(x[..., :n], x[..., n:], cosine, sine)
+            return _rotated(x[..., :n], x[..., n:], cosine, sine)
 
         return apply(apply(matrix).T), apply(vector)
 
@@ -130,11 +130,7 @@ def precision(series: Series, total: float) -> Floats:
     return found
 
 
-def rotated(cosine, sine, cos, sin) -> jax.Array:
-    """Rows (..., P) of a body turned about z from those of the harmonics of `Response`.
-
-    ``cos`` and ``sin`` (..., NC) are those of m times the angle.
-    """
+def _rotated(cosine, sine, cos, sin) -> jax.Array:
     zonal = cosine.shape[-1] - sine.shape[-1]
     c, cos, sin = cosine[..., zonal:], cos[..., zonal:], sin[..., zonal:]
     return jnp.concatenate([cosine[..., :zonal], c * cos + sine * sin, sine * cos - c * sin], -1)

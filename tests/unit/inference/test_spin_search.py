@@ -15,7 +15,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search
 from lcbayes.inference.problem_cache import build_problem
-from lcbayes.inference.spin_search import bodies, states
+from lcbayes.inference.spin_search import arcs, bodies, states
 from lcbayes.inference.spin_search import search as complete
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
@@ -351,3 +351,22 @@ def test_the_search_ends_no_worse_than_at_the_truth(truth: Truth):
     body = Bodies(truth.omega[None], truth.normals[None], truth.areas[None])
     best = search.polish(problem, data, starts(problem, data, body, OMEGA_SD), 1)
     assert float(ends.potential[0]) <= float(best.potential[0]) + 0.5
+
+
+def test_points_of_two_observers_are_not_averaged(truth: Truth):
+    """At one time, the directions to two observers differ, and so does the brightness."""
+    one = Points.of(Epochs.of(truth.curve))
+    two = Points(*(np.repeat(x, 2, axis=0) for x in one))
+    two = two._replace(
+        series=np.tile([0, 1], one.t.size),
+        obs=two.obs * np.where(np.arange(two.t.size) % 2, -1.0, 1.0)[:, None],
+    )
+    rows = np.arange(two.t.size)
+    window = 3.0 * (one.t[1] - one.t[0])
+    averaged = arcs._averaged(two, rows, window)
+    alone = arcs._averaged(one, np.arange(one.t.size), window)
+    assert averaged.t.size == 2 * alone.t.size
+    for series, sign in ((0, 1.0), (1, -1.0)):
+        own = averaged.series == series
+        np.testing.assert_allclose(averaged.obs[own], sign * alone.obs, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(averaged.flux[own], alone.flux)
