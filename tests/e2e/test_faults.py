@@ -180,7 +180,7 @@ def test_a_place_that_cannot_be_written(command, tmp_path, capsys):
         "simulate": ["one-facet"],
         "observability": ["one-facet"],
         "fit": [str(tmp_path / "curve.csv"), *FIT],
-        "scan": [str(tmp_path / "curve.csv"), "--period", "1"],
+        "scan": [str(tmp_path / "curve.csv"), "--period", "0.01"],
     }.get(command, [str(tmp_path / "curve.csv")])
     if command == "batch":
         words = [str(tmp_path / "*.csv")]

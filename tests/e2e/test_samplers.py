@@ -105,7 +105,7 @@ def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, mon
 
 def test_particles_are_refused_where_the_prior_is_too_wide(curve, tmp_path, capsys):
     out = tmp_path / "out"
-    command = ["fit", str(curve), "-o", str(out), "--model", "convex-grid", "--period", "5"]
+    command = ["fit", str(curve), "-o", str(out), "--model", "convex-grid", "--period", "0.02"]
     assert main([*command, "--sampler", "smc"]) == EXIT_BAD_INPUT
     assert "too far a way for convex-grid" in capsys.readouterr().err
     assert not out.exists()

@@ -216,4 +216,4 @@ def test_moments_are_left_where_they_do_not_give_a_body_back(size, holds):
     rng = np.random.default_rng(0)
     sites["coefficients"] = jnp.asarray(size * rng.standard_normal(drawn["coefficients"].shape))
     solution = Solution(np.asarray(plain.ravel(sites)), 0.0, 0.0, 0.0, 1)
-    assert fit._hold(plain, own, [solution], data) is holds
+    assert fit.hold(plain, own, [solution], data) is holds
