@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, log_softmax, logsumexp, softmax
 
 from lcbayes.data.formats.occultation import Occultation
 from lcbayes.geometry.sky_plane import west_north
@@ -169,8 +169,8 @@ def place(outline: Floats, across: Floats, chords: Chords) -> Placed:
         size, centre = each[-1].size, each[-1].centre
     each.reverse()
     prior = -0.5 * (np.log(RELIEF / RELIEF_MEDIAN) / RELIEF_LOG_SD) ** 2
-    log_joint = np.stack([p.log_likelihood for p in each]) + (prior - logsumexp(prior))[:, None]
-    total = logsumexp(log_joint, axis=0)
+    log_joint = np.stack([p.log_likelihood for p in each]) + log_softmax(prior)[:, None]
+    total = np.asarray(logsumexp(log_joint, axis=0))
     weight = np.exp(log_joint - total)
     sizes, sds = np.stack([p.size for p in each]), np.stack([p.size_sd for p in each])
     mean = np.sum(weight * sizes, axis=0)
@@ -335,4 +335,4 @@ def _depths(across: Floats, chords: Chords, size: Floats, centre: Floats) -> tup
 
 def effective_number(log_weight: Floats) -> float:
     """The effective number of draws with these log weights, (Σ w)² / Σ w²."""
-    return float(np.exp(2.0 * logsumexp(log_weight) - logsumexp(2.0 * log_weight)))
+    return float(1.0 / np.sum(softmax(log_weight) ** 2))

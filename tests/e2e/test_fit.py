@@ -353,7 +353,10 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--model", "convex"], "unknown model 'convex' (did you mean convex-grid?); available: faceted"),
+        (
+            ["--model", "convex"],
+            "unknown model 'convex' (did you mean convex-grid?); available: faceted",
+        ),
         (["--model", "./none.py"], "model file ./none.py does not exist"),
         (["--model", "convex-grid"], "needs 'period'; give it with --period"),
         (["--reflectance", "mirror"], "'reflectance' of model 'faceted' is 'mirror'; available"),

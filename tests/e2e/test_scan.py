@@ -73,6 +73,7 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert not list(out.glob(".report*"))
     # the exported triangles, rotated by the convention of DAMIT, fit the data as the scan does
     curve = lcbayes.read(folder / "asteroid.csv")
+    assert curve.epoch_jd is not None
     flux = damit_model.read(out).flux(curve.epoch_jd + curve.t / 86400.0, curve.sun, curve.obs)
     count = np.bincount(curve.curve)
     mean, modelled = (np.bincount(curve.curve, x) / count for x in (curve.brightness, flux))

@@ -41,7 +41,10 @@ class Points(NamedTuple):
 
     def at(self, rows: NDArray) -> Points:
         """Some of the points."""
-        return Points(*(x[rows] for x in self))
+        t, sun, obs, flux, error = (
+            x[rows] for x in (self.t, self.sun, self.obs, self.flux, self.error)
+        )
+        return Points(t, sun, obs, flux, error, self.series[rows])
 
     @classmethod
     def of(cls, data: Epochs) -> Points:

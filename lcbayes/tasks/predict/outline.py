@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.progress import Silent
@@ -166,7 +166,7 @@ def outlines(
             outline,
             chords,
             float(weight),
-            np.exp(placed.log_likelihood - logsumexp(placed.log_likelihood)),
+            softmax(placed.log_likelihood),
             occultations.effective_number(placed.log_likelihood),
         )
         for (asteroid, failed, placed, outline), weight in zip(found, posterior, strict=True)

@@ -145,6 +145,9 @@ def test_nonnegative_areas_are_those_of_lawson_and_hanson(truth: Truth, n_normal
     """½ χ² on a grid of normals, whose neighbours have nearly the same brightness."""
     rate = np.linalg.norm(truth.omega)
     curve = truth.curve
+    assert curve.error is not None
+    assert curve.sun is not None
+    assert curve.obs is not None
     s, o = (rotated(v, truth.omega / rate, rate * curve.t) for v in (curve.sun, curve.obs))
     grid = np.random.default_rng(3).normal(size=(n_normals, 3))
     grid /= np.linalg.norm(grid, axis=1, keepdims=True)
@@ -356,10 +359,10 @@ def test_the_search_ends_no_worse_than_at_the_truth(truth: Truth):
 def test_points_of_two_observers_are_not_averaged(truth: Truth):
     """At one time, the directions to two observers differ, and so does the brightness."""
     one = Points.of(Epochs.of(truth.curve))
-    two = Points(*(np.repeat(x, 2, axis=0) for x in one))
+    two = one.at(np.repeat(np.arange(one.t.size), 2))
     two = two._replace(
         series=np.tile([0, 1], one.t.size),
-        obs=two.obs * np.where(np.arange(two.t.size) % 2, -1.0, 1.0)[:, None],
+        obs=two.obs * (1.0 - 2.0 * (np.arange(two.t.size) % 2))[:, None],
     )
     rows = np.arange(two.t.size)
     window = 3.0 * (one.t[1] - one.t[0])

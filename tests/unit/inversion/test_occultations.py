@@ -41,6 +41,7 @@ def test_axes_of_the_sky_plane_are_astropys():
 
     step = np.array([300.0, -450.0, 700.0])
     asteroid, beside = seen(-TO_EARTH), seen(-TO_EARTH + step)
+    assert asteroid is not None
     east, north = asteroid.spherical_offsets_to(beside)
     distance = np.linalg.norm(TO_EARTH)
     west, up = west_north(TO_EARTH) @ step
@@ -124,7 +125,7 @@ def test_two_events_share_the_size():
     second = event(np.array([-18.0, 12.0]), centre=np.array([100.0, 50.0]), start=2454900.3)
     found = placed([first, second], bodies(AXES))
     assert found.size[0] == pytest.approx(2.0 * np.cbrt(np.prod(AXES)), rel=1e-3)
-    np.testing.assert_allclose(found.centre[0], [CENTRE, [100.0, 50.0]], atol=0.1)
+    np.testing.assert_allclose(found.centre[0], np.array([CENTRE, [100.0, 50.0]]), atol=0.1)
 
 
 def test_a_wrong_shape_is_less_likely_than_the_right_one():

@@ -121,7 +121,8 @@ def test_zero_points_and_nutation_are_integrated_out(light):
     problem, data, z, sites, mean, width, groups, wobble = dense(light, 0.8, 0.05)
     columns = np.concatenate([0.05 * groups, 0.8 * wobble])
     covariance = np.diag(width**2) + columns.T @ columns
-    want = multivariate_normal.logpdf(light.brightness, mean, covariance)
+    normal = multivariate_normal(mean, covariance)  # pyright: ignore[reportArgumentType]
+    want = normal.logpdf(light.brightness)
     assert float(jnp.sum(problem.log_likelihood(z, data))) == pytest.approx(want, abs=1e-8)
 
     scale = np.r_[np.full(4, 0.05), np.full(8, 0.8)]
@@ -160,7 +161,8 @@ def test_correlated_noise_and_nutation_are_those_of_the_dense_covariance(light):
     size = 0.03 * np.abs(light.brightness).mean()
     together = (light.site[:, None] == light.site) & (apart < 600.0)
     covariance += size**2 * np.exp(-apart / 40.0) * together
-    want = multivariate_normal.logpdf(light.brightness, mean, covariance)
+    normal = multivariate_normal(mean, covariance)  # pyright: ignore[reportArgumentType]
+    want = normal.logpdf(light.brightness)
     assert float(jnp.sum(problem.log_likelihood(z, data))) == pytest.approx(want, abs=1e-7)
 
 
@@ -193,6 +195,7 @@ def test_predictions_contain_the_drawn_nutation():
     assert posterior["nutation"].dims == ("chain", "draw", "night", "nutation_component")
     options = {"n_facets": 2, "nutation_ratio": 0.3}
     chi2 = []
+    assert light.error is not None
     for known in (posterior, posterior.drop_vars("nutation")):
         found, _ = predicted(known, light, light, "faceted", options)
         chi2.append(np.sum(((light.brightness - found["flux_mean"]) / light.error) ** 2))

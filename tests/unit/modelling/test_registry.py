@@ -86,7 +86,10 @@ def test_a_file_that_breaks_the_contract(mine, text, says):
 
 
 def test_names_and_paths_that_are_none(tmp_path):
-    with pytest.raises(InputError, match=r"unknown model 'convex' \(did you mean convex-grid\?\); available: faceted, "):
+    with pytest.raises(
+        InputError,
+        match=r"unknown model 'convex' \(did you mean convex-grid\?\); available: faceted, ",
+    ):
         registry.find("convex")
     with pytest.raises(InputError, match="does not exist"):
         registry.find(str(tmp_path / "none.py"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_chords_choose_the_pole_where_shapes_are_uncertain(tmp_path):
     (tmp_path / "chords.occ").write_text(known.text([one]))
     fit = known.folder(tmp_path / "fit", tree)
     result = lcbayes.predict(fit, occultation=tmp_path / "chords.occ", num_bodies=40)
-    content = result.content
+    content: Any = result.content
     assert content["solutions"][0]["weight"] > 0.9
     assert result.trusted
     diameter = content["diameter_km"]
