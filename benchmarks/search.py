@@ -158,7 +158,7 @@ def main() -> None:
     text = report(list(csv.DictReader(path.open())))
     print(text)
     if options.write:
-        command = f"python benchmarks/search.py --cases {options.cases}"
+        command = f"python benchmarks/search.py --first {options.first} --cases {options.cases}"
         write_section("Complete search over constant spins", command, text)
 
 

@@ -91,8 +91,7 @@ def model(
     nutation_sd
         Prior sd of each of four components of small nutation about a constant ω, deg; 0: none.
     nutation_ratio
-        Nutation frequency over the rate of rotation, below 1; 0: no nutation, unless the residuals
-        of a fit show it.
+        Nutation frequency over the rate of rotation, below 1; 0: no nutation.
     """
     known = KnownSpin.of(period, pole)
     turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd, known)

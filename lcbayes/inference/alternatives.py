@@ -161,11 +161,6 @@ def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterat
     yield Alternative("nutation", "", "deg", unit * columns, labels)
 
 
-def nutation_ratio(version: str) -> float:
-    """The frequency over the rate of rotation, of a version of the alternative ``nutation``."""
-    return float(version.split()[0])
-
-
 def _lobes(sites: Sites) -> Iterator[Alternative]:
     """A facet has a specular lobe; its amount is that of its peak over the diffuse reflectance."""
     normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))

@@ -7,7 +7,7 @@ import inspect
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,15 +20,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import (
-    alternatives,
-    correlation,
-    misfit_tests,
-    population,
-    search,
-    solutions,
-    symmetry,
-)
+from lcbayes.inference import correlation, population, search, solutions, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
@@ -67,7 +59,6 @@ class Posterior:
     reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
     settings: Settings = field(default_factory=Settings)
     coverage: Coverage | None = None  # of a complete search over spins
-    added: dict[str, Any] = field(default_factory=dict)  # options that the residuals call for
 
 
 def run(
@@ -101,40 +92,12 @@ def run(
     fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing(), alike)
     begun = time.monotonic()
     found = fit.search(options, data, key_start, spins)
-    added = nutation_shown(entry, options, plain, found.solutions[0].z, found.data, curve)
-    if added:
-        with entry.blamed():
-            full, problem = build_problem(entry, dict(options) | added, data)
-        fit, found = replace(fit, plain=full), _completed(plain, full, found)
-        plain = full
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
-        return replace(fit.by_particles(found, key), added=added)
+        return fit.by_particles(found, key)
     if plain is not problem and not hold(plain, problem, found.solutions, found.data):
         problem = plain
-    return replace(fit.by_chains(problem, found, key), added=added)
-
-
-def nutation_shown(
-    entry: Entry,
-    options: Mapping[str, Any],
-    problem: Problem,
-    z: Floats,
-    data: Epochs,
-    curve: LightCurve,
-) -> dict[str, Any]:
-    """Options that add nutation to the model, if the residuals at z (D,) call for it; else none.
-
-    Nutation that they do not show is not modelled: it would make each gradient 3.6 times as dear.
-    """
-    chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
-    possible = chosen.get("nutation_sd") and not chosen["nutation_ratio"]
-    if not possible or chosen["spin"] != "free" or not data.has_error:
-        return {}
-    cause = misfit_tests.examine(problem, z, data, curve).cause
-    if cause is None or cause.name != "nutation":
-        return {}
-    return {"nutation_ratio": alternatives.nutation_ratio(cause.version)}
+    return fit.by_chains(problem, found, key)
 
 
 class Found(NamedTuple):
@@ -146,19 +109,6 @@ class Found(NamedTuple):
     data: Epochs
     n_starts: int
     coverage: Coverage | None  # of a complete search over spins
-
-
-def _completed(plain: Problem, full: Problem, found: Found) -> Found:
-    """Solutions of a problem as those of a problem with further parameters."""
-    data = replace(found.data, information=jnp.asarray(1.0))
-    ends = found.ends._replace(z=solutions.completed(plain, full, data, found.ends.z))
-    best = solutions.refined(plain, full, data, found.solutions)
-    best.sort(key=lambda s: s.potential)
-    data = correlation.tempered(full, best[0].z, data)
-    if data.information < 1.0:
-        best = solutions.optimise_held(plain, full, data, best)
-    rest = solutions.refined(plain, full, data, found.rest) if found.rest else []
-    return found._replace(solutions=best, rest=rest, ends=ends, data=data)
 
 
 @dataclass(frozen=True)

@@ -226,7 +226,7 @@ CAUSES = {
     "model",
     "clock": "the times of {about} are {size} s too {late}",
     "rate-drift": "the rate of rotation {grows} by {size} % over the light curve",
-    "nutation": "the body nutates by {size} deg (rms), at {version}",
+    "nutation": "the body nutates by {size} deg (rms), at {version}: give nutation_ratio",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
     "diffuse reflection",
     "facet": "there is a further facet of albedo-area {size}, about {version}",

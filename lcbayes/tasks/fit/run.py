@@ -150,7 +150,6 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
         checked = checked | {"n_facets": path.n_facets}
         checked.pop("sparsity", None)
     posterior = engine.run(curve, entry, checked, settings, checkpoint, context.progress, spins)
-    checked = checked | posterior.added
     context.progress.say("checking the draws: predicted brightness, leave-one-out")
     return assembled(posterior, curve, entry, checked, identity, path)
 

@@ -13,7 +13,6 @@ import pytest
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import correlation, misfit_tests, robustness, search
 from lcbayes.inference.alternatives import alternatives
-from lcbayes.inference.fit import nutation_shown
 from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.misfit_tests import Projection, examine, names_of
 from lcbayes.inference.solutions import completed, optimum
@@ -181,26 +180,23 @@ def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
     assert not found.even
 
 
-@pytest.mark.parametrize(
-    ("degrees", "options"), [(0.0, {}), (1.0, {}), (1.0, {"nutation_sd": 0.0})]
-)
-def test_nutation_is_added_where_the_residuals_show_it(faceted, degrees, options):
-    light = small_faults.light_curve(BODY, Fault(nutation_deg=degrees), n=120, seed=3)
+def test_a_model_with_the_nutation_that_the_residuals_show_explains_them(faceted):
+    light = small_faults.light_curve(BODY, Fault(nutation_deg=1.0), n=120, seed=3)
     z, data = best_fit(faceted, light)
-    given = {"n_facets": 2} | options
-    added = nutation_shown(registry.find("faceted"), given, faceted, z, data, light)
-    assert bool(added) == (degrees > 0 and not options)
-    if added:
-        with_it = Problem(registry.find("faceted").bind(given | added), data)
-        begin = completed(faceted, with_it, data, z[None])[0]
-        z_new, _ = optimum(with_it, data, begin, np.arange(with_it.dim))
-        found = with_it.constrain(jnp.asarray(z_new), data)
-        # 0.3 in body axes, but for whole turns of the phase between passes 900 s apart
-        phase = (float(found["nutation_ratio"]) - 0.3) * np.linalg.norm(BODY.omega) * 900.0
-        assert np.cos(phase) > 0.9
-        size = np.sqrt(0.5 * np.sum(np.asarray(found["nutation_mean"]) ** 2))
-        assert size == pytest.approx(degrees, rel=0.3)
-        assert not examine(with_it, z_new, data, light).refused
+    cause = examine(faceted, z, data, light).cause
+    assert cause is not None
+    assert cause.name == "nutation"
+    options = {"n_facets": 2, "nutation_ratio": float(cause.version.split()[0])}
+    with_it = Problem(registry.find("faceted").bind(options), data)
+    begin = completed(faceted, with_it, data, z[None])[0]
+    z_new, _ = optimum(with_it, data, begin, np.arange(with_it.dim))
+    found = with_it.constrain(jnp.asarray(z_new), data)
+    # 0.3 in body axes, but for whole turns of the phase between passes 900 s apart
+    phase = (float(found["nutation_ratio"]) - 0.3) * np.linalg.norm(BODY.omega) * 900.0
+    assert np.cos(phase) > 0.9
+    size = np.sqrt(0.5 * np.sum(np.asarray(found["nutation_mean"]) ** 2))
+    assert size == pytest.approx(1.0, rel=0.3)
+    assert not examine(with_it, z_new, data, light).refused
 
 
 @pytest.mark.statistical(false_alarm=EACH)
