@@ -8,7 +8,7 @@ from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
-from lcbayes.physics import brightness, photometry
+from lcbayes.physics import brightness
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
@@ -89,30 +89,14 @@ def model(
     if sparsity:
         priors.sparse_area(area, sparsity)
 
-    def directions(t):
-        return turned(t, data.sun, data.obs)
-
     def seen(sun, obs):
         return brightness.flux(sun, obs, normals, area, reflectance)
 
-    def averaged(e=None):
-        def instant(t):
-            sun, obs = directions(t)
-            return seen(sun, obs) if e is None else seen(*nutation.tilted(e, sun, obs))
-
-        if data.has_exposure:
-            return photometry.exposed(instant, data.exposure_s)(data.t)
-        return instant(data.t)
-
-    sun, obs = directions(data.t)
+    sun, obs = turned(data.t, data.sun, data.obs)
     numpyro.deterministic("sun_body", sun)
     numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
-    mean = averaged()
-    wobble = None
-    if spin == "free":
-        motion = turned.omega, turned.time
-        wobble = nutation.response(data, *motion, averaged, nutation_sd, nutation_ratio)
+    mean, wobble = nuisances.expected(data, turned, seen, spin, nutation_sd, nutation_ratio)
     likelihood.observe(
         data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise, wobble
     )

@@ -8,7 +8,7 @@ from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
-from lcbayes.physics import brightness, photometry
+from lcbayes.physics import brightness
 from lcbayes.physics.reflectance import SatelliteLaw
 
 SUMMARY = "N facets with diffuse and specular parts of their own, constant rate or torque-free"
@@ -103,32 +103,17 @@ def model(
     for name, values in parameters.items():
         numpyro.deterministic(name, values)
     total = sum(parameters[k] for k in ("r_diff", "r_spec") if k in parameters)
-    area = numpyro.deterministic("area", albedo_area / total)
-
-    def directions(t):
-        return turned(t, data.sun, data.obs)
+    area = albedo_area / total
+    numpyro.deterministic("area", area)
 
     def seen(sun, obs):
         return brightness.flux_brdf(sun, obs, normals, area, reflectance, parameters)
 
-    def averaged(e=None):
-        def instant(t):
-            sun, obs = directions(t)
-            return seen(sun, obs) if e is None else seen(*nutation.tilted(e, sun, obs))
-
-        if data.has_exposure:
-            return photometry.exposed(instant, data.exposure_s)(data.t)
-        return instant(data.t)
-
-    sun, obs = directions(data.t)
+    sun, obs = turned(data.t, data.sun, data.obs)
     numpyro.deterministic("sun_body", sun)
     numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
-    mean = averaged()
-    wobble = None
-    if spin == "free":
-        motion = turned.omega, turned.time
-        wobble = nutation.response(data, *motion, averaged, nutation_sd, nutation_ratio)
+    mean, wobble = nuisances.expected(data, turned, seen, spin, nutation_sd, nutation_ratio)
     likelihood.observe(
         data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise, wobble
     )

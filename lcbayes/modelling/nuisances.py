@@ -24,6 +24,7 @@ from lcbayes.modelling import nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Rotation
+from lcbayes.physics import photometry
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
@@ -226,6 +227,44 @@ class Rotating:
             middle = self.data.t_middle
             t = t + self.drift * ((t - middle) ** 2 - middle**2) / (2.0 * self.data.t_span)
         return t
+
+
+def expected(
+    data: Epochs,
+    turned: Rotating,
+    flux: Callable[[jax.Array, jax.Array], jax.Array],
+    spin: str,
+    nutation_sd: float,
+    nutation_ratio: float,
+) -> tuple[jax.Array, nutation.Wobble | None]:
+    """Flux (T,) averaged over the exposures, and its changes by small nutation, if modelled.
+
+    Parameters
+    ----------
+    flux : callable
+        Flux (T,) from body components of the directions to Sun and observer, each (T, 3).
+    spin : str
+        As of `rotation`.
+    nutation_sd, nutation_ratio
+        As of `nutation.response`.
+    """
+    if nutation_ratio and spin != "free":
+        raise InputError(
+            f"nutation_ratio is {nutation_ratio:g}, but --spin {spin} has no constant rate about "
+            "which the body could nutate; leave it out, or choose --spin free"
+        )
+
+    def averaged(e: jax.Array | None = None) -> jax.Array:
+        def instant(t: jax.Array) -> jax.Array:
+            directions = turned(t, data.sun, data.obs)
+            return flux(*(directions if e is None else nutation.tilted(e, *directions)))
+
+        if data.has_exposure:
+            return photometry.exposed(instant, data.exposure_s)(data.t)
+        return instant(data.t)
+
+    motion = turned.omega, turned.time
+    return averaged(), nutation.response(data, *motion, averaged, nutation_sd, nutation_ratio)
 
 
 def rotation(

@@ -274,14 +274,14 @@ def why(misfit: Misfit) -> str:
     if found.cause is not None and not (errors and found.cause.gain < LEAST_SHARE * excess):
         gain = f"which lowers chi2 by {found.cause.gain:.0f}"
         return f"{said}; a possible explanation: {cause(found.cause)}, {gain}"
-    if errors:
+    if errors and (found.even or found.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
-        if found.even:
-            return f"{said}, since the residuals are white and Gaussian but for this factor"
+        evidence = ", since the residuals are white and Gaussian but for this factor"
+        return said + (evidence if found.even else "")
     if found.cause is not None:
-        return f"{said}; no single change of the model removes half of the excess of chi2"
-    return f"{said}; or try more facets, or another law"
+        said += "; no single change of the model removes half of the excess of chi2"
+    return f"{said}; try more facets, or another law"
 
 
 def _p(test: ResidualTest) -> str:

@@ -175,16 +175,22 @@ def body_flux(
 
     Sum over the laws of the body's facets, or of those in ``which`` (N,); those of one law go
     together. ``visible`` (T, N) is the fraction of each facet that no other part shades or hides.
+    A parameter that all materials of a law lack has the default of the law.
     """
-    which = np.ones(len(body.labels), bool) if which is None else which
-    laws = [
-        materials[label].law if mine else "" for label, mine in zip(body.labels, which, strict=True)
-    ]
+    labels = np.array(body.labels)
+    which = np.ones(labels.size, bool) if which is None else which
+    used = [name for name in materials if name in set(labels[which])]
     total = jnp.zeros(sun_body.shape[0])
-    for law in sorted(set(laws) - {""}):
-        here = np.array([one == law for one in laws])
-        mine = [materials[label].parameters for label in np.array(body.labels)[here]]
-        params = {key: jnp.array([p[key] for p in mine]) for key in LAWS[law].parameters}
+    for law in sorted({materials[name].law for name in used}):
+        names = [name for name in used if materials[name].law == law]
+        here = which & np.isin(labels, names)
+        index = np.array([names.index(label) for label in labels[here]])
+        each = [materials[name].parameters for name in names]
+        params = {
+            key: jnp.stack([jnp.asarray(p[key], float) for p in each])[index]
+            for key in LAWS[law].parameters
+            if any(key in p for p in each)
+        }
         total += brightness.flux_brdf(
             sun_body,
             obs_body,

@@ -15,9 +15,9 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.physics.bodies.primitive_flux import Primitive, body_flux
 from lcbayes.physics.bodies.primitives import OUTLINE
-from lcbayes.physics.brightness import flux_brdf
 from lcbayes.physics.reflectance import LAWS
 from lcbayes.simulation.scenarios.body import Material
+from lcbayes.simulation.simulate import body_flux as panels_flux
 
 Floats = NDArray[np.float64]
 type Values = Mapping[str, Mapping[str, jax.Array | float]]  # material → parameter → value
@@ -94,35 +94,23 @@ class KnownBody:
         """
         if sizes:
             return self._sized_flux(sun_body, obs_body, values or {}, sizes)
-        body = self.assembly.body
-        labels = np.array(body.labels)
-        given = values or {}
+        surfaces = self._surfaces(values or {})
         visible = self.assembly.lit_and_seen(sun_body, obs_body) if shadows else None
-        total = jnp.zeros(sun_body.shape[0])
-        for law in sorted({m.law for m in self.materials.values()}):
-            names = [name for name, m in self.materials.items() if m.law == law]
-            mine = np.isin(labels, names)
-            index = np.array([names.index(label) for label in labels[mine]])
-            params = {}
-            for key in LAWS[law].parameters:
-                if key == "nv" and self._isotropic(names):
-                    continue
-                each = [
-                    given.get(name, {}).get(key, self.materials[name].parameters[key])
-                    for name in names
-                ]
-                params[key] = jnp.stack([jnp.asarray(x, float) for x in each])[index]
-            total += flux_brdf(
-                sun_body,
-                obs_body,
-                jnp.asarray(body.normals[mine]),
-                jnp.asarray(body.areas[mine]),
-                law,
-                params,
-                jnp.asarray(body.u_axes[mine]),
-                None if visible is None else visible[:, mine],
-            )
-        return total
+        return panels_flux(self.assembly.body, surfaces, sun_body, obs_body, visible=visible)
+
+    def _surfaces(self, values: Values) -> dict[str, Material]:
+        """The materials with these values of their parameters."""
+        found = {}
+        for name, material in self.materials.items():
+            parameters = {**material.parameters, **values.get(name, {})}
+            if self._isotropic([name]):  # nv is nu, which may be unknown
+                parameters.pop("nv", None)
+                if not self._isotropic(
+                    m for m, x in self.materials.items() if x.law == material.law
+                ):
+                    parameters["nv"] = parameters["nu"]
+            found[name] = Material(material.law, parameters)
+        return found
 
     def _isotropic(self, names: Iterable[str]) -> bool:
         """Whether the lobes of some materials, if any, are as wide along v as along u."""
@@ -133,16 +121,14 @@ class KnownBody:
         self, sun_body: jax.Array, obs_body: jax.Array, values: Values, sizes: Sizes
     ) -> jax.Array:
         """`flux` of parts of given sizes, without shadows."""
+        materials = self._surfaces(values)
         parts = []
         for i, (part, sides) in enumerate(zip(self.assembly.parts, self.sides, strict=True)):
             own = dict(part.sizes) | {k: v for (j, k), v in sizes.items() if j == i}
-            surfaces = {}
-            for side, name in sides.items():
-                material = self.materials[name]
-                given = {**material.parameters, **values.get(name, {})}
-                if self._isotropic([name]):
-                    given.pop("nv", None)
-                surfaces[side] = material.law, given
+            surfaces = {
+                side: (materials[name].law, materials[name].parameters)
+                for side, name in sides.items()
+            }
             parts.append(Primitive(part.kind, own, surfaces, jnp.asarray(part.rotation)))
         return body_flux(parts, sun_body, obs_body)
 

@@ -106,11 +106,17 @@ def test_a_reason_that_concerns_several_solutions_is_given_once():
 
 
 @pytest.mark.parametrize(
-    ("gain", "says"),
-    [(43.0, "the errors are 3.2 times too small; no single change"), (700.0, "a further facet")],
+    ("gain", "even", "says"),
+    [
+        (43.0, True, "the errors are 3.2 times too small, since the residuals are white"),
+        (43.0, False, "no single change of the model removes half of the excess of chi2; try more"),
+        (700.0, False, "a further facet"),
+    ],
 )
-def test_errors_are_named_unless_a_change_of_the_model_explains_most(gain, says):
+def test_errors_are_named_where_no_change_of_the_model_explains_most(gain, even, says):
     facet = Explanation("facet", "", "m2", "phi 0.1", 0.05, 0.01, gain, 1e-4)
     tests = [ResidualTest("chi2", 1045.0, 1e-4)]
-    misfit = Misfit(1045.0, 101.8, "gaussian", examination=Examination(tests, [facet], 0.01))
+    misfit = Misfit(
+        1045.0, 101.8, "gaussian", examination=Examination(tests, [facet], 0.01, even=even)
+    )
     assert says in why(misfit)
