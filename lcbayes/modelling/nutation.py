@@ -30,6 +30,7 @@ import numpyro.distributions as dist
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.physics.attitude.rotations import cross
 
 COMPONENTS = 4
 SD_DEG = 1.0  # of each component
@@ -48,11 +49,11 @@ def response(
     data: Epochs,
     omega: jax.Array,
     time: Callable[[jax.Array], jax.Array],
-    flux: Callable[[jax.Array], jax.Array],
+    torque: jax.Array,
     sd: float,
     ratio: float,
-) -> Wobble | None:
-    """Changes of the flux by the components of p and q; None without nutation.
+) -> Wobble:
+    """Changes of the flux by the components of p and q.
 
     Sites: ``nutation_ratio``, κ = ``ratio`` + u δ with u ~ Normal(0, 1) and δ of `resolution`;
     ``nutation_response``; and ``nutation`` (nights + 1, 4), the components in deg. The components
@@ -67,16 +68,13 @@ def response(
         Angular velocity; body axes are inertial axes at t = 0.
     time : callable
         Times (T,) in which the rate is constant, from recorded times.
-    flux : callable
-        e (T, 3), rad → flux (T,).
+    torque : (3, T)
+        Derivatives of the flux by e, 1/rad, as of `with_torque`.
     sd : float
-        Prior standard deviation of each component, deg; 0: no nutation.
+        Prior standard deviation of each component, deg.
     ratio : float
-        κ, to the resolution of the light curve; 0: no nutation.
+        κ, to the resolution of the light curve.
     """
-    check(sd, ratio)
-    if sd == 0.0 or ratio == 0.0:
-        return None
     rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
     unit = jnp.asarray(numpyro.sample("nutation_ratio_unit", dist.Normal(0.0, 1.0)))
     kappa = ratio + unit * resolution(rate * data.longest_night)
@@ -84,13 +82,9 @@ def response(
     pole = omega / rate
     first = jnp.cross(pole, jnp.eye(3)[jnp.argmin(jnp.abs(pole))])
     first = first / jnp.linalg.norm(first)
-    e = jnp.zeros((*data.t.shape, 3))
-    along = [
-        jax.jvp(flux, (e,), (jnp.broadcast_to(axis, e.shape),))[1]
-        for axis in (first, jnp.cross(pole, first))
-    ]
+    along = jnp.stack([first, jnp.cross(pole, first)]) @ torque
     turn = rate * (time(data.t) - time(data.t - data.nights.elapsed))
-    columns = jnp.radians(1.0) * in_phase(jnp.stack(along), kappa * turn)
+    columns = jnp.radians(1.0) * in_phase(along, kappa * turn)
     columns = jnp.where(data.night < 0, 0.0, columns)
     return Wobble(jnp.asarray(numpyro.deterministic(RESPONSE, columns)), sd)
 
@@ -108,13 +102,28 @@ def in_phase(along: jax.Array, theta: jax.Array) -> jax.Array:
     return jnp.concatenate([jnp.cos(theta) * along, jnp.sin(theta) * along])
 
 
-def tilted(e: jax.Array, *vectors: jax.Array) -> tuple[jax.Array, ...]:
-    """Body components of vectors (T, 3) after a small rotation e (T, 3) of the body, rad."""
-    return tuple(v + jnp.cross(v, e) for v in vectors)
+def with_torque(
+    flux: Callable[[jax.Array, jax.Array], jax.Array], sun: jax.Array, obs: jax.Array
+) -> jax.Array:
+    """Flux and its derivatives by a small rotation e of the body, (1 + 3, T).
+
+    A rotation by e changes the body components of a direction v by v × e, and the flux by
+    e · Σ ∂f/∂v × v. One gradient gives all three components.
+
+    Parameters
+    ----------
+    flux : callable
+        Flux (T,) from body components of the directions to Sun and observer, each (T, 3).
+    sun, obs : (T, 3)
+    """
+    value, pull = jax.vjp(flux, sun, obs)
+    slopes = pull(jnp.ones_like(value))
+    torque = sum(cross(g.T, v.T) for g, v in zip(slopes, (sun, obs), strict=True))
+    return jnp.concatenate([value[None], jnp.asarray(torque)])
 
 
-def check(sd: float, ratio: float) -> None:
-    """Raise an InputError for values that no body can have."""
+def on(sd: float, ratio: float) -> bool:
+    """Whether nutation is modelled; raises an InputError for values that no body can have."""
     if not sd >= 0:
         raise InputError(f"nutation_sd is {sd}; give a standard deviation > 0, or 0 for none")
     if not 0 <= ratio < 1:
@@ -122,6 +131,7 @@ def check(sd: float, ratio: float) -> None:
             f"nutation_ratio is {ratio}; the nutation frequency of a rigid body is less than its "
             "rate of rotation: give a ratio between 0 and 1, or 0 if the body does not nutate"
         )
+    return sd > 0 and ratio > 0
 
 
 def shifted(data: Epochs, flux: jax.Array, wobble: Wobble) -> jax.Array:

@@ -115,7 +115,7 @@ def exposed(
     Parameters
     ----------
     brightness : callable
-        t (T,) s -> flux (T,).
+        t (T,) s -> flux (T,), or several quantities (K, T).
     exposure_s : (T,) s
         Duration of the exposure centred on each t.
     order : int
@@ -124,12 +124,12 @@ def exposed(
     Returns
     -------
     callable
-        t (T,) s -> mean flux (T,).
+        t (T,) s -> mean flux (T,), or (K, T).
     """
     nodes, weights = np.polynomial.legendre.leggauss(order)
 
     def mean(t: jax.Array) -> jax.Array:
         instants = t + 0.5 * jnp.asarray(nodes)[:, None] * exposure_s
-        return 0.5 * jnp.asarray(weights) @ jax.vmap(brightness)(instants)
+        return jnp.tensordot(0.5 * jnp.asarray(weights), jax.vmap(brightness)(instants), 1)
 
     return mean
