@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,9 +13,10 @@ from scipy.stats import multivariate_normal
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.inference.fit import constrain_draws
-from lcbayes.modelling import nuisances, registry
+from lcbayes.modelling import nuisances, nutation, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from lcbayes.physics import brightness
 from lcbayes.results.posterior import dataset
 from lcbayes.tasks.predict.brightness import predicted
 from tests.helpers import small_faults
@@ -106,6 +109,32 @@ def test_the_response_is_that_of_the_exact_motion_to_first_order(kind):
     assert misses[0] < 0.01 * effects[0]
     np.testing.assert_allclose(np.divide(misses[1:], misses[:-1]), 4.0, rtol=0.15)
     np.testing.assert_allclose(np.divide(effects[1:], effects[:-1]), 2.0, rtol=0.1)
+
+
+def test_the_response_is_averaged_over_the_exposures():
+    """The mean of three instants with the weights of Gauss and Legendre, 5 : 8 : 5."""
+    light = small_faults.light_curve(BODY, n=20, n_sites=1, n_passes=1)
+    exposed, data = posed(replace(light, exposure_s=np.full(20, 6.0)), **ALONE)
+    z = at_truth(exposed)
+    sites = exposed.constrain(z, data)
+    body = jnp.asarray(BODY.normals), jnp.asarray(BODY.areas)
+
+    def instant(elapsed):
+        sun, obs = (
+            Rotation.from_rotvec(-(light.t + elapsed)[:, None] * BODY.omega).apply(v)
+            for v in (light.sun, light.obs)
+        )
+        return nutation.with_torque(lambda s, o: brightness.flux(s, o, *body), sun, obs)
+
+    step = 3.0 * np.sqrt(0.6)
+    mean = (5 * instant(-step) + 8 * instant(0.0) + 5 * instant(step)) / 18
+    pole = small_faults.unit(BODY.omega)
+    first = small_faults.unit(np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))]))
+    along = np.radians(1.0) * np.stack([first, np.cross(pole, first)]) @ mean[1:]
+    angle = RATIO * np.linalg.norm(BODY.omega) * np.asarray(data.nights.elapsed)
+    want = np.concatenate([np.cos(angle) * along, np.sin(angle) * along])
+    np.testing.assert_allclose(sites["flux"], mean[0], rtol=1e-9)
+    np.testing.assert_allclose(sites["nutation_response"], want, rtol=1e-7, atol=1e-12)
 
 
 def dense(light, sd, zero_point_sd):
