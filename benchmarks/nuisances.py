@@ -85,7 +85,7 @@ def gradients(curves: list[LightCurve]) -> str:
         dims = " ".join(str(d) for _, d in values)
         rows.append([name, dims, time_us, f"{ratio.min():.2f} to {ratio.max():.2f}"])
     heads = ["faults modelled", "parameters", "µs a gradient", "over none"]
-    return f"{table(heads, rows)}\n\n{len(curves)} cases of 160 points, three Lambertian facets."
+    return f"{table(heads, rows)}\n\nCases: {len(curves)}, each of 160 points, three Lambertian facets."
 
 
 def _gradient(problem: Problem, data: Epochs) -> tuple[float, int]:
@@ -116,7 +116,10 @@ def linearity(cases: list[tuple[Case, LightCurve]]) -> str:
         drifts = "–" if np.isnan(drift) else f"{drift:.2g}"
         rows.append([str(seed), f"{period:.0f}", f"{clock:.2g}", f"{half:.3f}", drifts])
     heads = ["seed", "period (s)", "clocks", "offsets half as large, over that", "drift"]
-    return table(heads, rows)
+    about = (
+        "Median chi2 between the exact and the first-order effect of faults drawn from their priors"
+    )
+    return f"{about}, at the truth.\n\n{table(heads, rows)}"
 
 
 def _nonlinear(case: Case, curve: LightCurve) -> tuple[float, float, float]:
