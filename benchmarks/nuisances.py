@@ -85,7 +85,8 @@ def gradients(curves: list[LightCurve]) -> str:
         dims = " ".join(str(d) for _, d in values)
         rows.append([name, dims, time_us, f"{ratio.min():.2f} to {ratio.max():.2f}"])
     heads = ["faults modelled", "parameters", "µs a gradient", "over none"]
-    return f"{table(heads, rows)}\n\nCases: {len(curves)}, each of 160 points, three Lambertian facets."
+    about = f"Cases: {len(curves)}, each of 160 points, three Lambertian facets."
+    return f"{table(heads, rows)}\n\n{about}"
 
 
 def _gradient(problem: Problem, data: Epochs) -> tuple[float, int]:
@@ -108,7 +109,7 @@ def _cpu(run: Callable[..., jax.Array], *args: Any) -> float:
 
 
 def linearity(cases: list[tuple[Case, LightCurve]]) -> str:
-    """Median chi2 between the exact and the first-order effect of clocks and drift."""
+    """How far clocks and drift are from linear, over their priors."""
     rows = []
     for seed, (case, curve) in enumerate(cases):
         clock, half, drift = _nonlinear(case, curve)
@@ -116,9 +117,7 @@ def linearity(cases: list[tuple[Case, LightCurve]]) -> str:
         drifts = "–" if np.isnan(drift) else f"{drift:.2g}"
         rows.append([str(seed), f"{period:.0f}", f"{clock:.2g}", f"{half:.3f}", drifts])
     heads = ["seed", "period (s)", "clocks", "offsets half as large, over that", "drift"]
-    about = (
-        "Median chi2 between the exact and the first-order effect of faults drawn from their priors"
-    )
+    about = "Median chi2 between exact and first-order effects of faults drawn from their priors"
     return f"{about}, at the truth.\n\n{table(heads, rows)}"
 
 
