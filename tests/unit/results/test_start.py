@@ -80,27 +80,36 @@ def test_a_spin_without_a_period_is_no_start(tmp_path):
         read_start(folder, curve)
 
 
-def test_a_fit_takes_its_prior_from_a_spin(tmp_path, capsys):
-    """The periods are options of the model and an assumption; --period goes before them."""
+def command_and_spin(tmp_path: Path) -> tuple[list[str], Path]:
+    """The command line of a fit, and the folder of a spin of its light curve."""
     lcbayes.write(small_curves.curve(20), tmp_path / "a.csv")
     digest = lcbayes.read(tmp_path / "a.csv").source["sha256"]
     folder = spin_folder(tmp_path / "spin", digest, photometric_period_s=300.0)
-    argv = ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report", *FITTING]
-    assert main.main([*argv, "--start-from", str(folder)]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    return ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report"], folder
+
+
+def test_a_fit_takes_its_prior_from_a_spin(tmp_path):
+    """The periods are options of the model and an assumption."""
+    argv, folder = command_and_spin(tmp_path)
+    argv += [*FITTING, "--start-from", str(folder)]
+    assert main.main(argv) in (EXIT_DONE, EXIT_NOT_TRUSTED)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["model_options"]["period"] == "297-303s,594-606s,1188-1212s"
     with xr.open_datatree(tmp_path / "out" / "posterior.nc") as tree:
         said = " ".join(json.loads(tree.attrs["assumptions"]))
     assert "The sidereal period is 297 to 303 s (ends uncertain by" in said
     assert "in either sense (--period)" in said
-    capsys.readouterr()
-    argv[1:4] = [str(tmp_path / "a.csv"), "-o", str(tmp_path / "other")]
-    known = ["--period", "5min", "--pole", "120,-45,30", "--start-from", str(folder)]
-    assert main.main([*argv, *known]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
-    record = (tmp_path / "other" / "run.toml").read_text()
+
+
+@pytest.mark.slow
+def test_the_period_of_the_user_goes_before_that_of_a_spin(tmp_path):
+    argv, folder = command_and_spin(tmp_path)
+    argv += [*FITTING, "--start-from", str(folder), "--period", "5min", "--pole", "120,-45,30"]
+    assert main.main(argv) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    record = (tmp_path / "out" / "run.toml").read_text()
     assert 'period = "5min"' in record
     assert "pole = [120.0, -45.0, 30.0]" in record
-    summary = json.loads((tmp_path / "other" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["model_options"]["period"] == "5min"
     assert summary["model_options"]["pole"] == "120,-45,30"
 
