@@ -22,23 +22,23 @@ def curve():
 
 
 @pytest.fixture(scope="module")
-def compared(curve):
-    """Numbers compared by chains; no bridge of two facets is certain enough."""
-    measure, one = chain_evidence.measure, posterior_of(curve, 1)
+def comparison(curve):
+    """The comparison by chains, and what the measurement of each number was given."""
+    measure, given = chain_evidence.measure, []
 
-    def doubted(stages, problem, *rest):
-        with pytest.MonkeyPatch.context() as patch:
-            if stages.plain.dim > one.dim:
-                patch.setattr(chain_evidence, "MAX_SE", -1.0)
-            return measure(stages, problem, *rest)
+    def recorded(*args):
+        given.append(args)
+        return measure(*args)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chain_evidence, "measure", doubted)
-        return lcbayes.compare(curve, n_facets=(1, 2), evidence="chains", **OPTIONS)
+        patch.setattr(chain_evidence, "measure", recorded)
+        result = lcbayes.compare(curve, n_facets=(1, 2), evidence="chains", **OPTIONS)
+    return result, given
 
 
-def posterior_of(curve, n_facets: int) -> Problem:
-    return small_curves.posterior(curve, n_facets=n_facets, spin="none")[0]
+@pytest.fixture(scope="module")
+def compared(comparison):
+    return comparison[0]
 
 
 def test_the_evidence_from_chains_is_that_of_quadrature(compared, curve):
@@ -58,11 +58,19 @@ def test_the_evidence_from_chains_is_that_of_quadrature(compared, curve):
 
 
 def test_chains_that_are_doubted_give_way_to_particles(compared):
+    """Two facets, of which the data determine one: the chains disagree."""
     row = compared.content["candidates"][1]
     assert row["n_facets"] == 2
     assert row["evidence_from"] == "particles"
-    assert "the bridges are uncertain by" in row["chains_doubted"]
+    assert "chains disagree" in row["chains_doubted"]
     assert np.isfinite(row["log_evidence"])
+
+
+def test_uncertain_bridges_are_doubted(comparison, monkeypatch):
+    (one,) = (args for args in comparison[1] if args[0].plain.dim == 4)
+    monkeypatch.setattr(chain_evidence, "MAX_SE", -1.0)
+    with pytest.raises(chain_evidence.Doubtful, match="the bridges are uncertain by"):
+        chain_evidence.measure(*one)
 
 
 def test_a_facet_is_added_to_a_smaller_body(curve):
