@@ -13,10 +13,18 @@ import xarray as xr
 
 import lcbayes
 from lcbayes.cli import main
-from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.core.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_INTERRUPTED,
+    EXIT_NOT_TRUSTED,
+    InputError,
+)
 from lcbayes.modelling.known_spin import Period
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.start import Start, candidate_periods, read_start
+from lcbayes.tasks.fit import run
+from lcbayes.tasks.fit.assumptions import assumptions
 from tests.helpers import small_curves
 
 FITTING = ["--n-facets", "1", "--num-starts", "16", "--num-warmup", "10", "--num-samples", "10"]
@@ -88,6 +96,33 @@ def command_and_spin(tmp_path: Path) -> tuple[list[str], Path]:
     return ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report"], folder
 
 
+@pytest.mark.parametrize(
+    ("given", "period", "assumed"),
+    [
+        ((), "297-303s,594-606s,1188-1212s", "297 to 303 s (ends uncertain by"),
+        (("--period", "5min", "--pole", "120,-45,30"), "5min", "300 ± "),
+    ],
+)
+def test_a_fit_begins_with_the_periods_of_a_spin(tmp_path, monkeypatch, given, period, assumed):
+    """They are options of the model and an assumption; --period goes before them."""
+    argv, folder = command_and_spin(tmp_path)
+    asked = []
+
+    def stopped(_curve, entry, options, *_):
+        asked.append((entry, options))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run.engine, "run", stopped)
+    assert main.main([*argv, *FITTING, "--start-from", str(folder), *given]) == EXIT_INTERRUPTED
+    ((entry, options),) = asked
+    assert options["period"] == period
+    assert options.get("pole") == ("120,-45,30" if given else None)
+    said = " ".join(assumptions(lcbayes.read(tmp_path / "a.csv"), entry, options))
+    assert f"The sidereal period is {assumed}" in said
+    assert "in either sense (--period)" in said
+
+
+@pytest.mark.slow
 def test_a_fit_takes_its_prior_from_a_spin(tmp_path):
     """The periods are options of the model and an assumption."""
     argv, folder = command_and_spin(tmp_path)
