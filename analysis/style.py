@@ -109,13 +109,15 @@ class Gallery:
     def add(self, figure: Any, name: str, alt: str, caption: str = "") -> Image:
         """Save the figure as ``name``.svg and .pdf, and return it as an image for the page."""
         buffer = io.StringIO()
+        # Lay out once: with a layout engine, savefig draws each file twice.
+        figure.get_layout_engine().execute(figure)
+        figure.set_layout_engine(None)
         figure.savefig(buffer, format="svg", dpi=DPI, metadata={"Date": None, "Creator": None})
         # the XML header is not needed in a page; single spaces make the text a quarter smaller
         text = buffer.getvalue()
         text = re.sub(r"\n\s*", "\n", text[text.index("<svg") :])
         head = '<?xml version="1.0" encoding="utf-8"?>\n'
         (self.folder / f"{name}.svg").write_text(head + text, encoding="utf-8")
-        figure.set_layout_engine("none")  # keeps the layout, which took as long as the drawing
         path = self.folder / f"{name}.pdf"
         figure.savefig(path, dpi=170, metadata={"CreationDate": None, "Producer": None})
         width, height = figure.get_size_inches()

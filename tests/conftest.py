@@ -3,6 +3,7 @@ may fail by chance."""
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,6 +16,13 @@ from tests.helpers import browser_pages, false_alarms, quick_run
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     config.stash[false_alarms.COLLECTED] = false_alarms.check(items)
     quick_run.mark(items)
+
+
+def pytest_collection_finish() -> None:
+    """Leave the imported modules, a million objects, out of each garbage collection."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
 
 
 @pytest.fixture(scope="module")

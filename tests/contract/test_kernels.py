@@ -334,8 +334,10 @@ OF_A_MODEL = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @OF_A_MODEL
 def test_arviz_reads_the_sites_and_statistics_of_a_model(make_kernel):
+    """ArviZ runs the model operation by operation, each of which is compiled."""
     import arviz
 
     tree = arviz.from_numpyro(model_ran(make_kernel), log_likelihood=False)

@@ -15,7 +15,7 @@ import xarray as xr
 import lcbayes
 from lcbayes.analysis import contents
 from lcbayes.core.constants import HOUR_S
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.geometry.spherical import unit_vector
 from lcbayes.modelling.priors import inertia_tensor
 from lcbayes.physics.attitude import rotations
@@ -201,11 +201,11 @@ def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
     page = opened("tumbling")
     results = contents.read(folder)
     draws = results.modes[0].draws.isel(chain=0, draw=0)
-    tensor, moments = inertia_tensor(jnp.asarray(draws["inertia_base"].to_numpy()), 1.0)
+    tensor, moments = jax.jit(inertia_tensor)(jnp.asarray(draws["inertia_base"].to_numpy()), 1.0)
     assert moments[0] < 0.9 * moments[2]
     vectors = (jnp.asarray(results.constant[k].to_numpy()) for k in ("sun", "obs"))
     omega = jnp.asarray(draws["omega"].to_numpy())
-    _, seen = torque_free_to_body(jnp.asarray(results.t), omega, tensor, *vectors)
+    _, seen = jax.jit(torque_free_to_body)(jnp.asarray(results.t), omega, tensor, *vectors)
     for index in (0, 10, results.t.size - 1):
         page.set("time", index)
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)

@@ -22,9 +22,23 @@ def curve():
 
 
 @pytest.fixture(scope="module")
-def compared(curve):
-    """Numbers compared by chains; two facets only in the long run, as a case that may be doubted"""
-    return lcbayes.compare(curve, n_facets=(1, 2), evidence="chains", **OPTIONS)
+def comparison(curve):
+    """The comparison by chains, and what the measurement of each number was given."""
+    measure, given = chain_evidence.measure, []
+
+    def recorded(*args):
+        given.append(args)
+        return measure(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chain_evidence, "measure", recorded)
+        result = lcbayes.compare(curve, n_facets=(1, 2), evidence="chains", **OPTIONS)
+    return result, given
+
+
+@pytest.fixture(scope="module")
+def compared(comparison):
+    return comparison[0]
 
 
 def test_the_evidence_from_chains_is_that_of_quadrature(compared, curve):
@@ -43,16 +57,20 @@ def test_the_evidence_from_chains_is_that_of_quadrature(compared, curve):
     assert len(row["log_evidences"]) == OPTIONS["num_runs"]
 
 
-def test_chains_that_are_doubted_give_way_to_particles(curve, monkeypatch):
-    """With the numbers that particles alone would give for the same best fits."""
+def test_chains_that_are_doubted_give_way_to_particles(compared):
+    """Two facets, of which the data determine one: the chains disagree."""
+    row = compared.content["candidates"][1]
+    assert row["n_facets"] == 2
+    assert row["evidence_from"] == "particles"
+    assert "chains disagree" in row["chains_doubted"]
+    assert np.isfinite(row["log_evidence"])
+
+
+def test_uncertain_bridges_are_doubted(comparison, monkeypatch):
+    (one,) = (args for args in comparison[1] if args[0].plain.dim == 4)
     monkeypatch.setattr(chain_evidence, "MAX_SE", -1.0)
-    found = lcbayes.compare(curve, n_facets=(1, 2), evidence="chains", **OPTIONS).content
-    for row in found["candidates"]:
-        assert row["evidence_from"] == "particles"
-        assert row["chains_doubted"]
-    assert "the bridges are uncertain by" in found["candidates"][0]["chains_doubted"]
-    fits = found["candidates"][0]
-    assert np.isfinite(fits["log_evidence"])
+    with pytest.raises(chain_evidence.Doubtful, match="the bridges are uncertain by"):
+        chain_evidence.measure(*one)
 
 
 def test_a_facet_is_added_to_a_smaller_body(curve):

@@ -180,6 +180,7 @@ def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
     assert not found.even
 
 
+@pytest.mark.slow
 def test_a_model_with_the_nutation_that_the_residuals_show_explains_them(faceted):
     light = small_faults.light_curve(BODY, Fault(nutation_deg=1.0), n=120, seed=3)
     z, data = best_fit(faceted, light)

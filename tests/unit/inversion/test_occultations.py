@@ -87,6 +87,7 @@ def test_distances_are_those_of_the_outline():
     np.testing.assert_allclose(height, 0.5, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical(false_alarm=EACH)
 def test_errors_of_the_size_are_those_of_repeated_observations():
     """With timing errors alone, the stated sd is what the sizes of simulated events scatter by."""

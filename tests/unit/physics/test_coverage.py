@@ -113,7 +113,8 @@ def _hull(radius, top, length, a, b):
     return 0.5 * np.mean(h**2 - slope**2) * 2 * np.pi
 
 
-@pytest.mark.parametrize("name", ["wings", pytest.param("stage", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wings", "stage"])
 def test_gradients_are_differences(name):
     """By a rotation, a size and a position, also while an outline crosses cells."""
     parts = BODIES[name]()

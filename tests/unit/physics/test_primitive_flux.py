@@ -258,6 +258,7 @@ def test_derivatives_are_differences(kind):
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_second_derivatives_follow_the_terminator():
     """The limits of the integral move with the directions; to first order this does not matter."""
     sun, obs = _directions(12, 5)

@@ -13,10 +13,18 @@ import xarray as xr
 
 import lcbayes
 from lcbayes.cli import main
-from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
+from lcbayes.core.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_INTERRUPTED,
+    EXIT_NOT_TRUSTED,
+    InputError,
+)
 from lcbayes.modelling.known_spin import Period
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.start import Start, candidate_periods, read_start
+from lcbayes.tasks.fit import run
+from lcbayes.tasks.fit.assumptions import assumptions
 from tests.helpers import small_curves
 
 FITTING = ["--n-facets", "1", "--num-starts", "16", "--num-warmup", "10", "--num-samples", "10"]
@@ -80,27 +88,63 @@ def test_a_spin_without_a_period_is_no_start(tmp_path):
         read_start(folder, curve)
 
 
-def test_a_fit_takes_its_prior_from_a_spin(tmp_path, capsys):
-    """The periods are options of the model and an assumption; --period goes before them."""
+def command_and_spin(tmp_path: Path) -> tuple[list[str], Path]:
+    """The command line of a fit, and the folder of a spin of its light curve."""
     lcbayes.write(small_curves.curve(20), tmp_path / "a.csv")
     digest = lcbayes.read(tmp_path / "a.csv").source["sha256"]
     folder = spin_folder(tmp_path / "spin", digest, photometric_period_s=300.0)
-    argv = ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report", *FITTING]
-    assert main.main([*argv, "--start-from", str(folder)]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    return ["fit", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "--no-report"], folder
+
+
+@pytest.mark.parametrize(
+    ("given", "period", "assumed"),
+    [
+        ((), "297-303s,594-606s,1188-1212s", "297 to 303 s (ends uncertain by"),
+        (("--period", "5min", "--pole", "120,-45,30"), "5min", "300 ± "),
+    ],
+)
+def test_a_fit_begins_with_the_periods_of_a_spin(tmp_path, monkeypatch, given, period, assumed):
+    """They are options of the model and an assumption; --period goes before them."""
+    argv, folder = command_and_spin(tmp_path)
+    asked = []
+
+    def stopped(_curve, entry, options, *_):
+        asked.append((entry, options))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run.engine, "run", stopped)
+    assert main.main([*argv, *FITTING, "--start-from", str(folder), *given]) == EXIT_INTERRUPTED
+    ((entry, options),) = asked
+    assert options["period"] == period
+    assert options.get("pole") == ("120,-45,30" if given else None)
+    said = " ".join(assumptions(lcbayes.read(tmp_path / "a.csv"), entry, options))
+    assert f"The sidereal period is {assumed}" in said
+    assert "in either sense (--period)" in said
+
+
+@pytest.mark.slow
+def test_a_fit_takes_its_prior_from_a_spin(tmp_path):
+    """The periods are options of the model and an assumption."""
+    argv, folder = command_and_spin(tmp_path)
+    argv += [*FITTING, "--start-from", str(folder)]
+    assert main.main(argv) in (EXIT_DONE, EXIT_NOT_TRUSTED)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["model_options"]["period"] == "297-303s,594-606s,1188-1212s"
     with xr.open_datatree(tmp_path / "out" / "posterior.nc") as tree:
         said = " ".join(json.loads(tree.attrs["assumptions"]))
     assert "The sidereal period is 297 to 303 s (ends uncertain by" in said
     assert "in either sense (--period)" in said
-    capsys.readouterr()
-    argv[1:4] = [str(tmp_path / "a.csv"), "-o", str(tmp_path / "other")]
-    known = ["--period", "5min", "--pole", "120,-45,30", "--start-from", str(folder)]
-    assert main.main([*argv, *known]) in (EXIT_DONE, EXIT_NOT_TRUSTED)
-    record = (tmp_path / "other" / "run.toml").read_text()
+
+
+@pytest.mark.slow
+def test_the_period_of_the_user_goes_before_that_of_a_spin(tmp_path):
+    argv, folder = command_and_spin(tmp_path)
+    argv += [*FITTING, "--start-from", str(folder), "--period", "5min", "--pole", "120,-45,30"]
+    assert main.main(argv) in (EXIT_DONE, EXIT_NOT_TRUSTED)
+    record = (tmp_path / "out" / "run.toml").read_text()
     assert 'period = "5min"' in record
     assert "pole = [120.0, -45.0, 30.0]" in record
-    summary = json.loads((tmp_path / "other" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["model_options"]["period"] == "5min"
     assert summary["model_options"]["pole"] == "120,-45,30"
 
