@@ -53,7 +53,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "outlier_share": ("share of outliers", "", 0.0),
     "outlier_width": ("width of outliers, in scales", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
-    "log_roughness": ("how rough the shape is, ln τ", "", 0.0),
+    "roughness": ("relief on the ellipsoid, rms of its harmonics", "", 0.0),
 }
 # In order of importance; used where only some can be shown.
 IMPORTANT = (

@@ -18,6 +18,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import likelihood, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.moments import MomentCoordinates
+from lcbayes.modelling.relief import EllipsoidWithRelief
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
@@ -27,7 +28,7 @@ LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
-LOG_ROUGHNESS, LOG_LAMBERT = (np.log(4.0), 0.7), (np.log(0.1), 0.5)
+LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below
     [
@@ -63,8 +64,11 @@ def model(
     The pole is uniform on the sphere. Sidereal period ~ Normal(period, P²/2T), with T the time
     span. The sd is the difference between periods that differ by half a turn over the span. Their
     light curves are similar, so the given period should have about this accuracy.
-    c_lm ~ Normal(0, τ (2/(l+1))²) with ln τ ~ Normal(ln 4, 0.7), ln c ~ Normal(ln 0.1, 0.5). Each
-    component of Σαn/Σα is 0 ± 0.01: the surface closes within the error of the grid.
+
+    The body is an ellipsoid with relief: c₂ₘ ~ Normal(0, 1.5), and the other c_lm deviate from
+    those of the ellipsoid by Normal(0, τ (2/(l+1))²) with an unknown τ of about 2.4, which is
+    integrated out (`relief.EllipsoidWithRelief`). ln c ~ Normal(ln 0.1, 0.5). Each component of
+    Σαn/Σα is 0 ± 0.01: the surface closes within the error of the grid.
 
     If all curves are relative, neither the size nor the phase law is inferred: Σα = 8, as for a
     sphere with flux 1, and S = 1. With a calibrated curve the flux of a sphere with these areas at
@@ -95,7 +99,7 @@ def model(
     ----------
     Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37 (spin, shape series, scattering law).
     """
-    normals, harmonics, degrees = grid(n_facets, degree)
+    normals, harmonics, _ = grid(n_facets, degree)
     pole = priors.directions("pole", 1)[0]
     tilt = rotations.brought_to(pole)
     priors.pole_angles(pole)
@@ -104,9 +108,10 @@ def model(
     period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)
     numpyro.deterministic("period_h", period_s / HOUR_S)
 
-    roughness = jnp.exp(numpyro.sample("log_roughness", dist.Normal(*LOG_ROUGHNESS)))
-    smooth = dist.Normal(0.0, roughness * (2.0 / (degrees + 1.0)) ** 2).to_event(1)
-    share = jax.nn.softmax(harmonics @ numpyro.sample("coefficients", smooth))
+    shape = EllipsoidWithRelief(degree)
+    coefficients = jnp.asarray(numpyro.sample("coefficients", shape))
+    numpyro.deterministic("roughness", shape.roughness(coefficients))
+    share = jax.nn.softmax(harmonics @ coefficients)
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
@@ -152,7 +157,6 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
     """Spheres with poles over the whole sky and periods within the prior."""
     sphere = {
         "coefficients": jnp.zeros((degree + 1) ** 2 - 1),
-        "log_roughness": jnp.log(3.0),
         "log_lambert_c": jnp.log(0.1),
         "log_level": jnp.zeros(sum(data.free_scale)),
         "log_sigma": jnp.log(0.03),

@@ -74,7 +74,6 @@ def test_triangles_give_the_brightness_of_the_model(tmp_path, pole, free_scale):
         "pole_base": jnp.asarray(axis)[None],
         "period_shift": jnp.array(0.3),
         "coefficients": jnp.asarray(coefficients),
-        "log_roughness": jnp.array(0.0),
         "log_lambert_c": jnp.log(0.17),
         "log_level": jnp.zeros(sum(data.free_scale)),
     }
