@@ -219,6 +219,11 @@ def _base(name: str) -> str:
     return "omega" if name.startswith("omega_") else name.split("[")[0]
 
 
+def axis_names(frame: str) -> tuple[str, str]:
+    """Names of the two angles of a direction in a frame."""
+    return ("right ascension", "declination") if frame == "icrs" else ("longitude", "latitude")
+
+
 def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
     """Rate, period and axis of a constant rotation, in common units; empty without one."""
     if "omega" not in draws:
@@ -226,7 +231,7 @@ def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
     omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
     rate = np.degrees(np.linalg.norm(omega, axis=-1))
     lon, lat = lon_lat_deg(omega)
-    names = ("right ascension", "declination") if frame == "icrs" else ("longitude", "latitude")
+    names = axis_names(frame)
     found = [Quantity("rate", "rotation rate", "deg/s", rate)]
     if np.std(rate) < 0.2 * np.mean(rate):
         found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))

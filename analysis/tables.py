@@ -11,6 +11,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
+from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.results.asteroid import QUANTITIES
 from lcbayes.results.reasons import FAULTS, TESTS
 
@@ -166,6 +167,26 @@ def rests_on_table(results: Results) -> dict[str, Any] | None:
     names = [name for name in moved[faults[0]] if len(moved[faults[0]]) <= LONG or "[" not in name]
     rows = [[name, *(f"{moved[fault][name]:.2f}" for fault in faults)] for name in names]
     return {"heads": [FAULTS[fault] for fault in faults], "rows": rows}
+
+
+def spin_table(results: Results) -> dict[str, Any] | None:
+    """The spins that explain the data, if some were not sampled."""
+    spins = results.summary.get("spins") or []
+    if all(s["sampled"] for s in spins):
+        return None
+    lon, lat = lon_lat_deg(np.array([s["omega_rad_s"] for s in spins]))
+    angles = [f"axis, {name} (deg)" for name in quantities.axis_names(results.frame)]
+    rows = [
+        [
+            percent(s["share"]),
+            f"{s['period_s']:.6g}",
+            f"{a:.1f}",
+            f"{b:.1f}",
+            "yes" if s["sampled"] else "no",
+        ]
+        for s, a, b in zip(spins, lon, lat, strict=True)
+    ]
+    return {"heads": ["share", "period (s)", *angles, "sampled"], "rows": rows}
 
 
 def residual_table(results: Results) -> dict[str, Any] | None:

@@ -22,12 +22,13 @@ from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
-from lcbayes.inference.modes import Mode, join, recount, unsampled, weigh
+from lcbayes.inference.modes import Mode, join, left_out, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_search.search import applies, complete_search
+from lcbayes.inference.spin_solutions import SpinSolution, spin_solutions, undetermined
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -59,6 +60,7 @@ class Posterior:
     reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
     settings: Settings = field(default_factory=Settings)
     coverage: Coverage | None = None  # of a complete search over spins
+    spins: list[SpinSolution] = field(default_factory=list)  # of the search, sampled or not
 
 
 def run(
@@ -235,7 +237,8 @@ class Stages:
         recount(modes, self.plain, problem, found.ends, order, data)
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
-        reasons = unsampled(modes, self.plain, problem, found.rest, order, data)
+        left, share = unsampled(modes, self.plain, problem, found.rest, order, data)
+        spins = spin_solutions(self.plain, data, [m.solution for m in modes], left)
         return Posterior(
             problem,
             data,
@@ -243,9 +246,10 @@ class Stages:
             log_evidence,
             found.n_starts,
             self.timing,
-            reasons,
+            undetermined(spins, share) or left_out(len(left), share),
             self.settings,
             found.coverage,
+            spins,
         )
 
 

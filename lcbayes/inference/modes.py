@@ -125,16 +125,18 @@ def unsampled(
     rest: Sequence[solutions.Solution],
     order: FacetOrder,
     data: Epochs,
-) -> list[Finding]:
-    """Warnings about plausible solutions that were not sampled. Solutions within the region of a
-    mode, such as the optima along a ridge, are not counted."""
+) -> tuple[list[solutions.Solution], float]:
+    """Solutions that were not sampled, and their share of the posterior.
+
+    Solutions within the region of a mode, such as the optima along a ridge, are not among them.
+    """
     if not rest:
-        return []
+        return [], 0.0
     inside = _shares(modes, plain, problem, np.stack([s.z for s in rest]), order, data) <= 1.0
-    left = [s.log_evidence for s, known in zip(rest, inside.any(axis=0), strict=True) if not known]
-    log_z = np.array([*left, *(m.solution.log_evidence for m in modes)])
+    left = [s for s, known in zip(rest, inside.any(axis=0), strict=True) if not known]
+    log_z = np.array([s.log_evidence for s in [*left, *(m.solution for m in modes)]])
     likely = np.exp(log_z - log_z.max())
-    return left_out(len(left), float(likely[: len(left)].sum() / likely.sum()))
+    return left, float(likely[: len(left)].sum() / likely.sum())
 
 
 def left_out(n: int, share: float) -> list[Finding]:

@@ -184,6 +184,7 @@ class FitNumbers(Outliers):
     sparse: NotRequired[dict[str, Any]]
     n_starts: int
     search: dict[str, Any] | None
+    spins: NotRequired[list[dict[str, Any]]]  # `inference.spin_solutions.SpinSolution`
     notes: str
     identity: dict[str, Any]
 

@@ -9,10 +9,13 @@ import numpy as np
 
 from lcbayes.core.reasons import Finding, Reason
 from lcbayes.core.text import join_words
+from lcbayes.geometry.spherical import lon_lat_deg
 
 if TYPE_CHECKING:
     from lcbayes.inference.goodness_of_fit import Misfit
     from lcbayes.inference.misfit_tests import Explanation, ResidualTest
+
+MOST_SPINS = 12  # listed in the text
 
 SENTENCES = {
     # chains
@@ -31,6 +34,10 @@ SENTENCES = {
     "there may be better ones; search longer with --num-starts",
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
+    "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "
+    "with periods from {shortest_s:.5g} to {longest_s:.5g} s and axes up to {apart_deg:.0f} deg "
+    "apart, and solutions with some {percent:.0f} % of the posterior were not sampled; observe "
+    "another pass, or raise --max-modes",
     # particles
     "particles-moved-little": "{progress:.0%} of the way to the posterior the particles moved "
     "{moved:.0%} of what independent ones would in {moves} moves",
@@ -336,6 +343,21 @@ def searched(coverage: Mapping[str, Any] | None) -> list[str]:
         f"{coverage['cells']:,.0f} cells of pole and rate, {coverage['survivors']:,.0f} were "
         "followed to the end."
     ]
+
+
+def other_spins(spins: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines on the spins that explain the data, if some were not sampled."""
+    if all(s["sampled"] for s in spins):
+        return []
+    lines = ["Spins that explain the data (share of the posterior, Gaussian approximation):"]
+    for s in spins[:MOST_SPINS]:
+        lon, lat = lon_lat_deg(np.array(s["omega_rad_s"]))
+        note = "" if s["sampled"] else ", not sampled"
+        axis = f"axis {float(lon):5.1f}, {float(lat):+5.1f} deg"
+        lines.append(f"  {100 * s['share']:3.0f} %  period {s['period_s']:.6g} s, {axis}{note}")
+    if len(spins) > MOST_SPINS:
+        lines.append(f"  … and {len(spins) - MOST_SPINS} more in summary.json")
+    return lines
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -148,6 +148,7 @@ def summarise(
         },
         "n_starts": posterior.n_starts,
         "search": None if posterior.coverage is None else asdict(posterior.coverage),
+        "spins": [s._asdict() for s in posterior.spins],
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
     }

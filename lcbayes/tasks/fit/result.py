@@ -30,7 +30,7 @@ from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
-from lcbayes.results.reasons import agreement, rests_on, searched
+from lcbayes.results.reasons import agreement, other_spins, rests_on, searched
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 
@@ -116,6 +116,18 @@ class Fit(Result[FitContent]):
         if tests := quality.get("tests"):
             found["residual_tests"] = pd.DataFrame(tests)
             found["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
+        if spins := self.content.get("spins"):
+            found["spins"] = pd.DataFrame(
+                dict(
+                    zip(
+                        ("omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s"),
+                        s["omega_rad_s"],
+                        strict=True,
+                    )
+                )
+                | {k: s[k] for k in ("period_s", "share", "sampled")}
+                for s in spins
+            )
         if len(dimensions := self._dimensions()):
             found["dimensions"] = dimensions
         if (curves := self._model_curves()) is not None:
@@ -135,7 +147,8 @@ class Fit(Result[FitContent]):
             lines += self._rotation(i - 1)
             lines += self._parameters(mode["parameters"])
             lines += _body(mode.get("body"))
-        return [*lines, *searched(content.get("search")), *rests_on(content.get("rests_on", {}))]
+        lines += [*other_spins(content.get("spins", [])), *searched(content.get("search"))]
+        return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:
         """Rotation rate, period and axis of a solution, in the units in which they are quoted."""

@@ -9,7 +9,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import fit
-from lcbayes.inference.modes import unsampled
+from lcbayes.inference.modes import left_out, unsampled
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling import registry
@@ -190,8 +190,8 @@ def test_solutions_that_were_not_sampled_are_told_of_unless_they_lie_within_a_mo
 
     def told(*rest: tuple[float, float]) -> list[str]:
         left = [Solution(np.full(4, x), 0.0, log_z, 1.0, 1) for x, log_z in rest]
-        found = unsampled([mode], problem, problem, left, order, data)
-        return [sentence(one).text for one in found]
+        found, share = unsampled([mode], problem, problem, left, order, data)
+        return [sentence(one).text for one in left_out(len(found), share)]
 
     assert told() == told((0.5, 0.0)) == told((30.0, -4.7)) == []  # 0.9 %
     (one,) = told((30.0, 0.0), (0.5, 0.0))

@@ -1,0 +1,88 @@
+"""The spins of all plausible solutions of a search, sampled or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.core.reasons import Finding
+from lcbayes.inference.modes import MAX_LEFT_OUT
+from lcbayes.inference.solutions import Solution
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+
+Floats = NDArray[np.float64]
+ONE_PERIOD = 1e-3  # relative range of periods that are reported as one
+ONE_AXIS_DEG = 10.0  # greatest angle between axes that are reported as one
+
+
+class SpinSolution(NamedTuple):
+    """A constant rotation that explains the data.
+
+    Attributes
+    ----------
+    period_s : float
+    omega_rad_s : list of float
+        Angular velocity, in the axes of the light curve.
+    share : float
+        Share of the posterior by the Gaussian (Laplace) approximation of each solution.
+    sampled : bool
+        Whether chains describe it.
+    """
+
+    period_s: float
+    omega_rad_s: list[float]
+    share: float
+    sampled: bool
+
+
+def spin_solutions(
+    problem: Problem, data: Epochs, sampled: Sequence[Solution], rest: Sequence[Solution]
+) -> list[SpinSolution]:
+    """The spins of solutions in the coordinates of ``problem``, the most probable first.
+
+    Solutions with a share below `MAX_LEFT_OUT` are left out, as are those of models without a
+    constant rotation.
+    """
+    every = [*sampled, *rest]
+    log_z = np.array([s.log_evidence for s in every])
+    share = np.exp(log_z - log_z.max())
+    share /= share.sum()
+    if "omega_unit" not in problem.names or "inertia_base" in problem.names:
+        return []
+    found = []
+    for i, (solution, part) in enumerate(zip(every, share, strict=True)):
+        omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
+        rate = float(np.linalg.norm(omega))
+        if part > MAX_LEFT_OUT and rate > 0.0:
+            spin = SpinSolution(2 * np.pi / rate, omega.tolist(), float(part), i < len(sampled))
+            found.append(spin)
+    return sorted(found, key=lambda s: -s.share)
+
+
+def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Finding]:
+    """The finding that several spins explain the data and some of them were not sampled.
+
+    ``share_left`` is the share of the posterior of the solutions that were not sampled. Two
+    opposite axes count as one, because many light curves cannot tell them apart.
+    """
+    if share_left <= MAX_LEFT_OUT or len(spins) < 2:
+        return []
+    periods = np.array([s.period_s for s in spins])
+    axes = np.array([s.omega_rad_s for s in spins])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    apart = float(np.degrees(np.arccos(np.clip(np.abs(axes @ axes.T), 0.0, 1.0)).max()))
+    if np.ptp(periods) < ONE_PERIOD * periods.min() and apart < ONE_AXIS_DEG:
+        return []
+    values = {
+        "number": len(spins),
+        "shortest_s": float(periods.min()),
+        "longest_s": float(periods.max()),
+        "apart_deg": apart,
+        "percent": 100 * share_left,
+    }
+    return [Finding("spin-undetermined", values)]
