@@ -1,7 +1,7 @@
 """Simulated survey asteroids at real epochs: cadences of Asteroids@home inputs, bodies, noise.
 
-Plain NumPy, without any code of the package. The noise is that of surveys: normal errors of one
-level an object, an error that all points of a night share, and a few points far off.
+Plain NumPy and SciPy, without any code of the package. The noise is that of surveys: normal errors
+of one level an object, an error that all points of a night share, and a few points far off.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from _asteroids import (
     with_spot,
 )
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 HEADER = 14  # lines of settings in an input file of Asteroids@home
+HULL_POINTS = 400
 KINDS = ("ellipsoid", "convex", "brick", "binary", "spot")
 NOISE = (0.01, 0.08)  # of the flux, log-uniform
 NIGHT_NOISE = 0.03  # largest sd of the error of a night
@@ -77,12 +79,17 @@ def read_cadence(path: Path) -> Cadence:
 
 
 def draw_convex(rng: np.random.Generator) -> Surface:
-    """A body whose areas per direction of the normal are those of an ellipsoid, times noise."""
+    """The convex hull of an ellipsoid with hills and hollows."""
     axes = np.array([1.0, rng.uniform(0.6, 0.95), rng.uniform(0.45, 0.75)])
-    smooth = ellipsoid(axes)
-    directions = unit(rng.normal(size=(6, 3)))
-    bumps = np.exp(4.0 * (smooth.normals @ directions.T - 1.0)) @ rng.normal(0.0, 0.5, 6)
-    return Surface(smooth.centres, smooth.normals, smooth.areas * np.exp(bumps), smooth.albedo)
+    u = patches(HULL_POINTS)
+    centres = unit(rng.normal(size=(8, 3)))
+    height = np.exp(3.0 * (u @ centres.T - 1.0)) @ rng.normal(0.0, 0.12, 8)
+    corners = u * axes * np.exp(height)[:, None]
+    hull = ConvexHull(corners)
+    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
+    cross = 0.5 * np.cross(b - a, c - a)
+    areas = np.linalg.norm(cross, axis=1)
+    return Surface((a + b + c) / 3.0, hull.equations[:, :3], areas, np.ones(len(areas)))
 
 
 def draw_surface(rng: np.random.Generator, kind: str) -> Surface:
@@ -90,7 +97,7 @@ def draw_surface(rng: np.random.Generator, kind: str) -> Surface:
     if kind == "convex":
         return draw_convex(rng)
     if kind == "brick":
-        return brick(np.array([1.0, rng.uniform(0.6, 0.95), rng.uniform(0.45, 0.6)]))
+        return brick(np.array([1.0, rng.uniform(0.6, 0.85), rng.uniform(0.45, 0.6)]))
     if kind == "binary":
         second = rng.uniform(0.65, 0.95)
         return binary((1.0, second), rng.uniform(0.75, 0.95) * (1.0 + second), len(patches()) // 2)

@@ -57,9 +57,8 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     (reduced to unit distances) and kept unchanged. The times are light-time corrected Julian dates,
     converted to seconds since the last whole date before the first time, without other changes.
     Axes are ecliptic J2000; vectors in au become directions. All curves of the file are read, even
-    if there are more than line 1 states. Equal times, a result of rounding, are kept. Of the settings
-    of an input of Asteroids@home, of remarks behind its flags and of lines below its curves, nothing
-    is used.
+    if there are more than line 1 states. Equal times, a result of rounding, are kept. Settings of
+    an input of Asteroids@home, remarks behind its flags and lines below its curves are not used.
 
     Raises
     ------

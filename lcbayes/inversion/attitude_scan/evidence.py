@@ -1,8 +1,9 @@
 """The evidence of a spin for sparse points, and the posterior over all spins by adaptive cells.
 
-The noise is Student's t with an unknown level for each curve, and an error that the points of a night
-share. The coefficients of the linear model of `harmonics` are marginalised by Laplace's method. Cells of pole and frequency that
-hold the posterior are divided until their parts add up to the whole.
+The noise is Student's t with an unknown level for each curve, and an error that the points of a
+night share. The coefficients of the linear model of `harmonics` are marginalised by Laplace's
+method. Cells of pole and frequency that hold the posterior are divided until their parts add up to
+the whole.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from lcbayes.inversion.attitude_scan.spin import tilts
 
 Floats = NDArray[np.float64]
 
-ROUNDS = 5  # of reweighting
+ROUNDS = 3  # of reweighting
 BATCH = 512  # spins at once
 INFORMATION = 0.5  # power of the evidence: errors of the model are common to many points
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
-DIVIDED = 96  # cells divided at once
+DIVIDED = 64  # cells divided at once
 MASS = 3e-3  # share of the posterior below which a cell is not divided
 SETTLED = 0.1  # change of ln(mass) on division, nat, below which a cell's parts are kept
+LOCATED, LOCATED_PERIODS, LOCATED_CELLS = 3, 32, 3  # rounds; periods, and cells of each
 DEEPEST = 7  # level of division of poles (0.5 degrees)
 
 
@@ -42,12 +44,14 @@ class Fits(NamedTuple):
     log_evidence : (B,), up to a constant
     coefficients : (B, Q), offsets, phase law, shape
     noise : (B, K), in units of the errors
+    night : (B,), sd of the error that a night shares
     weight : (B, T), of Student's t; near one, small for outliers
     """
 
     log_evidence: Floats
     coefficients: Floats
     noise: Floats
+    night: Floats
     weight: Floats
 
 
@@ -75,39 +79,33 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
     n_nights = jnp.sum(real)
     noise0 = PRIOR_POINTS * points.noise**2
 
-    def parts(w: jax.Array, tau: jax.Array) -> tuple[jax.Array, ...]:
-        """Normal equations after the errors of nights are eliminated."""
+    def solved(heavy: jax.Array, scale: jax.Array, tau: jax.Array) -> tuple[jax.Array, ...]:
+        """Coefficients and errors of nights at given levels, and what their variances need."""
+        w = used * heavy / (points.error * (group @ scale)) ** 2
         inside = w @ night + tau**-2.0
         means = (night.T @ (w[:, None] * x)) / inside[:, None]
-        own = x - night @ means
-        matrix = x.T @ (w[:, None] * own) + jnp.diag(known)
-        return inside, means, own, matrix
-
-    def again(_: int, state: tuple) -> tuple:
-        heavy, scale, tau, _, _ = state
-        w = used * heavy / (points.error * (group @ scale)) ** 2
-        inside, means, own, matrix = parts(w, tau)
-        covariance = jnp.linalg.inv(matrix)
+        own = x - night @ means  # the errors of nights are eliminated
+        covariance = jnp.linalg.inv(x.T @ (w[:, None] * own) + jnp.diag(known))
         found = covariance @ (own.T @ (w * y) + known * mean)
         shared = (night.T @ (w * (y - x @ found))) / inside
+        return found, shared, y - x @ found - night @ shared, inside, means, own, covariance
+
+    def again(_: int, state: tuple) -> tuple:
+        heavy, scale, tau = state
+        _, shared, residual, inside, means, own, covariance = solved(heavy, scale, tau)
         spread = jnp.sum((own @ covariance) * own, axis=1) + night @ (1.0 / inside)
-        residual = y - x @ found - night @ shared
         squares = (residual**2 + spread) / points.error**2
         level = group.T @ (used * heavy * squares) + noise0
         scale = jnp.sqrt(level / (count + PRIOR_POINTS))
         of_night = shared**2 + 1.0 / inside + jnp.sum((means @ covariance) * means, axis=1)
         total = jnp.sum(jnp.where(real, of_night, 0.0)) + PRIOR_NIGHTS * NIGHT_SD**2
         tau = jnp.sqrt(total / (n_nights + PRIOR_NIGHTS))
-        heavy = (NU + 1.0) / (NU + squares / (group @ scale) ** 2)
-        return heavy, scale, tau, found, residual
+        return (NU + 1.0) / (NU + squares / (group @ scale) ** 2), scale, tau
 
-    start = jnp.full(count.shape, 1.5 * points.noise), jnp.asarray(NIGHT_SD)
-    state = jnp.ones_like(y), *start, mean, y
-    heavy, scale, tau, found, residual = jax.lax.fori_loop(0, ROUNDS, again, state)
+    start = jnp.ones_like(y), jnp.full(count.shape, 1.5 * points.noise), jnp.asarray(NIGHT_SD)
+    heavy, scale, tau = jax.lax.fori_loop(0, ROUNDS, again, start)
+    found, shared, residual, inside, _, _, covariance = solved(heavy, scale, tau)
     sigma = points.error * (group @ scale)
-    w = used * (NU + 1.0) / (NU + 3.0) * heavy / sigma**2
-    inside, _, _, matrix = parts(w, tau)
-    shared = (night.T @ (used * heavy / sigma**2 * residual)) * tau**2
     value = -jnp.sum(
         used * (0.5 * (NU + 1.0) * jnp.log1p((residual / sigma) ** 2 / NU) + jnp.log(sigma))
     )
@@ -116,7 +114,7 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
     value -= 0.5 * jnp.sum(shared**2) / tau**2
     value -= 0.5 * jnp.sum(jnp.where(real, jnp.log(inside * tau**2), 0.0))
     value -= 0.5 * jnp.sum(((found - mean) / sd) ** 2) + jnp.sum(jnp.log(sd))
-    return Fits(value - 0.5 * jnp.linalg.slogdet(matrix)[1], found, scale, heavy)
+    return Fits(value + 0.5 * jnp.linalg.slogdet(covariance)[1], found, scale, tau, heavy)
 
 
 def _prior(points: SparsePoints) -> tuple[jax.Array, jax.Array]:
@@ -174,7 +172,32 @@ def divided(points: SparsePoints, whole: Cells) -> Cells:
     return cells(points, cell, (whole.level + 1).repeat(8), frequency, 0.5 * whole.width.repeat(8))
 
 
-def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 8) -> Cells:
+def located(points: SparsePoints, listed: Cells) -> Cells:
+    """Cells divided near the best pole of each of the best periods, whatever their masses.
+
+    A cell is wide compared with a strong maximum of the evidence, so the value at its centre may
+    rank it far below others. Each round divides the best cells of the best periods.
+    """
+    span = points.span
+    deepest = int(listed.level.max()) + LOCATED
+    for _ in range(LOCATED):
+        order = np.argsort(-listed.log_evidence, kind="stable")
+        period = np.floor(listed.frequency[order] * span)
+        _, first = np.unique(period, return_index=True)
+        best = period[np.sort(first)[:LOCATED_PERIODS]]
+        chosen = [order[period == k][:LOCATED_CELLS] for k in best]
+        chosen = np.concatenate(chosen)
+        chosen = chosen[listed.level[chosen] < deepest]
+        if not len(chosen):
+            break
+        kept = np.ones(len(listed.cell), bool)
+        kept[chosen] = False
+        parts = divided(points, listed.rows(chosen))
+        listed = Cells(*(np.concatenate([a[kept], b]) for a, b in zip(listed, parts, strict=True)))
+    return listed
+
+
+def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 5) -> Cells:
     """Cells divided wherever the posterior is, until their masses settle.
 
     Parameters

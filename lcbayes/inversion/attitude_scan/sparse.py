@@ -19,7 +19,7 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import evidence, smooth, sphere_cells, spin
 from lcbayes.inversion.attitude_scan.evidence import Cells
-from lcbayes.inversion.attitude_scan.harmonics import NIGHT_S, SparsePoints, nights_of
+from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, nights_of
 from lcbayes.inversion.attitude_scan.periodogram import periodogram
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Table
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
-KEPT = 2048  # hypotheses of the periodogram whose evidence is computed
+KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
 DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
@@ -134,8 +134,8 @@ def search(
 def table(found: SparseSearch, n_obs: int) -> Table:
     """The periodogram as a table with at most 20,000 rows, each the best of adjacent frequencies.
 
-    χ² is n exp(−2 Δ/n), with the log-evidence Δ relative to the greatest: that of a fit with as much
-    evidence, at the noise level of the best.
+    χ² is n exp(−2 Δ/n), with the log-evidence Δ relative to the greatest: that of a fit with as
+    much evidence, at the noise level of the best.
     """
     size = -(-len(found.best) // ROWS)
     parts = np.array_split(np.arange(len(found.best)), -(-len(found.best) // size))
@@ -202,7 +202,7 @@ def _cells(
     also = _doubled(points, listed, frequencies, apart)
     if also is not None:
         listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
-    return evidence.refined(points, listed, rest), rest
+    return evidence.refined(points, evidence.located(points, listed), rest), rest
 
 
 def _doubled(

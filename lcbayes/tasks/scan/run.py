@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lcbayes.core.version import installed_version
 from lcbayes.core.errors import InputError
+from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import digest
 from lcbayes.inversion.attitude_scan import engine, sparse
