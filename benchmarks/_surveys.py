@@ -29,7 +29,7 @@ from scipy.spatial import ConvexHull
 HEADER = 14  # lines of settings in an input file of Asteroids@home
 HULL_POINTS = 400
 KINDS = ("ellipsoid", "convex", "brick", "binary", "spot")
-NOISE = (0.01, 0.08)  # of the flux, log-uniform
+NOISE = (0.005, 0.05)  # of the flux, log-uniform
 NIGHT_NOISE = 0.03  # largest sd of the error of a night
 FAR, FAR_TIMES = 0.02, 5.0  # share of points with errors this many times larger
 

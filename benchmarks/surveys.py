@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 
 UNIQUE = 0.99
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, UNIQUE, 1.01)
-SEED = 3000  # of the first simulated object; smaller ones served to develop the method
+SEED = 5000  # of the first simulated object; smaller ones served to develop the method
 LISTED = 3  # solutions of a real object in the table
 
 Rows = list[dict[str, Any]]
@@ -110,7 +111,7 @@ def reliability(rows: Rows, probability: str, right: str) -> list[list[str]]:
     p = np.array([r[probability] for r in rows])
     good = np.array([r[right] for r in rows])
     out = []
-    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+    for low, high in pairwise(BINS):
         here = (p >= low) & (p < high)
         if here.any():
             bounds = f"{low:g} to {min(high, 1.0):g}"
@@ -129,10 +130,10 @@ def calibration(number: int) -> None:
     )
     text = (
         f"{len(rows)} simulated objects at the epochs of {len(cadences())} real ones (about 100 "
-        "points of some 25 nights in three to five years): ellipsoids, convex hulls with hills, "
+        "points of 25 nights in years): ellipsoids, convex hulls with hills, "
         "bricks (b/a 0.6 to 0.85), contact binaries with shadows, ellipsoids with a dark spot. "
-        "Poles isotropic, periods near 8 h with a fifth from 20 to 900 h, noise 1 to 8 %, up to 3 % "
-        "common to a night, 2 % of points five times as bad, phase laws drawn anew. The simulator "
+        "Poles isotropic, periods near 8 h with a fifth from 20 to 900 h, noise 0.5 to 5 %, up to "
+        "3 % common to a night, 2 % of points five times as bad, phase laws drawn anew. The simulator "
         "shares no code with the package. Search: 2 to 1000 h. A period is right within one turn "
         f"over the data, a spin if its pole is also within {sparse.SAME_POLE:g} degrees.\n\n"
         f"Of {len(called)} periods called unique (P ≥ {UNIQUE}), {right} are right. Called unique, "
@@ -166,7 +167,7 @@ def real() -> None:
             "sparse": sparse.is_sparse(given),
             "period_probability": found.period_probability,
             "spins": [
-                (1.0 / (HOUR_S * s.frequency), *_lon_lat(s.pole), s.probability)
+                (1.0 / (HOUR_S * s.frequency), *_lon_lat(list(s.pole)), s.probability)
                 for s in found.spins[:LISTED]
             ],
             "wall_s": time.perf_counter() - begun,

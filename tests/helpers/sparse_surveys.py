@@ -26,7 +26,8 @@ def directions(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
     earth = np.stack([np.cos(home), np.sin(home), 0 * t], 1)
     sun, obs = -asteroid, earth - asteroid
-    return tuple(x / np.linalg.norm(x, axis=1, keepdims=True) for x in (sun, obs))
+    sun, obs = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (sun, obs))
+    return sun, obs
 
 
 def times(rng: np.random.Generator, n_nights: int = 30, per_night: int = 4) -> np.ndarray:

@@ -8,11 +8,10 @@ the whole.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inversion.attitude_scan import sphere_cells
@@ -48,11 +47,11 @@ class Fits(NamedTuple):
     weight : (B, T), of Student's t; near one, small for outliers
     """
 
-    log_evidence: Floats
-    coefficients: Floats
-    noise: Floats
-    night: Floats
-    weight: Floats
+    log_evidence: Any
+    coefficients: Any
+    noise: Any
+    night: Any
+    weight: Any
 
 
 @jax.jit
@@ -79,7 +78,7 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
     n_nights = jnp.sum(real)
     noise0 = PRIOR_POINTS * points.noise**2
 
-    def solved(heavy: jax.Array, scale: jax.Array, tau: jax.Array) -> tuple[jax.Array, ...]:
+    def solved(heavy: Any, scale: Any, tau: Any) -> tuple[jax.Array, ...]:
         """Coefficients and errors of nights at given levels, and what their variances need."""
         w = used * heavy / (points.error * (group @ scale)) ** 2
         inside = w @ night + tau**-2.0
@@ -90,9 +89,9 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
         shared = (night.T @ (w * (y - x @ found))) / inside
         return found, shared, y - x @ found - night @ shared, inside, means, own, covariance
 
-    def again(_: int, state: tuple) -> tuple:
+    def again(_: Any, state: tuple[Any, ...]) -> tuple[Any, ...]:
         heavy, scale, tau = state
-        _, shared, residual, inside, means, own, covariance = solved(heavy, scale, tau)
+        shared, residual, inside, means, own, covariance = solved(heavy, scale, tau)[1:]
         spread = jnp.sum((own @ covariance) * own, axis=1) + night @ (1.0 / inside)
         squares = (residual**2 + spread) / points.error**2
         level = group.T @ (used * heavy * squares) + noise0
@@ -119,7 +118,8 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
 
 def _prior(points: SparsePoints) -> tuple[jax.Array, jax.Array]:
     fixed, shape = fixed_prior(points.group.shape[1]), shape_prior()
-    return tuple(jnp.concatenate([a, b]) for a, b in zip(fixed, shape, strict=True))
+    mean, sd = (jnp.concatenate(x) for x in zip(fixed, shape, strict=True))
+    return mean, sd
 
 
 def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:
@@ -141,27 +141,34 @@ class Cells(NamedTuple):
     log_evidence, log_mass : (B,)
     """
 
-    cell: NDArray[np.integer]
-    level: NDArray[np.integer]
-    frequency: Floats
-    width: Floats
-    log_evidence: Floats
-    log_mass: Floats
+    cell: Any
+    level: Any
+    frequency: Any
+    width: Any
+    log_evidence: Any
+    log_mass: Any
 
     @property
     def pole(self) -> Floats:
+        """Centres of the cells of the sphere, (B, 3)."""
         return sphere_cells.centres(self.cell, self.level)
 
-    def rows(self, which) -> Cells:
+    def rows(self, which: Any) -> Cells:
+        """The selected cells."""
         return Cells(*(x[which] for x in self))
 
 
-def cells(points: SparsePoints, cell, level, frequency: Floats, width: Floats) -> Cells:
+def cells(points: SparsePoints, cell: Any, level: Any, frequency: Floats, width: Floats) -> Cells:
     """Cells with their masses: evidence^½ × prior, uniform over poles and over ln(period)."""
     level = np.broadcast_to(level, np.shape(cell)).copy()
     value = fits(points, sphere_cells.centres(cell, level), frequency).log_evidence
     volume = np.log(width / frequency) - np.log(sphere_cells.number(1) * 4.0 ** (level - 1.0))
     return Cells(np.asarray(cell), level, frequency, width, value, INFORMATION * value + volume)
+
+
+def total_mass(of: Cells) -> float:
+    """ln of the sum of the masses."""
+    return float(np.logaddexp.reduce(of.log_mass))
 
 
 def divided(points: SparsePoints, whole: Cells) -> Cells:
@@ -211,14 +218,14 @@ def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 5) ->
     """
     done, still = first, np.ones(len(first.cell), bool)
     for _ in range(rounds):
-        total = np.logaddexp(logsumexp(done.log_mass), rest)
+        total = np.logaddexp(total_mass(done), rest)
         worth = still & (done.log_mass > total + np.log(MASS)) & (done.level < DEEPEST)
         chosen = np.flatnonzero(worth)
         if not len(chosen):
             break
         chosen = chosen[np.argsort(-done.log_mass[chosen], kind="stable")[:DIVIDED]]
         parts = divided(points, done.rows(chosen))
-        mass = logsumexp(parts.log_mass.reshape(-1, 8), axis=1)
+        mass = np.logaddexp.reduce(parts.log_mass.reshape(-1, 8), axis=1)
         # the parts of a part that is as it was expected to be are not divided again
         settled = np.abs(mass - done.log_mass[chosen]) < SETTLED
         kept = np.ones(len(done.cell), bool)

@@ -8,10 +8,10 @@ u². For a given pole the moduli are fixed, and a period only turns u by the ang
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
@@ -44,7 +44,7 @@ ROWS, NIGHTS = 32, 16  # the numbers of points and nights are multiples of these
 
 
 class SparsePoints(NamedTuple):
-    """Points of a light curve for the linear model.
+    """Points of a light curve for the linear model: arrays of NumPy or JAX.
 
     t : (T,) s, since the middle of the data
     bisector : (T, 3), unit vectors, inertial
@@ -60,16 +60,16 @@ class SparsePoints(NamedTuple):
     The numbers of points and nights are rounded up, so that objects share compiled programs.
     """
 
-    t: Floats
-    bisector: Floats
-    log_flux: Floats
-    error: Floats
-    fixed: Floats
-    group: Floats
-    night: Floats
-    used: Floats
-    noise: float
-    span: float
+    t: Any
+    bisector: Any
+    log_flux: Any
+    error: Any
+    fixed: Any
+    group: Any
+    night: Any
+    used: Any
+    noise: Any
+    span: Any
 
     @classmethod
     def of(cls, curve: LightCurve) -> SparsePoints:
@@ -146,7 +146,7 @@ def shape_prior() -> tuple[Floats, Floats]:
     return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
 
 
-def shape_columns(bisector: jax.Array, tilt: jax.Array, turns: jax.Array) -> jax.Array:
+def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
     """Harmonics of the bisector in the body frame, (T, 20).
 
     Parameters
@@ -158,7 +158,8 @@ def shape_columns(bisector: jax.Array, tilt: jax.Array, turns: jax.Array) -> jax
     turns : (T,)
         Turns of the body since then.
     """
-    x, y, z = (bisector @ tilt).T
+    x, y, z = (jnp.asarray(bisector) @ jnp.asarray(tilt)).T
+    turns = jnp.asarray(turns)
     angle = 2.0 * jnp.pi * (turns - jnp.floor(turns))
     u = (x + 1j * y) * jnp.exp(-1j * angle)
     powers = {1: u, 2: u * u, 3: u * u * u, 4: (u * u) ** 2}

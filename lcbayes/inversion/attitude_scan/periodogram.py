@@ -131,7 +131,9 @@ def _scan(t: jax.Array, first: jax.Array, apart: jax.Array, p: Poles, half: jax.
     return jax.lax.map(block, jnp.arange(BLOCKS))
 
 
-def periodogram(points: SparsePoints, directions: Floats, first: float, apart: float, count: int):
+def periodogram(
+    points: SparsePoints, directions: Floats, first: float, apart: float, count: int
+) -> NDArray[np.float32]:
     """ln evidence (F, P) in single precision, up to a constant, at frequencies first + k apart.
 
     The noise level is marginalised under a scale-free prior, the coefficients under theirs.

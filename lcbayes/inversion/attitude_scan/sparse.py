@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.errors import InputError
@@ -229,7 +228,7 @@ def _doubled(
 
 def _solutions(cells: Cells, rest: float, span: float) -> tuple[list[Spin], float]:
     """Solutions with their probabilities, and the probability of the best period."""
-    share = np.exp(cells.log_mass - np.logaddexp(logsumexp(cells.log_mass), rest))
+    share = np.exp(cells.log_mass - np.logaddexp(evidence.total_mass(cells), rest))
     keep = share > 1e-9
     cells, share = cells.rows(keep), share[keep]
     pole, left, found = cells.pole, np.ones(len(share), bool), []
