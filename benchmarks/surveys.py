@@ -30,7 +30,7 @@ from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 
 UNIQUE = 0.99
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, UNIQUE, 1.01)
-SEED = 5000  # of the first simulated object; smaller ones served to develop the method
+SEED = 7000  # of the first simulated object; smaller ones served to develop the method
 LISTED = 3  # solutions of a real object in the table
 
 Rows = list[dict[str, Any]]
@@ -133,8 +133,8 @@ def calibration(number: int) -> None:
         "points of 25 nights in years): ellipsoids, convex hulls with hills, "
         "bricks (b/a 0.6 to 0.85), contact binaries with shadows, ellipsoids with a dark spot. "
         "Poles isotropic, periods near 8 h with a fifth from 20 to 900 h, noise 0.5 to 5 %, up to "
-        "3 % common to a night, 2 % of points five times as bad, phase laws drawn anew. The simulator "
-        "shares no code with the package. Search: 2 to 1000 h. A period is right within one turn "
+        "3 % common to a night, 2 % of points five times as bad, phase laws drawn anew. The "
+        "simulator shares no code with the package. Search: 2 to 1000 h. A period is right within one turn "
         f"over the data, a spin if its pole is also within {sparse.SAME_POLE:g} degrees.\n\n"
         f"Of {len(called)} periods called unique (P ≥ {UNIQUE}), {right} are right. Called unique, "
         f"by body: {kinds}. The period is right in "

@@ -2,8 +2,9 @@
 
 ln f = o_c + p(α) + Σ c_k B_k(b), with the bisector b of the directions to Sun and observer in the
 body frame, one offset for each curve and a phase law of two terms. The shape has polynomials z^n
-and z^n u^m of degree up to four, with u = x + iy. To first order a triaxial ellipsoid has z² and
-u². For a given pole the moduli are fixed, and a period only turns u by the angle 2π f t.
+and z^n u^m of degree up to four, with u = x + iy, and z^n u⁴/|u|²: the last are what u² is at half
+the period, so that a brick is described at its own period too. To first order a triaxial ellipsoid
+has z² and u². For a given pole the moduli are fixed, and a period only turns u by the angle 2π f t.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ SECTORAL = (  # order m, power of z, sd of Re and Im
     (2, 2, 0.1),
     (3, 0, 0.06),
     (3, 1, 0.05),
-    (4, 0, 0.08),
+    (4, 0, 0.05),
 )
+FOUR = ((0, 0.05), (1, 0.03), (2, 0.04))  # power of z, and sd of Re and Im of z^n u⁴/|u|²
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
 NIGHT_S = 0.5 * DAY_S
@@ -141,13 +143,13 @@ def fixed_prior(n_curves: int) -> tuple[Floats, Floats]:
 def shape_prior() -> tuple[Floats, Floats]:
     """Prior means and standard deviations of the columns of `shape_columns`."""
     rows = [(mean, sd) for _, mean, sd in ZONAL] + [(0.0, ELONGATION)] * 2
-    for _, _, sd in SECTORAL:
+    for sd in [sd for _, _, sd in SECTORAL] + [sd for _, sd in FOUR]:
         rows += [(0.0, sd)] * 2
     return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
 
 
 def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
-    """Harmonics of the bisector in the body frame, (T, 20).
+    """Harmonics of the bisector in the body frame, (T, 26).
 
     Parameters
     ----------
@@ -168,4 +170,7 @@ def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax
     for m, n, _ in SECTORAL:
         one = powers[m] * z**n
         out += [one.real, one.imag]
+    four = powers[4] / jnp.maximum(jnp.abs(powers[2]), 1e-12)
+    for n, _ in FOUR:
+        out += [(four * z**n).real, (four * z**n).imag]
     return jnp.stack(out, axis=1)
