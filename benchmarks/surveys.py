@@ -1,6 +1,7 @@
 """Survey asteroids: is a probability of 0.99 right in 99 of 100, and the fifty real ones.
 
-    python benchmarks/surveys.py calibration [N] | real     into RESULTS.md
+    python benchmarks/surveys.py calibration [N]     into RESULTS.md
+    python benchmarks/surveys.py real [N]            the first N real objects
 
 Needs the Asteroids@home inputs in $LCBAYES_DATA/sparse-survey or ../shared/data/sparse-survey.
 Outcomes are kept in a file of JSON lines in $LCBAYES_SURVEYS (by default the working folder), and a
@@ -134,8 +135,9 @@ def calibration(number: int) -> None:
         "bricks (b/a 0.6 to 0.85), contact binaries with shadows, ellipsoids with a dark spot. "
         "Poles isotropic, periods near 8 h with a fifth from 20 to 900 h, noise 0.5 to 5 %, up to "
         "3 % common to a night, 2 % of points five times as bad, phase laws drawn anew. The "
-        "simulator shares no code with the package. Search: 2 to 1000 h. A period is right within one turn "
-        f"over the data, a spin if its pole is also within {sparse.SAME_POLE:g} degrees.\n\n"
+        "simulator shares no code with the package. Search: 2 to 1000 h. A period is right "
+        "within one turn over the data, a spin if its pole is also within "
+        f"{sparse.SAME_POLE:g} degrees.\n\n"
         f"Of {len(called)} periods called unique (P ≥ {UNIQUE}), {right} are right. Called unique, "
         f"by body: {kinds}. The period is right in "
         f"{sum(r['period_right'] for r in rows)} of all {len(rows)}. Processor time of an object: "
@@ -151,10 +153,11 @@ def calibration(number: int) -> None:
     )
 
 
-def real() -> None:
-    """The search of all real objects, with sparse points alone or with dense curves too."""
+def real(number: int) -> None:
+    """The search of the first real objects, with sparse points alone or with dense curves too."""
     path, done = stored("real")
-    for file in sorted(folder().glob("period_search_in_*"))[len(done) :]:
+    files = sorted(folder().glob("period_search_in_*"))
+    for file in files[len(done) : number]:
         data = read_cadence(file)
         given = curve(data)
         begun, cpu = time.perf_counter(), time.process_time()
@@ -178,7 +181,7 @@ def real() -> None:
     unique = [r for r in done if r["period_probability"] >= UNIQUE]
     few = [r for r in done if r["sparse"]]
     text = (
-        f"{len(done)} inputs of Asteroids@home, 2 to 1000 h, the most probable solution of each. "
+        f"{len(done)} of {len(files)} inputs of Asteroids@home, 2 to 1000 h, the most probable solution of each. "
         f"{len(few)} have sparse points alone; the others have dense curves too, and for these the "
         "scan fits bodies unless a periodogram is asked for. No published answers come with the "
         f"files. Unique at P ≥ {UNIQUE}: {len(unique)} of {len(done)} "
@@ -211,7 +214,8 @@ def _lon_lat(v: Sequence[float]) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
+    asked = [int(x) for x in sys.argv[2:3]]
     if sys.argv[1:2] == ["real"]:
-        real()
+        real(*(asked or [1000]))
     else:
-        calibration(int(sys.argv[2]) if len(sys.argv) > 2 else 200)
+        calibration(*(asked or [200]))
