@@ -181,14 +181,15 @@ def real(number: int) -> None:
     unique = [r for r in done if r["period_probability"] >= UNIQUE]
     few = [r for r in done if r["sparse"]]
     text = (
-        f"{len(done)} of {len(files)} inputs of Asteroids@home, 2 to 1000 h, the most probable solution of each. "
+        f"{len(done)} of {len(files)} inputs of Asteroids@home, 2 to 1000 h, the most probable "
+        "solution of each. "
         f"{len(few)} have sparse points alone; the others have dense curves too, and for these the "
         "scan fits bodies unless a periodogram is asked for. No published answers come with the "
         f"files. Unique at P ≥ {UNIQUE}: {len(unique)} of {len(done)} "
         f"({sum(r['sparse'] for r in unique)} of {len(few)} sparse). Processor time, median: "
         f"{np.median([r['cpu_s'] for r in done]):.1f} s an object.\n\n"
     )
-    heads = ["object", "points", "curves", "P of period", "period, h", "pole", "P", "CPU, s", "s"]
+    heads = ["object", "points", "curves", "P of period", "period, h", "pole", "P", "CPU, s"]
     rows = [
         [
             r["name"],
@@ -199,7 +200,6 @@ def real(number: int) -> None:
             f"({r['spins'][0][1]:.0f}, {r['spins'][0][2]:+.0f})",
             f"{r['spins'][0][3]:.3f}",
             f"{r['cpu_s']:.1f}",
-            f"{r['wall_s']:.1f}",
         ]
         for r in sorted(done, key=lambda r: -r["period_probability"])
     ]

