@@ -72,6 +72,8 @@ def headline(summary: Mapping[str, Any]) -> str:
     best = summary["solutions"][0]
     near = sum(s["near_equal"] for s in summary["solutions"]) - 1
     also = "" if not near else f"; {near} other{'s fit' if near > 1 else ' fits'} as well"
+    if (probability := summary["period_probability"]) is not None:
+        also = f", with probability {probability:.4g}"
     if "period_h" not in best:
         return f"Best attitude: {best['law']}{also}."
     period = written_period(best["period_h"], best["period_resolution_h"])
@@ -108,7 +110,9 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
                     written_period(s["period_h"], s["period_resolution_h"]) if known else "",
                     f"{s['chi2']:.5g}",
                     f"{s['rms']:.4f}",
-                    str(s["hits"]) if known else "",
+                    (f"{s['probability']:.3f}" if "probability" in s else str(s["hits"]))
+                    if known
+                    else "",
                 ],
                 "words": s["words"],
             }

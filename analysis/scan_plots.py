@@ -131,6 +131,12 @@ def draw_periods(scan: AttitudeScan, gallery: Gallery) -> Image | None:
         "for the coarse body used in the screening. Dotted: ends of the search range. Numbers: "
         "refined solutions."
     )
+    if scan.n_ranked:
+        caption = (
+            "The periodogram: residuals of a fit with as much evidence, relative to the smallest, "
+            "at the best pole of each frequency. Of adjacent frequencies the best is shown. "
+            "Dotted: ends of the search range. Numbers: refined solutions."
+        )
     return gallery.add(figure, "periods", "Residuals against the period reached.", caption)
 
 

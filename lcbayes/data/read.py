@@ -15,7 +15,7 @@ from lcbayes.core.files import TextFile, read_bytes, read_text
 from lcbayes.data.formats import satellites
 from lcbayes.data.formats.build import build
 from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
-from lcbayes.data.formats.damit import is_damit, read_damit
+from lcbayes.data.formats.damit import is_damit, is_period_search, read_damit
 from lcbayes.data.formats.ecsv import is_ecsv, read_ecsv
 from lcbayes.data.formats.frames import PARQUET, is_table, read_parquet, text_of
 from lcbayes.data.formats.names import mapping_of, renamed
@@ -72,7 +72,7 @@ def recognise(file: TextFile) -> str:
     """The format of a file from its content; for damaged content, the extension `.lcs` is used."""
     if is_ecsv(file.text):
         return "ecsv"
-    if is_damit(file.text) or file.path.suffix.lower() == ".lcs":
+    if is_damit(file.text) or is_period_search(file.text) or file.path.suffix.lower() == ".lcs":
         return "damit"
     if is_tdm(file.text):
         return "tdm"

@@ -282,6 +282,7 @@ class ScanSolution(TypedDict):
     words: str
     hits: int
     coefficients: NotRequired[list[float]]
+    probability: NotRequired[float]
 
 
 class ScanParameter(TypedDict):
@@ -315,6 +316,7 @@ class ScanNumbers(TypedDict):
     n_hypotheses: int
     n_periods: int
     n_laws: int
+    period_probability: float | None
     laws_left_out: dict[str, str]
     reflectance: str
     body: str

@@ -66,6 +66,8 @@ def _plain(scan: AttitudeScan) -> dict[str, Any]:
         "left_out",
         "timing",
         "epoch_jd",
+        "period_probability",
+        "n_ranked",
     )
     about = {k: getattr(scan, k) for k in names}
     about["error_known"] = bool(scan.error_known)

@@ -1,4 +1,7 @@
-"""DAMIT `.lcs`: asteroid light curves with the directions to Sun and Earth."""
+"""DAMIT `.lcs`: asteroid light curves with the directions to Sun and Earth.
+
+The input of Asteroids@home's period search has the same curves below 14 lines of settings.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from lcbayes.data.formats.times import seconds_from_jd
 from lcbayes.data.lightcurve import LightCurve
 
 WIDTH = 8  # JD, intensity, asteroid→Sun (3), asteroid→Earth (3)
+SETTINGS = 14  # lines of settings in an input of Asteroids@home
 
 
 def is_damit(text: str) -> bool:
@@ -28,6 +32,23 @@ def is_damit(text: str) -> bool:
     )
 
 
+def is_period_search(text: str) -> bool:
+    """Whether the text is an input of Asteroids@home's period search: a range of periods, further
+    settings, and the number of curves on line 15."""
+    lines = [line.split() for line in text[:8192].split("\n", SETTINGS + 3)[: SETTINGS + 3]]
+    if len(lines) < SETTINGS + 3 or len(lines[0]) < 4 or len(lines[SETTINGS]) != 1:
+        return False
+    head, row = lines[SETTINGS + 1], lines[SETTINGS + 2]
+    return (
+        all(_number(cell) for cell in lines[0][:4])
+        and _integer(lines[SETTINGS][0]) is not None
+        and len(head) >= 2
+        and _integer(head[0]) is not None
+        and head[1] in ("0", "1")
+        and len(row) == WIDTH
+    )
+
+
 def read_damit(file: TextFile, options: Options) -> LightCurve:
     """Read a DAMIT file.
 
@@ -36,7 +57,8 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     (reduced to unit distances) and kept unchanged. The times are light-time corrected Julian dates,
     converted to seconds since the last whole date before the first time, without other changes.
     Axes are ecliptic J2000; vectors in au become directions. All curves of the file are read, even
-    if there are more than line 1 states. Equal times, a result of rounding, are kept.
+    if there are more than line 1 states. Equal times, a result of rounding, are kept. Settings of
+    an input of Asteroids@home, remarks behind its flags and lines below its curves are not used.
 
     Raises
     ------
@@ -96,6 +118,9 @@ def _parse(
         for number, line in enumerate(file.text.split("\n"), 1)
         if (cells := line.split())
     ]
+    remarks = is_period_search(file.text)
+    if remarks:
+        filled = [(number, cells) for number, cells in filled if number > SETTINGS]
     announced = _integer(filled[0][1][0]) if len(filled[0][1]) == 1 else None
     if announced is None or announced < 1:
         _fail(file, filled[0][0], "expected the number of curves", "see the DAMIT format")
@@ -104,10 +129,11 @@ def _parse(
     curve: list[int] = []
     flags: list[int] = []
     at = 1
-    while at < len(filled):
+    while at < len(filled) and not (remarks and len(flags) == announced):
         number, cells = filled[at]
         points = _integer(cells[0]) or 0
-        if len(cells) != 2 or points < 1 or cells[1] not in ("0", "1"):
+        short = len(cells) < 2 if remarks else len(cells) != 2
+        if short or points < 1 or cells[1] not in ("0", "1"):
             what = "expected `npoints flag` with flag 0 or 1, as the curve before is complete"
             _fail(file, number, what, "check npoints above")
         remaining = len(filled) - at - 1
@@ -138,6 +164,13 @@ def _row(file: TextFile, number: int, cells: list[str]) -> list[float]:
 
 def _integer(text: str) -> int | None:
     return int(text) if len(text) < 20 and text.isascii() and text.isdigit() else None
+
+
+def _number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
 
 
 def _fail(file: TextFile, line: int, what: str, remedy: str) -> NoReturn:

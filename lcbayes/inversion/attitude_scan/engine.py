@@ -19,9 +19,10 @@ from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
-from lcbayes.inversion.attitude_scan import search, stabilised
+from lcbayes.inversion.attitude_scan import search, sparse, stabilised
 from lcbayes.inversion.attitude_scan.faceted import polish
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
+from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, Table
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
@@ -54,6 +55,7 @@ class Settings:
     keep: int
     n_sky: int
     common_noise: bool
+    sparse: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Settings by name; sequences in command-line form."""
@@ -112,7 +114,9 @@ def run(
     chosen, scan.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     scan.n_laws = len(chosen)
     with worker_pool(scheduler, n_workers) as workers:
-        if spins:
+        if settings.sparse:
+            points = _sparse_spins(curve, points, settings, scan, workers, checkpoint, progress)
+        elif spins:
             _spins(curve, points, settings, scan, workers, checkpoint, progress)
         if chosen:
             with _timed(scan, "laws_s"), progress.stage("laws", len(chosen), "laws") as track:
@@ -121,7 +125,7 @@ def run(
                 )
                 scan.solutions += fitted
                 scan.left_out |= dark
-    scan.solutions.sort(key=lambda s: s.chi2)
+    scan.solutions.sort(key=lambda s: (-(s.probability or 0.0), s.chi2))
     best = scan.solutions[0]
     scan.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
     if not points.error_known and best.coefficients is None:
@@ -167,13 +171,61 @@ def _spins(
     ):
         better = search.refine(points, fine, kept, run, checkpoint, "refine", track)
     if closed:
-        scan.solutions += _smooth_solutions(points, fine, better, hits, span)
+        scan.solutions += _smooth_solutions(points, fine, *_merged(better, hits, span))
         return
     with (
         _timed(scan, "facets_s"),
         progress.stage("facets", len(hits), "solutions") as track,
     ):
         scan.solutions += _faceted_solutions(curve, settings, better, hits, span, run, track)
+
+
+def _sparse_spins(
+    curve: LightCurve,
+    points: Points,
+    settings: Settings,
+    scan: AttitudeScan,
+    run: Run,
+    checkpoint: Checkpoint,
+    progress: Silent,
+) -> Points:
+    """Add the probable spins of sparse points to ``scan``: rank all, and refine the most probable.
+
+    Returns the points without the phase law of the most probable spin.
+    """
+    few = SparsePoints.of(curve)
+    assert settings.period_range_h is not None
+    with _timed(scan, "screen_s"), progress.stage("periodogram", 1, "object") as track:
+        found = sparse.search(few, settings.period_range_h, 0.5 * settings.period_step)
+        track.advance(1)
+    scan.n_periods, scan.n_ranked = len(found.frequencies), found.n_ranked
+    scan.period_probability = found.period_probability
+    scan.screened = sparse.table(found, curve.n_obs)
+    fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance)
+    spins = found.spins[: settings.keep]
+    points = sparse.without_phase_law(points, few, fine, spins[0])
+    with (
+        _timed(scan, "refine_s"),
+        progress.stage("refining", len(spins), "solutions") as track,
+    ):
+        ends = search.refine(points, fine, sparse.ends(spins), run, checkpoint, "refine", track)
+    bodies = _smooth_solutions(points, fine, ends, np.ones(len(spins), int))
+    for body, spin in zip(bodies, spins, strict=True):
+        scan.solutions.append(replace(body, probability=spin.probability))
+    scan.flux = np.asarray(points.flux)
+    if settings.n_sky > 0:
+        coarse = SmoothBody.of(
+            COARSE_FACETS,
+            min(COARSE_DEGREE, settings.degree),
+            settings.reflectance,
+            dtype=np.float32,
+        )
+        with _timed(scan, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
+            poles = facets.grid(settings.n_sky)
+            f = float(ends.frequency[0])
+            held = search.sky(points, coarse, poles, f, run, checkpoint, track)
+            scan.sky = poles, search.misfit(points, held.squares, ends.squares[0])
+    return points
 
 
 def _screened(
@@ -249,9 +301,8 @@ def _aliases(tried: Grid, best: float, span: float) -> Grid:
 
 
 def _smooth_solutions(
-    points: Points, body: SmoothBody, ends: Ends, hits: NDArray, span: float
+    points: Points, body: SmoothBody, ends: Ends, hits: NDArray
 ) -> list[Solution]:
-    ends, hits = _merged(ends, hits, span)
     chi2 = search.misfit(points, ends.squares, ends.squares[0])
     residual = search.residuals(points, body, ends)
     normals = facets.grid(body.normals.shape[0])

@@ -41,6 +41,8 @@ class Solution:
         the axes are `attitude.brought_to` of the pole, as in the model "convex-grid".
     relation, words : str
         Relation to the best solution; see `solutions.Geometry`.
+    probability : float or None
+        Of this pole and period; None unless a periodogram was the first stage.
     """
 
     law: str
@@ -55,6 +57,7 @@ class Solution:
     coefficients: Floats | None = None
     relation: str = ""
     words: str = ""
+    probability: float | None = None
 
     @property
     def n_fitted(self) -> int:
@@ -119,6 +122,10 @@ class AttitudeScan:
     timing : mapping of seconds
     epoch_jd : float or None
         Julian date of t = 0; None if only seconds are known.
+    period_probability : float or None
+        Of the period of the first solution, whatever its pole; None without a periodogram.
+    n_ranked : int
+        Number of spins that the periodogram ranked.
     """
 
     settings: Any
@@ -137,6 +144,8 @@ class AttitudeScan:
     sky: tuple[Floats, Floats] | None = None
     timing: dict[str, float] = field(default_factory=dict)
     epoch_jd: float | None = None
+    period_probability: float | None = None
+    n_ranked: int = 0
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: over the data, closer periods differ by less than one turn of the body."""
@@ -144,6 +153,8 @@ class AttitudeScan:
 
     @property
     def n_hypotheses(self) -> int:
+        if self.n_ranked:
+            return self.n_ranked
         return self.n_laws + (0 if self.screened is None else len(self.screened.chi2))
 
     def table(self) -> tuple[list[str], Iterable[list[str]]]:

@@ -11,13 +11,14 @@ from scipy import stats
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.attitude_scan import equivalence
+from lcbayes.inversion.attitude_scan import equivalence, sparse
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, written_period
-from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, TWICE
+from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIOD, SAME, TWICE
 
 POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesis explains the data;
 # below its inverse, unless by chance, the fit is closer than the errors allow
 LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains the data
+UNIQUE = 0.99  # probability of the only period, or the only pole
 NAMED = 5  # number of equivalent solutions listed by name
 
 
@@ -25,7 +26,8 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
     """Contents of ``summary.json`` other than the verdict, and reasons against the result."""
     best = scan.solutions[0]
     limit = equivalence.limit(scan)
-    solutions = [_row(s, scan, limit) for s in scan.solutions]
+    near = _near_equal(scan, limit)
+    solutions = [_row(s, scan, e) for s, e in zip(scan.solutions, near, strict=True)]
     smooth = best.coefficients is not None
     content = {
         "model": "attitude-scan",
@@ -37,6 +39,7 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
         "n_periods": scan.n_periods,
         "n_laws": scan.n_laws,
         "laws_left_out": scan.left_out,
+        "period_probability": scan.period_probability,
         "reflectance": scan.settings.reflectance,
         "body": "harmonics" if smooth else "facets",
         "solutions": solutions,
@@ -57,7 +60,19 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
     return content, list(_findings(scan, solutions))
 
 
-def _row(s: Solution, scan: AttitudeScan, limit: float) -> dict[str, Any]:
+def _near_equal(scan: AttitudeScan, limit: float) -> list[bool]:
+    """Whether each solution fits as well as the best; with probabilities, whether it belongs to the
+    smallest number of solutions with a probability of 0.99 together."""
+    if scan.period_probability is None:
+        return [s.chi2 <= limit for s in scan.solutions]
+    share = np.array([s.probability or 0.0 for s in scan.solutions])
+    order = np.argsort(-share, kind="stable")
+    before = np.empty(len(share))
+    before[order] = np.cumsum(share[order]) - share[order]
+    return list(map(bool, before < UNIQUE))
+
+
+def _row(s: Solution, scan: AttitudeScan, near_equal: bool) -> dict[str, Any]:
     spin = s.spin()
     if spin:
         spin["period_resolution_h"] = scan.resolution_h(spin["period_h"])
@@ -66,11 +81,12 @@ def _row(s: Solution, scan: AttitudeScan, limit: float) -> dict[str, Any]:
         **spin,
         "chi2": s.chi2,
         "rms": s.rms,
-        "near_equal": s.chi2 <= limit,
+        "near_equal": near_equal,
         "relation": s.relation,
         "words": s.words,
         "hits": s.hits,
         **({} if s.coefficients is None else {"coefficients": s.coefficients.tolist()}),
+        **({} if s.probability is None else {"probability": s.probability}),
     }
 
 
@@ -89,6 +105,9 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
         yield Finding("too-many-parameters", values)
     elif scan.error_known and _too_close(best.chi2, scan):
         yield Finding("fit-too-close", {"ratio": best.chi2 / scan.dof})
+    if scan.period_probability is not None:
+        yield from _improbable(scan, solutions)
+        return
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
     if other:
@@ -106,6 +125,32 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
         yield Finding("period-at-end-of-range", {"where": end})
     if best.frequency is not None and best.hits < 2 and settings.n_poles > 1:
         yield Finding("best-hypothesis-once")
+
+
+def _improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
+    """Findings about a period or pole whose probability is below 0.99."""
+    assert scan.period_probability is not None
+    best = scan.solutions[0]
+    assert best.frequency is not None
+    span = float(np.ptp(scan.t))
+    other, poles, of_pole = [], [], best.probability or 0.0
+    for s, row in zip(scan.solutions[1:], solutions[1:], strict=True):
+        assert s.frequency is not None
+        if abs(s.frequency - best.frequency) * span >= sparse.SAME_PERIOD:
+            other.append(written_period(row["period_h"], row["period_resolution_h"]))
+        elif row["relation"] in (SAME, MIRROR):
+            of_pole += s.probability or 0.0
+        else:
+            poles.append(f"({row['pole_lon_deg']:.0f}, {row['pole_lat_deg']:+.0f}) degrees")
+    if scan.period_probability < UNIQUE:
+        names = list(dict.fromkeys(other))
+        also = f"; {_fit_as_well(names)}" if names else ""
+        values = {"others": f"its probability is {scan.period_probability:.2g}{also}"}
+        yield Finding("period-not-unique", values)
+    elif of_pole < UNIQUE * scan.period_probability and poles:
+        yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})
+    if end := _end_of_range(best.frequency, scan):
+        yield Finding("period-at-end-of-range", {"where": end})
 
 
 def _too_close(chi2: float, scan: AttitudeScan) -> bool:

@@ -39,6 +39,9 @@ def between(text: str) -> tuple[float, ...]:
     return hours(ends[0]), hours(ends[1])
 
 
+AUTO, BODIES, PERIODOGRAM = "auto", "bodies", "periodogram"
+
+
 @dataclass(frozen=True)
 class ScanOptions(Options):
     """Options of `lcbayes.scan`."""
@@ -66,13 +69,27 @@ class ScanOptions(Options):
         help="lambertian, non-lambertian, or lommel-seeliger-lambert, the default for asteroids",
     )
     n_poles: int = option(12, low=1, high=10_000, help="poles to start from")
-    period_step: float = option(
-        0.8, above=0.0, help="step between trial periods, in half turns over the data"
+    period_step: float | None = option(
+        None,
+        above=0.0,
+        help="step between trial periods, in half turns over the data; by default 0.8, or 0.5 for "
+        "sparse points",
     )
     n_facets: int = option(500, low=50, high=5000, help="facets of the body of refined solutions")
-    degree: int = option(6, low=1, high=12, help="degree of the harmonics of that body")
+    degree: int | None = option(
+        None,
+        low=1,
+        high=12,
+        help="degree of the harmonics of that body; by default 6, or 3 for sparse points",
+    )
     keep: int = option(12, low=1, high=100, help="number of solutions to refine")
     n_sky: int = option(200, low=0, high=100_000, help="poles of the map of the sky; 0: no map")
+    first_stage: str = option(
+        AUTO,
+        choices=(AUTO, BODIES, PERIODOGRAM),
+        help="bodies are fitted to every pole and period, or all are ranked by a periodogram; by "
+        "default by the number of points a night",
+    )
     common_noise: bool = option(
         False, help="where errors are unknown: one relative noise level for all curves"
     )
@@ -93,12 +110,15 @@ TASK = Task(
 examples:
   lcbayes scan 43_Ariadne.lcs --period-range 5.75,5.775 -o out
   lcbayes scan 43_Ariadne.lcs --period 5.762 -o out
+  lcbayes scan survey.lcs -o out
   lcbayes scan tumbler.csv --tle object.tle --period-range 20s,300s --n-poles 24 -o out
   lcbayes scan passes.csv --tle object.tle --law all -o out
   lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out
 
 Periods are sidereal, in hours, or with a unit: 30s, 12min, 5.76h, 2d. A scan ranks;
 how well a spin is known, `lcbayes fit --start-from DIR` says; that command is printed.
+For asteroids with a few points a night over more than 200 days, periods from 2 to 1000
+hours are searched by default, and each solution has a probability.
 A run that was stopped goes on when the same command is given again.
 """,
     options=ScanOptions,

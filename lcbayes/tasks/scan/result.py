@@ -35,6 +35,7 @@ COLUMNS = {
     "chi2": "chi2",
     "rms": "rms",
     "near_equal": "near_equal",
+    "probability": "probability",
     "words": "relation",
 }
 
@@ -75,7 +76,8 @@ class Scan(Result[ScanContent]):
         """One row per solution: law, pole (deg), sidereal period (h), chi2, rms, relation."""
         import pandas as pd
 
-        return pd.DataFrame(self.solutions).reindex(columns=list(COLUMNS)).rename(columns=COLUMNS)
+        known = [c for c in COLUMNS if c != "probability" or "probability" in self.solutions[0]]
+        return pd.DataFrame(self.solutions).reindex(columns=known).rename(columns=COLUMNS)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Solutions, and every hypothesis with its chi2."""
@@ -98,11 +100,18 @@ class Scan(Result[ScanContent]):
                 lon, lat = s.get("pole_lon_deg", np.nan), s.get("pole_lat_deg", np.nan)
                 what = f"{lon:6.1f}  {lat:+6.1f}  {shown:>13s}"
             mark = "=" if s["near_equal"] else " "
-            lines.append(f"{i:2d}{mark}{what}  {s['chi2']:10.5g}  {s['rms']:6.4f}  {s['words']}")
-        limit = content["fit"]["chi2_near_equal"]
-        lines.append(
-            f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
-        )
+            p = f"  P {s['probability']:5.3f}" if "probability" in s else ""
+            fit = f"{s['chi2']:10.5g}  {s['rms']:6.4f}"
+            lines.append(f"{i:2d}{mark}{what}  {fit}{p}  {s['words']}")
+        if (probability := content["period_probability"]) is None:
+            limit = content["fit"]["chi2_near_equal"]
+            lines.append(
+                f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
+            )
+        else:
+            lines.append(
+                f"= one of these with probability 0.99; the period of 1: {probability:.4g}"
+            )
         spins = any(s["near_equal"] and "period_h" in s for s in self.solutions)
         return lines + (onward(self) if spins else [])
 

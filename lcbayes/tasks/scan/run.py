@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import digest
-from lcbayes.inversion.attitude_scan import engine
+from lcbayes.inversion.attitude_scan import engine, sparse
+from lcbayes.inversion.attitude_scan.grid import STEP
 from lcbayes.inversion.attitude_scan.verdict import summarise
 from lcbayes.results.reasons import reasons
 from lcbayes.tasks.fit.run import check_curve
-from lcbayes.tasks.scan.options import TASK, ScanOptions
+from lcbayes.tasks.scan.options import AUTO, PERIODOGRAM, TASK, ScanOptions
 from lcbayes.tasks.scan.result import Scan
 from lcbayes.tasks.task import Context, task_function
 
 ASTEROID, SATELLITE = "lommel-seeliger-lambert", "non-lambertian"
+DEGREE, SPARSE_DEGREE = 6, 3
 
 
 @task_function(TASK)
@@ -22,7 +25,9 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
 
     Constant spins: every pole of a grid is combined with every period of a range, and each pair is
     refined by Levenberg-Marquardt over pole, period and a smooth convex body. Laws: each stabilised
-    attitude of the catalogue is fitted with facets on a grid. The scan is deterministic.
+    attitude of the catalogue is fitted with facets on a grid. Sparse points of asteroids: a
+    periodogram ranks all poles and periods, solutions have probabilities, and the most probable are
+    refined. The scan is deterministic.
 
     {parameters}
 
@@ -56,20 +61,24 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     """
     check_curve(curve)
     asteroid = curve.frame == "ecliptic-j2000"
+    sparse_points = _sparse(curve, options)
+    asked = options.period_range
+    period_range = None if asked is None else (asked[0], asked[1])
+    if sparse_points and period_range is None:
+        period_range = sparse.PERIODS_H
     settings = engine.Settings(
         options.period,
-        None
-        if options.period_range is None
-        else (options.period_range[0], options.period_range[1]),
+        period_range,
         options.law,
         options.reflectance or (ASTEROID if asteroid else SATELLITE),
         options.n_poles,
-        options.period_step,
+        options.period_step or (2.0 * sparse.STEP if sparse_points else STEP),
         options.n_facets,
-        options.degree,
+        options.degree or (SPARSE_DEGREE if sparse_points else DEGREE),
         options.keep,
         options.n_sky,
         options.common_noise,
+        sparse_points,
     )
     identity = {
         "input": digest(curve),
@@ -87,3 +96,28 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     )
     content, against = summarise(complete, curve)
     return Scan(complete, content, reasons(against))
+
+
+def _sparse(curve: LightCurve, options: ScanOptions) -> bool:
+    """Whether a periodogram is the first stage.
+
+    Raises
+    ------
+    InputError
+        A periodogram is requested together with a single period, laws or another reflectance.
+    """
+    other = (
+        ("--period", options.period is not None),
+        ("--law", bool(options.law)),
+        ("--reflectance", options.reflectance not in (None, ASTEROID)),
+    )
+    given = [name for name, present in other if present]
+    if options.first_stage == AUTO:
+        return not given and sparse.is_sparse(curve)
+    if options.first_stage == PERIODOGRAM and given:
+        raise InputError(
+            f"--first-stage periodogram searches a range of periods; leave out {given[0]}"
+        )
+    if options.first_stage == PERIODOGRAM and curve.frame != "ecliptic-j2000":
+        raise InputError("--first-stage periodogram is for asteroids; leave it out")
+    return options.first_stage == PERIODOGRAM

@@ -67,6 +67,23 @@ def test_damit(tmp_path):
     assert read_geometry(path).geometry_only
 
 
+def test_input_of_asteroids_at_home(tmp_path):
+    """14 lines of settings, remarks behind the flags, and weights of curves at the end."""
+    curves = DAMIT.replace("2 0\n", "2 0 0.12 2006.9-2010.9 V 703_CATALINA\n").replace("\n\n", "\n")
+    text = "2\t0.5\t1000\t 1\tperiod_start period_step period_end fixed/free\n"
+    text += "0.1\t0\n" * 13 + curves + "1 0.5\n2 1\n"
+    path, plain = tmp_path / "period_search_in", tmp_path / "a.lcs"
+    path.write_text(text)
+    plain.write_text(DAMIT)
+    curve, expected = read(path), read(plain)
+    assert curve.source["format"] == "damit"
+    for name in ("t", "brightness", "sun", "obs", "curve", "free_scale"):
+        np.testing.assert_array_equal(getattr(curve, name), getattr(expected, name))
+    path.write_text(text.replace("\t0.5\t1000", "\tfrom\tto"))
+    with pytest.raises(InputError):
+        read(path)
+
+
 def test_damit_with_more_curves_than_announced(tmp_path):
     path = tmp_path / "a.lcs"
     path.write_text(DAMIT.replace("2\n", "1\n", 1))

@@ -1,0 +1,176 @@
+"""Sparse points and their linear model: logarithms of brightness as harmonics of the bisector.
+
+ln f = o_c + p(α) + Σ c_k B_k(b), with the bisector b of the directions to Sun and observer in the
+body frame, one offset for each curve and a phase law of two terms. The shape has polynomials z^n
+and z^n u^m of degree up to four, with u = x + iy, and z^n u⁴/|u|²: the last are what u² is at half
+the period, so that a brick is described at its own period too. To first order a triaxial ellipsoid
+has z² and u². For a given pole the moduli are fixed, and a period only turns u by the angle 2π f t.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lcbayes.core.constants import DAY_S
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.albedo_area.observed import linear_flux
+from lcbayes.modelling.epochs import Epochs
+
+Floats = NDArray[np.float64]
+
+SURGE_RAD = 0.09  # width of the opposition surge of the phase law
+# prior mean and standard deviation of the coefficients, in ln flux
+OFFSET = (0.0, 1.0)
+PHASE_SLOPE, SURGE = (-1.6, 0.7), (0.2, 0.2)  # per radian; of exp(−α/0.09)
+ZONAL = ((1, 0.0, 0.08), (2, 0.4, 0.35), (3, 0.0, 0.08), (4, 0.0, 0.15))  # power of z, mean, sd
+ELONGATION = 0.2  # sd of Re and Im of u²
+SECTORAL = (  # order m, power of z, sd of Re and Im
+    (1, 0, 0.08),
+    (1, 1, 0.08),
+    (2, 1, 0.08),
+    (2, 2, 0.1),
+    (3, 0, 0.06),
+    (3, 1, 0.05),
+    (4, 0, 0.05),
+)
+FOUR = ((0, 0.05), (1, 0.03), (2, 0.04))  # power of z, and sd of Re and Im of z^n u⁴/|u|²
+ERROR_FLOOR = 0.015  # of known relative errors
+UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
+NIGHT_S = 0.5 * DAY_S
+ROWS, NIGHTS = 32, 16  # the numbers of points and nights are multiples of these
+
+
+class SparsePoints(NamedTuple):
+    """Points of a light curve for the linear model: arrays of NumPy or JAX.
+
+    t : (T,) s, since the middle of the data
+    bisector : (T, 3), unit vectors, inertial
+    log_flux : (T,), its median over each curve is zero
+    error : (T,), relative; one where unknown
+    fixed : (T, C + 2), columns of the offsets and of the phase law
+    group : (T, K), one where a point belongs to a group with a common noise level
+    night : (T, M), one where a point belongs to a night, whose points share an error
+    used : (T,), one; zero where a row only fills the arrays
+    noise : expected noise level in units of ``error``
+    span : length of the data, s
+
+    The numbers of points and nights are rounded up, so that objects share compiled programs.
+    """
+
+    t: Any
+    bisector: Any
+    log_flux: Any
+    error: Any
+    fixed: Any
+    group: Any
+    night: Any
+    used: Any
+    noise: Any
+    span: Any
+
+    @classmethod
+    def of(cls, curve: LightCurve) -> SparsePoints:
+        """The points of a light curve; every curve has its own offset and noise level.
+
+        Raises
+        ------
+        InputError
+            If a brightness is not positive.
+        """
+        epochs = Epochs.of(curve)
+        flux, error = linear_flux(curve, epochs)
+        if not np.all(flux > 0):
+            raise InputError(
+                f"{np.sum(~(flux > 0))} points have no positive brightness, and the periodogram "
+                "takes logarithms; leave them out, or give --first-stage bodies"
+            )
+        known = epochs.has_error
+        member = _members(np.unique(curve.curve, return_inverse=True)[1])
+        y = np.log(flux)
+        y = y - member @ [np.median(y[m > 0]) for m in member.T]
+        middle = np.asarray(epochs.t - epochs.t_middle, float)
+        bisector = np.asarray(curve.sun) + np.asarray(curve.obs)
+        nights = nights_of(np.asarray(curve.t), curve.curve)
+        more, empty = -len(y) % ROWS, -(nights.max() + 1) % NIGHTS
+
+        def filled(x: Floats, value: float = 0.0) -> Floats:
+            ends = [(0, more)] + [(0, 0)] * (x.ndim - 1)
+            return np.pad(x, ends, constant_values=value)
+
+        return cls(
+            filled(middle),
+            filled(bisector / np.linalg.norm(bisector, axis=1, keepdims=True)),
+            filled(y),
+            filled(np.hypot(error / flux, ERROR_FLOOR) if known else np.ones_like(y), 1.0),
+            filled(np.column_stack([member, phase_columns(np.asarray(curve.phase_angle))])),
+            np.vstack([member, np.repeat(member[:1], more, axis=0)]),
+            np.pad(_members(nights), ((0, more), (0, empty))),
+            filled(np.ones_like(y)),
+            1.0 if known else UNKNOWN_NOISE,
+            float(np.ptp(curve.t)),
+        )
+
+
+def nights_of(t: Floats, curve: NDArray[np.integer]) -> NDArray[np.integer]:
+    """The night of each point (T,): points of one curve without a gap of half a day."""
+    order = np.lexsort((t, curve))
+    new = (np.diff(curve[order]) != 0) | (np.diff(t[order]) > NIGHT_S)
+    night = np.empty(len(t), int)
+    night[order] = np.concatenate([[0], np.cumsum(new)])
+    return night
+
+
+def _members(group: NDArray[np.integer]) -> Floats:
+    return (group[:, None] == np.arange(group.max() + 1)).astype(float)
+
+
+def phase_columns(alpha: Floats) -> Floats:
+    """Terms of the phase law (T, 2): α and exp(−α/0.09), less their values at 0.2 rad."""
+    return np.column_stack([alpha - 0.2, np.exp(-alpha / SURGE_RAD) - np.exp(-0.2 / SURGE_RAD)])
+
+
+def fixed_prior(n_curves: int) -> tuple[Floats, Floats]:
+    """Prior means and standard deviations (C + 2,) of offsets and phase law."""
+    rows = [OFFSET] * n_curves + [PHASE_SLOPE, SURGE]
+    return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
+
+
+def shape_prior() -> tuple[Floats, Floats]:
+    """Prior means and standard deviations of the columns of `shape_columns`."""
+    rows = [(mean, sd) for _, mean, sd in ZONAL] + [(0.0, ELONGATION)] * 2
+    for sd in [sd for _, _, sd in SECTORAL] + [sd for _, sd in FOUR]:
+        rows += [(0.0, sd)] * 2
+    return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
+
+
+def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
+    """Harmonics of the bisector in the body frame, (T, 26).
+
+    Parameters
+    ----------
+    bisector : (T, 3)
+        Inertial unit vectors.
+    tilt : (3, 3)
+        Body to inertial at the middle of the data; the third column is the pole.
+    turns : (T,)
+        Turns of the body since then.
+    """
+    x, y, z = (jnp.asarray(bisector) @ jnp.asarray(tilt)).T
+    turns = jnp.asarray(turns)
+    angle = 2.0 * jnp.pi * (turns - jnp.floor(turns))
+    u = (x + 1j * y) * jnp.exp(-1j * angle)
+    powers = {1: u, 2: u * u, 3: u * u * u, 4: (u * u) ** 2}
+    out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n, _, _ in ZONAL]
+    out += [powers[2].real, powers[2].imag]
+    for m, n, _ in SECTORAL:
+        one = powers[m] * z**n
+        out += [one.real, one.imag]
+    four = powers[4] / jnp.maximum(jnp.abs(powers[2]), 1e-12)
+    for n, _ in FOUR:
+        out += [(four * z**n).real, (four * z**n).imag]
+    return jnp.stack(out, axis=1)

@@ -1,0 +1,256 @@
+"""Spins of an object with sparse points: the posterior over all periods and poles.
+
+`periodogram` ranks every pole of a grid with every frequency. `evidence` then computes the evidence
+of the best, and of half and twice their periods, and divides the cells that hold the posterior.
+Cells with nearly the same pole and frequency are one solution; its probability is their mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.constants import DAY_S, HOUR_S
+from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.attitude_scan import evidence, smooth, sphere_cells, spin
+from lcbayes.inversion.attitude_scan.evidence import Cells
+from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, nights_of
+from lcbayes.inversion.attitude_scan.periodogram import periodogram
+from lcbayes.inversion.attitude_scan.points import Points
+from lcbayes.inversion.attitude_scan.result import Table
+from lcbayes.inversion.attitude_scan.smooth import SmoothBody
+from lcbayes.inversion.attitude_scan.spin import Ends
+
+Floats = NDArray[np.float64]
+
+PERIODS_H = (2.0, 1000.0)  # searched if no range is given
+STEP = 0.25  # between frequencies, in turns over the data
+LEVEL = 2  # of the grid of poles: 192
+KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
+DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
+SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
+SAME_POLE = 30.0  # degrees, of one solution
+LISTED = 1e-3  # smallest probability of a solution that is reported
+MOST_POINTS, SHORTEST_S, PER_NIGHT = 2000, 200 * DAY_S, 8.0  # of sparse points
+ROWS = 20_000  # of the table of hypotheses
+SMALLEST_WEIGHT = 0.05  # of an outlier
+MOST = 400_000_000  # hypotheses; they are held in memory
+
+
+@dataclass(frozen=True)
+class Spin:
+    """A solution: pole (3,), frequency (Hz) and probability; its log-evidence at the best cell."""
+
+    pole: Floats
+    frequency: float
+    probability: float
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class SparseSearch:
+    """The posterior over spins.
+
+    Attributes
+    ----------
+    spins : list of Spin
+        Solutions with a probability of at least 0.001, the most probable first.
+    period_probability : float
+        Of the period of the first, within P²/T, whatever the pole.
+    frequencies, best, pole : (F,) Hz, (F,), (F, 3)
+        The periodogram: frequencies, greatest log-evidence at any pole, and that pole.
+    n_ranked : int
+        Number of poles times number of frequencies.
+    """
+
+    spins: list[Spin]
+    period_probability: float
+    frequencies: Floats
+    best: Floats
+    pole: Floats
+    n_ranked: int
+
+
+def is_sparse(curve: LightCurve) -> bool:
+    """Whether a light curve has a few points in each of many nights over more than 200 days."""
+    nights = int(nights_of(np.asarray(curve.t), curve.curve).max()) + 1
+    return (
+        curve.frame == "ecliptic-j2000"
+        and curve.n_obs <= MOST_POINTS
+        and float(np.ptp(curve.t)) > SHORTEST_S
+        and curve.n_obs <= PER_NIGHT * nights
+        and curve.n_obs > PER_NIGHT * curve.n_curves
+    )
+
+
+def search(
+    points: SparsePoints, period_range_h: tuple[float, float] = PERIODS_H, step: float = STEP
+) -> SparseSearch:
+    """The posterior over spins with periods in a range, uniform in ln(period) and over the sphere.
+
+    Parameters
+    ----------
+    points : SparsePoints
+    period_range_h : (h, h)
+    step : float
+        Between frequencies, in turns over the data.
+
+    Raises
+    ------
+    InputError
+        The range is invalid, or too wide.
+    """
+    low, high = period_range_h
+    if not 0 < low < high < np.inf:
+        raise InputError(
+            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
+        )
+    if not 0 < step <= 0.5:
+        raise InputError(f"--period-step is {step:g}; give a number in 0..0.5, such as {STEP}")
+    apart = step / points.span
+    first, last = 1.0 / (HOUR_S * high), 1.0 / (HOUR_S * low)
+    count = max(int((last - first) / apart), 0) + 1
+    number = sphere_cells.number(LEVEL)
+    if count * number > MOST:
+        raise InputError(
+            f"--period-range {low:g},{high:g} has {count} periods to tell apart in data "
+            f"{points.span / DAY_S:.4g} days long; give a narrower range"
+        )
+    poles = sphere_cells.centres(np.arange(number), LEVEL)
+    value = periodogram(points, poles, first, apart, count)
+    frequencies = first + apart * np.arange(count)
+    cells, rest = _cells(points, value, frequencies, apart)
+    found, period_probability = _solutions(cells, rest, points.span)
+    at = np.argmax(value, axis=1)
+    best = value.max(axis=1).astype(float)
+    return SparseSearch(found, period_probability, frequencies, best, poles[at], value.size)
+
+
+def table(found: SparseSearch, n_obs: int) -> Table:
+    """The periodogram as a table with at most 20,000 rows, each the best of adjacent frequencies.
+
+    χ² is n exp(−2 Δ/n), with the log-evidence Δ relative to the greatest: that of a fit with as
+    much evidence, at the noise level of the best.
+    """
+    size = -(-len(found.best) // ROWS)
+    parts = np.array_split(np.arange(len(found.best)), -(-len(found.best) // size))
+    rows = np.array([part[np.argmax(found.best[part])] for part in parts])
+    f, pole, less = found.frequencies[rows], found.pole[rows], found.best[rows] - found.best.max()
+    chi2 = n_obs * np.exp(-2.0 * less / n_obs)
+    return Table(pole, f, pole, f, chi2, np.zeros(len(rows), int))
+
+
+def ends(spins: list[Spin]) -> Ends:
+    """Spherical bodies with these spins, as starts of a refinement."""
+    poles = np.array([s.pole for s in spins])
+    none = np.zeros((len(spins), 0))
+    return Ends(
+        spin.tilts(poles),
+        np.array([s.frequency for s in spins]),
+        none,
+        np.zeros(len(spins)),
+        none,
+        np.zeros(len(spins), int),
+    )
+
+
+def without_phase_law(points: Points, few: SparsePoints, body: SmoothBody, best: Spin) -> Points:
+    """The points of a scan without the phase law of the best spin, and with its noise.
+
+    The phase law of a sphere with the scan's law of reflection is left in the flux. Outliers have
+    larger errors.
+    """
+    fit = evidence.fits(few, best.pole[None], np.array([best.frequency]))
+    n, n_curves = points.flux.shape[0], few.group.shape[1]
+    law = np.exp(few.fixed[:n, n_curves:] @ fit.coefficients[0, n_curves : few.fixed.shape[1]])
+    none = jnp.zeros(body.harmonics.shape[1])
+    still = smooth.Spin(jnp.eye(3), jnp.asarray(best.frequency), none)
+    sphere = np.asarray(smooth.brightness(body, points, still).flux)
+    flux = np.asarray(points.flux) * sphere / law
+    member = np.asarray(points.scale)
+    unit = member @ (member.T @ flux / member.sum(axis=0))
+    error = np.asarray(points.error) * sphere / law / unit
+    if points.error_known:
+        level = few.error[:n] * (few.group[:n] @ fit.noise[0])
+        error = level * flux / unit
+    error = error / np.sqrt(np.maximum(fit.weight[0, :n], SMALLEST_WEIGHT))
+    return replace(points, flux=jnp.asarray(flux / unit), error=jnp.asarray(error))
+
+
+def _cells(
+    points: SparsePoints, value: NDArray[np.float32], frequencies: Floats, apart: float
+) -> tuple[Cells, float]:
+    """Cells that hold the posterior, and ln(mass) of all others."""
+    volume = np.log(apart / frequencies)[:, None].astype(np.float32)
+    mass = np.float32(evidence.INFORMATION) * value + volume
+    kept = min(KEPT, mass.size)
+    top = np.argpartition(mass, mass.size - kept, axis=None)[mass.size - kept :]
+    at, cell = np.divmod(top, value.shape[1])
+    listed = evidence.cells(points, cell, LEVEL, frequencies[at], np.full(kept, apart))
+    # the other hypotheses have the evidence of the periodogram, shifted as for the last of these
+    last = np.argsort(value[at, cell])[: max(kept // 4, 1)]
+    shift = np.median((listed.log_evidence - value[at, cell])[last])
+    mass.flat[top] = -np.inf
+    most = float(mass.max())
+    rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
+    rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
+    also = _doubled(points, listed, frequencies, apart)
+    if also is not None:
+        listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
+    return evidence.refined(points, evidence.located(points, listed), rest), rest
+
+
+def _doubled(
+    points: SparsePoints, listed: Cells, frequencies: Floats, apart: float
+) -> Cells | None:
+    """Cells at half and twice the best periods that are not among those listed."""
+    order = np.argsort(-listed.log_mass, kind="stable")
+    _, at = np.unique(listed.frequency[order], return_index=True)
+    best = listed.frequency[order[np.sort(at)[:DOUBLED]]]
+    rows = set()
+    for f in best:
+        here = order[listed.frequency[order] == f][:DOUBLED_POLES]
+        for g in (0.5 * f, 2.0 * f):
+            middle = round((g - frequencies[0]) / apart)
+            near = [k for k in range(middle - 1, middle + 2) if 0 <= k < len(frequencies)]
+            rows |= {(k, int(c)) for k in near for c in listed.cell[here]}
+    known = set(zip(np.rint((listed.frequency - frequencies[0]) / apart), listed.cell, strict=True))
+    left = sorted(rows - known)
+    if not left:
+        return None
+    k, cell = np.array(left).T
+    return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
+
+
+def _solutions(cells: Cells, rest: float, span: float) -> tuple[list[Spin], float]:
+    """Solutions with their probabilities, and the probability of the best period."""
+    share = np.exp(cells.log_mass - np.logaddexp(evidence.total_mass(cells), rest))
+    keep = share > 1e-9
+    cells, share = cells.rows(keep), share[keep]
+    pole, left, found = cells.pole, np.ones(len(share), bool), []
+    for i in np.argsort(-cells.log_evidence, kind="stable"):
+        if not left[i]:
+            continue
+        turns = np.abs(cells.frequency - cells.frequency[i]) * span
+        same = left & (turns < SAME_TURNS) & (pole @ pole[i] > np.cos(np.radians(SAME_POLE)))
+        left &= ~same
+        found.append((i, float(share[same].sum())))
+    found.sort(key=lambda x: -x[1])
+    spins = [
+        Spin(pole[i], float(cells.frequency[i]), p, float(cells.log_evidence[i]))
+        for k, (i, p) in enumerate(found)
+        if p >= LISTED or k == 0
+    ]
+    # solutions of the most probable period, whatever the pole, come first
+    of_period = [
+        float(share[np.abs(cells.frequency - s.frequency) * span < SAME_PERIOD].sum())
+        for s in spins
+    ]
+    best = int(np.argmax(of_period))
+    f = spins[best].frequency
+    spins.sort(key=lambda s: (abs(s.frequency - f) * span >= SAME_PERIOD, -s.probability))
+    return spins, of_period[best]
