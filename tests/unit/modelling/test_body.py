@@ -16,6 +16,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import body_search, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
 from lcbayes.modelling.epochs import Epochs
@@ -402,3 +403,14 @@ def test_directions_of_a_symmetric_body_are_visited_once():
     assert 0.2 * body_search.AXES < len(some) < 0.32 * body_search.AXES
     cone = body_search.directions_of(None, cylinder.symmetry.axis, cylinder.symmetry.rotations)
     assert len(cone) == 12  # from the axis to across it, as both ends are alike
+
+
+@pytest.mark.parametrize(("count", "kept"), [(1, 240), (3, 128), (8, 96)])
+def test_points_of_the_search_are_shared_among_the_arcs(count, kept):
+    """A single arc keeps its points, so that glints are not missed."""
+    shape = (count, 240)
+    vectors = jnp.zeros((*shape, 3))
+    ones = jnp.ones(shape)
+    dt = jnp.tile(jnp.linspace(-150.0, 150.0, 240), (count, 1))
+    arcs = Arcs(jnp.arange(count) * 1e3, jnp.ones(count), dt, vectors, vectors, ones, ones)
+    assert body_search.thinned(arcs).dt.shape == (count, kept)
