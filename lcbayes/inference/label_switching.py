@@ -148,4 +148,5 @@ def _images(problem: Problem, moves: Mapping[str, NDArray[np.float64]], rows: ja
 
         return problem.replaced(z, {name: moved(m) for name, m in move.items()})
 
-    return jax.vmap(lambda z: jax.vmap(partial(one, z))(moves))(rows)
+    every = {name: jnp.asarray(stack) for name, stack in moves.items()}
+    return jax.vmap(lambda z: jax.vmap(partial(one, z))(every))(rows)

@@ -112,10 +112,10 @@ class TurnAboutBisector(Transform):
     def __init__(self, bisector: ArrayLike) -> None:
         b = np.asarray(bisector, float)
         self.bisector = tuple(b / np.linalg.norm(b))
-        across = np.eye(3)[np.argmin(np.abs(self.bisector))]
-        turn, _ = Rotation.align_vectors(
-            [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], [self.bisector, across], weights=[np.inf, 1.0]
-        )
+        x = np.cross(np.eye(3)[np.argmin(np.abs(self.bisector))], self.bisector)
+        x /= np.linalg.norm(x)
+        axes = np.stack([x, np.cross(self.bisector, x), self.bisector])
+        turn = Rotation.from_matrix(axes)
         self._frame = turn.as_quat(scalar_first=True)
 
     def __call__(self, x: jax.Array) -> jax.Array:

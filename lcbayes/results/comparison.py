@@ -191,7 +191,7 @@ def _rows(
     return rows
 
 
-def _findings(comparison: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
+def _findings(comparison: Compared, verdict: odds.Verdict[Any]) -> Iterator[Finding]:
     top = max(c.log_evidence for c in comparison.candidates)
     for c in comparison.candidates:
         if c.log_evidence + 5.0 * c.se > top - LOST:

@@ -109,7 +109,7 @@ def _compared_bodies(curve: LightCurve, options: CompareOptions, context: Contex
     content["model"] = ", ".join(dict.fromkeys(k.entry.name for k in kinds))
     context.progress.say("checking the draws of each body: predicted brightness, leave-one-out")
     entries = {k.name: k.entry for k in kinds}
-    fits = {
+    fits: dict[int | str, Fit] = {
         c.body: _fit_of(c.posterior, curve, entries[c.body], c.options, identity)
         for c in found.candidates
         if c.posterior is not None
