@@ -8,12 +8,20 @@ import pytest
 
 import lcbayes
 from lcbayes.cli.main import main
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Silent
 from lcbayes.data.write import write
+from lcbayes.inference import body_kind
+from lcbayes.inference.body_kind import Kind
+from lcbayes.modelling import registry
+from lcbayes.results.comparison import summarise
+from lcbayes.samplers.settings import Settings
 from lcbayes.tasks.compare.options import CompareOptions, kinds_of
 from lcbayes.tasks.compare.result import Comparison
 from lcbayes.tasks.compare.run import _kinds
 from tests.e2e.test_body import BRICK, light_curve
+from tests.helpers import small_curves
 
 PLATE = """
 title = "a plate that turns end over end"
@@ -95,3 +103,23 @@ def test_option_of_no_body_is_refused():
     options = CompareOptions.of({"bodies": ("plate", "box-wing"), "spin": "torque-free"})
     with pytest.raises(InputError, match="none of the bodies has the option 'spin'"):
         _kinds(options)
+
+
+def test_kinds_of_body_from_a_few_draws():
+    """Evidences that are in doubt are kept, and the result says why."""
+    curve = small_curves.curve(16)
+    entry = registry.find("faceted")
+    kinds = [
+        Kind(f"facets:{n}", entry, entry.check({"n_facets": n, "spin": "none"}), n) for n in (1, 2)
+    ]
+    few = Settings(seed=1, num_warmup=20, num_samples=30, num_chains=2, num_starts=8)
+    compared = body_kind.run(curve, kinds, few, Checkpoint(None, {}), Silent())
+    names = [c.name for c in compared.candidates]
+    assert names[0] == "facets:1"
+    content, reasons = summarise(compared, {"model": "faceted"}, curve.n_obs, 1)
+    assert content["candidates"][0]["body"] == "facets:1"
+    assert "evidence-doubtful" in [reason.code for reason in reasons]
+    found = Comparison(content | {"trusted": False, "reasons": []}, reasons, {})
+    assert list(found.probability) == names
+    assert any("facets:1" in line for line in found.lines())
+    assert "body" in found.summary()
