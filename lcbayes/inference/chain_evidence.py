@@ -32,6 +32,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 Floats = NDArray[np.float64]
 
 MAX_SE = 0.3  # nats, of an evidence that is relied on
+DOUBTED = 3.0  # nats, least error of an evidence from chains that are in doubt
 MAX_SPREAD = 0.5  # nats, standard deviation between chains
 OPTIMISED = 32  # end points of the search that are kept, and optimised for the prior on areas
 WITH_ONE_MORE = 16  # starts that add a facet to the best fit with one facet fewer
@@ -206,19 +207,22 @@ def measure(
 def estimate(
     stages: Stages, problem: Problem, ends: Ends, data: Epochs, key: jax.Array
 ) -> FromChains:
-    """`measure`, with a doubt in place of an error where there are chains at all.
+    """`measure`, with a doubt and an error of `DOUBTED` or more in place of an exception.
 
     Raises
     ------
     Doubtful
-        The solutions may be incomplete, so that nothing was sampled, or the draws have no width.
+        The solutions may be incomplete, so that nothing was sampled.
     """
     posterior = _sampled(stages, problem, ends, data, key)
-    try:
-        found = _from_chains(stages, posterior)
-    except np.linalg.LinAlgError as fault:
-        raise Doubtful(_doubt(posterior) or str(fault)) from fault
-    return found._replace(doubt=_doubt(posterior) or found.doubt)
+    doubt = _doubt(posterior)
+    if not doubt:
+        return _from_chains(stages, posterior)
+    bridged = posterior.log_evidence
+    total = LogEvidence(bridged.value, max(bridged.se, DOUBTED))
+    same = np.full(stages.settings.num_chains, bridged.value)
+    posterior.log_evidence = total
+    return FromChains(posterior, _runs(posterior, stages.plain, same), total, doubt)
 
 
 def _sampled(
