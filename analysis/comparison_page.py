@@ -54,6 +54,7 @@ def write_page(
             title=Path(run.get("curve", "")).name or "a light curve",
             conclusion=said[0].upper() + said[1:] + ".",
             summary=summary,
+            of_bodies=comparison.of_bodies(summary),
             image=image,
             heads=heads,
             rows=rows,
@@ -73,7 +74,8 @@ def draw(
     """The figure of the rows of `candidates` and of `ruled_out`."""
     figure = gallery.figure(10.0, 3.3)
     left, middle, right = figure.subplots(1, 3)
-    n = np.array([row["n_facets"] for row in rows])
+    bodies = [row["body"] for row in rows if row.get("body")]
+    n = np.arange(len(rows)) if bodies else np.array([row["n_facets"] for row in rows])
     _probabilities(left, n, rows)
     top = max(row["log_evidence"] for row in rows)
     runs = [np.asarray(row["log_evidences"], float) - top for row in rows]
@@ -99,8 +101,8 @@ def draw(
         _far_below(middle, row["n_facets"], row["log_evidence_below"] - top, depth, "< ")
     every = np.sort(np.append(n, [row["n_facets"] for row in ruled_out]).astype(int))
     for axes in (left, middle, right):
-        axes.set_xlabel("number of facets")
-        axes.set_xticks(every)
+        axes.set_xlabel("" if bodies else "number of facets")
+        axes.set_xticks(every, bodies or None, rotation=30 if bodies else 0)
         axes.set_xlim(every[0] - 0.7, every[-1] + 0.7)
     return figure
 

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpyro.distributions.transforms import Transform
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
@@ -12,12 +13,14 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.inference import body_search
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.known_spin import MIN_BISECTOR
 from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.physics import photometry
 from lcbayes.simulation.known_bodies.reader import BodyFile, Prior, body_text, read_body_text
 
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
+STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
@@ -162,10 +165,21 @@ def coordinates(
     spin: str = "flat",
     omega_sd: float = 0.1,
     **options: object,  # noqa: ARG001
-) -> dict[str, RateAndDirection] | None:
-    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times."""
-    turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
-    return {"omega_unit": RateAndDirection()} if spin == "free" and turns > MIN_TURNS else None
+) -> dict[str, Transform] | None:
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times, and of
+    a flat spin the turn about the bisector, if that hardly moves."""
+    if spin == "free":
+        turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
+        return {"omega_unit": RateAndDirection()} if turns > MIN_TURNS else None
+    both = np.asarray(data.sun) + np.asarray(data.obs)
+    size = np.linalg.norm(both, axis=1)
+    if size.min() < MIN_BISECTOR:
+        return None
+    mean = (both / size[:, None]).mean(axis=0)
+    nearest = float((both @ mean / size).min() / np.linalg.norm(mean))
+    if nearest < np.cos(np.deg2rad(STILL_DEG)):
+        return None
+    return {"attitude_base": body_motion.TurnAboutBisector(mean)}
 
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001

@@ -29,7 +29,8 @@ def _keywords(declared: Option) -> dict[str, Any]:
     if declared.kind is bool:
         return common | {"action": "store_true"}
     if declared.repeated and declared.declared.parse is None and declared.length is None:
-        common["action"] = "append"
+        several = {"action": "extend", "nargs": "+"}
+        common |= several if declared.declared.several else {"action": "append"}
     return common | {"metavar": declared.placeholder}
 
 

@@ -46,6 +46,7 @@ class Declaration:
     short : single letter on the command line
     aliases : further long options, with their leading dashes
     positional : whether it is a positional argument of the command line
+    several : whether one long option takes several values, separated by spaces
     parse : converts the text of the command line or of ``run.toml`` to the value
     callables : whether a function may be given in Python
     """
@@ -62,6 +63,7 @@ class Declaration:
     short: str | None = None
     aliases: tuple[str, ...] = ()
     positional: bool = False
+    several: bool = False
     parse: Callable[[str], Any] | None = None
     callables: bool = False
 

@@ -26,3 +26,9 @@ class ReadOptions(Options):
     error_floor: float | None = option(
         None, metavar="SD", help="smallest error, mag or flux; smaller ones are raised to it"
     )
+    average: str | None = option(
+        None,
+        metavar="auto|S",
+        help="average consecutive points: over S seconds, or auto, as many as the change of "
+        "brightness allows",
+    )

@@ -12,6 +12,7 @@ from typing import Any
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_bytes, read_text
+from lcbayes.data.averaging import averaged
 from lcbayes.data.formats import satellites
 from lcbayes.data.formats.build import build
 from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
@@ -88,6 +89,7 @@ def read(
     error_floor: float | None = None,
     error: float | None = None,
     columns: str | Mapping[str, str] | None = None,
+    average: str | None = None,
     geometry: bool = True,
 ) -> LightCurve:
     """Read a light curve.
@@ -107,6 +109,8 @@ def read(
     columns : names of the columns in the file, as ``{"mag": "V", "mag_err": "err"}`` or as
         ``"mag=V,mag_err=err"``; common names are recognised automatically. ``ignore`` names a
         column to be ignored
+    average : seconds over which consecutive points are averaged, or "auto" for as many points as
+        the change of brightness allows; see `lcbayes.data.averaging.averaged`
     geometry : whether directions to Sun and observer are required; if False, a CSV or ECSV file
         without them gives a curve with ``brightness_only``, which only `lcbayes.look` accepts
 
@@ -123,7 +127,7 @@ def read(
     """
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
-    asked = ReadOptions.of(given)
+    asked = ReadOptions.of({**given, "average": average})
     options = Options(
         _path(asked.tle),
         asked.site,
@@ -135,6 +139,8 @@ def read(
     curve = _read(path, format, options)
     if curve.n_obs < 2:
         raise InputError(f"{path} holds one point; a light curve needs at least two")
+    if asked.average is not None:
+        curve = averaged(curve, asked.average)
     reading = {name: value for name, value in asked.as_dict().items() if name != "tle"}
     if is_table(path):
         curve = replace(curve, source={**curve.source, "file": ""})

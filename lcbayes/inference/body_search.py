@@ -51,7 +51,7 @@ CONE_DEG = 7.5  # between such directions of a body with an axis of symmetry
 STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
 PHASES = 64
 HARMONICS = 15  # of the flux, so that those of its square, 30, are known from these phases
-EPOCHS = 96  # of an arc
+EPOCHS, MORE = 96, 384  # of an arc at least, and of all arcs together if that is more
 MODEL_ERROR = 0.1  # of the cells' width, shadows and unknown surface, relative to the mean flux
 CHUNK = 16  # poles at once, for one axis
 FAINTEST = 30.0  # a body that is fainter by this factor than in random attitudes is not expected
@@ -141,7 +141,7 @@ class MotionSearch:
     ----------
     flux : (sun_body, obs_body) → flux (T,)
     arcs : Arcs
-        With at most `EPOCHS` points each.
+        With at most `EPOCHS` points each, or `MORE` together.
     turns : (n, 3, 3)
         Rotations from body axes to those of the spin, whose z axis is the pole.
     rates : (R,) rad/s
@@ -288,19 +288,19 @@ class MotionSearch:
 
 
 def thinned(arcs: Arcs) -> Arcs:
-    """The arcs with at most `EPOCHS` points each, evenly chosen."""
-    length = arcs.dt.shape[1]
-    if length <= EPOCHS:
+    """The arcs with at most `EPOCHS` points each, or `MORE` together, evenly chosen."""
+    length, most = arcs.dt.shape[1], max(EPOCHS, MORE // len(arcs.middle))
+    if length <= most:
         return arcs
     rng = np.random.default_rng(0)
     rows = []
     for weight in np.asarray(arcs.weight):
         inside = np.flatnonzero(weight > 0.0)
-        n = min(EPOCHS, inside.size)
+        n = min(most, inside.size)
         at = (np.arange(n) + rng.uniform(0.2, 0.8, n)) * inside.size / n
         chosen = inside[at.astype(int)]
         dark = np.flatnonzero(weight == 0.0)
-        spare = dark[: EPOCHS - n] if dark.size else chosen[:0]
+        spare = dark[: most - n] if dark.size else chosen[:0]
         rows.append(np.concatenate([chosen, spare]))
     width = min(len(r) for r in rows)
     picked = jnp.asarray(np.stack([r[:width] for r in rows]))

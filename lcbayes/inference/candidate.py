@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from lcbayes.inference.basins import evenly
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.loo import Loo, loo
+from lcbayes.inference.odds import facets
 from lcbayes.inference.prior_mass import log_prior_mass
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -64,6 +66,10 @@ class Candidate:
         Draws of each solution.
     doubt : str
         Why chains were not relied on, if they were tried.
+    body : str
+        Name of a kind of body; empty for a number of facets.
+    options : mapping
+        Of the model of that kind.
     reasons : list of Finding
         Reasons why the result is unreliable; empty if there are no problems.
     """
@@ -85,6 +91,13 @@ class Candidate:
     log_areas: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     posterior: Posterior | None = None
     doubt: str = ""
+    body: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The kind of body, or the number of facets in words."""
+        return self.body or facets(self.n_facets)
 
     @property
     def from_chains(self) -> bool:

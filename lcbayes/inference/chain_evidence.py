@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.inference import search, solutions, symmetry
+from lcbayes.inference import search, solutions
 from lcbayes.inference.basins import evenly
 from lcbayes.inference.fit import Found, Posterior, Stages, evidence, hold
 from lcbayes.inference.label_switching import FacetOrder
@@ -32,6 +32,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 Floats = NDArray[np.float64]
 
 MAX_SE = 0.3  # nats, of an evidence that is relied on
+DOUBTED = 3.0  # nats, least error of an evidence from chains that are in doubt
 MAX_SPREAD = 0.5  # nats, standard deviation between chains
 OPTIMISED = 32  # end points of the search that are kept, and optimised for the prior on areas
 WITH_ONE_MORE = 16  # starts that add a facet to the best fit with one facet fewer
@@ -159,11 +160,14 @@ class FromChains(NamedTuple):
         Equally weighted draws of each chain over all solutions, in the plain coordinates, with the
         evidence from that chain alone.
     log_evidence : LogEvidence
+    doubt : str
+        Why the evidence is not to be relied on; empty if it is.
     """
 
     posterior: Posterior
     runs: list[smc.Result]
     log_evidence: LogEvidence
+    doubt: str = ""
 
 
 def measure(
@@ -191,45 +195,85 @@ def measure(
     Doubtful
         The solutions may be incomplete, chains disagree or bridges do not hold.
     """
+    posterior = _sampled(stages, problem, ends, data, key)
+    if doubt := _doubt(posterior):
+        raise Doubtful(doubt)
+    found = _from_chains(stages, posterior)
+    if found.doubt:
+        raise Doubtful(found.doubt)
+    return found
+
+
+def estimate(
+    stages: Stages, problem: Problem, ends: Ends, data: Epochs, key: jax.Array
+) -> FromChains:
+    """`measure`, with a doubt and an error of `DOUBTED` or more in place of an exception.
+
+    Raises
+    ------
+    Doubtful
+        The solutions may be incomplete, so that nothing was sampled.
+    """
+    posterior = _sampled(stages, problem, ends, data, key)
+    doubt = _doubt(posterior)
+    if not doubt:
+        return _from_chains(stages, posterior)
+    bridged = posterior.log_evidence
+    total = LogEvidence(bridged.value, max(bridged.se, DOUBTED))
+    same = np.full(stages.settings.num_chains, bridged.value)
+    posterior.log_evidence = total
+    return FromChains(posterior, _runs(posterior, stages.plain, same), total, doubt)
+
+
+def _sampled(
+    stages: Stages, problem: Problem, ends: Ends, data: Epochs, key: jax.Array
+) -> Posterior:
+    """Chains about each plausible solution."""
     plain, settings = stages.plain, stages.settings
-    order = FacetOrder(plain, stages.entry.facet_sites)
+    order = stages.order(plain)
     top = np.asarray(ends.state.z)[np.isfinite(ends.state.potential)]
     state = search.best_first(search.polish(plain, data, top, stages.workers))
     found = solutions.distinct(plain, data, state, order, len(state.z))
     if not ends.complete and found[0].hits < 2:
         raise Doubtful("only one start ended at the best solution")
-    if (mirror := symmetry.plane_mirror(plain, data)) is not None:
+    if (mirror := stages.mirror(plain, data)) is not None:
         found = solutions.with_images(plain, data, found, mirror, order)
     found = solutions.select_for_sampling(plain, data, found)
     here, rest = found[: settings.max_modes], found[settings.max_modes :]
     if problem is not plain and not hold(plain, problem, here, data):
         problem = plain
     chosen = Found(here, rest, ends.state, data, len(ends.state.z), None)
-    posterior = stages.by_chains(problem, chosen, key)
-    _check(posterior)
-    by_chain = _by_chain(posterior, FacetOrder(problem, stages.entry.facet_sites), settings.seed)
+    return stages.by_chains(problem, chosen, key)
+
+
+def _from_chains(stages: Stages, posterior: Posterior) -> FromChains:
+    """The evidence with the larger of its two errors."""
+    order = stages.order(posterior.problem)
+    by_chain = _by_chain(posterior, order, stages.settings.seed)
     spread = float(np.std(by_chain, ddof=1))
     bridged = posterior.log_evidence
     total = LogEvidence(bridged.value, max(bridged.se, spread / np.sqrt(by_chain.size)))
+    doubt = ""
     if not (total.se <= MAX_SE and spread <= MAX_SPREAD):
-        raise Doubtful(
+        doubt = (
             f"the bridges are uncertain by {bridged.se:.2g} nat and scatter by {spread:.2g} nat "
             "between chains"
         )
     posterior.log_evidence = total
-    return FromChains(posterior, _runs(posterior, plain, by_chain), total)
+    return FromChains(posterior, _runs(posterior, stages.plain, by_chain), total, doubt)
 
 
-def _check(posterior: Posterior) -> None:
-    """Raise Doubtful if the draws of a solution have not converged, or one was left out."""
+def _doubt(posterior: Posterior) -> str:
+    """Whether the draws of a solution have not converged, or one was left out; empty if not."""
     if posterior.reasons:
-        raise Doubtful("plausible solutions were not sampled")
+        return "plausible solutions were not sampled"
     for mode in posterior.modes:
         rhat, size = rhat_and_ess(mode.z)
         if not (max(rhat, mode.apart) <= MAX_RHAT and size >= MIN_ESS):
-            raise Doubtful(f"chains disagree (R-hat {rhat:.3f}, {size:.0f} effective draws)")
+            return f"chains disagree (R-hat {rhat:.3f}, {size:.0f} effective draws)"
         if np.mean(mode.stats["diverging"]) > MAX_DIVERGING:
-            raise Doubtful("trajectories diverge")
+            return "trajectories diverge"
+    return ""
 
 
 def _by_chain(posterior: Posterior, order: FacetOrder, seed: int) -> Floats:

@@ -56,6 +56,7 @@ class Compared:
     area_prior: AreaPrior | None = None
     path_fault: str = ""  # why there is no sparse path although it was asked for
     options: Mapping[str, Any] = field(default_factory=dict)  # of the model, without n_facets
+    weighed_body: str = ""  # kind of body of that fit, if kinds are compared
 
 
 @dataclass(frozen=True)
@@ -291,7 +292,8 @@ class _Comparison:
         problem, sampled = build_problem(self.entry, options, self.data)
         kept = self.execution.checkpoint.within(f"facets-{n}")
         workers = self.execution.workers
-        stages = Stages(problem, self.entry, self.chains, workers, kept, progress, Timing())
+        arguments = (self.chains, workers, kept, progress, Timing(), options)
+        stages = Stages(problem, self.entry, *arguments)
         posterior, runs, total = chain_evidence.measure(
             stages, sampled, self.ends[n], self.weighed, key_runs
         )

@@ -87,13 +87,10 @@ def run(
         )
     with entry.blamed():
         plain, problem = build_problem(entry, options, data)
-    workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
     key_start, key = jax.random.split(jax.random.key(settings.seed))
-    equivalents = entry.hook("equivalents")
-    alike = None if equivalents is None else equivalents(**options)
-    fit = Stages(plain, entry, settings, workers, checkpoint, progress, Timing(), alike)
+    fit = Stages.of(plain, entry, options, settings, checkpoint, progress)
     begun = time.monotonic()
-    found = fit.search(options, data, key_start, spins)
+    found = fit.search(data, key_start, spins)
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return fit.by_particles(found, key)
@@ -124,24 +121,40 @@ class Stages:
     checkpoint: Checkpoint
     progress: Silent
     timing: Timing
-    equivalents: Sequence[Mapping[str, Floats]] | None = None  # attitudes that look the same
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        plain: Problem,
+        entry: Entry,
+        options: Mapping[str, Any],
+        settings: Settings,
+        checkpoint: Checkpoint,
+        progress: Silent,
+    ) -> Stages:
+        """The stages of a fit, with as many threads as it has chains, if there are cores."""
+        workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
+        return cls(plain, entry, settings, workers, checkpoint, progress, Timing(), options)
 
     def order(self, problem: Problem) -> FacetOrder:
         """The labels of a problem that may be exchanged."""
-        if self.equivalents is not None:
-            return AttitudeOrder(problem, self.equivalents)
+        alike = self.entry.hook("equivalents")
+        if alike is not None:
+            return AttitudeOrder(problem, alike(**self.options))
         return FacetOrder(problem, self.entry.facet_sites)
 
+    def mirror(self, problem: Problem, data: Epochs) -> Floats | None:
+        """The reflection in the plane of Sun and observer, (D, D), if there is one."""
+        return symmetry.mirror_of(problem, data, self.entry.hook("mirrored"), self.options)
+
     def search(
-        self,
-        options: Mapping[str, Any],
-        data: Epochs,
-        key: jax.Array,
-        spins: Sequence[Mapping[str, Any]],
+        self, data: Epochs, key: jax.Array, spins: Sequence[Mapping[str, Any]] = ()
     ) -> Found:
         """Search with the model's pooled form if it has one, then re-optimise the solutions under
         the full model and under the data weight that the misfit allows."""
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
+        options = self.options
         with entry.blamed():
             pooled = build_problem(entry, dict(options) | entry.pooled, data)[0]
             if pooled.dim == plain.dim:
@@ -174,8 +187,7 @@ class Stages:
                 "no start of the search has a finite posterior density; check the errors and the "
                 "geometry, or widen the priors"
             )
-        reflected = entry.hook("mirrored")
-        if (mirror := symmetry.mirror_of(pooled, data, reflected, options)) is not None:
+        if (mirror := self.mirror(pooled, data)) is not None:
             found = solutions.with_images(pooled, data, found, mirror, order)
         most = 4 * settings.max_modes  # re-optimised for other data or another model
         if pooled is not plain:

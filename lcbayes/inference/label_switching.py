@@ -5,18 +5,20 @@ The same holds of the attitudes in which a symmetric body looks the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import lgamma, log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from lcbayes.core.jax_setup import jnp
-from lcbayes.inference.symmetry import on_sites
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
+
+ROWS = 256  # turned together
 
 
 class FacetOrder:
@@ -93,30 +95,37 @@ class AttitudeOrder(FacetOrder):
     ----------
     problem : Problem
     equivalents : list of {site: (n, n)}
-        Orthogonal matrices on unconstrained sites; sites without one are unchanged. The first is
-        the identity.
+        Orthogonal matrices on constrained sites; sites without one are unchanged. The first is the
+        identity.
     """
 
     def __init__(
         self, problem: Problem, equivalents: Sequence[Mapping[str, NDArray[np.float64]]]
     ) -> None:
         super().__init__(problem, ())
-        self._moves = np.stack([on_sites(problem, sites) for sites in equivalents])
+        self._count = len(equivalents)
+        moves = {
+            name: np.stack([np.asarray(one[name], float) for one in equivalents])
+            for name in equivalents[0]
+        }
+        self._images = jax.jit(partial(_images, problem, moves))
 
     @property
     def log_orders(self) -> float:
         """ln of the number of equivalent attitudes."""
-        return log(len(self._moves))
+        return log(self._count)
 
-    def _nearest(self, z: Floats, reference: Floats) -> NDArray[np.intp]:
-        """The move of each row of z (n, D) that brings it nearest to the reference."""
-        apart = np.einsum("kij,nj->nki", self._moves, z) - reference
-        return np.argmin(np.sum(apart**2, axis=-1), axis=1)
+    def images(self, z: Floats) -> Floats:
+        """Each row of z (n, D) in all equivalent attitudes, (n, K, D)."""
+        padded = np.resize(z, (-(-len(z) // ROWS) * ROWS, z.shape[1])).reshape(-1, ROWS, z.shape[1])
+        found = np.concatenate([np.asarray(self._images(rows)) for rows in padded])[: len(z)]
+        found[:, 0] = z
+        return found
 
     def like_all(self, z: Floats, reference: Floats) -> Floats:
-        which = self._nearest(z, reference)
-        moved = np.einsum("nij,nj->ni", self._moves[which], z)
-        return np.where((which == 0)[:, None], z, moved)
+        images = self.images(z)
+        which = np.argmin(np.sum((images - reference) ** 2, axis=-1), axis=1)
+        return np.take_along_axis(images, which[:, None, None], axis=1)[:, 0]
 
     def like(self, z: Floats, reference: Floats) -> Floats:
         return self.like_all(z[None], reference)[0]
@@ -125,4 +134,19 @@ class AttitudeOrder(FacetOrder):
         return self.carried(z, reference, values)
 
     def carried(self, z: Floats, reference: Floats, values: Floats) -> Floats:
-        return values @ self._moves[self._nearest(z[None], reference)[0]].T
+        which = np.argmin(np.sum((self.images(z[None])[0] - reference) ** 2, axis=-1))
+        flat = values.reshape(-1, values.shape[-1])
+        return self.images(flat)[:, which].reshape(values.shape)
+
+
+def _images(problem: Problem, moves: Mapping[str, NDArray[np.float64]], rows: jax.Array):
+    """Rows z (n, D) after each move of the constrained sites, (n, K, D)."""
+
+    def one(z: jax.Array, move: Mapping[str, jax.Array]) -> jax.Array:
+        def moved(m: jax.Array) -> Callable[[jax.Array], jax.Array]:
+            return lambda value: (m @ value.ravel()).reshape(value.shape)
+
+        return problem.replaced(z, {name: moved(m) for name, m in move.items()})
+
+    every = {name: jnp.asarray(stack) for name, stack in moves.items()}
+    return jax.vmap(lambda z: jax.vmap(partial(one, z))(every))(rows)

@@ -121,7 +121,7 @@ def _smoothed(ratio: Floats, n_tail: int) -> tuple[Floats, Floats]:
     return np.where(bad, ratio, smooth), np.where(bad, np.inf, khat)
 
 
-def stacking(pointwise: Mapping[int, Loo]) -> Stacked:
+def stacking(pointwise: Mapping[Any, Loo]) -> Stacked:
     """Stacking weights: the mixture of models that best predicts left-out epochs, by ArviZ.
 
     The weights w maximise Σᵢ ln Σₖ wₖ exp(elpdₖᵢ). A term common to all models at an epoch affects

@@ -86,30 +86,23 @@ def evidence_change(
     return top + float(np.log(np.mean(weight))), float(weight.sum() ** 2 / np.sum(weight**2))
 
 
-class Verdict(NamedTuple):
-    """Conclusion from the probabilities."""
+class Verdict[Row: (int, str)](NamedTuple):
+    """Conclusion from the probabilities of numbers of facets or of kinds of body."""
 
-    best: int
-    rivals: list[int]  # cannot be distinguished from the best
-    possible: list[int]  # less probable, but not excluded
+    best: Row
+    rivals: list[Row]  # cannot be distinguished from the best
+    possible: list[Row]  # less probable, but not excluded
     sentence: str
 
 
-def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
+def verdict(counts: Sequence[int], odds: Odds) -> Verdict[int]:
     """The number of facets, or the numbers that the data cannot distinguish.
 
     A number is excluded if its probability, including its error, is below 0.05. The best number is
     preferred if it is at least twice as probable as the next and their intervals do not overlap.
     """
-    order = [int(k) for k in np.argsort(-odds.probability, kind="stable")]
-    top = order[0]
-    left = [k for k in order[1:] if odds.high[k] > EXCLUDED_PROBABILITY]
-    near = [
-        k
-        for k in left
-        if MIN_ODDS * odds.probability[k] > odds.probability[top] or odds.high[k] > odds.low[top]
-    ]
-    far = [k for k in left if k not in near]
+    top, near, far = _ranked(odds)
+    left = [*near, *far]
 
     def named(ks: Sequence[int]) -> str:
         return join_words([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
@@ -134,14 +127,46 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict:
     )
 
 
-def undecided(counts: Sequence[int], odds: Odds) -> list[Finding]:
-    """Reason why the runs do not allow a conclusion: at most one, for the least certain number."""
+def _ranked(odds: Odds) -> tuple[int, list[int], list[int]]:
+    """The most probable row, those that cannot be distinguished from it, and those that are less
+    probable but not excluded."""
+    order = [int(k) for k in np.argsort(-odds.probability, kind="stable")]
+    top = order[0]
+    left = [k for k in order[1:] if odds.high[k] > EXCLUDED_PROBABILITY]
+    near = [
+        k
+        for k in left
+        if MIN_ODDS * odds.probability[k] > odds.probability[top] or odds.high[k] > odds.low[top]
+    ]
+    return top, near, [k for k in left if k not in near]
+
+
+def verdict_of_bodies(names: Sequence[str], odds: Odds) -> Verdict[str]:
+    """`verdict` for kinds of body."""
+    top, near, far = _ranked(odds)
+
+    def named(ks: Sequence[int]) -> str:
+        return join_words([f"{names[k]} ({_two(odds.probability[k])})" for k in ks])
+
+    if near:
+        *others, last = (names[k] for k in sorted([top, *near]))
+        chances = ", ".join(_two(odds.probability[k]) for k in sorted([top, *near]))
+        text = f"the data cannot distinguish {join_words(others)} from {last} ({chances})"
+        text += f", and {named(far)} cannot be excluded" if far else ""
+    else:
+        text = f"{names[top]} is most probable ({_two(odds.probability[top])}); "
+        text += f"{named(far)} cannot be excluded" if far else "no other body tried is likely"
+    return Verdict(names[top], [names[k] for k in near], [names[k] for k in far], text)
+
+
+def undecided(names: Sequence[str], odds: Odds) -> list[Finding]:
+    """Reason why the runs do not allow a conclusion: at most one, for the least certain row."""
     width = odds.high - odds.low
     k = int(np.argmax(width))
     if width[k] <= MAX_INTERVAL:
         return []
     ends = {"low": _two(odds.low[k]), "high": _two(odds.high[k])}
-    return [Finding("probability-uncertain", {"facets": facets(counts[k]), **ends})]
+    return [Finding("probability-uncertain", {"facets": names[k], **ends})]
 
 
 def facets(n: int) -> str:

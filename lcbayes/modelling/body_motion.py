@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from numpy.typing import ArrayLike
 from numpyro.distributions import constraints
+from numpyro.distributions.transforms import Transform
 from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nuisances, priors
@@ -85,6 +88,63 @@ def brought(start: ArrayLike, end: jax.Array) -> jax.Array:
     v = jnp.cross(a, end)
     skew = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return jnp.eye(3) + skew + skew @ skew / jnp.maximum(1.0 + a @ end, 1e-12)
+
+
+class TurnAboutBisector(Transform):
+    """(Re ζ, Im ζ, Re w, Im w) ↔ quaternion of an attitude, for directions that hardly move.
+
+    In the axes of the bisector b of the directions to Sun and observer, with b along z, let the
+    quaternion be (z₁, z₂) = (w + iz, x + iy). A turn about b multiplies both by one phase. Then
+    ζ = z₂/z₁ is the stereographic projection of b in body axes, which one pass fixes well, and the
+    phase of w = |q| z₁/|z₁| is the angle of the body about b, which it may not fix at all. In the
+    components of the quaternion that angle is a thin curve through all four, and here it is the
+    plane of w. The coordinates are singular at z₁ = 0, which has no volume.
+
+    Parameters
+    ----------
+    bisector : (3,)
+        Inertial axes, of any length.
+    """
+
+    domain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+    codomain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+
+    def __init__(self, bisector: ArrayLike) -> None:
+        b = np.asarray(bisector, float)
+        self.bisector = tuple(b / np.linalg.norm(b))
+        x = np.cross(np.eye(3)[np.argmin(np.abs(self.bisector))], self.bisector)
+        x /= np.linalg.norm(x)
+        axes = np.stack([x, np.cross(self.bisector, x), self.bisector])
+        turn = Rotation.from_matrix(axes)
+        self._frame = turn.as_quat(scalar_first=True)
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        ratio, turn = x[0] + 1j * x[1], x[2] + 1j * x[3]
+        first = turn / jnp.sqrt(1.0 + x[0] ** 2 + x[1] ** 2)
+        second = ratio * first
+        q = jnp.stack([first.real, second.real, second.imag, first.imag])
+        return product(self._frame * np.array([1.0, -1.0, -1.0, -1.0]), q)
+
+    def _inverse(self, y: jax.Array) -> jax.Array:
+        w, a, b, z = product(self._frame, y)
+        first = w + 1j * z
+        size = jnp.maximum(jnp.sqrt(w**2 + z**2), 1e-150)
+        ratio = (a + 1j * b) / first
+        turn = jnp.linalg.norm(y) * first / size
+        return jnp.stack([ratio.real, ratio.imag, turn.real, turn.imag])
+
+    def log_abs_det_jacobian(self, x: jax.Array, y: jax.Array, intermediates=None) -> jax.Array:  # noqa: ARG002
+        """ln (|w|²/(1 + |ζ|²)²)."""
+        return jnp.log(x[2] ** 2 + x[3] ** 2) - 2.0 * jnp.log1p(x[0] ** 2 + x[1] ** 2)
+
+    def tree_flatten(self):
+        return (), ((), {"bisector": self.bisector, "_frame": self._frame})
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TurnAboutBisector) and self.bisector == other.bisector
+
+    def __hash__(self) -> int:
+        return hash((TurnAboutBisector, self.bisector))
 
 
 def flat_spin(flat_axis: ArrayLike, omega_sd: float) -> tuple[jax.Array, jax.Array]:

@@ -118,6 +118,14 @@ class Problem:
         """The flat unconstrained vector of constrained values."""
         return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
 
+    def replaced(self, z: jax.Array, changes: Mapping[str, Callable[[jax.Array], jax.Array]]):
+        """z with some sites replaced by functions of their constrained values."""
+        free = dict(self.unravel(z))
+        for name, change in changes.items():
+            transform = self._transforms[name]
+            free[name] = transform.inv(change(transform(free[name])))
+        return ravel_pytree(free)[0]
+
     def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
         """Indices of some sites in the flat vector."""
         return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])

@@ -27,6 +27,7 @@ LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor 
 
 # Columns of tables/candidates.csv and of each row of `candidates`, with their descriptions.
 COLUMNS = {
+    "body": "kind of body, if kinds of body were compared",
     "n_facets": "number of facets",
     "n_parameters": "number of inferred parameters",
     "log_evidence": "ln of the evidence, nat",
@@ -52,18 +53,22 @@ def summarise(
     comparison: Compared, identity: Mapping[str, Any], n_obs: int, seed: int
 ) -> tuple[CompareNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
-    candidates, counts = comparison.candidates, [c.n_facets for c in comparison.candidates]
+    candidates, names = comparison.candidates, [c.name for c in comparison.candidates]
     n_runs = len(candidates[0].log_evidences)
     errors = odds.moderated(np.array([c.se for c in candidates]))
     values = np.array([c.log_evidence for c in candidates])
     chances = odds.probabilities(values, errors, n_runs, seed)
-    verdict = odds.verdict(counts, chances)
-    stacked = stacking({c.n_facets: c.loo for c in candidates})
+    verdict: odds.Verdict[Any]
+    if comparison.weighed_body:
+        verdict = odds.verdict_of_bodies(names, chances)
+    else:
+        verdict = odds.verdict([c.n_facets for c in candidates], chances)
+    stacked = stacking({c.name: c.loo for c in candidates})
     worth = comparison.information
     rows = _rows(comparison, errors, chances, stacked)
     against = [
         *comparison.failed,
-        *odds.undecided(counts, chances),
+        *odds.undecided(names, chances),
         *_findings(comparison, verdict),
     ]
     content: CompareNumbers = {
@@ -98,6 +103,10 @@ def summarise(
         },
         "identity": dict(identity),
     }
+    if comparison.weighed_body:
+        content["weighed_at"] = comparison.weighed_body
+        for row, name in zip(rows, names, strict=True):
+            row["body"] = name
     return content, reasons(against)
 
 
@@ -114,7 +123,11 @@ def _sparse(comparison: Compared) -> dict[str, Any] | None:
 def _area_prior(comparison: Compared) -> dict[str, Any] | None:
     """The prior on areas, and the probabilities under other medians of it."""
     prior = comparison.area_prior
-    if prior is None or not all(c.log_areas.size for c in comparison.candidates):
+    if (
+        prior is None
+        or comparison.weighed_body
+        or not all(c.log_areas.size for c in comparison.candidates)
+    ):
         return None
     medians = [float(np.exp(prior.log_mean)) * f for f in AREA_FACTORS]
     if np.min(np.abs(np.log(medians) - prior.default)) > SAME_MEDIAN:
@@ -178,28 +191,28 @@ def _rows(
     return rows
 
 
-def _findings(comparison: Compared, verdict: odds.Verdict) -> Iterator[Finding]:
+def _findings(comparison: Compared, verdict: odds.Verdict[Any]) -> Iterator[Finding]:
     top = max(c.log_evidence for c in comparison.candidates)
     for c in comparison.candidates:
         if c.log_evidence + 5.0 * c.se > top - LOST:
-            yield from (reason._replace(about=facets(c.n_facets)) for reason in c.reasons)
+            yield from (reason._replace(about=c.name) for reason in c.reasons)
     fits: Candidate = max(comparison.candidates, key=lambda c: c.best)
     if fits.information > CLEANER * comparison.information:
         worth = {"used": comparison.information, "found": fits.information}
         yield Finding("points-overcounted", worth)
-    best = next(c for c in comparison.candidates if c.n_facets == verdict.best)
+    best = next(c for c in comparison.candidates if verdict.best in (c.body, c.n_facets))
     if not best.misfit.explained:
-        values = {"facets": facets(verdict.best), "why": best.misfit.words}
+        values = {"facets": best.name, "why": best.misfit.words}
         yield Finding("no-number-explains-data", values)
 
 
-PRINTED = ("facets", "ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
+PRINTED = ("ln Z (nat)", "probability", "5 % to 95 %", "LOO from best", "chi2/dof")
 
 
 def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of the printed table."""
     heads = [
-        "facets",
+        "body" if of_bodies(summary) else "facets",
         "ln Z (nat)",
         "spread",
         "probability",
@@ -218,7 +231,7 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         k = row["max_pareto_k"]
         rows.append(
             [
-                str(row["n_facets"]) + (" *" if row["n_facets"] == ends else ""),
+                row.get("body") or str(row["n_facets"]) + (" *" if row["n_facets"] == ends else ""),
                 f"{row['log_evidence']:.2f} ± {row['log_evidence_se']:.2f}",
                 f"{row['log_evidence_spread']:.2f}",
                 f"{row['probability']:.3f}",
@@ -235,7 +248,18 @@ def cells(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         none = ["–"] * (len(heads) - 5)
         below = f"< {row['log_evidence_below']:.0f}"
         rows.append([str(row["n_facets"]), below, "–", "0", *none, _per_dof(row)])
+    if of_bodies(summary):
+        return heads, rows
     return heads, sorted(rows, key=lambda row: int(row[0].split()[0]))
+
+
+def of_bodies(summary: Mapping[str, Any]) -> bool:
+    """Whether kinds of body are compared, not only numbers of facets."""
+    return any(row.get("body") for row in summary["candidates"])
+
+
+def _weighed_at(summary: Mapping[str, Any]) -> str:
+    return summary.get("weighed_at") or facets(summary["weighed_at_n_facets"])
 
 
 def _per_dof(row: Mapping[str, Any]) -> str:
@@ -248,9 +272,9 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
     worth = summary["information_per_point"]
     if worth < 1.0:
         said.append(
-            f"The residuals of the best fit ({facets(summary['weighed_at_n_facets'])}) follow each "
-            f"other: the {summary['n_obs']} points count as {worth * summary['n_obs']:.0f}, for "
-            "every number of facets."
+            f"The residuals of the best fit ({_weighed_at(summary)}) follow each other: the "
+            f"{summary['n_obs']} points count as {worth * summary['n_obs']:.0f}, for every "
+            f"{'kind of body' if of_bodies(summary) else 'number of facets'}."
         )
     if out := [row["n_facets"] for row in summary["ruled_out"]]:
         said.append(
@@ -259,10 +283,13 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
         )
     said += _sparse_notes(summary)
     said += _area_notes(summary)
-    bad = [r["n_facets"] for r in summary["candidates"] if r["n_bad_pareto_k"]]
+    bad = [r for r in summary["candidates"] if r["n_bad_pareto_k"]]
     if bad:
+        named = [r.get("body") or str(r["n_facets"]) for r in bad]
+        if not of_bodies(summary):
+            named[-1] = facets(bad[-1]["n_facets"])
         said.append(
-            f"LOO of {join_words([*map(str, bad[:-1]), facets(bad[-1])])} rests on epochs whose "
+            f"LOO of {join_words(named)} rests on epochs whose "
             f"Pareto k exceeds {BAD_K}: it may be too favourable there."
         )
     return said
@@ -313,7 +340,7 @@ def _area_notes(summary: Mapping[str, Any]) -> Iterator[str]:
 def table(summary: Mapping[str, Any]) -> list[str]:
     """The table, its notes and the conclusion, with the columns that fit on a terminal."""
     heads, rows = cells(summary)
-    shown = [heads.index(name) for name in PRINTED]
+    shown = [0, *(heads.index(name) for name in PRINTED)]
     printed = [[line[i] for i in shown] for line in (heads, *rows)]
     widths = [max(map(len, column)) for column in zip(*printed, strict=True)]
     lines = [

@@ -196,6 +196,7 @@ class FitContent(Verdict, FitNumbers):
 class CandidateContent(TypedDict):
     """One number of facets; `results.comparison.COLUMNS` describes the entries."""
 
+    body: NotRequired[str]
     n_facets: int
     n_parameters: int
     log_evidence: float
@@ -249,11 +250,12 @@ class CompareNumbers(TypedDict):
     n_obs: int
     seed: int
     conclusion: str
-    most_probable: int
-    not_told_from_it: Sequence[int]
-    not_excluded: Sequence[int]
+    most_probable: int | str
+    not_told_from_it: Sequence[int | str]
+    not_excluded: Sequence[int | str]
     information_per_point: float
     weighed_at_n_facets: int | None
+    weighed_at: NotRequired[str]
     n_runs: int
     candidates: list[CandidateContent]
     ruled_out: list[RuledOutContent]

@@ -51,6 +51,7 @@ SENTENCES = {
     "data-not-explained": "the model does not explain the data: {why}",
     # numbers of facets
     "number-not-followed": "{why}",
+    "evidence-doubtful": "the evidence is uncertain: {why}",
     "particles-lost": "{facets} facets: the particles missed the posterior: they fit {nats:.0f} "
     "nats worse than with {fewer}; increase --num-particles",
     "probability-uncertain": "independent runs differ too much: the probability of {facets} may be "

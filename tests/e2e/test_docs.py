@@ -36,6 +36,7 @@ NOT_RUN = {
     "docs/bodies.md": "takes as long as the fit above",
     "docs/batch.md": "needs a Dask cluster at that address",
     "docs/case-pomenis.md": _DATA,
+    "docs/case-ariane.md": _DATA,
     "docs/case-score.md": _DATA,
 }
 QUICKSTART, PASTED = "docs/quickstart.md", 5  # its commands that need no file of the reader

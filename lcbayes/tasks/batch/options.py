@@ -31,7 +31,7 @@ examples:
 
 CATALOGUE is a folder, a pattern in quotes, a CSV file with a column 'curve' or a TOML
 file with tables [[objects]] that have a key 'curve'. Further columns: name; format tle
-site error error_floor; model sampler seed num_starts and the other options of fit; any
+site error error_floor average; model sampler seed num_starts and the other options of fit; any
 other is an option of the model, such as n_facets or spin. Options given here hold for
 objects that do not say otherwise.
 

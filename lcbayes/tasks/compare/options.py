@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from lcbayes.tasks.fit.options import MODEL, model_file
 from lcbayes.tasks.task import Task
 
 PARTICLES, CHAINS = "particles", "chains"
+FACETS = "facets"
+COUNTS = tuple(range(1, 9))
 MOST = 50  # facets; a guard against typing errors, far above what data can resolve
 
 
@@ -34,18 +37,44 @@ def numbers(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
+def kinds_of(bodies: Sequence[str]) -> list[tuple[str, int]]:
+    """Each kind of body with its number of facets, 0 for a known body.
+
+    "facets:3-4" stands for two kinds, of three and of four facets.
+
+    Raises
+    ------
+    InputError
+    """
+    found: list[tuple[str, int]] = []
+    for name in bodies:
+        start, colon, listed = name.partition(":")
+        if start == FACETS and colon:
+            found += [(f"{FACETS}:{n}", n) for n in numbers(listed)]
+        else:
+            found.append((name, 0))
+    return list(dict.fromkeys(found))
+
+
 @dataclass(frozen=True)
 class CompareOptions(ModelOptions):
     """Options of `lcbayes.compare`, with those of the model."""
 
     n_facets: tuple[int, ...] = option(  # pyright: ignore[reportIncompatibleVariableOverride]
-        tuple(range(1, 9)),
+        COUNTS,
         parse=numbers,
         metavar="N-M",
         aliases=("--facets",),
         help="numbers of facets to compare: 1-8 or 1,2,4",
     )
     facets: None = None  # facets of known normals have a known number
+    body: None = None  # several are compared with --bodies
+    bodies: tuple[str, ...] = option(
+        (),
+        several=True,
+        metavar="BODY",
+        help="kinds of body to compare: known bodies by name or file, and facets:N-M",
+    )
     model: str = MODEL
     seed: int = option(0, low=0, help="seed of all random numbers")
     num_particles: int = option(100, low=10, help="particles that move, in each run")
@@ -64,6 +93,9 @@ class CompareOptions(ModelOptions):
         if isinstance(self.n_facets, range | set | frozenset):
             object.__setattr__(self, "n_facets", tuple(self.n_facets))
         super().__post_init__()
+        if self.bodies:
+            self._check_bodies()
+            return
         counts = tuple(sorted(set(self.n_facets)))
         shown = ",".join(map(str, counts)) or "empty"
         if len(counts) < 2:
@@ -74,13 +106,33 @@ class CompareOptions(ModelOptions):
             raise InputError(f"--n-facets is {shown}; give numbers from 1 to {MOST}")
         object.__setattr__(self, "n_facets", counts)
 
+    def _check_bodies(self) -> None:
+        """Raise an InputError if the kinds of body cannot be compared."""
+        if self.n_facets != COUNTS:
+            raise InputError(
+                "--n-facets and --bodies are both given; give numbers of facets as --bodies "
+                "facets:2-4, beside other bodies"
+            )
+        if self.sparse is not None:
+            raise InputError("--sparse goes with --n-facets; leave it out, or leave out --bodies")
+        kinds = kinds_of(self.bodies)
+        if len(kinds) < 2:
+            raise InputError(
+                f"--bodies is {' '.join(self.bodies)}; give two kinds of body or more, such as "
+                "rocket-stage facets:3-4"
+            )
+        if not all(n <= MOST for _, n in kinds):
+            raise InputError(f"--bodies gives more than {MOST} facets; give fewer")
+
     def files(self) -> dict[str, Path]:
-        return super().files() | model_file(self.model)
+        paths = {f"body_{i + 1}": Path(name) for i, name in enumerate(self.bodies)}
+        bodies = {k: path for k, path in paths.items() if path.suffix == ".toml"}
+        return super().files() | model_file(self.model) | bodies
 
 
 TASK = Task(
     name="compare",
-    summary="how many facets: evidence, left-out epochs and probability of each number",
+    summary="how many facets, or which body: evidence, left-out epochs and probability of each",
     details="""\
 examples:
   lcbayes compare pass.csv --n-facets 1-8 -o out
@@ -88,6 +140,7 @@ examples:
   lcbayes compare pass.csv --n-facets 1-4 --sparse 10 -o out
   lcbayes compare passes.csv --n-facets 1-4 --evidence chains -o out
   lcbayes compare starlink.csv --n-facets 1-3 --model stabilised -o out
+  lcbayes compare pass.csv --bodies rocket-stage my.toml facets:3-4 -o out
   lcbayes compare glint.csv --n-facets 1-4 --model faceted-brdf --reflectance cook-torrance -o out
 
 Evidences and predictive densities are natural logarithms (nat). Each number of
@@ -97,6 +150,11 @@ independent runs differ too much for a conclusion, or the particles lost their w
 --evidence chains searches the solutions of each number, samples each with --num-runs
 chains, and gives the evidence by bridge sampling. Where chains disagree, a bridge is
 uncertain by more than 0.3 nat, or a solution may be missing, particles are used.
+--bodies compares kinds of body, each as likely as the others before the data: known
+bodies by name or TOML file, as for fit --model body, and numbers of facets of --model.
+Options hold for the models that have them. The evidence is that of chains; where it
+cannot be relied on it is kept, and the result says so.
+
 A run that was stopped goes on when the same command is given again.
 """,
     options=CompareOptions,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from lcbayes.analysis import comparison_page, style
 from lcbayes.core.reasons import Reason
-from lcbayes.results.comparison import COLUMNS, table
+from lcbayes.inference.body_kind import folder_name
+from lcbayes.results.comparison import COLUMNS, of_bodies, table
 from lcbayes.results.content import CandidateContent, CompareContent, RuledOutContent
 from lcbayes.results.load import read_summary
 from lcbayes.results.reasons import stored
@@ -29,15 +30,20 @@ if TYPE_CHECKING:
 FOLDER = "facets-{}"  # of the posterior with so many facets, in the results folder
 
 
+def folder_of(key: int | str) -> str:
+    """The folder of the posterior of a number of facets or of a kind of body."""
+    return FOLDER.format(key) if isinstance(key, int) else f"body-{folder_name(key)}"
+
+
 class Comparison(Result[CompareContent]):
-    """Numbers of facets with their evidence, and the conclusion.
+    """Numbers of facets or kinds of body with their evidence, and the conclusion.
 
     Attributes
     ----------
     fits : dict
-        The posterior of each number of facets that was sampled. Each is written into a folder
-        ``facets-N``: ``posterior.nc``, ``summary.json``, tables, and with the page also the
-        figures and the shape.
+        The posterior of each number of facets, or kind of body by name, that was sampled. Each is
+        written into a folder ``facets-N`` or ``body-NAME``: ``posterior.nc``, ``summary.json``,
+        tables, and with the page also the figures and the shape.
     """
 
     task = "compare"
@@ -47,7 +53,7 @@ class Comparison(Result[CompareContent]):
         content: Mapping[str, Any],
         reasons: Sequence[Reason],
         record: Mapping[str, Any],
-        fits: Mapping[int, Fit] | None = None,
+        fits: Mapping[int | str, Fit] | None = None,
     ) -> None:
         super().__init__(content, reasons, record)
         self.fits = dict(fits or {})
@@ -59,10 +65,11 @@ class Comparison(Result[CompareContent]):
         """The comparison in a results folder."""
         fits = {}
         for row in content["candidates"]:
-            within = folder / FOLDER.format(row["n_facets"])
+            key = row.get("body") or row["n_facets"]
+            within = folder / folder_of(key)
             if (within / "posterior.nc").is_file():
                 summary = read_summary(within)
-                fits[row["n_facets"]] = Fit.from_folder(within, summary, stored(summary), record)
+                fits[key] = Fit.from_folder(within, summary, stored(summary), record)
         return cls(content, reasons, record.content, fits)
 
     @property
@@ -71,15 +78,17 @@ class Comparison(Result[CompareContent]):
         return self.content["conclusion"]
 
     @property
-    def probability(self) -> dict[int, float]:
-        """Posterior probability of each number of facets."""
-        return {row["n_facets"]: float(row["probability"]) for row in self._rows()}
+    def probability(self) -> dict[int | str, float]:
+        """Posterior probability of each number of facets, or of each kind of body."""
+        rows = self._rows()
+        return {row.get("body") or row["n_facets"]: float(row["probability"]) for row in rows}
 
     def summary(self) -> pd.DataFrame:
-        """One row per number of facets; `results.comparison.COLUMNS` describes the columns."""
+        """One row per number of facets or kind of body; see `results.comparison.COLUMNS`."""
         import pandas as pd
 
-        return pd.DataFrame(self._rows(), columns=list(COLUMNS))
+        columns = [name for name in COLUMNS if name != "body" or of_bodies(self.content)]
+        return pd.DataFrame(self._rows(), columns=columns)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         return {"candidates": self.summary()}
@@ -89,14 +98,14 @@ class Comparison(Result[CompareContent]):
         return table(self.content)
 
     def write_files(self, folder: Path) -> None:
-        for n, fit in self.fits.items():
-            within = folder / FOLDER.format(n)
+        for key, fit in self.fits.items():
+            within = folder / folder_of(key)
             within.mkdir()
             fit.write_numbers(within)
 
     def write_page(self, folder: Path) -> None:
-        for n, fit in self.fits.items():
-            within = folder / FOLDER.format(n)
+        for key, fit in self.fits.items():
+            within = folder / folder_of(key)
             if within.is_dir():  # not if the page alone is written again
                 fit.write_page(within)
         comparison_page.write_page(folder, self.content, self.record, CompareOptions)
@@ -113,4 +122,6 @@ class Comparison(Result[CompareContent]):
 
     def _rows(self) -> list[CandidateContent | RuledOutContent]:
         every = [*self.content["candidates"], *self.content["ruled_out"]]
+        if of_bodies(self.content):
+            return every
         return sorted(every, key=lambda row: row["n_facets"])

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lcbayes.inference.odds import Odds, moderated, probabilities, undecided, verdict
+from lcbayes.inference.odds import (
+    Odds,
+    moderated,
+    probabilities,
+    undecided,
+    verdict,
+    verdict_of_bodies,
+)
 from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH
 
@@ -118,8 +125,28 @@ def test_the_runs_errors_enter_the_verdict():
 
 
 def test_runs_that_disagree_are_told():
-    assert undecided((1, 2), odds(0.6, 0.4, error=0.2)) == []
-    (found,) = undecided((1, 2), odds(0.6, 0.4, error=0.3))
+    assert undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.2)) == []
+    (found,) = undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.3))
     reason = sentence(found).text
     assert "the probability of 1 facet may be anything from 0.30 to 0.90" in reason
     assert "--num-particles" in reason
+
+
+BODIES = ("rocket-stage", "plate", "facets:3")
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (odds(0.0, 1.0, 0.0), "plate is most probable (1.00); no other body tried is likely"),
+        (odds(0.9, 0.1, 0.0), "rocket-stage is most probable (0.90); plate (0.10) cannot be "),
+        (
+            odds(0.45, 0.1, 0.45),
+            "the data cannot distinguish rocket-stage from facets:3 (0.45, 0.45), and plate (0.10)",
+        ),
+    ],
+)
+def test_the_sentence_about_bodies(given, says):
+    found = verdict_of_bodies(BODIES, given)
+    assert found.sentence.startswith(says)
+    assert found.best == BODIES[int(np.argmax(given.probability))]

@@ -15,6 +15,8 @@ from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import body_search, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
 from lcbayes.modelling.epochs import Epochs
@@ -191,12 +193,70 @@ def test_equivalent_attitudes_have_the_same_density(body, spin, count):
     assert order.log_orders == pytest.approx(np.log(count))
     z = np.asarray(problem.prior_draw(jax.random.key(1), data))
     at = compiled(problem.potential)
-    images = [move @ z for move in order._moves]
+    images = order.images(z[None])[0]
     values = [float(at(jnp.asarray(image), data)) for image in images]
     np.testing.assert_allclose(values, values[0], rtol=3e-4 if body == CYLINDER else 1e-10)
     for image in images:
         np.testing.assert_allclose(order.like(image, z), z, atol=1e-12)
     assert np.linalg.norm(images[-1] - z) > 0.1
+
+
+def one_pass() -> LightCurve:
+    """The first quarter of a pass, in which the bisector moves by nine degrees."""
+    t, sun, obs = (x[:30] for x in turning.geometry((0.0,), 120, 200.0))
+    flux = 1.0 + 0.3 * np.sin(0.1 * t)
+    return LightCurve(t=t, brightness=flux, error=0.05 + 0.0 * t, sun=sun, obs=obs)
+
+
+def test_turn_about_the_bisector_is_a_coordinate_of_one_pass():
+    light = one_pass()
+    entry = registry.find("body")
+    data = Epochs.of(light)
+    plain, turned = build_problem(entry, entry.check({"body": BOX}), data)
+    assert turned is not plain
+    z = np.asarray(plain.prior_draw(jax.random.key(1), data))
+    y = np.asarray(turned.ravel(plain.constrain(z, data)))
+    both = np.asarray(data.sun + data.obs)
+    bisector = (both / np.linalg.norm(both, axis=1, keepdims=True)).mean(axis=0)
+    about = Rotation.from_rotvec(0.6 * bisector / np.linalg.norm(bisector))
+    sites = {k: np.asarray(plain.constrain(z, data)[k]) for k in plain.names}
+    q = about.as_quat(scalar_first=True)
+    sites["attitude_base"] = np.asarray(product(q, sites["attitude_base"]))
+    moved = np.asarray(turned.ravel({k: jnp.asarray(v) for k, v in sites.items()}))
+    rows = turned.rows(["attitude_base"])
+    np.testing.assert_allclose(moved[rows[:2]], y[rows[:2]], atol=1e-12)
+    angle = [np.arctan2(x[rows[3]], x[rows[2]]) for x in (y, moved)]
+    assert np.sin(angle[1] - angle[0] - 0.3) == pytest.approx(0.0, abs=1e-12)
+    unturned = compiled(plain.potential)(jnp.asarray(z), data)
+    density = compiled(turned.potential)(jnp.asarray(y), data)
+    jacobian = jax.jacfwd(lambda y: plain.ravel(turned.constrain(y, data)))(jnp.asarray(y))
+    assert float(density) == pytest.approx(
+        float(unturned) - np.linalg.slogdet(jacobian)[1], rel=1e-10
+    )
+
+
+def test_turned_coordinates_keep_equivalent_attitudes():
+    entry = registry.find("body")
+    data = Epochs.of(one_pass())
+    options = entry.check({"body": BOX})
+    _, turned = build_problem(entry, options, data)
+    hook = entry.hook("equivalents")
+    assert hook is not None
+    order = AttitudeOrder(turned, hook(**options))
+    z = np.asarray(turned.prior_draw(jax.random.key(1), data))
+    images = order.images(z[None])[0]
+    assert len(images) == 8
+    expected = [np.asarray(turned.constrain(x, data)["expected"]) for x in images]
+    np.testing.assert_allclose(expected, np.tile(expected[0], (8, 1)), rtol=1e-9)
+    for image in images:
+        np.testing.assert_allclose(order.like(image, z), z, atol=1e-9)
+
+
+def test_moving_bisector_keeps_the_quaternion():
+    entry = registry.find("body")
+    data = Epochs.of(curve(1.0 + 0.3 * np.sin(0.1 * T)))
+    plain, sampled = build_problem(entry, entry.check({"body": BOX}), data)
+    assert sampled is plain
 
 
 @pytest.mark.parametrize(("body", "spin"), [(BOX, "flat"), (BOX, "free"), (CYLINDER, "free")])
@@ -346,3 +406,14 @@ def test_directions_of_a_symmetric_body_are_visited_once():
     assert 0.2 * body_search.AXES < len(some) < 0.32 * body_search.AXES
     cone = body_search.directions_of(None, cylinder.symmetry.axis, cylinder.symmetry.rotations)
     assert len(cone) == 12  # from the axis to across it, as both ends are alike
+
+
+@pytest.mark.parametrize(("count", "kept"), [(1, 240), (3, 128), (8, 96)])
+def test_points_of_the_search_are_shared_among_the_arcs(count, kept):
+    """A single arc keeps its points, so that glints are not missed."""
+    shape = (count, 240)
+    vectors = jnp.zeros((*shape, 3))
+    ones = jnp.ones(shape)
+    dt = jnp.tile(jnp.linspace(-150.0, 150.0, 240), (count, 1))
+    arcs = Arcs(jnp.arange(count) * 1e3, jnp.ones(count), dt, vectors, vectors, ones, ones)
+    assert body_search.thinned(arcs).dt.shape == (count, kept)
