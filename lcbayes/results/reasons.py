@@ -21,7 +21,7 @@ SENTENCES = {
     # chains
     "published-sampler": "the published sampler is biased by an amount that no diagnostic shows",
     "chains-disagree": "the chains disagree (R-hat {rhat:.3f}, at most {limit} is trusted): they "
-    "have not found one common distribution",
+    "have not found one common distribution{agree}",
     "few-effective-draws": "the draws are worth only {ess:.0f} independent ones ({kind}; at least "
     "{limit:.0f} are needed): take more with --num-samples",
     "runs-disagree": "independent runs into it disagree (R-hat {rhat:.2f} between them): each saw "
@@ -179,6 +179,8 @@ CONDITIONS = {
     "many-poles": "{count} pole(s)",
 }
 
+SPIN_AGREES = "; only its rate and axis of rotation agree (R-hat {rhat:.3f})"
+
 # What to try, by the value "remedy" of a finding.
 REMEDIES = {
     "": "",
@@ -196,6 +198,8 @@ def reason(finding: Finding) -> Reason:
     """The reason with its sentence."""
     about = f"{finding.about}: " if finding.about else ""
     values = finding.values | {"remedy": REMEDIES[finding.values.get("remedy", "")]}
+    spin = finding.values.get("spin")
+    values["agree"] = "" if spin is None else SPIN_AGREES.format(rhat=spin)
     return Reason(finding.code, about + SENTENCES[finding.code].format(**values))
 
 

@@ -250,6 +250,16 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> Outliers:
     return {"outliers": outliers}
 
 
+def _spin_agreement(entry: ModeContent) -> float | None:
+    """R-hat of the rotation if its draws have converged, although others have not."""
+    rows = [row for name, row in entry["parameters"].items() if name in SPIN]
+    if not rows:
+        return None
+    worst = max(row["rhat"] for row in rows)
+    fewest = min(min(row["ess_bulk"], row["ess_tail"]) for row in rows)
+    return worst if worst <= MAX_RHAT and fewest >= MIN_ESS else None
+
+
 def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
@@ -260,7 +270,8 @@ def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) ->
         draws = mode.stats["diverging"].size
         alone = mode.run_weights is not None and len(mode.z) == 1  # `population` covers this case
         if not entry["max_rhat"] <= MAX_RHAT and not alone:
-            values = {"rhat": entry["max_rhat"], "limit": MAX_RHAT}
+            agreed = None if about else _spin_agreement(entry)
+            values = {"rhat": entry["max_rhat"], "limit": MAX_RHAT, "spin": agreed}
             yield Finding("chains-disagree", values, about)
         for kind in ("bulk", "tail"):
             size = entry["min_ess_bulk"] if kind == "bulk" else entry["min_ess_tail"]

@@ -42,7 +42,13 @@ def test_parameters_of_independent_draws():
     assert table["phi[0]"]["sd"] < 0.12  # across the seam it would be three
 
 
-ROW = {"max_rhat": 1.0, "min_ess_bulk": 900.0, "min_ess_tail": 900.0, "divergences": 0}
+ROW = {
+    "max_rhat": 1.0,
+    "min_ess_bulk": 900.0,
+    "min_ess_tail": 900.0,
+    "divergences": 0,
+    "parameters": {},
+}
 FIT = Misfit(100.0, 100.0, "gaussian")
 
 
@@ -88,6 +94,21 @@ def test_each_fault_is_a_reason(change, says):
     found = reasons(**change)
     assert any(says in reason for reason in found)
     assert all("\n" not in reason for reason in found)
+
+
+@pytest.mark.parametrize(
+    ("rhat", "ess", "agrees"),
+    [(1.004, 1300.0, True), (1.02, 1300.0, False), (1.004, 300.0, False), (np.nan, 900.0, False)],
+)
+def test_a_rotation_on_which_chains_agree_is_named(rhat, ess, agrees):
+    row = {"rhat": rhat, "ess_bulk": ess, "ess_tail": 900.0}
+    good = {"rhat": 1.0, "ess_bulk": 900.0, "ess_tail": 900.0}
+    found = {"omega_x_rad_s": good, "omega_y_rad_s": row, "phi[0]": {**good, "rhat": 1.8}}
+    (text,) = reasons(max_rhat=1.8, parameters=found)
+    assert ("only its rate and axis of rotation agree (R-hat 1.004)" in text) == agrees
+    # of several solutions, one sentence joins all, whose rotations may differ in this
+    (text,) = reasons(2, weight=0.5, max_rhat=1.8, parameters=found)
+    assert "agree (" not in text
 
 
 def test_a_solution_without_weight_does_not_spoil_the_others():
