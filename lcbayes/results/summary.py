@@ -253,11 +253,10 @@ def _outliers(found: xr.DataTree, curve: LightCurve) -> Outliers:
 def _spin_agreement(entry: ModeContent) -> float | None:
     """R-hat of the rotation if its draws have converged, although others have not."""
     rows = [row for name, row in entry["parameters"].items() if name in SPIN]
-    if not rows:
-        return None
-    worst = max(row["rhat"] for row in rows)
-    fewest = min(min(row["ess_bulk"], row["ess_tail"]) for row in rows)
-    return worst if worst <= MAX_RHAT and fewest >= MIN_ESS else None
+    good = all(
+        row["rhat"] <= MAX_RHAT and min(row["ess_bulk"], row["ess_tail"]) >= MIN_ESS for row in rows
+    )  # false for NaN
+    return max(row["rhat"] for row in rows) if rows and good else None
 
 
 def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) -> Iterator[Finding]:
