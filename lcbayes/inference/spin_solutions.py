@@ -82,7 +82,7 @@ def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Findi
         "number": len(spins),
         "shortest_s": float(periods.min()),
         "longest_s": float(periods.max()),
-        "apart_deg": apart,
+        "axes": "one axis" if apart < 1.0 else f"axes up to {apart:.0f} deg apart",
         "percent": 100 * share_left,
     }
     return [Finding("spin-undetermined", values)]

@@ -59,13 +59,18 @@ def test_a_spin_is_determined(spins, left):
 
 
 @pytest.mark.parametrize(
-    "other", [spin(30.2, sampled=False), spin(axis=(0.0, 0.3, 1.0), sampled=False)]
+    ("other", "axes"),
+    [
+        (spin(30.2, sampled=False), "s and one axis,"),
+        (spin(axis=(0.0, 0.3, 1.0), sampled=False), "s and axes up to 17 deg apart,"),  # arctan 0.3
+    ],
 )
-def test_several_spins_of_which_one_was_not_sampled(other):
+def test_several_spins_of_which_one_was_not_sampled(other, axes):
     (found,) = undetermined([spin(), other], 0.65)
     text = reason(found).text
     assert text.startswith("the data do not determine the spin: 2 solutions explain them")
     assert f"from 30 to {max(30.0, other.period_s):.5g} s" in text
+    assert axes in text
     assert "65 % of the posterior were not sampled" in text
 
 
