@@ -102,7 +102,7 @@ def draw(
     every = np.sort(np.append(n, [row["n_facets"] for row in ruled_out]).astype(int))
     for axes in (left, middle, right):
         axes.set_xlabel("" if bodies else "number of facets")
-        axes.set_xticks(every, bodies or None, rotation=30 if bodies else 0)
+        axes.set_xticks(every, bodies or [str(k) for k in every], rotation=30 if bodies else 0)
         axes.set_xlim(every[0] - 0.7, every[-1] + 0.7)
     return figure
 

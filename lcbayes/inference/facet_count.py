@@ -294,7 +294,7 @@ class _Comparison:
         workers = self.execution.workers
         arguments = (self.chains, workers, kept, progress, Timing(), options)
         stages = Stages(problem, self.entry, *arguments)
-        posterior, runs, total = chain_evidence.measure(
+        posterior, runs, total, _ = chain_evidence.measure(
             stages, sampled, self.ends[n], self.weighed, key_runs
         )
         log_z = np.array([r.log_evidence for r in runs])

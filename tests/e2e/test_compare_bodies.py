@@ -117,7 +117,7 @@ def test_kinds_of_body_from_a_few_draws():
     names = [c.name for c in compared.candidates]
     assert names[0] == "facets:1"
     content, reasons = summarise(compared, {"model": "faceted"}, curve.n_obs, 1)
-    assert content["candidates"][0]["body"] == "facets:1"
+    assert content["candidates"][0].get("body") == "facets:1"
     assert "evidence-doubtful" in [reason.code for reason in reasons]
     found = Comparison(content | {"trusted": False, "reasons": []}, reasons, {})
     assert list(found.probability) == names

@@ -38,6 +38,7 @@ NOT_RUN = {
     "docs/case-pomenis.md": _DATA,
     "docs/case-ariane.md": _DATA,
     "docs/case-score.md": _DATA,
+    "docs/surveys.md": "needs a file of a survey",
 }
 QUICKSTART, PASTED = "docs/quickstart.md", 5  # its commands that need no file of the reader
 
@@ -204,7 +205,7 @@ SCENARIO = {
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=label)
 def test_tables_of_the_pages_are_scenarios(block, tmp_path):
-    if block.page == "docs/bodies.md":
+    if block.page in ("docs/bodies.md", "docs/case-ariane.md"):
         assert read_body_text(block.text).priors
         return
     documentation_blocks.copy("box-wing.tle", tmp_path / "satellite.tle")

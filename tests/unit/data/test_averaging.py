@@ -52,6 +52,7 @@ def test_averages_are_wrong_by_less_than_half_their_error():
     t = STEP * np.arange(6000)
     signal = 3.0 + np.exp(8.0 * (np.cos(2.0 * np.pi * t / 20.0) - 1.0))
     found = averaged(curve(noisy(signal)), "auto")
+    assert found.error is not None
     n = group_size(found)
     m = 6000 // n
     middle = signal[: m * n].reshape(m, n)
@@ -64,6 +65,7 @@ def test_averages_are_wrong_by_less_than_half_their_error():
 
 def test_errors_without_errors_in_the_file_are_those_of_the_scatter():
     found = averaged(curve(noisy(np.full(4000, 3.0))), "0.8")
+    assert found.error is not None
     assert found.n_obs == 500
     assert found.error == pytest.approx(NOISE / np.sqrt(8.0), rel=0.05)
     assert np.std(found.brightness) == pytest.approx(found.error[0], rel=0.15)
