@@ -68,6 +68,10 @@ SENTENCES = {
     "fit-too-close": "chi2 is {ratio:.2f} per degree of freedom: the errors are too large, or the "
     "body follows the noise",
     "period-not-unique": "the period is not unique: {others}",
+    "multiple-of-period": "half and twice the period, {half_h:.7g} and {double_h:.7g} h, are not "
+    "excluded: of {called} simulated periods of this probability, {halved} were half the true one "
+    "(boxes) and {doubled} was twice it; if they are excluded otherwise, give a --period-range "
+    "without them",
     "pole-not-unique": "the pole is not unique beyond its mirror: {others}",
     "attitude-not-unique": "the attitude is not unique: {others}",
     "period-at-end-of-range": "the best period lies {where}: widen it",

@@ -19,6 +19,9 @@ POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesi
 # below its inverse, unless by chance, the fit is closer than the errors allow
 LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains the data
 UNIQUE = 0.99  # probability of the only period, or the only pole
+# Periods called unique in `benchmarks/surveys.py calibration`, with those that were half the true
+# one (boxes with four maxima a turn) or twice it.
+WRONG_MULTIPLES = {"called": 45, "halved": 4, "doubled": 1}
 NAMED = 5  # number of equivalent solutions listed by name
 
 
@@ -149,6 +152,11 @@ def _improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator
         yield Finding("period-not-unique", values)
     elif of_pole < UNIQUE * scan.period_probability and poles:
         yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})
+    period_h, limits = 1.0 / (HOUR_S * best.frequency), scan.settings.period_range_h
+    alone = limits is not None and 0.5 * period_h < limits[0] and 2.0 * period_h > limits[1]
+    if scan.period_probability >= UNIQUE and not alone:
+        values = {"half_h": 0.5 * period_h, "double_h": 2.0 * period_h, **WRONG_MULTIPLES}
+        yield Finding("multiple-of-period", values)
     if end := _end_of_range(best.frequency, scan):
         yield Finding("period-at-end-of-range", {"where": end})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy import stats
 import lcbayes
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inversion.attitude_scan import evidence, periodogram, sparse, sphere_cells
+from lcbayes.inversion.attitude_scan import evidence, periodogram, sparse, sphere_cells, verdict
 from lcbayes.inversion.attitude_scan.harmonics import (
     ELONGATION,
     ZONAL,
@@ -21,6 +22,7 @@ from lcbayes.inversion.attitude_scan.harmonics import (
     shape_prior,
 )
 from lcbayes.inversion.attitude_scan.spin import tilts
+from lcbayes.results.reasons import reason
 from lcbayes.tasks.scan.result import Scan
 from tests.helpers import sparse_surveys
 from tests.helpers.sparse_surveys import PERIOD_H, POLE
@@ -210,11 +212,38 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert best["rms"] < 0.15  # with the outlier; the phase law alone is larger
     codes = {reason["code"] for reason in content["reasons"]}
     assert "period-not-unique" not in codes
+    assert "multiple-of-period" not in codes  # they lie outside the range
     assert any(" P " in line for line in result.lines())
     again = lcbayes.load(tmp_path / "out")
     assert isinstance(again, Scan)
     assert again.data.period_probability == result.data.period_probability
     assert again.solutions == result.solutions
+
+
+@pytest.mark.parametrize(
+    ("probability", "limits_h", "named"),
+    [
+        (0.995, None, True),
+        (0.995, (2.0, 1.9 * PERIOD_H), True),
+        (0.995, (0.6 * PERIOD_H, 2.1 * PERIOD_H), True),
+        (0.995, (0.6 * PERIOD_H, 1.9 * PERIOD_H), False),
+        (0.98, None, False),  # not unique in any case
+    ],
+)
+def test_half_and_twice_a_unique_period_are_not_excluded(probability, limits_h, named):
+    best = SimpleNamespace(frequency=1.0 / (3600.0 * PERIOD_H), probability=probability)
+    scan = SimpleNamespace(
+        period_probability=probability,
+        solutions=[best],
+        t=np.array([0.0, 1e8]),
+        settings=SimpleNamespace(period_range_h=limits_h, period_step=0.5),
+        resolution_h=lambda period: period**2 * 3600.0 / 1e8,
+    )
+    findings = {f.code: f for f in verdict._improbable(scan, [{}])}  # type: ignore[arg-type]
+    assert ("multiple-of-period" in findings) == named
+    if named:
+        text = reason(findings["multiple-of-period"]).text
+        assert f"{PERIOD_H / 2:.7g} and {2 * PERIOD_H:.7g} h, are not excluded" in text
 
 
 def test_refused_options(curve):
