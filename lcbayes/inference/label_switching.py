@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import lgamma, log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,11 +105,11 @@ class AttitudeOrder(FacetOrder):
     ) -> None:
         super().__init__(problem, ())
         self._count = len(equivalents)
-        moves = {
+        self._problem = problem
+        self._moves = {
             name: np.stack([np.asarray(one[name], float) for one in equivalents])
             for name in equivalents[0]
         }
-        self._images = jax.jit(partial(_images, problem, moves))
 
     @property
     def log_orders(self) -> float:
@@ -118,7 +119,9 @@ class AttitudeOrder(FacetOrder):
     def images(self, z: Floats) -> Floats:
         """Each row of z (n, D) in all equivalent attitudes, (n, K, D)."""
         padded = np.resize(z, (-(-len(z) // ROWS) * ROWS, z.shape[1])).reshape(-1, ROWS, z.shape[1])
-        found = np.concatenate([np.asarray(self._images(rows)) for rows in padded])[: len(z)]
+        found = np.concatenate(
+            [np.asarray(_images(self._problem, self._moves, rows)) for rows in padded]
+        )[: len(z)]
         found[:, 0] = z
         return found
 
@@ -139,7 +142,8 @@ class AttitudeOrder(FacetOrder):
         return self.images(flat)[:, which].reshape(values.shape)
 
 
-def _images(problem: Problem, moves: Mapping[str, NDArray[np.float64]], rows: jax.Array):
+@partial(jax.jit, static_argnums=0)  # one program for all instances
+def _images(problem: Problem, moves: Mapping[str, Any], rows: jax.Array) -> jax.Array:
     """Rows z (n, D) after each move of the constrained sites, (n, K, D)."""
 
     def one(z: jax.Array, move: Mapping[str, jax.Array]) -> jax.Array:
@@ -148,5 +152,4 @@ def _images(problem: Problem, moves: Mapping[str, NDArray[np.float64]], rows: ja
 
         return problem.replaced(z, {name: moved(m) for name, m in move.items()})
 
-    every = {name: jnp.asarray(stack) for name, stack in moves.items()}
-    return jax.vmap(lambda z: jax.vmap(partial(one, z))(every))(rows)
+    return jax.vmap(lambda z: jax.vmap(partial(one, z))(moves))(rows)

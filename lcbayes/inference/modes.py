@@ -134,9 +134,14 @@ def unsampled(
         return [], 0.0
     inside = _shares(modes, plain, problem, np.stack([s.z for s in rest]), order, data) <= 1.0
     left = [s for s, known in zip(rest, inside.any(axis=0), strict=True) if not known]
-    log_z = np.array([s.log_evidence for s in [*left, *(m.solution for m in modes)]])
+    return left, float(shares([*left, *(m.solution for m in modes)])[: len(left)].sum())
+
+
+def shares(every: Sequence[solutions.Solution]) -> Floats:
+    """Share of each solution, from its Gaussian (Laplace) approximation."""
+    log_z = np.array([s.log_evidence for s in every])
     likely = np.exp(log_z - log_z.max())
-    return left, float(likely[: len(left)].sum() / likely.sum())
+    return likely / likely.sum()
 
 
 def left_out(n: int, share: float) -> list[Finding]:

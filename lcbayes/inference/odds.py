@@ -104,9 +104,6 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict[int]:
     top, near, far = _ranked(odds)
     left = [*near, *far]
 
-    def named(ks: Sequence[int]) -> str:
-        return join_words([f"{counts[k]} ({_two(odds.probability[k])})" for k in ks])
-
     chance = _two(odds.probability[top])
     if near:
         alike = sorted([top, *near], key=lambda k: counts[k])
@@ -114,11 +111,15 @@ def verdict(counts: Sequence[int], odds: Odds) -> Verdict[int]:
         chances = ", ".join(_two(odds.probability[k]) for k in alike)
         text = f"the data cannot tell {join_words(others)} from {last} facets ({chances})"
         if far:
-            text += f", and {named(far)} cannot be excluded"
+            text += f", and {_named(counts, odds, far)} cannot be excluded"
     else:
         verb = "is" if counts[top] == 1 else "are"
         text = f"{facets(counts[top])} {verb} most probable ({chance}); "
-        text += f"{named(far)} cannot be excluded" if far else "no other number tried is likely"
+        text += (
+            f"{_named(counts, odds, far)} cannot be excluded"
+            if far
+            else "no other number tried is likely"
+        )
     most = max(counts)
     if counts[top] == most or any(counts[k] == most for k in left):
         text += f"; more than {most} were not tried"
@@ -141,21 +142,27 @@ def _ranked(odds: Odds) -> tuple[int, list[int], list[int]]:
     return top, near, [k for k in left if k not in near]
 
 
+def _named(rows: Sequence[int | str], odds: Odds, ks: Sequence[int]) -> str:
+    """Some rows with their probabilities."""
+    return join_words([f"{rows[k]} ({_two(odds.probability[k])})" for k in ks])
+
+
 def verdict_of_bodies(names: Sequence[str], odds: Odds) -> Verdict[str]:
     """`verdict` for kinds of body."""
     top, near, far = _ranked(odds)
-
-    def named(ks: Sequence[int]) -> str:
-        return join_words([f"{names[k]} ({_two(odds.probability[k])})" for k in ks])
 
     if near:
         *others, last = (names[k] for k in sorted([top, *near]))
         chances = ", ".join(_two(odds.probability[k]) for k in sorted([top, *near]))
         text = f"the data cannot distinguish {join_words(others)} from {last} ({chances})"
-        text += f", and {named(far)} cannot be excluded" if far else ""
+        text += f", and {_named(names, odds, far)} cannot be excluded" if far else ""
     else:
         text = f"{names[top]} is most probable ({_two(odds.probability[top])}); "
-        text += f"{named(far)} cannot be excluded" if far else "no other body tried is likely"
+        text += (
+            f"{_named(names, odds, far)} cannot be excluded"
+            if far
+            else "no other body tried is likely"
+        )
     return Verdict(names[top], [names[k] for k in near], [names[k] for k in far], text)
 
 

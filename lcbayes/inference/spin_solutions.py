@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.reasons import Finding
-from lcbayes.inference.modes import MAX_LEFT_OUT
+from lcbayes.inference.modes import MAX_LEFT_OUT, shares
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -49,13 +49,10 @@ def spin_solutions(
     constant rotation.
     """
     every = [*sampled, *rest]
-    log_z = np.array([s.log_evidence for s in every])
-    share = np.exp(log_z - log_z.max())
-    share /= share.sum()
     if "omega_unit" not in problem.names or "inertia_base" in problem.names:
         return []
     found = []
-    for i, (solution, part) in enumerate(zip(every, share, strict=True)):
+    for i, (solution, part) in enumerate(zip(every, shares(every), strict=True)):
         omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
         rate = float(np.linalg.norm(omega))
         if part > MAX_LEFT_OUT and rate > 0.0:

@@ -26,21 +26,7 @@ from lcbayes.data.write import write
 from tests.helpers import results_folders, small_curves
 
 ROOT = Path(__file__).parents[2]
-FIT = [
-    "--n-facets",
-    "1",
-    "--spin",
-    "none",
-    "--num-chains",
-    "2",
-    "--num-warmup",
-    "50",
-    "--num-samples",
-    "100",
-    "--num-starts",
-    "16",
-    "--no-report",
-]
+FIT = [*small_curves.SHORT_FIT, "--no-report"]
 
 
 @contextmanager

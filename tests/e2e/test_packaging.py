@@ -128,17 +128,7 @@ def test_a_tiny_fit_from_another_folder(installed, tmp_path):
     _run([lcbayes, "simulate", "one-facet", "-o", "simulated.csv", "--seed", "1"], cwd=tmp_path)
     assert (tmp_path / "simulated.csv").stat().st_size > 0
     write(small_curves.curve(20), tmp_path / "c.csv")
-    asked = ["--n-facets", "1", "--spin", "none", "--seed", "1"]
-    short = [
-        "--num-warmup",
-        "50",
-        "--num-samples",
-        "100",
-        "--num-starts",
-        "16",
-        "--num-chains",
-        "2",
-    ]
-    _run([lcbayes, "fit", "c.csv", "-o", "out", *asked, *short], cwd=tmp_path, ok=(0, 3))
+    asked = [*small_curves.SHORT_FIT, "--seed", "1"]
+    _run([lcbayes, "fit", "c.csv", "-o", "out", *asked], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0

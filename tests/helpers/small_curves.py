@@ -15,6 +15,11 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
 
+# Options of a short fit of one facet; tests that give the same ones share compiled programs.
+SHORT_FIT = (
+    *("--n-facets", "1", "--spin", "none", "--num-chains", "2"),
+    *("--num-warmup", "50", "--num-samples", "100", "--num-starts", "16"),
+)
 NORMALS = np.array([[0.8, 0.5, 0.33], [-0.1, 0.75, 0.65]])
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 AREAS = np.array([6.0, 3.5])

@@ -146,13 +146,7 @@ def _spins(
     """Add constant spins to ``scan``: screen them, map the sky, and refine the best."""
     span = float(points.span)
     closed = settings.smooth
-    coarse = SmoothBody.of(
-        COARSE_FACETS,
-        min(COARSE_DEGREE, settings.degree),
-        settings.reflectance,
-        closed=closed,
-        dtype=np.float32,
-    )
+    coarse = _coarse(settings, closed)
     fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance, closed=closed)
     ends = _screened(points, settings, coarse, scan, run, checkpoint, progress)
     kept, _ = distinct(ends, span, settings.keep)
@@ -214,18 +208,16 @@ def _sparse_spins(
         scan.solutions.append(replace(body, probability=spin.probability))
     scan.flux = np.asarray(points.flux)
     if settings.n_sky > 0:
-        coarse = SmoothBody.of(
-            COARSE_FACETS,
-            min(COARSE_DEGREE, settings.degree),
-            settings.reflectance,
-            dtype=np.float32,
-        )
-        with _timed(scan, "sky_s"), progress.stage("sky", settings.n_sky, "poles") as track:
-            poles = facets.grid(settings.n_sky)
-            f = float(ends.frequency[0])
-            held = search.sky(points, coarse, poles, f, run, checkpoint, track)
-            scan.sky = poles, search.misfit(points, held.squares, ends.squares[0])
+        first = Ends(*(x[:1] for x in ends))
+        _sky(points, settings, _coarse(settings), first, scan, run, checkpoint, progress)
     return points
+
+
+def _coarse(settings: Settings, closed: bool = True) -> SmoothBody:
+    """The body used for screening and for the map of the sky."""
+    degree = min(COARSE_DEGREE, settings.degree)
+    single = np.float32
+    return SmoothBody.of(COARSE_FACETS, degree, settings.reflectance, closed=closed, dtype=single)
 
 
 def _screened(

@@ -40,6 +40,23 @@ class Grid:
         return np.tile(self.poles, (m, 1)), np.repeat(self.frequencies, n)
 
 
+def frequencies(range_h: tuple[float, float], apart: float) -> tuple[float, int]:
+    """The lowest frequency (Hz) of a range of periods (h), and the number at a spacing (Hz).
+
+    Raises
+    ------
+    InputError
+        The range is not one of positive, increasing numbers.
+    """
+    low, high = range_h
+    if not 0 < low < high < np.inf:
+        raise InputError(
+            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
+        )
+    first = 1.0 / (HOUR_S * high)
+    return first, int((1.0 / (HOUR_S * low) - first) / apart) + 1
+
+
 def grid(
     n_poles: int,
     span: float,
@@ -80,15 +97,10 @@ def grid(
         return Grid(poles, np.array([1.0 / (HOUR_S * period_h)]))
     assert range_h is not None
     low, high = range_h
-    if not 0 < low < high < np.inf:
-        raise InputError(
-            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
-        )
     if not 0 < step <= 2:
         raise InputError(f"--period-step is {step:g}; give a number in 0..2, such as {STEP}")
-    first, last = 1.0 / (HOUR_S * high), 1.0 / (HOUR_S * low)
     apart = step * 0.5 / span
-    count = int((last - first) / apart) + 1
+    first, count = frequencies(range_h, apart)
     if count * n_poles > MOST:
         raise InputError(
             f"--period-range {low:g},{high:g} has {count} periods to tell apart in data "

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.constants import DAY_S, HOUR_S
+from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.attitude_scan import evidence, smooth, sphere_cells, spin
+from lcbayes.inversion.attitude_scan import evidence, grid, smooth, sphere_cells, spin
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, nights_of
 from lcbayes.inversion.attitude_scan.periodogram import periodogram
@@ -105,15 +105,10 @@ def search(
         The range is invalid, or too wide.
     """
     low, high = period_range_h
-    if not 0 < low < high < np.inf:
-        raise InputError(
-            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
-        )
     if not 0 < step <= 0.5:
         raise InputError(f"--period-step is {step:g}; give a number in 0..0.5, such as {STEP}")
     apart = step / points.span
-    first, last = 1.0 / (HOUR_S * high), 1.0 / (HOUR_S * low)
-    count = max(int((last - first) / apart), 0) + 1
+    first, count = grid.frequencies(period_range_h, apart)
     number = sphere_cells.number(LEVEL)
     if count * number > MOST:
         raise InputError(

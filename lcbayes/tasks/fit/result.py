@@ -25,6 +25,7 @@ from lcbayes.analysis import report as page
 from lcbayes.analysis.numerals import show
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.variables import label
 from lcbayes.results.asteroid import QUANTITIES, tilt_warning
 from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
@@ -118,13 +119,7 @@ class Fit(Result[FitContent]):
             found["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
         if spins := self.content.get("spins"):
             found["spins"] = pd.DataFrame(
-                dict(
-                    zip(
-                        ("omega_x_rad_s", "omega_y_rad_s", "omega_z_rad_s"),
-                        s["omega_rad_s"],
-                        strict=True,
-                    )
-                )
+                {label("omega", (i,)): x for i, x in enumerate(s["omega_rad_s"])}
                 | {k: s[k] for k in ("period_s", "share", "sampled")}
                 for s in spins
             )
