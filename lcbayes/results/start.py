@@ -17,6 +17,7 @@ from lcbayes.results.record import read_record
 from lcbayes.results.store import task_of
 
 SPREAD = 0.01  # relative: half-length of the range about a candidate period
+UNCERTAIN_PERIOD = ("period-not-unique", "multiple-of-period")  # codes of reasons
 REACH = 5.0  # sd of a sidereal period, if that is more
 
 
@@ -30,10 +31,14 @@ class Start:
         Solutions with pole and period, from which the search starts.
     periods : str
         Candidate periods, as `modelling.known_spin.KnownSpin` reads them; empty for a scan.
+    doubt : str
+        Why the period of a scan of sparse points is uncertain. A fit keeps near that period, so
+        that its own draws cannot show this. Empty if it is certain.
     """
 
     spins: list[dict[str, Any]]
     periods: str = ""
+    doubt: str = ""
 
 
 def read_start(folder: str | Path, curve: LightCurve) -> Start:
@@ -68,7 +73,15 @@ def read_start(folder: str | Path, curve: LightCurve) -> Start:
     spins = [s for s in solutions if _numbers(s, SPIN) and s.get("near_equal")]
     if not spins:
         raise InputError(f"the scan in {folder} found no constant spin to start from")
-    return Start(spins)
+    return Start(spins, doubt=_doubt(summary))
+
+
+def _doubt(summary: dict[str, Any]) -> str:
+    """The reasons against the period of a scan whose solutions have probabilities."""
+    if summary.get("period_probability") is None:
+        return ""  # spins that fit as well are all followed by the fit
+    reasons: list[Any] = summary.get("reasons") or []
+    return "; ".join(str(r["text"]) for r in reasons if r["code"] in UNCERTAIN_PERIOD)
 
 
 def candidate_periods(summary: dict[str, Any]) -> list[str]:

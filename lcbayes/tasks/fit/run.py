@@ -15,7 +15,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import printable
 from lcbayes.core.options import option
 from lcbayes.core.progress import Silent
-from lcbayes.core.reasons import Reason
+from lcbayes.core.reasons import Finding, Reason
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import facet_count, sparse
@@ -126,9 +126,10 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     entry = registry.find(options.model)
     check_curve(curve)
     check_pole(curve, options)
-    spins, asked = [], options.for_model
+    spins, asked, doubt = [], options.for_model, ""
     if options.start_from is not None:
         start = read_start(options.start_from, curve)
+        doubt = "" if "period" in asked else start.doubt
         spins, asked = _started(start, entry, asked)
     if PRIORS in asked:
         entry = entry.with_priors(asked.pop(PRIORS))
@@ -150,6 +151,8 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
         checked = checked | {"n_facets": path.n_facets}
         checked.pop("sparsity", None)
     posterior = engine.run(curve, entry, checked, settings, checkpoint, context.progress, spins)
+    if doubt:
+        posterior.reasons.insert(0, Finding("period-of-scan", {"why": doubt}))
     context.progress.say("checking the draws: predicted brightness, leave-one-out")
     return assembled(posterior, curve, entry, checked, identity, path)
 

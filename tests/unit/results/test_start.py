@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,14 @@ from lcbayes.core.errors import (
     EXIT_NOT_TRUSTED,
     InputError,
 )
+from lcbayes.core.progress import Silent
 from lcbayes.modelling.known_spin import Period
 from lcbayes.modelling.variables import SPIN
+from lcbayes.results.reasons import reason as sentence
 from lcbayes.results.start import Start, candidate_periods, read_start
 from lcbayes.tasks.fit import run
 from lcbayes.tasks.fit.assumptions import assumptions
+from lcbayes.tasks.fit.options import FitOptions
 from tests.helpers import small_curves
 
 FITTING = ["--n-facets", "1", "--num-starts", "16", "--num-warmup", "10", "--num-samples", "10"]
@@ -54,6 +58,41 @@ def test_a_damaged_scan_is_named_in_a_line(tmp_path, summary, toml, says):
     (tmp_path / "summary.json").write_text(json.dumps(whole))
     (tmp_path / "run.toml").write_text(INPUT)
     assert read_start(tmp_path, curve) == Start([SOLUTION])
+
+
+def reason(code: str) -> dict[str, str]:
+    return {"code": code, "text": f"about {code}"}
+
+
+@pytest.mark.parametrize(
+    ("probability", "codes", "doubt"),
+    [
+        (0.995, ["pole-not-unique", "multiple-of-period"], "about multiple-of-period"),
+        (0.6, ["period-not-unique"], "about period-not-unique"),
+        (0.995, ["pole-not-unique"], ""),
+        (None, ["period-not-unique"], ""),  # the fit follows all spins that fit as well
+    ],
+)
+def test_the_doubt_about_the_period_of_a_scan(tmp_path, monkeypatch, probability, codes, doubt):
+    """It is a reason against the fit, unless the user gives a period."""
+    lcbayes.write(small_curves.curve(20), tmp_path / "a.csv")
+    curve = lcbayes.read(tmp_path / "a.csv")
+    content = {"solutions": [SOLUTION], "period_probability": probability}
+    content |= {"reasons": [reason(code) for code in codes]}
+    (tmp_path / "summary.json").write_text(json.dumps(content))
+    (tmp_path / "run.toml").write_text(INPUT.replace('"0"', f'"{curve.source["sha256"]}"'))
+    assert read_start(tmp_path, curve).doubt == doubt
+
+    posterior = SimpleNamespace(reasons=[])
+    monkeypatch.setattr(run.engine, "run", lambda *_: posterior)
+    monkeypatch.setattr(run, "assembled", lambda posterior, *_: posterior.reasons)
+    context = SimpleNamespace(checkpoint=lambda _: None, progress=Silent())
+    for given, expected in (({}, doubt), ({"period": "300s"}, "")):
+        posterior.reasons.clear()
+        options = FitOptions.of({"n_facets": 1, "start_from": tmp_path, **given})
+        found: Any = run._fitted(curve, options, context)  # type: ignore[arg-type]
+        assert [f.values["why"] for f in found] == ([expected] if expected else [])
+        assert all(sentence(f).text.startswith("the period is that of the scan") for f in found)
 
 
 def spin_folder(folder: Path, sha256: str, **content: Any) -> Path:
