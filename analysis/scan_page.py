@@ -12,6 +12,7 @@ from lcbayes.analysis.pages import command, environment
 from lcbayes.analysis.sky_plots import FRAMES
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Options
+from lcbayes.core.text import probability
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
@@ -72,8 +73,8 @@ def headline(summary: Mapping[str, Any]) -> str:
     best = summary["solutions"][0]
     near = sum(s["near_equal"] for s in summary["solutions"]) - 1
     also = "" if not near else f"; {near} other{'s fit' if near > 1 else ' fits'} as well"
-    if (probability := summary["period_probability"]) is not None:
-        also = f", with probability {probability:.4g}"
+    if (chance := summary["period_probability"]) is not None:
+        also = f" (probability of this period, whatever the pole: {probability(chance)})"
     if "period_h" not in best:
         return f"Best attitude: {best['law']}{also}."
     period = written_period(best["period_h"], best["period_resolution_h"])

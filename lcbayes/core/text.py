@@ -17,6 +17,17 @@ def join_words(words: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
+def probability(value: float) -> str:
+    """A probability that is never written as certain.
+
+    Examples
+    --------
+    >>> probability(0.86312), probability(0.999999)
+    ('0.863', 'above 0.9999')
+    """
+    return "above 0.9999" if value > 0.9999 else f"{value:.3g}" if value < 0.99 else f"{value:.4f}"
+
+
 def closest(word: str, names: Iterable[str]) -> str:
     """A question that offers the most similar name, or an empty string.
 

@@ -10,6 +10,7 @@ from scipy import stats
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.reasons import Finding
+from lcbayes.core.text import probability
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import equivalence, sparse
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution, written_period
@@ -148,7 +149,7 @@ def _improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator
     if scan.period_probability < UNIQUE:
         names = list(dict.fromkeys(other))
         also = f"; {_fit_as_well(names)}" if names else ""
-        values = {"others": f"its probability is {scan.period_probability:.2g}{also}"}
+        values = {"others": f"its probability is {probability(scan.period_probability)}{also}"}
         yield Finding("period-not-unique", values)
     elif of_pole < UNIQUE * scan.period_probability and poles:
         yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})

@@ -14,6 +14,7 @@ import numpy as np
 
 from lcbayes.analysis import scan_page, scan_plots, style
 from lcbayes.core.reasons import Reason
+from lcbayes.core.text import probability
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
@@ -103,14 +104,14 @@ class Scan(Result[ScanContent]):
             p = f"  P {s['probability']:5.3f}" if "probability" in s else ""
             fit = f"{s['chi2']:10.5g}  {s['rms']:6.4f}"
             lines.append(f"{i:2d}{mark}{what}  {fit}{p}  {s['words']}")
-        if (probability := content["period_probability"]) is None:
+        if (chance := content["period_probability"]) is None:
             limit = content["fit"]["chi2_near_equal"]
             lines.append(
                 f"= fits as well as the best: chi2 up to {limit:.5g} is noise, or 5 % of residuals"
             )
         else:
             lines.append(
-                f"= one of these with probability 0.99; the period of 1: {probability:.4g}"
+                f"= one of these with probability 0.99; the period of 1: {probability(chance)}"
             )
         spins = any(s["near_equal"] and "period_h" in s for s in self.solutions)
         return lines + (onward(self) if spins else [])
