@@ -8,9 +8,10 @@ seen on random passes of a low orbit and simulated with the shadows of its file;
 The search covers all motions that the prior allows. It succeeds if the best end point is at most
 0.5 nats above the posterior optimum reached from the truth; `right` says whether its pole is within
 10 degrees and its rate within half a turn over the time base of the truth. With --without-shadows,
-the body that is fitted has none, and χ² of the best end point shows whether that is noticed. With
---fit, each curve is then fitted by `lcbayes.fit`. One row a case is appended to bodies.csv in DIR;
-cases that are there are not repeated.
+the body that is fitted has none. χ² of the best end point, or the largest shift of any combination
+of parameters by the shadows computed there, shows whether that is noticed. With --fit, each curve
+is then fitted by `lcbayes.fit`. One row a case is appended to bodies.csv in DIR; cases that are
+there are not repeated.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from __future__ import annotations
 import argparse
 import csv
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from _body_cases import Case, drawn
@@ -30,10 +33,13 @@ import lcbayes
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
+from lcbayes.inference.misfit_tests import Projection
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.models.body import shadows_left_out
+from lcbayes.results.summary import MAX_SHIFT
 
 TOLERANCE = 0.5  # nats
 NOTICED = 0.01  # p-value of χ²
@@ -49,6 +55,7 @@ COLUMNS = (
     "nats_above_truth",
     "right",
     "p_chi2",
+    "shift_sd",
     "search_s",
     "trusted",
     "reasons",
@@ -75,8 +82,21 @@ def searched(case: Case, given: dict[str, object]) -> dict[str, object]:
         "nats_above_truth": float(ends.potential[0] - truth.potential[0]),
         "right": _right(case, np.asarray(best["omega"])),
         "p_chi2": float(chi2.sf(float(jnp.sum(missed**2)), dof)),
+        "shift_sd": _shift(problem, data, options | entry.pooled, ends.z[0]),
         "search_s": seconds,
     }
+
+
+def _shift(problem: Problem, data: Epochs, options: Mapping[str, Any], z: np.ndarray) -> float:
+    """Largest shift of a combination of parameters by shadows that are left out, in its sd."""
+    sites = compiled(problem.constrain)(z, data)
+    change = shadows_left_out([sites], data, **options)
+    if change is None:
+        return 0.0
+    maker = Projection.of(problem, np.asarray(z), data)
+    column = np.asarray(compiled(problem.response)(z, data, jnp.asarray(change)))[0]
+    slope = maker.power * column @ maker.jacobian
+    return float(np.sqrt(slope @ maker.covariance @ slope))
 
 
 def _truth(problem: Problem, data: Epochs, case: Case, z: np.ndarray) -> np.ndarray:
@@ -165,6 +185,7 @@ def main() -> None:
         ("right motion", [r["right"] == "True" for r in mine]),
         ("best not above the truth", [float(r["nats_above_truth"]) <= TOLERANCE for r in mine]),
         ("refused by χ²", [float(r["p_chi2"]) < NOTICED for r in mine]),
+        ("shadows left out matter", [float(r["shift_sd"]) > MAX_SHIFT for r in mine]),
     ):
         print(f"{name}: {sum(hits)} of {len(hits)} ({share(sum(hits), len(hits))})")
 

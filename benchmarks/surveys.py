@@ -30,8 +30,8 @@ from lcbayes.inversion.attitude_scan import sparse
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 
 UNIQUE = 0.99
-BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, UNIQUE, 1.01)
-SEED = 7000  # of the first simulated object; smaller ones served to develop the method
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.85, UNIQUE, 1.01)
+SEED = 7200  # of the first simulated object; smaller ones served to develop the method
 LISTED = 3  # solutions of a real object in the table
 
 Rows = list[dict[str, Any]]

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from lcbayes.tasks.simulate.run import simulate as simulate
     from lcbayes.tasks.single_facet.run import single_facet as single_facet
     from lcbayes.tasks.spin.run import spin as spin
+    from lcbayes.tasks.survey.result import Survey as Survey
+    from lcbayes.tasks.survey.run import survey as survey
 
 _HOMES = {
     "Batch": "lcbayes.tasks.batch.result",
@@ -48,6 +50,7 @@ _HOMES = {
     "Prediction": "lcbayes.tasks.predict.result",
     "Result": "lcbayes.results.result",
     "Scan": "lcbayes.tasks.scan.result",
+    "Survey": "lcbayes.tasks.survey.result",
     "albedo_area": "lcbayes.tasks.albedo_area.run",
     "attitude_test": "lcbayes.tasks.attitude_test.run",
     "batch": "lcbayes.tasks.batch.run",
@@ -66,6 +69,7 @@ _HOMES = {
     "simulate": "lcbayes.tasks.simulate.run",
     "single_facet": "lcbayes.tasks.single_facet.run",
     "spin": "lcbayes.tasks.spin.run",
+    "survey": "lcbayes.tasks.survey.run",
     "weighted_draws": "lcbayes.results.draws",
     "write": "lcbayes.data.write",
 }
@@ -78,6 +82,7 @@ __all__ = [
     "Prediction",
     "Result",
     "Scan",
+    "Survey",
     "albedo_area",
     "attitude_test",
     "batch",
@@ -96,6 +101,7 @@ __all__ = [
     "simulate",
     "single_facet",
     "spin",
+    "survey",
     "weighted_draws",
     "write",
 ]

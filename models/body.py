@@ -1,22 +1,32 @@
 """A body of known parts (box, cylinder, plate …) whose motion and surface are unknown."""
 
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpyro import handlers
 from numpyro.distributions.transforms import Transform
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import body_search
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR
+from lcbayes.modelling.problem import TRACING
 from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.physics import photometry
-from lcbayes.simulation.known_bodies.reader import BodyFile, Prior, body_text, read_body_text
+from lcbayes.simulation.known_bodies.body import KnownBody
+from lcbayes.simulation.known_bodies.reader import (
+    BodyFile,
+    Prior,
+    body_text,
+    read_body_text,
+    with_shadows,
+)
 
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
@@ -74,11 +84,7 @@ def model(
     """
     file = _file(body, spin, shadows)
     known = file.body
-    if spin == "flat":
-        attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd)
-    else:
-        attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd)
-    turned = body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
+    turned = _turning(data, known, spin, omega_sd, clock_sd, rate_drift_sd)
     values = {name: _surface(file, name) for name in known.materials}
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
@@ -92,6 +98,22 @@ def model(
 
     mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+
+
+def _turning(
+    data: Epochs,
+    known: KnownBody,
+    spin: str,
+    omega_sd: float,
+    clock_sd: float,
+    rate_drift_sd: float,
+) -> body_motion.Turned:
+    """Directions in body axes as functions of time."""
+    if spin == "flat":
+        attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd)
+    else:
+        attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd)
+    return body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
 
 
 def _file(body: str, spin: str, shadows: bool) -> BodyFile:
@@ -157,6 +179,59 @@ def _albedo_area(file: BodyFile, values):
 def resolved(options):
     """The options with the text of the body in place of its name or file."""
     return {**options, "body": body_text(options["body"])}
+
+
+def shadows_left_out(
+    draws: Sequence[Mapping[str, jax.Array]],
+    data: Epochs,
+    *,
+    body: str,
+    spin: str = "flat",
+    omega_sd: float = 0.1,
+    shadows: bool = True,
+    clock_sd: float = nuisances.CLOCK_SD,
+    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
+    **options: object,  # noqa: ARG001
+) -> np.ndarray | None:
+    """Changes of the flux by the shadows of a body that is fitted without them, (n, T).
+
+    Parameters
+    ----------
+    draws : sequence of n {site: value}
+        Constrained values of all sites. Unknown lengths have those of the first.
+
+    Returns
+    -------
+    (n, T) or None
+        None if the fit has the shadows, or no part can shade another.
+    """
+    file = read_body_text(body)
+    if shadows and file.body.assembly.shaded:
+        return None
+    sizes = {key: float(draws[0][f"{file.body.names[key[0]]}_{key[1]}"]) for key in file.sizes}
+    shaded = with_shadows(body, sizes)
+    if shaded.assembly.method == "none":
+        return None
+
+    @jax.jit
+    def change(sites: Mapping[str, jax.Array], epochs: Epochs) -> jax.Array:
+        with handlers.block(), handlers.substitute(data=dict(sites)):
+            turned = _turning(epochs, file.body, spin, omega_sd, clock_sd, rate_drift_sd)
+        values = {
+            name: {key: sites[f"{name}_{key}"] for key in found}
+            for name, found in file.priors.items()
+        }
+
+        def taken(t: jax.Array) -> jax.Array:
+            seen = turned(t)
+            lit = (shaded.flux(*seen, values, every) for every in (True, False))
+            return sites.get("size", 1.0) * (next(lit) - next(lit))
+
+        exposed = photometry.exposed(taken, epochs.exposure_s) if epochs.has_exposure else taken
+        return exposed(epochs.t)
+
+    with TRACING:
+        return np.stack([np.asarray(change(sites, data)) for sites in draws])
 
 
 def coordinates(

@@ -7,11 +7,15 @@ import numpyro
 from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
+from lcbayes.modelling.problem import Problem
 from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
 from lcbayes.physics import brightness
+from lcbayes.samplers.facet_moves import FacetMoves
 
 FACET_SITES = ("normals_base", "log_albedo_area")
 SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals, omega"
+
+MOVED_FACETS = 3  # from this number on, facets have arrangements that chains may miss
 
 POOLED = nuisances.UNMODELLED  # during the search for solutions
 
@@ -112,3 +116,20 @@ def coordinates(
 ) -> dict[str, RateAndDirection] | None:
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times."""
     return rate_and_direction(spin, omega_sd, period, float(data.t_span))
+
+
+def moves(
+    problem: Problem,
+    data: Epochs,
+    *,
+    n_facets: int = 2,
+    spin: str = "free",
+    reflectance: brightness.DiffuseLaw = "non-lambertian",
+    log_area_mean: float = 0.0,
+    log_area_sd: float = 1.0,
+    **options: object,  # noqa: ARG001
+) -> FacetMoves | None:
+    """Moves of single facets of a spinning body of several, to test whether chains missed any."""
+    if spin != "free" or n_facets < MOVED_FACETS:
+        return None
+    return FacetMoves.of(problem, data, reflectance, log_area_mean, log_area_sd)

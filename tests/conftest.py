@@ -6,16 +6,32 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.helpers import browser_pages, false_alarms, quick_run
+from tests.helpers import browser_pages, false_alarms, file_groups, quick_run
 
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     config.stash[false_alarms.COLLECTED] = false_alarms.check(items)
     quick_run.mark(items)
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | None:
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        """A group of files goes to one worker, as does any other file."""
+
+        def _split_scope(self, nodeid: str) -> str:
+            return file_groups.group(super()._split_scope(nodeid))
+
+    return Scheduling(config, log)
 
 
 def pytest_collection_finish() -> None:
@@ -46,7 +62,7 @@ def _chromium() -> Iterator[object | None]:
         yield browser
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")  # before the fixtures of a module make its pages
 def browser(_chromium) -> object:
     """Chromium; the test is skipped where there is none."""
     if _chromium is None:

@@ -32,6 +32,7 @@ COMMANDS = (
     "observability",
     "predict",
     "batch",
+    "survey",
     "report",
     "convert",
     "models",

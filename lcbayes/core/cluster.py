@@ -7,13 +7,20 @@ and the results depend neither on the type nor on the number of workers.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, as_completed
-from contextlib import contextmanager, suppress
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
+from itertools import islice
 from pkgutil import resolve_name
+from queue import SimpleQueue
 from typing import Any
+
+import numpy as np
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.threads import threads
@@ -22,9 +29,10 @@ MAX_ATTEMPTS = 5  # at a task whose workers die
 MAX_INLINE_BYTES = 10_000  # shared arguments up to this size are sent with each task
 MAX_WORKER_DEATHS = 100  # during one task, before the task is abandoned
 WAIT_S = 30.0  # waiting time for the first worker of a cluster
+DEATHS = 3  # workers that one of many independent objects may crash
 
 # (function, shared argument, tasks) -> index and result of each task
-type Run = Callable[[Callable[..., Any], Any, Sequence[tuple]], Iterator[tuple[int, Any]]]
+type Run = Callable[[Callable[..., Any], Any, Iterable[tuple]], Iterator[tuple[int, Any]]]
 
 
 @contextmanager
@@ -34,6 +42,7 @@ def worker_pool(
     *,
     deaths: int = MAX_WORKER_DEATHS,
     keep_going: bool = False,
+    ahead: int | None = None,
 ) -> Iterator[Run]:
     """Context manager that provides a function ``run(function, shared, tasks)``.
 
@@ -54,6 +63,10 @@ def worker_pool(
         death.
     keep_going : bool
         Yield the exception of a failed task in place of its result, instead of raising it.
+    ahead : int, optional
+        Number of tasks for each worker that are taken from ``tasks`` before their results have been
+        yielded; by default all. With a limit, neither the tasks nor their results are all held in
+        memory. If the cluster is lost, an InputError is then raised in any case.
 
     Raises
     ------
@@ -61,27 +74,72 @@ def worker_pool(
         If Dask is not installed, or no scheduler or worker responds.
     """
     if scheduler is None and n_workers is None:
-        yield lambda function, shared, tasks: _threads(function, shared, tasks, keep_going)
+        yield partial(_threads, keep_going=keep_going, ahead=ahead)
         return
     if scheduler is not None and n_workers is not None:
         raise InputError("--scheduler and --workers are both given; a cluster has its own workers")
     if n_workers is not None and n_workers < 1:
         raise InputError(f"--workers is {n_workers}; give a whole number >= 1")
     with _client(scheduler, n_workers, deaths) as client:
-        yield lambda function, shared, tasks: _dask(client, function, shared, tasks, keep_going)
+        yield partial(_dask, client, keep_going=keep_going, ahead=ahead)
+
+
+@contextmanager
+def object_pool(
+    scheduler: str | None, n_workers: int | None, most: int, ahead: int | None = None
+) -> Iterator[tuple[Run, str]]:
+    """The pool for many independent objects, which goes on after faults, and its description.
+
+    Without options, a local Dask cluster has a process for each core, but at most ``most``; without
+    Dask, the threads of this process are used.
+    """
+    given = {"keep_going": True, "ahead": ahead}
+    if scheduler is not None:
+        with worker_pool(scheduler, n_workers, **given) as run:
+            yield run, f"Dask cluster {scheduler}"
+    elif n_workers is None and find_spec("distributed") is None:
+        with worker_pool(**given) as run:
+            yield run, "threads of one process (Dask is not installed)"
+    else:
+        count = n_workers if n_workers is not None else max(1, min(os.cpu_count() or 1, most))
+        with worker_pool(n_workers=count, deaths=DEATHS, **given) as run:
+            yield run, f"{count} process{'es' if count > 1 else ''} of this machine"
 
 
 def _threads(
-    function: Callable[..., Any], shared: Any, tasks: Sequence[tuple], keep_going: bool
+    function: Callable[..., Any],
+    shared: Any,
+    tasks: Iterable[tuple],
+    keep_going: bool,
+    ahead: int | None,
 ) -> Iterator[tuple[int, Any]]:
-    with threads(os.cpu_count() or 1) as pool:
-        waiting = {pool.submit(function, shared, *task): i for i, task in enumerate(tasks)}
+    n = os.cpu_count() or 1
+    source, waiting, finished = enumerate(tasks), {}, SimpleQueue()
+    with threads(n) as pool:
         try:
-            for done in as_completed(waiting):
-                fault = done.exception() if keep_going else None
-                yield waiting[done], done.result() if fault is None else fault
+            while True:
+                for i, task in islice(source, _free(ahead, n, len(waiting))):
+                    waiting[new := pool.submit(function, shared, *task)] = i
+                    new.add_done_callback(finished.put)
+                if not waiting:
+                    return
+                done = finished.get()
+                i, fault = waiting.pop(done), done.exception() if keep_going else None
+                yield i, done.result() if fault is None else fault
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _free(ahead: int | None, n_workers: int, waiting: int) -> int | None:
+    """How many more tasks may be submitted; None for all."""
+    return None if ahead is None else max(ahead * n_workers - waiting, 0)
+
+
+def without_cluster() -> AbstractContextManager[Any]:
+    """Disable the lock by file name that xarray takes across the cluster on a Dask worker; a file
+    in memory has no name."""
+    dask = sys.modules.get("dask")
+    return nullcontext() if dask is None else dask.config.set(scheduler="threads")
 
 
 @contextmanager
@@ -163,8 +221,9 @@ def _dask(
     client: Any,
     function: Callable[..., Any],
     shared: Any,
-    tasks: Sequence[tuple],
+    tasks: Iterable[tuple],
     keep_going: bool,
+    ahead: int | None,
 ) -> Iterator[tuple[int, Any]]:
     """Run tasks on a cluster.
 
@@ -175,7 +234,8 @@ def _dask(
     done_by_dask = import_module("distributed").as_completed
     gone = (import_module("distributed.client").ClosedClientError, OSError)
     little = import_module("dask.sizeof").sizeof(shared) < MAX_INLINE_BYTES
-    left = dict(enumerate(tasks))
+    supply = _Supply(client, tasks, ahead)
+    left: dict[int, tuple] = {}  # submitted, and not done
     for attempt in range(MAX_ATTEMPTS):
         try:
             common = (
@@ -186,25 +246,56 @@ def _dask(
             # earlier tasks first, so that results plotted during the run appear in order
             submit = partial(client.submit, function, common, pure=False, retries=MAX_ATTEMPTS)
             waiting = {submit(*task, priority=-i): i for i, task in left.items()}
+            waiting |= supply.more(submit, left)
         except gone:
             break
         try:
-            for done in done_by_dask(waiting):
-                i = waiting[done]
+            queue = done_by_dask(waiting)
+            for done in queue:
+                i = waiting.pop(done)
                 outcome = _outcome(done, keep_going, attempt == MAX_ATTEMPTS - 1, gone)
                 if outcome is not _LOST:
                     del left[i]
                     yield i, outcome
+                with suppress(*gone):  # the next attempt finds out
+                    new = supply.more(submit, left)
+                    waiting |= new
+                    queue.update(new)
         finally:
             with suppress(*gone):
                 client.cancel(list(waiting))
         if not left:
             return
+    if ahead is None:
+        left |= dict(supply.source)
     lost = "lost its workers again and again" if client.status == "running" else "has gone"
     fault = InputError(
         f"{len(left)} tasks were not done: the Dask cluster {lost}; start it again, or do without, "
         "and give the same command again"
     )
-    if not keep_going:
+    if not keep_going or ahead is not None:
         raise fault
     yield from ((i, fault) for i in left)
+
+
+class _Supply:
+    """Submits tasks to a cluster until ``ahead`` for each worker are not done."""
+
+    def __init__(self, client: Any, tasks: Iterable[tuple], ahead: int | None) -> None:
+        self.client, self.source, self.ahead = client, enumerate(tasks), ahead
+        self.counted, self.n_workers = -np.inf, 1
+
+    def free(self, waiting: int) -> int | None:
+        """How many more tasks may be submitted; the workers are counted once a second."""
+        now = time.monotonic()
+        if self.ahead is not None and now - self.counted > 1.0:
+            self.counted, self.n_workers = now, max(len(self.client.nthreads()), 1)
+        return _free(self.ahead, self.n_workers, waiting)
+
+    def more(self, submit: Callable[..., Any], left: dict[int, tuple]) -> dict[Any, int]:
+        """The futures of further tasks, which are added to ``left``, with their numbers."""
+        new = {}
+        for i, task in islice(self.source, self.free(len(left))):
+            left[i] = task
+            new[submit(*task, priority=-i)] = i
+        return new

@@ -57,7 +57,7 @@ class Console(Silent):
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn(f"{unit}, {{task.fields[rate]}}/s"),
+            TextColumn(f"{unit}, {{task.fields[rate]}}"),
             Remaining(),
             TextColumn("{task.fields[note]}"),
         )
@@ -71,12 +71,22 @@ class Console(Silent):
                     nonlocal done
                     done += n
                     rate = done / max(time.monotonic() - started, 1e-9)
-                    bars.update(task, advance=n, note=note, rate=f"{rate:.3g}")
+                    bars.update(task, advance=n, note=note, rate=_rate(rate))
 
                 def more(self, n: int) -> None:
                     bars.update(task, total=(bars.tasks[task].total or 0) + n)
 
             yield Bar()
+
+
+def _rate(per_second: float) -> str:
+    """A rate per second, or per hour if it is small."""
+    return f"{per_second:.3g}/s" if per_second >= 1.0 else f"{3600.0 * per_second:.0f}/h"
+
+
+def _time(seconds: float) -> str:
+    """A duration in s, or in h if it is long."""
+    return f"{seconds:.0f} s" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
 class _Lines:
@@ -97,7 +107,7 @@ class _Lines:
         said = f"{self.title}: {self.done}/{self.total} {self.unit}"
         if self.done > self.first and now > self.begun:
             rate = (self.done - self.first) / (now - self.begun)
-            said += f", {rate:.3g}/s, {(self.total - self.done) / rate:.0f} s left"
+            said += f", {_rate(rate)}, {_time((self.total - self.done) / rate)} left"
         print(f"{said}; {note}" if note else said, file=sys.stderr, flush=True)
 
     def more(self, n: int) -> None:

@@ -1,8 +1,10 @@
 """Version of the installed package."""
 
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 
+@cache
 def installed_version() -> str:
     """The installed version of lcbayes."""
     try:

@@ -17,6 +17,8 @@ from lcbayes.data.lightcurve import LightCurve
 
 Floats = NDArray[np.float64]
 
+MAGNITUDES = (3.0, 30.0)  # of asteroids
+PHASE_RANGE_DEG, SIGNIFICANT = 10.0, 4.0  # range of phase angles, and slope in its errors
 FAINT_FLUX = 1e-3  # magnitudes that are all nearer to zero are fluxes
 NOISE_LIMIT = 1.0  # median error relative to the median flux
 JD_RANGE = (2.4e6, 2.5e6)  # the years 1858 .. 2132
@@ -53,6 +55,32 @@ def _check_magnitudes(curve: LightCurve, name: str) -> None:
             f"{name}: all values of mag are within {FAINT_FLUX:g} of zero (median "
             f"{np.median(curve.brightness):.3g}), as fluxes are; if they are fluxes, name the "
             "column flux (--columns flux=mag,flux_err=mag_err)"
+        )
+
+
+def check_flux_of_asteroid(curve: LightCurve) -> None:
+    """Refuse magnitudes in a column of fluxes, of a body that becomes fainter with phase angle.
+
+    Values in the range of magnitudes that grow with the phase angle are no fluxes of an asteroid,
+    whose brightness halves within some thirty degrees.
+
+    Raises
+    ------
+    InputError
+    """
+    angle, flux = np.degrees(curve.phase_angle), curve.brightness
+    low, high = MAGNITUDES
+    inside = flux.min() > low and flux.max() < high
+    if curve.kind != "flux" or not inside or np.ptp(angle) < PHASE_RANGE_DEG:
+        return
+    x, y = angle - angle.mean(), flux - flux.mean()
+    slope = float(x @ y / (x @ x))
+    error = float(np.sqrt(np.sum((y - slope * x) ** 2) / max(curve.n_obs - 2, 1) / (x @ x)))
+    if slope > SIGNIFICANT * error:
+        raise InputError(
+            f"{curve.source.get('file') or 'the table'}: flux lies in {flux.min():.4g} .. "
+            f"{flux.max():.4g} and grows with the phase angle, as magnitudes do; name the column "
+            "mag (--columns mag=flux,mag_err=flux_err)"
         )
 
 

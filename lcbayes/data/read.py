@@ -98,7 +98,7 @@ def read(
     ----------
     path : file, or a table
         A table is a pandas DataFrame, an astropy Table or a mapping of columns, with the names
-        of the columns of a CSV file.
+        of the columns of a CSV file. The text of a file may also be given, as a `TextFile`.
     format : one of `FORMATS`; None: recognised from the content
     tle : file with two-line elements of the object, for data without directions
     site : "latitude,longitude,height" of the observer in degrees (north, east) and metres, for
@@ -138,7 +138,8 @@ def read(
     )
     curve = _read(path, format, options)
     if curve.n_obs < 2:
-        raise InputError(f"{path} holds one point; a light curve needs at least two")
+        where = path.name if isinstance(path, TextFile) else path
+        raise InputError(f"{where} holds one point; a light curve needs at least two")
     if asked.average is not None:
         curve = averaged(curve, asked.average)
     reading = {name: value for name, value in asked.as_dict().items() if name != "tle"}
@@ -184,7 +185,9 @@ def _path(path: str | os.PathLike[str] | None) -> str | None:
 def _read(path: str | os.PathLike[str], format: str | None, options: Options) -> LightCurve:
     if format is not None and format not in _READERS:
         raise InputError(f"unknown format {format!r}; available: {', '.join(FORMATS)}")
-    if is_table(path):
+    if isinstance(path, TextFile):
+        file = path
+    elif is_table(path):
         file, format = text_of(path), format or "csv"
     elif not isinstance(path, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,10 @@ from lcbayes.physics.bodies import facets
 Floats = NDArray[np.float64]
 
 CLOCK_STEP_S, ANGLE_STEP = 1e-3, 1e-4  # of differences; brightness is smooth over both
+NOTCHES = (0.05, 0.15, 0.5, 2.0, 7.0, 20.0)  # height of the wall over the depth of the floor
+LARGEST = 6  # facets that may form notches
+FLATTEST = 1e-3  # cosine of the angle of incidence or emission for the longest shadow
+UPRIGHT = 0.5  # cosine between their normals, at most
 LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
 GRID = 96  # directions of a further facet
 MAX_FREQUENCIES = 256
@@ -47,7 +52,7 @@ class Alternative:
     labels : tuple of M strings
         The version, for the sentence.
     one_sided : bool
-        Whether the amount can only be positive.
+        Whether the amounts can only be positive.
     """
 
     name: str
@@ -81,9 +86,17 @@ def alternatives(
         found += _drift(problem, z, data)
         found += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
-        found += [*_lobes(sites), *_further_facet(sites)]
+        found += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
     found = [one for one in found if not kinds or one.name in kinds]
     return [_in_units_of_noise(problem, z, data, one) for one in found if np.any(one.columns)]
+
+
+def shadows(problem: Problem, z: Floats, data: Epochs, change: Floats | None) -> list[Alternative]:
+    """Shadows of parts on one another that change the flux by (T,) at z; an amount of 1 is all."""
+    if change is None or not np.any(change):
+        return []
+    one = Alternative("shadows", "", "", change[None, None], one_sided=True)
+    return [_in_units_of_noise(problem, z, data, one)]
 
 
 def _in_units_of_noise(problem: Problem, z: Floats, data: Epochs, one: Alternative) -> Alternative:
@@ -188,6 +201,38 @@ def _further_facet(sites: Sites) -> Iterator[Alternative]:
     )
     if seen.any():
         yield Alternative("facet", "", "m²", columns[seen][:, None], labels, one_sided=True)
+
+
+def _notches(sites: Sites) -> Iterator[Alternative]:
+    """Two facets stand on one another and shade and hide one another, as no convex body does.
+
+    A wall of height h at one end of a floor of depth d, both much longer than that, shades or hides
+    the share min(1, (h/d) m) of the floor. Here m = max(−v·n_wall, 0)/(v·n_floor), for v to the Sun
+    or the observer, whichever is larger: both shares begin at the foot of the wall. The floor
+    shades the wall likewise with d/h. The two amounts are the shares of the facets in the notch.
+    """
+    normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))
+    chosen = np.sort(np.argsort(-area, kind="stable")[:LARGEST])
+    sun, obs = (np.asarray(sites[k]) @ normals[chosen].T for k in ("sun_body", "obs_body"))
+    light = np.where((sun > 0) & (obs > 0), area[chosen] / np.pi * sun * obs, 0.0)
+    columns, labels = [], []
+    for i, j in combinations(range(len(chosen)), 2):
+        if abs(normals[chosen[i]] @ normals[chosen[j]]) > UPRIGHT:
+            continue
+        on_i, on_j = (_steepness(sun, obs, *pair) for pair in ((i, j), (j, i)))
+        for ratio in NOTCHES:
+            first = light[:, i] * np.minimum(1.0, ratio * on_i)
+            second = light[:, j] * np.minimum(1.0, on_j / ratio)
+            columns.append(-np.stack([first, second]))
+            labels.append(f"facets {chosen[i]} and {chosen[j]}")
+    if columns:
+        yield Alternative("notch", "", "", np.array(columns), tuple(labels), one_sided=True)
+
+
+def _steepness(sun: Floats, obs: Floats, floor: int, wall: int) -> Floats:
+    """Length of the shadow of a wall of unit height on a floor, or of what it hides, (T,)."""
+    found = [np.maximum(-v[:, wall], 0.0) / np.maximum(v[:, floor], FLATTEST) for v in (sun, obs)]
+    return np.maximum(*found)
 
 
 def _by_time(problem: Problem, z: Floats, data: Epochs, *, moving: bool) -> Floats:

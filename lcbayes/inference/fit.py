@@ -21,6 +21,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
+from lcbayes.inference.arrangements import missed
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import Mode, join, left_out, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
@@ -250,6 +251,9 @@ class Stages:
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
         left, share = unsampled(modes, self.plain, problem, found.rest, order, data)
+        hook = self.entry.hook("moves")
+        moves = None if hook is None else hook(problem, data, **self.options)
+        elsewhere = [] if moves is None else missed(moves, modes, order, data, key)
         spins = spin_solutions(self.plain, data, [m.solution for m in modes], left)
         return Posterior(
             problem,
@@ -258,7 +262,7 @@ class Stages:
             log_evidence,
             found.n_starts,
             self.timing,
-            undetermined(spins, share) or left_out(len(left), share),
+            [*(undetermined(spins, share) or left_out(len(left), share)), *elsewhere],
             self.settings,
             found.coverage,
             spins,

@@ -9,7 +9,7 @@ the smallest of several p-values, however they depend on each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -150,7 +150,13 @@ def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:
 
 
 def examine(
-    problem: Problem, z: Floats, data: Epochs, curve: LightCurve, *, seed: int = 0
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    curve: LightCurve,
+    *,
+    seed: int = 0,
+    further: Sequence[Alternative] = (),
 ) -> Examination:
     """Test the residuals at the best fit z (D,).
 
@@ -161,6 +167,8 @@ def examine(
         autocorrelation of the residuals, and it is not tested.
     curve : LightCurve
         The fitted curve.
+    further : sequence of Alternative
+        Beside those of `alternatives`.
 
     References
     ----------
@@ -181,7 +189,7 @@ def examine(
     statistics = _statistics(problem, z, data, curve, passes, correlated)
     values = {name: function(every) for name, function in statistics.items()}
     scores = []
-    for one in alternatives(problem, z, data, names_of(curve)):
+    for one in (*alternatives(problem, z, data, names_of(curve)), *further):
         gains, best = _gains(one, every, maker)
         values[_code(one)] = gains
         scores.append((one, gains, best))
@@ -409,13 +417,20 @@ def _gains(one: Alternative, every: Floats, maker: Projection) -> tuple[Floats, 
 
 
 def _gain(columns: Floats, every: Floats, maker: Projection, one_sided: bool) -> Floats:
-    """Decrease of chi2 (n,) by the best amounts of columns (K, T)."""
+    """Decrease of chi2 (n,) by the best amounts of columns (K, T).
+
+    If the amounts can only be positive, it is that by all of them, or by the best one alone.
+    """
     information = columns @ maker.left(columns).T
     along = every @ columns.T
     if _absorbed(information, columns):
         return np.zeros(len(every))
-    gain = np.sum(along * np.linalg.solve(information, along.T).T, axis=1)
-    return np.where(along[:, 0] > 0, gain, 0.0) if one_sided else gain
+    amounts = np.linalg.solve(information, along.T).T
+    gain = np.sum(along * amounts, axis=1)
+    if not one_sided:
+        return gain
+    alone = np.max(np.maximum(along, 0.0) ** 2 / np.diag(information), axis=1)
+    return np.where(np.all(amounts > 0.0, axis=1), gain, alone)
 
 
 def _absorbed(information: Floats, columns: Floats) -> bool:
@@ -433,7 +448,7 @@ def _explanation(one: Alternative, best: int, every: Floats, maker: Projection) 
     amounts = np.linalg.solve(information, columns @ every.T)  # (K, 1 + n)
     amount = float(amounts[0, 0]) if len(columns) == 1 else float(np.linalg.norm(amounts[:, 0]))
     sd = float(np.sqrt(np.mean(np.var(amounts[:, 1:], axis=1))))
-    gain = float(amounts[:, 0] @ information @ amounts[:, 0])
+    gain = float(_gain(columns, every[:1], maker, one.one_sided)[0])
     version = one.labels[best]
     return Explanation(one.name, one.about, one.unit, version, amount, sd, gain, 1.0, 1.0)
 

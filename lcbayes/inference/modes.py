@@ -20,6 +20,7 @@ from lcbayes.samplers import bridge
 
 Floats = NDArray[np.float64]
 MERGE_OVERLAP = 0.1  # least share of one mode's draws within another's region for a merger
+ENCLOSED = 0.99  # share of the draws of a mode within its region
 MAX_LEFT_OUT = 0.01  # largest share of the posterior left out without a warning
 
 
@@ -38,21 +39,21 @@ class Mode:
     tuning: dict[str, NDArray] = field(default_factory=dict)  # (C, ...) each, of `sampling.Chains`
 
 
-class _Region(NamedTuple):
+class Region(NamedTuple):
     """Region of the draws of a mode: their mean, the inverse of their covariance, and the squared
-    distance in that metric that encloses 99 % of the draws."""
+    distance in that metric that encloses 99 % of the draws (`ENCLOSED`)."""
 
     mean: Floats
     inverse: Floats
     limit: float
 
     @classmethod
-    def of(cls, z: Floats) -> _Region:
+    def of(cls, z: Floats) -> Region:
         draws = z.reshape(-1, z.shape[-1])
         mean = draws.mean(axis=0)
         inverse = np.linalg.pinv(np.atleast_2d(np.cov(draws.T)), hermitian=True)
         apart = draws - mean
-        return cls(mean, inverse, np.quantile(np.sum((apart @ inverse) * apart, axis=1), 0.99))
+        return cls(mean, inverse, np.quantile(np.sum((apart @ inverse) * apart, axis=1), ENCLOSED))
 
     def share(self, z: Floats) -> Floats:
         """Squared distance of each row (n, D), divided by the limit."""
@@ -80,10 +81,10 @@ def join(modes: list[Mode], new: Mode, order: FacetOrder) -> None:
 def overlap(z: Floats, other: Floats, order: FacetOrder) -> tuple[float, Floats]:
     """The larger share of the draws (..., D) of one mode within the region of the other, and z with
     its facets in the order of the other; the means fix one order for all draws."""
-    region, there = _Region.of(z), _Region.of(other)
+    region, there = Region.of(z), Region.of(other)
     z = order.carried(region.mean, there.mean, z)
     flat, others = z.reshape(-1, z.shape[-1]), other.reshape(-1, z.shape[-1])
-    shared = max(np.mean(there.share(flat) <= 1.0), np.mean(_Region.of(z).share(others) <= 1.0))
+    shared = max(np.mean(there.share(flat) <= 1.0), np.mean(Region.of(z).share(others) <= 1.0))
     return float(shared), z
 
 
@@ -165,7 +166,7 @@ def _shares(
     z = np.asarray(z if problem is plain else translated(plain, problem, z, data))
     share = np.full((len(modes), len(z)), np.inf)
     for i, mode in enumerate(modes):
-        region = _Region.of(mode.z)
+        region = Region.of(mode.z)
         share[i] = region.share(np.array([order.like(row, region.mean) for row in z]))
     return np.where(np.isfinite(share), share, np.inf)
 

@@ -30,6 +30,7 @@ SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track i
 ERROR_FACTOR = 1.4
 NUISANCES = ("zero_point", "clock_offset", "rate_drift", "nutation")  # they are meant to move
 FAULTS = (
+    "shadows",
     "clock_0.1_s",
     "zero_point_0.03_mag",
     "rate_drift_1_percent",
@@ -57,7 +58,12 @@ class Shifts:
 
 
 def shifts(
-    problem: Problem, z: Floats, data: Epochs, curve: LightCurve, sd: Mapping[str, float]
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    curve: LightCurve,
+    sd: Mapping[str, float],
+    shadows: Floats | None = None,
 ) -> Shifts:
     """The shifts at the best fit z (D,).
 
@@ -65,6 +71,9 @@ def shifts(
     ----------
     sd : mapping
         Posterior standard deviation of each quantity, by its name in ``summary.json``.
+    shadows : (n, T), optional
+        Changes of the flux by shadows that the model leaves out, at n draws. The shift of each
+        quantity is its median over them.
     """
     maker = Projection.of(problem, z, data)
     slopes = _slopes(problem, z, data, maker.unit)
@@ -76,6 +85,9 @@ def shifts(
         shift = np.abs(moved @ columns.T).max(axis=1, initial=0.0)
         found[fault] = np.maximum(found.get(fault, 0.0), shift)
     found["errors_1.4_times"] = _growth(gradient, maker)
+    if shadows is not None:
+        columns = np.asarray(compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(shadows)))
+        found["shadows"] = np.median(np.abs(moved @ columns.T), axis=1)
     return Shifts(names, {k: found[k] for k in FAULTS if k in found})
 
 

@@ -23,6 +23,7 @@ from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from lcbayes.physics.bodies import facets
 
 RADIUS_SD = 0.1
+SOFTNESS = 0.02  # of the edge beyond which a facet is never lit and seen
 SPECULAR = {"nu": (100.0, 1.0), "n": (100.0, 1.0), "m": (0.2, 0.5)}
 """Parameters of reflectance laws that are scales: median and sd of the logarithm."""
 SPINS = ("free", "none", "torque-free")
@@ -250,7 +251,7 @@ def pole_angles(pole: jax.Array) -> None:
 
 
 def visibility_prior(
-    sun_body: jax.Array, obs_body: jax.Array, normals: jax.Array, softness: float = 0.02
+    sun_body: jax.Array, obs_body: jax.Array, normals: jax.Array, softness: float = SOFTNESS
 ) -> None:
     """Each facet is lit and seen at least once: directions (T, 3) and normals (N, 3), body frame.
 

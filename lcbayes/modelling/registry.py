@@ -39,6 +39,10 @@ model is shown to the user. The report recognises standard site names (``albedo_
     one plane of a normal (3,); None if the body has no reflection.
 ``search(problem, data, options, workers, progress, checkpoint)``
     A search of its own in place of starts from the prior; as `inference.spin_search`.
+``shadows_left_out(draws, data, **options)``
+    Changes of the flux (n, T) by shadows that the model leaves out although they can be computed,
+    at n draws {site: value} of constrained values; None if there are none. A result that they would
+    change is not trusted.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
 """

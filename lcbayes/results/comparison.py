@@ -20,9 +20,9 @@ from lcbayes.results.reasons import reasons
 
 CLEANER = 1.5  # largest ratio of the best particle's information per point to the power used
 ASTRAY = 10.0  # nats by which the sparse path may fit worse than the best number of facets
-AREA_FACTORS = (0.1, 1 / 3, 1.0, 3.0, 10.0)  # of the median of the prior on areas, for the odds
+AREA_FACTORS = (0.2, 0.5, 1.0, 2.0, 5.0)  # of the median of the prior on areas, for the odds
 SAME_MEDIAN = 0.2  # ln of a ratio of two medians, below which one of them is shown
-MIN_DRAWS = 20.0  # effective draws below which a change of the evidence is not given
+MIN_DRAWS = 100.0  # effective draws for a change of the evidence with an error of 0.1 nat
 LOST = 20.0  # nats below the best, allowing for the error, beyond which a poor run is ignored
 
 # Columns of tables/candidates.csv and of each row of `candidates`, with their descriptions.

@@ -348,5 +348,27 @@ class BatchNumbers(TypedDict):
     objects: list[dict[str, Any]]
 
 
+class SurveyNumbers(TypedDict):
+    """Numbers of a survey; each object and solution is a row of the table ``solutions``."""
+
+    catalogue: str
+    n_objects: int
+    n_trusted: int
+    n_not_trusted: int
+    n_failed: int
+    n_unique: int
+    n_solutions: int
+    n_done_before: int
+    seconds: float
+    seconds_per_object: float | None
+    objects_per_hour: float | None
+    workers: str
+    failures: list[dict[str, Any]]
+
+
+class SurveyContent(Verdict, SurveyNumbers):
+    """Content of the summary of `lcbayes.survey`."""
+
+
 class BatchContent(Verdict, BatchNumbers):
     """Content of the summary of `lcbayes.batch`."""

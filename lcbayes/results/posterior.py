@@ -7,9 +7,7 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes.core.cluster import without_cluster
 from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.version import installed_version
@@ -403,13 +402,6 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
                     "dtype": kind,
                 }
     # built in memory, because HDF5 crashes the process if the disk fills while it writes
-    with _without_cluster():
+    with without_cluster():
         content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
     write_atomic(path, lambda p: p.write_bytes(content))
-
-
-def _without_cluster() -> AbstractContextManager[Any]:
-    """Disable the lock by file name that xarray takes across the cluster on a Dask worker; a file
-    in memory has no name."""
-    dask = sys.modules.get("dask")
-    return nullcontext() if dask is None else dask.config.set(scheduler="threads")

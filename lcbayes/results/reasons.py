@@ -34,6 +34,9 @@ SENTENCES = {
     "there may be better ones; search longer with --num-starts",
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
+    "facets-elsewhere": "the chains did not see every arrangement of the facets: when single "
+    "facets were moved, {percent:.0f} % of the draws left the region of the solutions; the "
+    "intervals of facets are too narrow; fit fewer facets",
     "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "
     "with periods from {shortest_s:.5g} to {longest_s:.5g} s and {axes}, and solutions with some "
     "{percent:.0f} % of the posterior were not sampled; observe another pass, or raise --max-modes",
@@ -49,6 +52,9 @@ SENTENCES = {
     "{high:.2f}: take more particles with --num-samples",
     # data
     "data-not-explained": "the model does not explain the data: {why}",
+    "shadows-left-out": "the parts of the body shade one another, and the fit leaves that out: "
+    "their shadows take {percent:.2g} % of the light, which moves {what} by {shift:.2g} standard "
+    "deviations; set shadows = true in the body's file, where lengths of parts must be numbers",
     # numbers of facets
     "number-not-followed": "{why}",
     "evidence-doubtful": "the evidence is uncertain: {why}",
@@ -69,10 +75,6 @@ SENTENCES = {
     "fit-too-close": "chi2 is {ratio:.2f} per degree of freedom: the errors are too large, or the "
     "body follows the noise",
     "period-not-unique": "the period is not unique: {others}",
-    "multiple-of-period": "half and twice the period, {half_h:.7g} and {double_h:.7g} h, are not "
-    "excluded: of {called} simulated periods of this probability, {halved} were half the true one "
-    "(boxes) and {doubled} was twice it; if they are excluded otherwise, give a --period-range "
-    "without them",
     "pole-not-unique": "the pole is not unique beyond its mirror: {others}",
     "attitude-not-unique": "the attitude is not unique: {others}",
     "period-at-end-of-range": "the best period lies {where}: widen it",
@@ -245,6 +247,9 @@ CAUSES = {
     "nutation": "the body nutates by {size} deg (rms), at {version}: give nutation_ratio",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
     "diffuse reflection",
+    "shadows": "the parts of the body shade one another (amount {size}, where 1 is all of it): set "
+    "shadows = true in the body's file",
+    "notch": "the body shades itself: {version} stand on one another, which no convex body has",
     "facet": "there is a further facet of albedo-area {size}, about {version}",
 }
 TESTS = {
@@ -326,6 +331,7 @@ def agreement(weights: Sequence[float], tested: bool = True) -> str:
 
 
 FAULTS = {
+    "shadows": "the shadows of parts on one another",
     "clock_0.1_s": "a clock error of 0.1 s",
     "zero_point_0.03_mag": "0.03 mag between sites or nights",
     "rate_drift_1_percent": "a rate drift of 1 %",

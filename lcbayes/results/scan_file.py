@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from lcbayes.core.cluster import without_cluster
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
 from lcbayes.inversion.attitude_scan.engine import Settings
@@ -47,7 +48,8 @@ def save_scan(scan: AttitudeScan, path: Path) -> None:
         about = {k: v for k, v in asdict(solution).items() if k not in ARRAYS}
         variables = {k: ((AXES[k], "xyz")[: np.ndim(v)], np.asarray(v)) for k, v in arrays.items()}
         groups[f"solutions/{i}"] = xr.Dataset(variables, attrs={ABOUT: json.dumps(about)})
-    content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")
+    with without_cluster():
+        content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")
     write_atomic(path, lambda p: p.write_bytes(content))
 
 

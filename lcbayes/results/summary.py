@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple, cast
 
@@ -15,15 +15,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes.core.jax_setup import jnp
 from lcbayes.core.reasons import Finding, Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.geometry.times import Times
-from lcbayes.inference import goodness_of_fit, misfit_tests, robustness
+from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.solutions import optimum
-from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
+from lcbayes.modelling.problem import Sites, compiled
 from lcbayes.modelling.variables import SPIN, label, reported
 from lcbayes.results.content import (
     FitNumbers,
@@ -45,9 +48,12 @@ from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.settings import PUBLISHED
 
 Floats = NDArray[np.float64]
+type ShadowsOf = Callable[[Sequence[Sites], Epochs], Floats | None]
 
 # Limits of what is trusted, besides those of `samplers.convergence`
 MAX_APART = 1.05  # R-hat between independent runs
+MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
+FEW = 3  # draws at which these are computed, besides the optimum
 LIKELY = 0.5  # probability above which a point counts as an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
@@ -87,8 +93,12 @@ def summarise(
     curve: LightCurve,
     identity: Mapping[str, Any],
     seed: int,
+    shadows_of: ShadowsOf | None = None,
 ) -> tuple[FitNumbers, list[Reason]]:
-    """The content of ``summary.json`` besides the verdict, and the reasons against the result."""
+    """The content of ``summary.json`` besides the verdict, and the reasons against the result.
+
+    ``shadows_of`` is `shadows_left_out` of the model; see `modelling.registry`.
+    """
     modes: list[ModeContent] = []
     for i, mode in enumerate(posterior.modes):
         draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
@@ -114,10 +124,10 @@ def summarise(
                 "parameters": table,
             }
         )
-    missed = _misfit(posterior, curve, seed)
-    moved = _shifts(posterior, missed.best, curve, modes[0]["parameters"])
+    missed = _misfit(posterior, curve, seed, shadows_of)
+    moved = _shifts(posterior, missed, curve, modes[0]["parameters"])
     fit = _fit(posterior, found, curve, missed.misfit)
-    found_wrong = list(_findings(posterior, modes, missed.misfit))
+    found_wrong = [*_findings(posterior, modes, missed.misfit), *_ignored(missed, moved)]
     if identity["settings"]["sampler"] == PUBLISHED:
         found_wrong.insert(0, Finding("published-sampler"))
     timing = posterior.timing
@@ -163,23 +173,50 @@ def _finite(values: Iterable[float]) -> list[float]:
 class _Missed(NamedTuple):
     misfit: Misfit
     best: Floats  # z (D,) of the optimum
+    shadows: Floats | None = None  # left out: changes of the flux (n, T), first at the optimum
+    share: float = 0.0  # of the light that these take
 
 
-def _misfit(posterior: Posterior, curve: LightCurve, seed: int) -> _Missed:
+def _misfit(
+    posterior: Posterior, curve: LightCurve, seed: int, shadows_of: ShadowsOf | None
+) -> _Missed:
     """Misfit of the optimum of the heaviest solution, near its most probable draw."""
     problem, data = posterior.problem, posterior.data
     draws = posterior.modes[0].z.reshape(-1, posterior.modes[0].z.shape[-1])
     top = draws[np.argmin(posterior.modes[0].stats["potential_energy"])]
     best, _ = optimum(problem, data, top, np.arange(problem.dim))
-    found = misfit_tests.examine(problem, best, data, curve, seed=seed)
-    return _Missed(goodness_of_fit.measure(problem, data, best[None], found), best)
+    shadows, share = None, 0.0
+    if shadows_of is not None:
+        few = np.linspace(0, len(draws) - 1, min(len(draws), FEW)).astype(int)
+        at = compiled(problem.constrain)
+        rows = [at(jnp.asarray(z), data) for z in (best, *draws[few])]
+        shadows = shadows_of(rows, data)
+        if shadows is not None:
+            share = -float(np.sum(shadows)) / sum(float(np.sum(row[FLUX])) for row in rows)
+    further = alternatives.shadows(problem, best, data, None if shadows is None else shadows[0])
+    found = misfit_tests.examine(problem, best, data, curve, seed=seed, further=further)
+    misfit = goodness_of_fit.measure(problem, data, best[None], found)
+    return _Missed(misfit, best, shadows, share)
 
 
 def _shifts(
-    posterior: Posterior, best: Floats, curve: LightCurve, table: Mapping[str, ParameterContent]
+    posterior: Posterior,
+    missed: _Missed,
+    curve: LightCurve,
+    table: Mapping[str, ParameterContent],
 ) -> robustness.Shifts:
     sd = {name: row["sd"] for name, row in table.items()}
-    return robustness.shifts(posterior.problem, best, posterior.data, curve, sd)
+    problem, data = posterior.problem, posterior.data
+    return robustness.shifts(problem, missed.best, data, curve, sd, missed.shadows)
+
+
+def _ignored(missed: _Missed, moved: robustness.Shifts) -> Iterator[Finding]:
+    """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`."""
+    shift = moved.by_fault.get("shadows", np.zeros(0))
+    if shift.size and shift.max() > MAX_SHIFT:
+        what = moved.quantities[int(np.argmax(shift))]
+        values = {"percent": 100.0 * missed.share, "shift": float(shift.max()), "what": what}
+        yield Finding("shadows-left-out", values)
 
 
 def _examined(found: misfit_tests.Examination) -> Residuals:

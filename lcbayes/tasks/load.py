@@ -23,7 +23,13 @@ from lcbayes.results.store import RECORD
 if TYPE_CHECKING:
     import pandas as pd
 
-CLASSES = {"fit": "Fit", "compare": "Comparison", "scan": "Scan", "batch": "Batch"}
+CLASSES = {
+    "fit": "Fit",
+    "compare": "Comparison",
+    "scan": "Scan",
+    "batch": "Batch",
+    "survey": "Survey",
+}
 
 
 def load(folder: str | Path) -> Result[Any]:
@@ -39,8 +45,8 @@ def load(folder: str | Path) -> Result[Any]:
     Returns
     -------
     Result
-        `Fit`, `Comparison`, `Scan` or `Batch`; for the other tasks a `SavedResult`, which has the
-        content and the tables.
+        `Fit`, `Comparison`, `Scan`, `Batch` or `Survey`; for the other tasks a `SavedResult`, which
+        has the content and the tables.
 
     Raises
     ------

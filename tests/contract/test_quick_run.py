@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_longest_of_equal_tests_leaves():
     lines = {name: {("file", n) for n in numbers} for name, numbers in CASES.items()}
-    times = {"a": 9.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 0.5}
+    times = {"a": 9.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 0.3}
     # "a" has line 3 alone; "b" is in "c" and "d"; without it, "c" has line 2 alone; "e" is short.
     assert quick_run.chosen(times, lines) == ["b", "d"]
 

@@ -73,7 +73,7 @@ def test_a_task_is_a_function_with_the_options_of_the_command(name):
 
 
 # Their examples sample, as that of `fit`, which is run; or differentiate.
-LONG = ("compare", "predict", "batch", "report", "observability")
+LONG = ("compare", "predict", "batch", "survey", "report", "observability")
 
 
 @pytest.mark.parametrize("name", PUBLIC)

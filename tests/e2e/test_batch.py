@@ -11,19 +11,17 @@ import xarray as xr
 
 import lcbayes
 from lcbayes.cli.main import main
+from lcbayes.core import cluster
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_INTERRUPTED, EXIT_NOT_TRUSTED
 from lcbayes.data.write import write
-from lcbayes.tasks.batch import run as batching
 from lcbayes.tasks.batch import worker
 from tests.helpers import small_curves
-
-FEW = ("--n-facets", "1", "--spin", "none", "--num-starts", "16", "--num-chains", "2")
 
 
 @pytest.fixture
 def catalogue(tmp_path, monkeypatch):
     """Three objects, the second cut off in a line; done by threads, which need no other process."""
-    monkeypatch.setattr(batching, "find_spec", lambda _: None)
+    monkeypatch.setattr(cluster, "find_spec", lambda _: None)
     for i in range(3):
         write(
             small_curves.curve(20, seed=i), tmp_path / f"{i}.csv"
@@ -48,9 +46,9 @@ def stopping(*_, **__):
 
 def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
-    command = ["batch", str(catalogue), "-o", str(out), *FEW]
+    command = ["batch", str(catalogue), "-o", str(out), *small_curves.TRUSTED_FIT]
     with monkeypatch.context() as patch:
-        patch.setattr(batching, "worker_pool", stopping)
+        patch.setattr(cluster, "worker_pool", stopping)
         assert main(command) == EXIT_INTERRUPTED
     assert "2 of 3 objects were not done" in (out / "summary.json").read_text()
     fit_object, done = worker.fit_object, []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -20,10 +22,11 @@ from lcbayes.core.errors import (
     InputError,
 )
 from lcbayes.data.write import write
-from lcbayes.inference import facet_count, screening
+from lcbayes.inference import chain_evidence, facet_count, screening
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.tasks.compare.options import numbers
 from lcbayes.tasks.compare.result import Comparison
-from tests.helpers import small_curves
+from tests.helpers import one_facet_posterior, small_curves
 from tests.helpers.refused_input import assert_refused
 
 FEW = (
@@ -51,35 +54,59 @@ def curve(tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def result(curve) -> tuple[Path, int]:
-    """Folder and exit status of a run that is stopped once and goes on.
+class Ran(NamedTuple):
+    """A comparison in a folder, and what the measurement by chains of each number was given."""
+
+    out: Path
+    status: int
+    evidence: str
+    given: list[tuple]
+
+
+@pytest.fixture(
+    scope="module", params=["chains", pytest.param("particles", marks=pytest.mark.slow)]
+)
+def result(request, curve) -> Ran:
+    """A run that is stopped once and goes on, with an evidence of each kind.
 
     That it comes to the numbers of one that is not stopped is held by test_replicates.py.
     """
-    out, save, stored = curve.parent / "out", Checkpoint.save, []
-    command = ["compare", str(curve), "-o", str(out), *FEW]
+    evidence = request.param
+    out, save, stored = curve.parent / evidence, Checkpoint.save, []
+    command = ["compare", str(curve), "-o", str(out), "--evidence", evidence, *FEW]
+    measure, given = chain_evidence.measure, []
 
     def save_or_stop(self, name, arrays):
         save(self, name, arrays)
-        stored.append(name)
+        stored.append(self._prefix + name)
         if len(stored) == 3:
             raise KeyboardInterrupt
+
+    def recorded(*args):
+        given.append(args)
+        return measure(*args)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoint, "save", save_or_stop)
         assert main(command) == EXIT_INTERRUPTED
-    assert stored == ["search-1", "search-2", "facets-2-run-0"]
+    searches = "ends" if evidence == "chains" else "search"
+    assert stored[:2] == [f"{searches}-1", f"{searches}-2"]
+    assert stored[2].startswith("facets-2-")
     assert not (out / "summary.json").exists()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Checkpoint, "save", lambda _self, name, _arrays: stored.append(name))
+        patch.setattr(Checkpoint, "save", lambda self, name, _: stored.append(self._prefix + name))
+        patch.setattr(chain_evidence, "measure", recorded)
         status = main(command)
-    assert stored[2:] == [f"facets-{n}-run-{i}" for n in (2, 1) for i in (0, 1)]  # by fit
-    return out, status
+    assert len(set(stored)) == len(stored)  # nothing is done twice
+    particles = (2,) if evidence == "chains" else (2, 1)  # in order of the fits
+    assert [name for name in stored if "-run-" in name] == [
+        f"facets-{n}-run-{i}" for n in particles for i in (0, 1)
+    ]
+    return Ran(out, status, evidence, given)
 
 
 def test_what_is_written(result, curve):
-    out, status = result
+    out, status = result.out, result.status
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
         "summary.json",
         "tables",
@@ -105,23 +132,51 @@ def test_what_is_written(result, curve):
 
 
 def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
-    """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30."""
-    from lcbayes.modelling.epochs import Epochs
-    from tests.helpers import one_facet_posterior
-
-    told = json.loads((result[0] / "summary.json").read_text())
+    """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30 particles and
+    0.15 of chains."""
+    told = json.loads((result.out / "summary.json").read_text())
     row, centre = told["candidates"][0], np.log(told["area_prior"]["median_m2"])
+    assert row["evidence_from"] == result.evidence
+    assert row["chains_doubted"] == ""
     data = Epochs.of(lcbayes.read(curve))
     grid = one_facet_posterior.Quadrature.of(data)  # with the median 1 m²
     log_area = grid.axes[0]
     ratio = np.exp(0.5 * log_area**2 - 0.5 * (log_area - centre) ** 2)
     exact = grid.log_evidence(data) + np.log(grid.marginal("log_albedo_area") @ ratio)
-    assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=0.6)
+    error = {"chains": 0.15, "particles": 0.6}[result.evidence]
+    assert row["log_evidence"] + row["log_prior_mass"] == pytest.approx(exact, abs=error)
+    if result.evidence == "chains":
+        assert row["log_evidence_se"] < chain_evidence.MAX_SE
+
+
+def test_chains_that_are_doubted_give_way_to_particles(result):
+    """Two facets, of which the data determine one: the chains disagree."""
+    row = json.loads((result.out / "summary.json").read_text())["candidates"][1]
+    assert row["n_facets"] == 2
+    assert row["evidence_from"] == "particles"
+    assert ("chains disagree" in row["chains_doubted"]) == (result.evidence == "chains")
+    assert np.isfinite(row["log_evidence"])
+
+
+def test_uncertain_bridges_are_doubted(result, monkeypatch):
+    if result.evidence == "particles":
+        assert not result.given
+        return
+    ((stages, *rest),) = (args for args in result.given if args[0].plain.dim == 4)
+    monkeypatch.setattr(chain_evidence, "MAX_SE", -1.0)
+    with pytest.raises(chain_evidence.Doubtful, match="the bridges are uncertain by"):
+        chain_evidence.measure(replace(stages, checkpoint=Checkpoint(None, {})), *rest)
+
+
+def test_a_search_without_an_end_is_refused(curve, monkeypatch):
+    monkeypatch.setattr(facet_count, "_best_fit", lambda *_: None)
+    with pytest.raises(InputError, match="no start of the search has a finite posterior density"):
+        lcbayes.compare(lcbayes.read(curve), n_facets=(1, 2), spin="none")
 
 
 def test_every_number_keeps_its_posterior_figures_and_page(result):
     """Also after the comparison is loaded and saved elsewhere."""
-    out, _ = result
+    out = result.out
     for n in (1, 2):
         within = out / f"facets-{n}"
         assert {"posterior.nc", "summary.json", "tables", "figures", "report.html"} <= {
@@ -140,7 +195,7 @@ def test_every_number_keeps_its_posterior_figures_and_page(result):
 
 def test_the_prior_on_areas_is_that_of_the_data(result):
     """The one facet has 6 m²; smaller medians favour more and smaller ones."""
-    told = json.loads((result[0] / "summary.json").read_text())["area_prior"]
+    told = json.loads((result.out / "summary.json").read_text())["area_prior"]
     assert told["from_data"]
     assert told["median_m2"] == pytest.approx(6.0, rel=0.2)
     one = {row["median_m2"]: row["probability"][0] for row in told["scan"]}
@@ -151,7 +206,7 @@ def test_the_prior_on_areas_is_that_of_the_data(result):
 
 def test_the_sparse_path(result):
     """From two facets it ends at one or two, of which the table marks one."""
-    path = json.loads((result[0] / "summary.json").read_text())["sparse"]
+    path = json.loads((result.out / "summary.json").read_text())["sparse"]
     assert path["upper_bound"] == 2
     assert sum(path["shares"].values()) == pytest.approx(1.0)
     assert path["n_facets"] in (1, 2)

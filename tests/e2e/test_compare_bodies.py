@@ -105,12 +105,20 @@ def test_option_of_no_body_is_refused():
         _kinds(options)
 
 
-def test_kinds_of_body_from_a_few_draws():
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        {"facets:1": 1, "one facet": 1},  # which share their compiled programs
+        pytest.param({"facets:1": 1, "facets:2": 2}, marks=pytest.mark.slow),
+    ],
+)
+def test_kinds_of_body_from_a_few_draws(bodies):
     """Evidences that are in doubt are kept, and the result says why."""
     curve = small_curves.curve(16)
     entry = registry.find("faceted")
     kinds = [
-        Kind(f"facets:{n}", entry, entry.check({"n_facets": n, "spin": "none"}), n) for n in (1, 2)
+        Kind(name, entry, entry.check({"n_facets": n, "spin": "none"}), n)
+        for name, n in bodies.items()
     ]
     few = Settings(seed=1, num_warmup=20, num_samples=30, num_chains=2, num_starts=8)
     compared = body_kind.run(curve, kinds, few, Checkpoint(None, {}), Silent())

@@ -21,30 +21,8 @@ from lcbayes.data.write import write
 from tests.helpers import small_curves
 from tests.helpers.refused_input import assert_refused
 
-GOOD = (
-    "--n-facets",
-    "1",
-    "--spin",
-    "none",
-    "--num-warmup",
-    "200",
-    "--num-samples",
-    "250",
-    "--num-starts",
-    "16",
-)
-POOR = (
-    "--n-facets",
-    "1",
-    "--spin",
-    "none",
-    "--num-warmup",
-    "10",
-    "--num-samples",
-    "20",
-    "--num-starts",
-    "16",
-)
+GOOD = small_curves.TRUSTED_FIT
+POOR = ("--n-facets", "1", "--spin", "none", *small_curves.FEW)
 GROUPS = {
     "posterior",
     "sample_stats",
@@ -264,7 +242,7 @@ def test_json_is_the_summary(curve, tmp_path, capsys):
 def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(MINE)
-    flags = ["--set", "depth=0.5", "--set", "dimmer=true", *POOR[4:], "--no-report"]
+    flags = ["--set", "depth=0.5", "--set", "dimmer=true", *small_curves.FEW, "--no-report"]
     status = main(["fit", str(curve), "-o", "out", "--model", "./mine.py", *flags])
     assert status == EXIT_NOT_TRUSTED  # a ball does not explain a facet
     assert "size" in posterior(Path("out"))

@@ -18,6 +18,15 @@ from tests.helpers import small_curves
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("pyproject.toml", "LICENSE", "README.md", "lcbayes", "models", "analysis")
+BALL = """
+import numpyro
+import numpyro.distributions as dist
+from lcbayes.modelling import likelihood
+
+def model(data):
+    size = numpyro.sample("size", dist.LogNormal(0.0, 1.0))
+    likelihood.observe(data, size * (1.0 + data.phase_angle))
+"""
 CLI_MISSING = not (ROOT / "lcbayes" / "cli" / "main.py").exists()
 
 
@@ -123,12 +132,20 @@ def test_help_from_another_folder(installed, tmp_path):
 
 
 @pytest.mark.skipif(CLI_MISSING, reason="lcbayes/cli/main.py is not there yet")
-def test_a_tiny_fit_from_another_folder(installed, tmp_path):
+@pytest.mark.parametrize(
+    "model",
+    [
+        ("--model", "ball.py"),  # compiled in a few seconds
+        pytest.param(("--n-facets", "1", "--spin", "none"), marks=pytest.mark.slow),
+    ],
+)
+def test_a_tiny_fit_from_another_folder(installed, tmp_path, model):
     lcbayes = installed / "lcbayes"
     _run([lcbayes, "simulate", "one-facet", "-o", "simulated.csv", "--seed", "1"], cwd=tmp_path)
     assert (tmp_path / "simulated.csv").stat().st_size > 0
     write(small_curves.curve(20), tmp_path / "c.csv")
-    asked = [*small_curves.SHORT_FIT, "--seed", "1"]
+    (tmp_path / "ball.py").write_text(BALL)
+    asked = [*model, *small_curves.FEW, "--seed", "1"]
     _run([lcbayes, "fit", "c.csv", "-o", "out", *asked], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0

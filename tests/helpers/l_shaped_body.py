@@ -59,9 +59,11 @@ def free(of: list[Box], place: np.ndarray, normal: np.ndarray, toward: np.ndarra
     return out
 
 
-def flux(of: list[Box], sun: np.ndarray, obs: np.ndarray, shadows: bool = True) -> np.ndarray:
+def flux(
+    of: list[Box], sun: np.ndarray, obs: np.ndarray, shadows: bool = True, per_side: int = 10
+) -> np.ndarray:
     """Lambertian flux at unit distance and irradiance, albedo 1, (T,) m²."""
-    place, normal, area = points(of)
+    place, normal, area = points(of, per_side)
     out = np.empty(len(sun))
     for i, (s, o) in enumerate(zip(sun, obs, strict=True)):
         light = np.maximum(normal @ s, 0.0) * np.maximum(normal @ o, 0.0) * area / np.pi

@@ -2,12 +2,13 @@
 
     python -m tests.helpers.quick_run COVERAGE_FILE JUNIT_FILE
 
-Both files are of one run, in which ``long_tests.txt`` was empty:
+Both files are of one run:
 
     python -m pytest -m "not slow" --cov --cov-context=test --junitxml=JUNIT_FILE
 
 From the longest to the shortest, a test is listed if every line of the package that it executes is
-executed by a test that is not listed. The quick run therefore covers the same lines.
+executed by a test that is not listed. The quick run therefore covers the same lines. The tests that
+are listed already, which do not take part in the run, stay listed; to choose anew, empty the list.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import pytest
 from coverage import CoverageData
 
 LIST = Path(__file__).parents[1] / "long_tests.txt"
-LEAST_S = 1.0  # shorter tests are not worth a line
+LEAST_S = 0.5  # shorter tests are not worth a line
 # What these test is no line of the package: what is installed, and what imports what.
 KEPT = ("tests/e2e/test_packaging.py", "tests/contract/test_imports.py")
 
@@ -77,6 +78,5 @@ if __name__ == "__main__":
     data = CoverageData(sys.argv[1])
     data.read()
     head = f"# Chosen by {Path(__file__).name}, which says how.\n"
-    LIST.write_text(
-        head + "".join(f"{n}\n" for n in sorted(chosen(seconds(Path(sys.argv[2])), lines(data))))
-    )
+    names = listed().union(chosen(seconds(Path(sys.argv[2])), lines(data)))
+    LIST.write_text(head + "".join(f"{name}\n" for name in sorted(names)))

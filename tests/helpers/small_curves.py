@@ -15,7 +15,15 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
 
-# Options of a short fit of one facet; tests that give the same ones share compiled programs.
+# Options of short fits of one facet; tests that give the same ones share compiled programs.
+FEW = (
+    *("--num-chains", "2", "--num-warmup", "10", "--num-samples", "20"),
+    *("--num-starts", "16"),
+)
+TRUSTED_FIT = (
+    *("--n-facets", "1", "--spin", "none", "--num-warmup", "200", "--num-samples", "250"),
+    *("--num-starts", "16"),
+)
 SHORT_FIT = (
     *("--n-facets", "1", "--spin", "none", "--num-chains", "2"),
     *("--num-warmup", "50", "--num-samples", "100", "--num-starts", "16"),

@@ -94,7 +94,8 @@ def read_parquet(path: Any) -> Any:
         return pd.read_parquet(path)
     except ImportError:
         raise InputError(
-            f"{path} is a Parquet file, which needs pyarrow: pip install pyarrow, or save it as CSV"
+            f"{path} is a Parquet file, which needs pyarrow: pip install 'lcbayes[parquet]', or "
+            "save it as CSV"
         ) from None
     except Exception as fault:  # any error of the Parquet library is caused by the file
         reason = " ".join(str(fault).split())[:120]

@@ -16,8 +16,6 @@ Floats = NDArray[np.float64]
 
 MAX_RATES = 256.0  # largest product of an arc's duration and the fastest rate, rad
 RESOLVED = 0.5  # rad that the body may turn between points before these are averaged
-UNKNOWN_ERROR = 0.03  # relative, of curves without errors
-MIN_SUNLIGHT = 0.05  # share below which a point is left out
 
 
 class Points(NamedTuple):
@@ -52,20 +50,13 @@ class Points(NamedTuple):
 
         Curves of unknown scale are brought to a mean of one.
         """
-        unit = np.asarray(data.dilution) * np.asarray(data.level)[np.asarray(data.curve)]
-        value = np.asarray(data.brightness)
-        noise = UNKNOWN_ERROR * np.asarray(data.noise_unit)[np.asarray(data.curve)]
-        error = np.asarray(data.error) if data.has_error else noise
-        if data.kind == "mag":
-            value = 10.0 ** (-0.4 * (value - np.asarray(data.zero_point)))
-            error = 0.4 * np.log(10.0) * error * value
-        unit = unit * np.asarray(data.sunlight)
+        flux, error = data.as_flux()
         order = np.argsort(np.asarray(data.t), kind="stable")
-        keep = order[np.asarray(data.sunlight)[order] > MIN_SUNLIGHT]
+        keep = order[np.isfinite(error[order])]
         t, sun, obs = (np.asarray(x)[keep] for x in (data.t, data.sun, data.obs))
         labels = np.stack([np.asarray(data.curve), np.asarray(data.observer)], axis=1)
         series = np.unique(labels, axis=0, return_inverse=True)[1].ravel()[keep]
-        return cls(t, sun, obs, (value / unit)[keep], (error / unit)[keep], series)
+        return cls(t, sun, obs, flux[keep], error[keep], series)
 
 
 @jax.tree_util.register_dataclass

@@ -16,7 +16,7 @@ from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
 from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.inference.spin_search.arcs import MIN_SUNLIGHT, Arcs, Points
+from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import (
@@ -28,7 +28,7 @@ from lcbayes.inference.spin_search.facets import (
     starts,
 )
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
-from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.epochs import MIN_SUNLIGHT, Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import DIFFUSE_LAWS, DiffuseLaw

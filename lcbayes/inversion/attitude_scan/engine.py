@@ -15,7 +15,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.cluster import Run, worker_pool
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
-from lcbayes.core.progress import Silent
+from lcbayes.core.progress import Silent, Track
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
@@ -125,12 +125,13 @@ def run(
                 )
                 scan.solutions += fitted
                 scan.left_out |= dark
-    scan.solutions.sort(key=lambda s: (-(s.probability or 0.0), s.chi2))
+    if not settings.sparse:  # those of the most probable period come first
+        scan.solutions.sort(key=lambda s: s.chi2)
     best = scan.solutions[0]
     scan.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
     if not points.error_known and best.coefficients is None:
         _rescaled(scan)
-    _relate(scan, Geometry.of(points))
+    relate(scan, Geometry.of(points))
     return scan
 
 
@@ -195,22 +196,40 @@ def _sparse_spins(
     scan.n_periods, scan.n_ranked = len(found.frequencies), found.n_ranked
     scan.period_probability = found.period_probability
     scan.screened = sparse.table(found, curve.n_obs)
-    fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance)
     spins = found.spins[: settings.keep]
-    points = sparse.without_phase_law(points, few, fine, spins[0])
     with (
         _timed(scan, "refine_s"),
         progress.stage("refining", len(spins), "solutions") as track,
     ):
-        ends = search.refine(points, fine, sparse.ends(spins), run, checkpoint, "refine", track)
-    bodies = _smooth_solutions(points, fine, ends, np.ones(len(spins), int))
-    for body, spin in zip(bodies, spins, strict=True):
-        scan.solutions.append(replace(body, probability=spin.probability))
+        points, ends = refined(points, few, spins, settings, scan, run, checkpoint, track)
     scan.flux = np.asarray(points.flux)
     if settings.n_sky > 0:
         first = Ends(*(x[:1] for x in ends))
         _sky(points, settings, _coarse(settings), first, scan, run, checkpoint, progress)
     return points
+
+
+def refined(
+    points: Points,
+    few: SparsePoints,
+    spins: list[sparse.Spin],
+    settings: Settings,
+    scan: AttitudeScan,
+    run: Run,
+    checkpoint: Checkpoint,
+    track: Track,
+) -> tuple[Points, Ends]:
+    """Add the bodies of the most probable spins of sparse points to ``scan``.
+
+    Returns the points without the phase law of the first spin, and the end points.
+    """
+    fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance)
+    points = sparse.without_phase_law(points, few, fine, spins[0])
+    ends = search.refine(points, fine, sparse.ends(spins), run, checkpoint, "refine", track)
+    bodies = _smooth_solutions(points, fine, ends, np.ones(len(spins), int))
+    for body, spin in zip(bodies, spins, strict=True):
+        scan.solutions.append(replace(body, probability=spin.probability))
+    return points, ends
 
 
 def _coarse(settings: Settings, closed: bool = True) -> SmoothBody:
@@ -394,7 +413,7 @@ def _rescaled(scan: AttitudeScan) -> None:
     scan.solutions = [replace(s, chi2=s.chi2 * by) for s in scan.solutions]
 
 
-def _relate(scan: AttitudeScan, geometry: Geometry) -> None:
+def relate(scan: AttitudeScan, geometry: Geometry) -> None:
     """Name the relation of each solution to the best."""
     best = scan.solutions[0]
     related = []
@@ -411,4 +430,4 @@ def _relate(scan: AttitudeScan, geometry: Geometry) -> None:
     scan.solutions = related
 
 
-__all__ = ["HOUR_S", "Settings", "run"]
+__all__ = ["HOUR_S", "Settings", "refined", "relate", "run"]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import sphere_cells
 from lcbayes.inversion.attitude_scan.harmonics import (
     SparsePoints,
@@ -127,6 +128,7 @@ def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:
     parts = []
     on_device = jax.tree.map(jnp.asarray, points)
     for i in range(0, len(poles), BATCH):
+        check_time()
         rows = np.resize(np.arange(i, min(i + BATCH, len(poles))), BATCH)
         part = _fits(on_device, jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows]))
         parts.append([np.asarray(x)[: len(poles) - i] for x in part])

@@ -42,7 +42,7 @@ FOUR = ((0, 0.05), (1, 0.03), (2, 0.04))  # power of z, and sd of Re and Im of z
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
 NIGHT_S = 0.5 * DAY_S
-ROWS, NIGHTS = 32, 16  # the numbers of points and nights are multiples of these
+ROWS, NIGHTS = 32, 16  # smallest steps of the numbers of points and nights; see `filled_size`
 
 
 class SparsePoints(NamedTuple):
@@ -96,7 +96,9 @@ class SparsePoints(NamedTuple):
         middle = np.asarray(epochs.t - epochs.t_middle, float)
         bisector = np.asarray(curve.sun) + np.asarray(curve.obs)
         nights = nights_of(np.asarray(curve.t), curve.curve)
-        more, empty = -len(y) % ROWS, -(nights.max() + 1) % NIGHTS
+        n_nights = int(nights.max()) + 1
+        more = filled_size(len(y), ROWS) - len(y)
+        empty = filled_size(n_nights, NIGHTS) - n_nights
 
         def filled(x: Floats, value: float = 0.0) -> Floats:
             ends = [(0, more)] + [(0, 0)] * (x.ndim - 1)
@@ -114,6 +116,27 @@ class SparsePoints(NamedTuple):
             1.0 if known else UNKNOWN_NOISE,
             float(np.ptp(curve.t)),
         )
+
+
+def filled_size(n: int, step: int) -> int:
+    """The least of a few sizes that is at least n: multiples of ``step``, four to each doubling
+    beyond eight.
+
+    Examples
+    --------
+    >>> filled_size(100, 32), filled_size(300, 32), filled_size(1100, 32)
+    (128, 320, 1280)
+    """
+    while n > 8 * step:
+        step *= 2
+    return -(-n // step) * step
+
+
+def shape_of(curve: LightCurve) -> tuple[int, int, int]:
+    """What determines the compiled programs of a light curve: the filled numbers of points and
+    nights, and the number of curves."""
+    n_nights = int(nights_of(np.asarray(curve.t), curve.curve).max()) + 1
+    return filled_size(curve.n_obs, ROWS), filled_size(n_nights, NIGHTS), curve.n_curves
 
 
 def nights_of(t: Floats, curve: NDArray[np.integer]) -> NDArray[np.integer]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan.harmonics import (
     ELONGATION,
     ZONAL,
@@ -151,6 +152,7 @@ def periodogram(
     half = jnp.asarray(0.5 * (points.used.sum() + PRIOR_POINTS), jnp.float32)
     value = np.empty((count, len(directions)), np.float32)
     for i in range(0, count, BLOCK * BLOCKS):
+        check_time()
         part = _scan(t, jnp.asarray(first + i * apart), jnp.asarray(apart), p, half)
         value[i : i + BLOCK * BLOCKS] = part.reshape(-1, len(directions))[: count - i]
     return value

@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 
 from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import evidence, grid, smooth, sphere_cells, spin
 from lcbayes.inversion.attitude_scan.evidence import Cells
-from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, nights_of
-from lcbayes.inversion.attitude_scan.periodogram import periodogram
+from lcbayes.inversion.attitude_scan.harmonics import (
+    SparsePoints,
+    fixed_prior,
+    nights_of,
+    shape_columns,
+    shape_prior,
+)
+from lcbayes.inversion.attitude_scan.periodogram import periodogram, weights
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Table
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
@@ -34,21 +40,30 @@ KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
 DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
+HALF_TRUE, TWICE_TRUE = 0.1, 0.02  # shares of bodies for which the linear model finds half the
+# period (near-square boxes have four maxima a turn) or twice it; `benchmarks/surveys.py`
 LISTED = 1e-3  # smallest probability of a solution that is reported
 MOST_POINTS, SHORTEST_S, PER_NIGHT = 2000, 200 * DAY_S, 8.0  # of sparse points
 ROWS = 20_000  # of the table of hypotheses
 SMALLEST_WEIGHT = 0.05  # of an outlier
+ANGLES = 64  # of a turn, for the amplitude
+MAG = 2.5 / np.log(10.0)
 MOST = 400_000_000  # hypotheses; they are held in memory
 
 
 @dataclass(frozen=True)
 class Spin:
-    """A solution: pole (3,), frequency (Hz) and probability; its log-evidence at the best cell."""
+    """A solution: pole (3,), frequency (Hz) and probability; its log-evidence at the best cell.
+
+    ``period_probability`` is that of its period whatever the pole, within one turn over the data of
+    one of the solutions that have this period.
+    """
 
     pole: Floats
     frequency: float
     probability: float
     log_evidence: float
+    period_probability: float
 
 
 @dataclass(frozen=True)
@@ -59,8 +74,6 @@ class SparseSearch:
     ----------
     spins : list of Spin
         Solutions with a probability of at least 0.001, the most probable first.
-    period_probability : float
-        Of the period of the first, within P²/T, whatever the pole.
     frequencies, best, pole : (F,) Hz, (F,), (F, 3)
         The periodogram: frequencies, greatest log-evidence at any pole, and that pole.
     n_ranked : int
@@ -68,11 +81,15 @@ class SparseSearch:
     """
 
     spins: list[Spin]
-    period_probability: float
     frequencies: Floats
     best: Floats
     pole: Floats
     n_ranked: int
+
+    @property
+    def period_probability(self) -> float:
+        """Of the period of the first solution, whatever the pole."""
+        return self.spins[0].period_probability
 
 
 def is_sparse(curve: LightCurve) -> bool:
@@ -119,10 +136,10 @@ def search(
     value = periodogram(points, poles, first, apart, count)
     frequencies = first + apart * np.arange(count)
     cells, rest = _cells(points, value, frequencies, apart)
-    found, period_probability = _solutions(cells, rest, points.span)
+    found = _solutions(cells, rest, points.span, (frequencies[0], frequencies[-1]))
     at = np.argmax(value, axis=1)
     best = value.max(axis=1).astype(float)
-    return SparseSearch(found, period_probability, frequencies, best, poles[at], value.size)
+    return SparseSearch(found, frequencies, best, poles[at], value.size)
 
 
 def table(found: SparseSearch, n_obs: int) -> Table:
@@ -176,6 +193,40 @@ def without_phase_law(points: Points, few: SparsePoints, body: SmoothBody, best:
     return replace(points, flux=jnp.asarray(flux / unit), error=jnp.asarray(error))
 
 
+@jax.jit
+def _turned(bisector: jax.Array, tilt: jax.Array, shape: jax.Array) -> jax.Array:
+    """ln of the brightness of a shape, from each direction (T, 3), at angles of a turn."""
+    turns = jnp.arange(ANGLES) / ANGLES
+    return jax.vmap(lambda turn: shape_columns(bisector, tilt, turn) @ shape)(turns)
+
+
+_columns = jax.jit(shape_columns)
+
+
+def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Floats]:
+    """Amplitude (mag) and rms residual (ln flux) of the linear model at each spin, (S,) and (S,).
+
+    The amplitude is that of a turn seen from the direction of the data where it is largest. The
+    weights of the points are those of the periodogram.
+    """
+    w, used = weights(points), points.used > 0
+    mean, sd = (
+        np.concatenate(x)
+        for x in zip(fixed_prior(points.group.shape[1]), shape_prior(), strict=True)
+    )
+    amplitude, rms = [], []
+    for s in spins:
+        tilt = spin.tilts(s.pole[None])[0]
+        shape = np.asarray(_columns(points.bisector, tilt, points.t * s.frequency))
+        x = np.concatenate([points.fixed, shape], axis=1)
+        matrix = x.T @ (w[:, None] * x) + np.diag(sd**-2.0)
+        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + mean / sd**2)
+        light = np.asarray(_turned(points.bisector, tilt, found[points.fixed.shape[1] :]))
+        amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
+        rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
+    return np.array(amplitude), np.array(rms)
+
+
 def _cells(
     points: SparsePoints, value: NDArray[np.float32], frequencies: Floats, apart: float
 ) -> tuple[Cells, float]:
@@ -190,9 +241,10 @@ def _cells(
     last = np.argsort(value[at, cell])[: max(kept // 4, 1)]
     shift = np.median((listed.log_evidence - value[at, cell])[last])
     mass.flat[top] = -np.inf
-    most = float(mass.max())
-    rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
-    rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
+    most, rest = float(mass.max()), -np.inf
+    if np.isfinite(most):  # in a narrow range, all hypotheses are listed
+        rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
+        rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
     also = _doubled(points, listed, frequencies, apart)
     if also is not None:
         listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
@@ -221,8 +273,29 @@ def _doubled(
     return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
 
 
-def _solutions(cells: Cells, rest: float, span: float) -> tuple[list[Spin], float]:
-    """Solutions with their probabilities, and the probability of the best period."""
+def _with_multiples(cells: Cells, limits: tuple[float, float]) -> Cells:
+    """Cells that give a part of their mass to twice and half their period, where these lie in the
+    range of frequencies (Hz): the posterior if some bodies are such as the model mistakes."""
+    low, high = limits
+    parts, kept = [], np.ones(len(cells.cell))
+    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
+        inside = (low <= factor * cells.frequency) & (factor * cells.frequency <= high)
+        kept -= part * inside
+        moved, less = cells.rows(inside), np.log(part)
+        parts.append(
+            moved._replace(
+                frequency=factor * moved.frequency,
+                log_evidence=moved.log_evidence + less / evidence.INFORMATION,
+                log_mass=moved.log_mass + less,
+            )
+        )
+    parts.append(cells._replace(log_mass=cells.log_mass + np.log(kept)))
+    return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+
+def _solutions(cells: Cells, rest: float, span: float, limits: tuple[float, float]) -> list[Spin]:
+    """Solutions with their probabilities; those of the most probable period come first."""
+    cells = _with_multiples(cells, limits)
     share = np.exp(cells.log_mass - np.logaddexp(evidence.total_mass(cells), rest))
     keep = share > 1e-9
     cells, share = cells.rows(keep), share[keep]
@@ -235,17 +308,16 @@ def _solutions(cells: Cells, rest: float, span: float) -> tuple[list[Spin], floa
         left &= ~same
         found.append((i, float(share[same].sum())))
     found.sort(key=lambda x: -x[1])
+    found = [(i, p) for k, (i, p) in enumerate(found) if p >= LISTED or k == 0]
+    f = np.array([cells.frequency[i] for i, _ in found])
+    within = [np.abs(cells.frequency - g) * span < SAME_PERIOD for g in f]
+    of_period = np.array([share[cells_of].sum() for cells_of in within])
+    # solutions of one period have its probability, that of the best interval around one of them
+    most = [float(of_period[np.abs(f - g) * span < SAME_PERIOD].max()) for g in f]
     spins = [
-        Spin(pole[i], float(cells.frequency[i]), p, float(cells.log_evidence[i]))
-        for k, (i, p) in enumerate(found)
-        if p >= LISTED or k == 0
+        Spin(pole[i], float(cells.frequency[i]), p, float(cells.log_evidence[i]), of_its_period)
+        for (i, p), of_its_period in zip(found, most, strict=True)
     ]
-    # solutions of the most probable period, whatever the pole, come first
-    of_period = [
-        float(share[np.abs(cells.frequency - s.frequency) * span < SAME_PERIOD].sum())
-        for s in spins
-    ]
-    best = int(np.argmax(of_period))
-    f = spins[best].frequency
+    f = spins[int(np.argmax(of_period))].frequency
     spins.sort(key=lambda s: (abs(s.frequency - f) * span >= SAME_PERIOD, -s.probability))
-    return spins, of_period[best]
+    return spins

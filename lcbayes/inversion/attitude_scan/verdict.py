@@ -20,9 +20,6 @@ POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesi
 # below its inverse, unless by chance, the fit is closer than the errors allow
 LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains the data
 UNIQUE = 0.99  # probability of the only period, or the only pole
-# Periods called unique in `benchmarks/surveys.py calibration`, with those that were half the true
-# one (boxes with four maxima a turn) or twice it.
-WRONG_MULTIPLES = {"called": 45, "halved": 4, "doubled": 1}
 NAMED = 5  # number of equivalent solutions listed by name
 
 
@@ -31,7 +28,7 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
     best = scan.solutions[0]
     limit = equivalence.limit(scan)
     near = _near_equal(scan, limit)
-    solutions = [_row(s, scan, e) for s, e in zip(scan.solutions, near, strict=True)]
+    solutions = [row(s, scan, e) for s, e in zip(scan.solutions, near, strict=True)]
     smooth = best.coefficients is not None
     content = {
         "model": "attitude-scan",
@@ -76,7 +73,8 @@ def _near_equal(scan: AttitudeScan, limit: float) -> list[bool]:
     return list(map(bool, before < UNIQUE))
 
 
-def _row(s: Solution, scan: AttitudeScan, near_equal: bool) -> dict[str, Any]:
+def row(s: Solution, scan: AttitudeScan, near_equal: bool) -> dict[str, Any]:
+    """A solution as a row of ``summary.json``."""
     spin = s.spin()
     if spin:
         spin["period_resolution_h"] = scan.resolution_h(spin["period_h"])
@@ -110,7 +108,7 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
     elif scan.error_known and _too_close(best.chi2, scan):
         yield Finding("fit-too-close", {"ratio": best.chi2 / scan.dof})
     if scan.period_probability is not None:
-        yield from _improbable(scan, solutions)
+        yield from improbable(scan, solutions)
         return
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
@@ -131,33 +129,31 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
         yield Finding("best-hypothesis-once")
 
 
-def _improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
+def improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
     """Findings about a period or pole whose probability is below 0.99."""
     assert scan.period_probability is not None
     best = scan.solutions[0]
     assert best.frequency is not None
     span = float(np.ptp(scan.t))
-    other, poles, of_pole = [], [], best.probability or 0.0
+    poles, of_pole = [], best.probability or 0.0
+    other: dict[str, float] = {}
     for s, row in zip(scan.solutions[1:], solutions[1:], strict=True):
         assert s.frequency is not None
         if abs(s.frequency - best.frequency) * span >= sparse.SAME_PERIOD:
-            other.append(written_period(row["period_h"], row["period_resolution_h"]))
+            name = written_period(row["period_h"], row["period_resolution_h"])
+            other[name] = other.get(name, 0.0) + (s.probability or 0.0)
         elif row["relation"] in (SAME, MIRROR):
             of_pole += s.probability or 0.0
         else:
             poles.append(f"({row['pole_lon_deg']:.0f}, {row['pole_lat_deg']:+.0f}) degrees")
     if scan.period_probability < UNIQUE:
-        names = list(dict.fromkeys(other))
-        also = f"; {_fit_as_well(names)}" if names else ""
-        values = {"others": f"its probability is {probability(scan.period_probability)}{also}"}
+        some = sorted(other, key=lambda name: -other[name])[:NAMED]
+        also = ", ".join(f"{name} ({probability(other[name])})" for name in some)
+        words = f"its probability is {probability(scan.period_probability)}"
+        values = {"others": f"{words}; others are {also}" if some else words}
         yield Finding("period-not-unique", values)
     elif of_pole < UNIQUE * scan.period_probability and poles:
         yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})
-    period_h, limits = 1.0 / (HOUR_S * best.frequency), scan.settings.period_range_h
-    alone = limits is not None and 0.5 * period_h < limits[0] and 2.0 * period_h > limits[1]
-    if scan.period_probability >= UNIQUE and not alone:
-        values = {"half_h": 0.5 * period_h, "double_h": 2.0 * period_h, **WRONG_MULTIPLES}
-        yield Finding("multiple-of-period", values)
     if end := _end_of_range(best.frequency, scan):
         yield Finding("period-at-end-of-range", {"where": end})
 

@@ -129,6 +129,32 @@ def read_body_text(text: str) -> BodyFile:
     return BodyFile(title, body, {name: priors[name] for name in body.materials}, sizes)
 
 
+def with_shadows(text: str, sizes: Mapping[tuple[int, str], float]) -> KnownBody:
+    """The body of a TOML text with shadows, whatever the file says of them.
+
+    Parameters
+    ----------
+    text : str
+        As for `read_body_text`, which must accept it.
+    sizes : (part, length) → m
+        Values of the lengths that are unknown.
+    """
+    root = parse_toml(text, "the body's file")
+    materials, _ = _materials(root)
+    table = root.table("body")
+    _sizes(table)
+    for i, part in enumerate(table.tables("parts")):
+        if "on_array" in part:  # a fit takes every body as rigid
+            part.put("on_array", None)
+        for (owner, key), size in sizes.items():
+            if owner == i:
+                part.put(key, size)
+    table.put("shadows", True)
+    table.vector("spin_axis", default=None)
+    assembly, _ = read_parts(table, materials)
+    return KnownBody.of(assembly, materials)
+
+
 def _sizes(table: Table) -> tuple[dict[tuple[int, str], Prior], tuple[str, ...]]:
     """Priors of lengths, which are put at their medians, and a name for each part."""
     found: dict[tuple[int, str], Prior] = {}

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from lcbayes.core.cluster import Run, worker_pool
+from lcbayes.core.cluster import DEATHS, object_pool
 from lcbayes.modelling import registry
 from lcbayes.results import catalogue as table
 from lcbayes.results.reasons import reasons
@@ -19,8 +16,6 @@ from lcbayes.tasks.batch.objects import Object, objects
 from lcbayes.tasks.batch.options import TASK, BatchOptions
 from lcbayes.tasks.batch.result import Batch
 from lcbayes.tasks.task import Context, recorded, task_function
-
-DEATHS = 3  # workers that one object may crash
 
 
 @task_function(TASK)
@@ -68,7 +63,7 @@ def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Bat
     if reused:
         context.progress.say(f"{reused} of {len(asked)} objects are done already")
     begun = time.monotonic()
-    fits, who = _workers(options.scheduler, options.workers, len(left))
+    who = ""
 
     def result() -> Batch:
         of_rows = [rows[i] for i in sorted(rows)]
@@ -78,7 +73,10 @@ def batch(catalogue: str | Path, options: BatchOptions, context: Context) -> Bat
 
     try:
         if left:
-            with fits as fitted, context.progress.stage("objects", len(left), "objects") as track:
+            with (
+                object_pool(options.scheduler, options.workers, len(left)) as (fitted, who),
+                context.progress.stage("objects", len(left), "objects") as track,
+            ):
                 tasks = [(asked[i],) for i in left]
                 for k, row in fitted(worker.fit_object, (str(where), options.reports), tasks):
                     i = left[k]
@@ -107,21 +105,6 @@ def _check(asked: Sequence[Object]) -> None:
         if one.options.start_from is not None and period is not None and period.required:
             given.setdefault("period", 1.0)  # that of the scan
         entry.check(given)
-
-
-def _workers(
-    scheduler: str | None, workers: int | None, n: int
-) -> tuple[AbstractContextManager[Run], str]:
-    """The pool that runs the fits, and its description."""
-    if scheduler is not None:
-        return worker_pool(scheduler, workers, keep_going=True), f"Dask cluster {scheduler}"
-    if workers is None and find_spec("distributed") is None:
-        return worker_pool(keep_going=True), "threads of one process (Dask is not installed)"
-    count = workers if workers is not None else max(1, min(os.cpu_count() or 1, n))
-    return (
-        worker_pool(n_workers=count, deaths=DEATHS, keep_going=True),
-        f"{count} process{'es' if count > 1 else ''} of this machine",
-    )
 
 
 def _dead(one: Object, fault: BaseException) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,15 +60,15 @@ def fit(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     --------
     >>> import lcbayes
     >>> import numpy as np
-    >>> angle = np.linspace(0.0, 1.0, 12)
-    >>> sun = np.tile([1.0, 0.0, 0.0], (12, 1))
+    >>> angle = np.linspace(0.0, 1.0, 20)
+    >>> sun = np.tile([1.0, 0.0, 0.0], (20, 1))
     >>> obs = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     >>> flux = 3.0 + np.cos(angle)
     >>> curve = lcbayes.LightCurve(t=60.0 * angle, brightness=flux, error=0 * flux + 0.1,
     ...     sun=sun, obs=obs, kind="flux", free_scale=np.array([False]))
-    >>> result = lcbayes.fit(curve, n_facets=1, spin="none", seed=1, num_starts=8,
-    ...     num_warmup=10, num_samples=10, num_chains=2)
-    >>> result.trusted                     # 20 draws are too few
+    >>> result = lcbayes.fit(curve, n_facets=1, spin="none", seed=1, num_starts=16,
+    ...     num_warmup=10, num_samples=20, num_chains=2)
+    >>> result.trusted                     # 40 draws are too few
     False
     >>> list(result.summary()["parameter"])
     ['albedo_area[0]', 'g[0]', 'phi[0]']
@@ -168,7 +169,9 @@ def assembled(
     """The result of a posterior: its DataTree, summary and verdict."""
     seed = posterior.settings.seed
     tree = results.tree(posterior, curve, entry, options, seed)
-    content, reasons = summarise(posterior, tree, curve, identity, seed)
+    hook = entry.hook("shadows_left_out")
+    shadows_of = None if hook is None else partial(hook, **options)
+    content, reasons = summarise(posterior, tree, curve, identity, seed, shadows_of)
     content["model_options"] = dict(options)
     if path is not None:
         content["sparse"] = asdict(path)

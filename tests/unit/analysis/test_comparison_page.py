@@ -165,21 +165,21 @@ def test_a_path_that_went_astray_does_not_decide():
 def test_the_odds_under_other_priors_on_areas():
     """Draws without scatter: the ratio of two log-normal densities at their areas, exactly."""
     prior = AreaPrior(np.log(4.0), 1.0, 0.0, True)
-    at = [np.log([[4.0, 4.0]] * 30), np.log([[4.0, 4.0, 0.1]] * 30)]
+    at = [np.log([[4.0, 4.0]] * 150), np.log([[4.0, 4.0, 0.1]] * 150)]
     pair = [replace(candidate(n, 0.0), log_areas=x) for n, x in zip((2, 3), at, strict=True)]
     told = summary(*pair, area_prior=prior)
     scan = {round(row["median_m2"], 3): row["probability"] for row in told["area_prior"]["scan"]}
-    assert list(scan) == [0.4, 1.0, 1.333, 4.0, 12.0, 40.0]
+    assert list(scan) == [0.8, 1.0, 2.0, 4.0, 8.0, 20.0]
     np.testing.assert_allclose(scan[4.0], [0.5, 0.5])
     density = [
-        float(norm.logpdf(x[0], np.log(12.0)).sum() - norm.logpdf(x[0], np.log(4.0)).sum())
+        float(norm.logpdf(x[0], np.log(8.0)).sum() - norm.logpdf(x[0], np.log(4.0)).sum())
         for x in at
     ]
     want = np.exp(density) / np.exp(density).sum()
-    np.testing.assert_allclose(scan[12.0], want)
+    np.testing.assert_allclose(scan[8.0], want)
     (note,) = comparison.notes(told)
     assert "has the median 4 m², that of the best fit" in note
-    assert f"12 m² (2: {want[0]:.2f}, 3: {want[1]:.2f})" in note
+    assert f"8 m² (2: {want[0]:.2f}, 3: {want[1]:.2f})" in note
     rng = np.random.default_rng(0)
     wide = [
         replace(c, log_areas=c.log_areas + 5 * rng.normal(size=c.log_areas.shape)) for c in pair

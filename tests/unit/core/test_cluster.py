@@ -127,3 +127,24 @@ def test_a_cluster_that_goes_is_told_of_in_a_line():
 def slowly(seconds: float, x: int) -> int:
     time.sleep(seconds)
     return x
+
+
+def squared(base: int, number: int) -> int:
+    return base + number * number
+
+
+@pytest.mark.parametrize("n_workers", [None, pytest.param(1, marks=pytest.mark.slow)])
+def test_tasks_are_taken_as_they_are_needed(n_workers, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    taken, done = [], []
+
+    def tasks():
+        for i in range(60):
+            taken.append(i)
+            yield (i,)
+
+    with worker_pool(n_workers=n_workers, ahead=5) as run:
+        for i, found in run(squared, 3, tasks()):
+            done.append((i, found))
+            assert len(taken) <= len(done) + 5
+    assert sorted(done) == [(i, 3 + i * i) for i in range(60)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +11,24 @@ from scipy import stats
 import lcbayes
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inversion.attitude_scan import evidence, periodogram, sparse, sphere_cells, verdict
+from lcbayes.core.time_limit import OutOfTime, time_limit
+from lcbayes.inversion.attitude_scan import (
+    evidence,
+    periodogram,
+    sparse,
+    sphere_cells,
+    survey,
+)
 from lcbayes.inversion.attitude_scan.harmonics import (
     ELONGATION,
     ZONAL,
     SparsePoints,
+    filled_size,
     fixed_prior,
     shape_columns,
     shape_prior,
 )
 from lcbayes.inversion.attitude_scan.spin import tilts
-from lcbayes.results.reasons import reason
 from lcbayes.tasks.scan.result import Scan
 from tests.helpers import sparse_surveys
 from tests.helpers.sparse_surveys import PERIOD_H, POLE
@@ -212,7 +218,6 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert best["rms"] < 0.15  # with the outlier; the phase law alone is larger
     codes = {reason["code"] for reason in content["reasons"]}
     assert "period-not-unique" not in codes
-    assert "multiple-of-period" not in codes  # they lie outside the range
     assert any(" P " in line for line in result.lines())
     again = lcbayes.load(tmp_path / "out")
     assert isinstance(again, Scan)
@@ -220,30 +225,171 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert again.solutions == result.solutions
 
 
+def cells_at(frequencies, shares):
+    """Cells of one pole with given shares of the posterior."""
+    number = len(frequencies)
+    log_mass = np.log(shares)
+    return evidence.Cells(
+        np.zeros(number, int), np.full(number, 2), np.array(frequencies), np.full(number, 1e-9),
+        log_mass / evidence.INFORMATION, log_mass,
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("probability", "limits_h", "named"),
+    ("range_h", "expected"),
     [
-        (0.995, None, True),
-        (0.995, (2.0, 1.9 * PERIOD_H), True),
-        (0.995, (0.6 * PERIOD_H, 2.1 * PERIOD_H), True),
-        (0.995, (0.6 * PERIOD_H, 1.9 * PERIOD_H), False),
-        (0.98, None, False),  # not unique in any case
+        # a twelfth of one period goes to its multiples, if they lie in the range
+        ((2.0, 50.0), {5.0: 0.88, 10.0: 0.1, 2.5: 0.02}),
+        ((3.0, 50.0), {5.0: 0.9, 10.0: 0.1}),
+        ((2.0, 9.0), {5.0: 0.98, 2.5: 0.02}),
+        ((3.0, 9.0), {5.0: 1.0}),
     ],
 )
-def test_half_and_twice_a_unique_period_are_not_excluded(probability, limits_h, named):
-    best = SimpleNamespace(frequency=1.0 / (3600.0 * PERIOD_H), probability=probability)
-    scan = SimpleNamespace(
-        period_probability=probability,
-        solutions=[best],
-        t=np.array([0.0, 1e8]),
-        settings=SimpleNamespace(period_range_h=limits_h, period_step=0.5),
-        resolution_h=lambda period: period**2 * 3600.0 / 1e8,
+def test_a_period_gives_a_part_to_its_multiples(range_h, expected):
+    limits = tuple(1.0 / (3600.0 * p) for p in reversed(range_h))
+    cells = cells_at([1.0 / (3600.0 * 5.0)], [1.0])
+    found = sparse._solutions(cells, -np.inf, 1e8, limits)
+    assert {1.0 / (3600.0 * s.frequency): s.probability for s in found} == pytest.approx(expected)
+    assert found[0].period_probability == pytest.approx(expected[5.0])
+    assert max(expected.values()) == pytest.approx(found[0].probability)
+
+
+def test_twice_a_period_that_is_found_itself_gains():
+    """Each gives a part to the other; the sum of all is one."""
+    f = 1.0 / (3600.0 * 5.0)
+    found = sparse._solutions(cells_at([f, 0.5 * f], [0.7, 0.3]), -np.inf, 1e8, (0.1 * f, 3.0 * f))
+    share = {round(f / s.frequency, 6): s.probability for s in found}
+    assert share[1.0] == pytest.approx(0.7 * 0.88 + 0.3 * 0.02)
+    assert share[2.0] == pytest.approx(0.3 * 0.88 + 0.7 * 0.1)
+    assert sum(share.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_arrays_may_be_filled_further(curve, points, found, monkeypatch):
+    """Rows and nights that only fill the arrays change nothing but the last digits."""
+    monkeypatch.setattr("lcbayes.inversion.attitude_scan.harmonics.ROWS", 100)
+    monkeypatch.setattr("lcbayes.inversion.attitude_scan.harmonics.NIGHTS", 45)
+    wider = SparsePoints.of(curve)
+    assert wider.fixed.shape[0] == 200 > points.fixed.shape[0]
+    assert wider.night.shape[1] == 45 > points.night.shape[1]
+    again = sparse.search(wider, NARROW)
+    np.testing.assert_allclose(again.best, found.best, atol=2e-3)  # single precision
+    assert len(again.spins) == len(found.spins)
+    for one, other in zip(again.spins, found.spins, strict=True):
+        assert one.frequency == pytest.approx(other.frequency, rel=1e-12)
+        np.testing.assert_allclose(one.pole, other.pole, atol=1e-9)
+        assert one.probability == pytest.approx(other.probability, abs=1e-3)
+    for one, other in zip(
+        sparse.linear_model(wider, again.spins),
+        sparse.linear_model(points, found.spins),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_a_range_of_a_few_periods(points):
+    """All hypotheses are listed, and none is left over."""
+    resolution = PERIOD_H**2 / (points.span / 3600.0)
+    limits = PERIOD_H - 0.4 * resolution, PERIOD_H + 0.4 * resolution
+    found = sparse.search(points, limits)
+    assert 2 <= len(found.frequencies) <= 5
+    assert abs(found.spins[0].frequency - TRUE_HZ) * points.span < 0.6
+    assert found.period_probability == pytest.approx(1.0)
+    assert sum(s.probability for s in found.spins) == pytest.approx(1.0, abs=0.02)
+
+
+def test_few_sizes_of_arrays():
+    sizes = [filled_size(n, 32) for n in range(1, 2001)]
+    assert len(set(sizes)) == 20
+    assert all(n <= size < n + 32 or size <= 1.25 * n for n, size in enumerate(sizes, 1))
+
+
+def test_the_amplitude_is_that_of_the_body(found, points):
+    """An ellipsoid under geometric scattering, seen along the bisector nearest to its equator."""
+    a, b, c = sparse_surveys.AXES
+    used = points.used > 0
+    z = points.bisector[used] @ POLE
+    # brightness from the equatorial angle: the projected area along longest and middle axis
+    area = [a * b * c * np.sqrt((1 - z**2) / axis**2 + z**2 / c**2) for axis in (a, b)]
+    expected = float(np.max(2.5 * np.log10(area[1] / area[0])))
+    amplitude, rms = sparse.linear_model(points, found.spins[:1])
+    assert amplitude[0] == pytest.approx(expected, rel=0.15)
+    # two per cent of noise, and one of 120 points off by ln 2
+    assert rms[0] == pytest.approx(np.hypot(0.02, np.log(2.0) / np.sqrt(120)), rel=0.15)
+
+
+def test_rows_of_a_survey(curve, found):
+    rows, findings = survey.rows_of(curve, survey.Effort(NARROW, sparse.STEP, 3, refine=False))
+    assert len(rows) == min(3, len(found.spins))
+    for row, spin in zip(rows, found.spins, strict=False):
+        assert row["period_h"] == pytest.approx(1.0 / (3600.0 * spin.frequency))
+        lon, lat = np.radians((row["pole_lon_deg"], row["pole_lat_deg"]))
+        pole = [np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)]
+        np.testing.assert_allclose(pole, spin.pole, atol=1e-9)
+        assert row["probability"] == spin.probability
+        turns = np.array([abs(s.frequency - spin.frequency) for s in found.spins])
+        near = turns * float(np.ptp(curve.t)) < 1
+        listed = sum(s.probability for s, same in zip(found.spins, near, strict=True) if same)
+        assert listed - 0.02 <= row["period_probability"] <= 1.0
+    assert rows[0]["n_obs"] == 120
+    assert rows[0]["span_days"] == pytest.approx(np.ptp(curve.t) / 86400.0)
+    assert "period-not-unique" not in {finding.code for finding in findings}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        (lambda curve: np.arange(curve.n_obs) < 8, "there are 8 points; a period needs at least"),
+        (lambda curve: curve.t < curve.t[0] + 150 * 86400, "sparse points need more than 200"),
+    ],
+)
+def test_a_survey_has_sparse_points(curve, chosen, message):
+    few = curve.select(chosen(curve))
+    with pytest.raises(InputError, match=message):
+        survey.rows_of(few, survey.Effort(NARROW, sparse.STEP, 3, refine=False))
+
+
+def test_a_search_stops_at_its_limit_of_time(points):
+    with time_limit(0.0), pytest.raises(OutOfTime):
+        sparse.search(points, NARROW)
+
+
+def test_the_first_solution_has_the_period_that_is_most_probable():
+    """Two poles of one period, together more probable than another solution, come before it."""
+    span, f = 1e8, TRUE_HZ
+    poles = np.array([0, 40, 100])
+    share = np.array([0.3, 0.3, 0.4])
+    cells = evidence.Cells(
+        poles,
+        np.full(3, 2),
+        np.array([f, f + 0.4 / span, f + 20.0 / span]),
+        np.full(3, 0.25 / span),
+        np.array([5.0, 4.0, 6.0]),
+        np.log(share),
     )
-    findings = {f.code: f for f in verdict._improbable(scan, [{}])}  # type: ignore[arg-type]
-    assert ("multiple-of-period" in findings) == named
-    if named:
-        text = reason(findings["multiple-of-period"]).text
-        assert f"{PERIOD_H / 2:.7g} and {2 * PERIOD_H:.7g} h, are not excluded" in text
+    spins = sparse._solutions(cells, -np.inf, span, (0.9 * f, 1.1 * f))
+    assert [s.probability for s in spins] == pytest.approx([0.3, 0.3, 0.4])
+    assert [s.period_probability for s in spins] == pytest.approx([0.6, 0.6, 0.4])
+
+
+@pytest.mark.slow
+def test_a_scan_begins_with_the_most_probable_period(curve, monkeypatch):
+    """As in the search: its probability of the period is that of the first solution."""
+    other = sparse.search(SparsePoints.of(curve), (6.0, 6.02)).spins[0]
+    true = sparse.search(SparsePoints.of(curve), NARROW).spins[0]
+    spins = [
+        replace(true, probability=0.3, period_probability=0.6),
+        replace(true, pole=-true.pole, probability=0.3, period_probability=0.6),
+        replace(other, probability=0.4, period_probability=0.4),
+    ]
+    original = sparse.search
+    monkeypatch.setattr(sparse, "search", lambda *given: replace(original(*given), spins=spins))
+    options = {"period_range": (5.9, 7.33), "n_facets": 80, "degree": 2, "n_sky": 0}
+    result = lcbayes.scan(curve, **options)
+    resolution = result.data.resolution_h(PERIOD_H)
+    assert result.content["period_probability"] == 0.6
+    assert result.solutions[0].get("period_h") == pytest.approx(PERIOD_H, abs=resolution)
+    assert [s.get("probability") for s in result.solutions] == [0.3, 0.3, 0.4]
 
 
 def test_refused_options(curve):

@@ -67,7 +67,6 @@ def reason(code: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("probability", "codes", "doubt"),
     [
-        (0.995, ["pole-not-unique", "multiple-of-period"], "about multiple-of-period"),
         (0.6, ["period-not-unique"], "about period-not-unique"),
         (0.995, ["pole-not-unique"], ""),
         (None, ["period-not-unique"], ""),  # the fit follows all spins that fit as well

@@ -1,0 +1,1 @@
+"""Catalogues: the light curves of many objects in one table or folder."""

@@ -1,0 +1,1 @@
+"""`lcbayes survey`: the spins of all objects of a catalogue of sparse points."""

@@ -1,0 +1,151 @@
+"""Shadows that a fit of a known body leaves out: against rays, refits and a light curve with them.
+
+The body is a bar with an arm, drawn and lit by `tests.helpers.l_shaped_body`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference import alternatives, robustness
+from lcbayes.inference.misfit_tests import examine
+from lcbayes.inference.solutions import optimum
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.models import body
+from lcbayes.results import summary
+from lcbayes.results.reasons import cause, reason
+from lcbayes.simulation.known_bodies.reader import read_body_text
+from tests.helpers import turning_bodies as turning
+from tests.helpers.l_shaped_body import boxes, flux
+
+ARM, ALBEDO = 0.5, 0.4
+BAR = f"""
+[body]
+shadows = SHADOWS
+spin_axis = [0.3, 1.0, 0.2]
+[[body.parts]]
+kind = "box"
+x = 2.0
+y = 1.0
+z = 1.0
+position = [1.0, 0.5, 0.5]
+[[body.parts]]
+kind = "box"
+x = 1.0
+y = 1.0
+z = LENGTH
+position = [0.5, 0.5, {1.0 + 0.5 * ARM}]
+[materials.paint]
+law = "lambertian"
+r_diff = {{ low = 0.1, high = 0.9 }}
+"""
+ATTITUDE = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
+AXIS = np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
+OMEGA = 0.07 * ATTITUDE @ AXIS
+T, SUN, OBS = turning.geometry((0.0, 900.0), 40, 200.0)
+
+
+def bar(shadows: bool = False, length: object = ARM) -> str:
+    return BAR.replace("SHADOWS", json.dumps(shadows)).replace("LENGTH", str(length))
+
+
+def shaded_flux() -> np.ndarray:
+    seen = turning.in_body(T, ATTITUDE, OMEGA, SUN, OBS)
+    return ALBEDO * flux(boxes(ARM), *seen, per_side=60)
+
+
+def fitted(text: str, light: LightCurve, **given):
+    """The problem of a body, its data and options, and the optimum next to the truth."""
+    entry, data = registry.find("body"), Epochs.of(light)
+    options = entry.check({"body": text, "clock_sd": 0.0, "rate_drift_sd": 0.0, **given})
+    problem = Problem(entry.bind(options), data)
+    middle = Rotation.from_rotvec(float(data.t_middle) * OMEGA).as_matrix() @ ATTITUDE
+    sites = {
+        "rate_unit": 0.7,
+        "attitude_base": Rotation.from_matrix(middle).as_quat(scalar_first=True),
+        "paint_r_diff": ALBEDO,
+        "log_brightness": np.log(ALBEDO * read_body_text(text).body.areas["paint"]),
+        "log_box2_z": np.log(ARM),
+    }
+    z = problem.ravel({k: jnp.asarray(sites[k], float) for k in problem.names})
+    return problem, data, options, np.asarray(z)
+
+
+def curve(brightness: np.ndarray, snr: float) -> LightCurve:
+    return LightCurve(
+        t=T,
+        brightness=brightness,
+        error=np.full(T.size, brightness.mean() / snr),
+        sun=SUN,
+        obs=OBS,
+        frame="icrs",
+        kind="flux",
+        free_scale=np.array([False]),
+    )
+
+
+def left_out(problem, data, options, z):
+    sites = compiled(problem.constrain)(jnp.asarray(z), data)
+    found = body.shadows_left_out([sites], data, **options)
+    assert found is not None
+    return found, sites
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("length", [ARM, "{ median = 0.4, factor = 1.5 }"])
+def test_light_that_shadows_take_is_that_of_rays(length):
+    found, sites = left_out(*fitted(bar(length=length), curve(shaded_flux(), 30.0)))
+    expected = shaded_flux()
+    # without shadows, the faces by which the parts touch are lit too
+    np.testing.assert_allclose(sites["flux"] + found[0], expected, atol=0.01 * expected.max())
+    assert np.abs(found).max() > 0.2 * expected.max()
+
+
+def test_shadows_of_the_model_or_of_a_lone_part_are_not_left_out():
+    data = Epochs.of(curve(shaded_flux(), 30.0))
+    lone = bar()[: bar().rindex("[[body.parts]]")] + bar()[bar().index("[materials") :]
+    assert body.shadows_left_out([{}], data, body=bar(shadows=True)) is None
+    assert body.shadows_left_out([{}], data, body=lone) is None
+
+
+@pytest.mark.slow
+def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
+    noise = np.random.default_rng(3).standard_normal(T.size)
+    clean = shaded_flux()
+    light = curve(clean, 40.0)
+    assert light.error is not None
+    light = replace(light, brightness=clean + light.error * noise)
+    problem, data, options, truth = fitted(bar(), light)
+    rows = np.arange(problem.dim)
+    best, _ = optimum(problem, data, truth, rows)
+    change, sites = left_out(problem, data, options, best)
+    further = alternatives.shadows(problem, best, data, change[0])
+    found = examine(problem, best, data, light, further=further).cause
+    assert found is not None
+    assert found.name == "shadows"
+    assert found.amount == pytest.approx(1.0, abs=0.3)
+    assert "shade one another" in cause(found)
+
+    sd = {f"omega_{k}_rad_s": 1e-4 for k in "xyz"}
+    moved = robustness.shifts(problem, best, data, light, sd, change)
+    # the same light curve but for the shadows
+    whole = data.brightness - change[0]
+    without, _ = optimum(problem, replace(data, brightness=jnp.asarray(whole)), best, rows)
+    there = compiled(problem.constrain)(jnp.asarray(without), data)["omega"]
+    refit = np.abs(np.asarray(there) - np.asarray(sites["omega"])) / 1e-4
+    np.testing.assert_allclose(moved.by_fault["shadows"], refit, rtol=0.25, atol=0.1 * refit.max())
+
+    missed = summary._Missed(None, best, change, 0.05)  # pyright: ignore[reportArgumentType]
+    (one,) = summary._ignored(missed, moved)
+    assert "take 5 % of the light" in reason(one).text
+    small = replace(moved, by_fault={"shadows": np.array([0.4, 0.1, 0.2])})
+    assert not list(summary._ignored(missed, small))

@@ -1,0 +1,180 @@
+"""Moves of facets leave the posterior unchanged: bodies from the prior stay a sample of the prior.
+
+If a body is drawn from the prior, its light curve from the body, and the body is then moved by a
+kernel that leaves the posterior of that light curve invariant, the result is a draw of the prior
+(Geweke 2004, JASA 99, 799). Priors and light curves are written here in NumPy.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ks_2samp
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers import facet_moves
+
+N_FACETS, N_EPOCHS, N_BODIES, SWEEPS = 3, 24, 1200, 2
+ERROR = 0.02  # m², so small that the table of one facet is a coarse one
+FALSE_ALARM = 1e-3  # of the whole test, shared by its statistics
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def turned(vectors, t, omega):
+    """Inertial vectors (T, 3) in body axes by Rodrigues' formula."""
+    rate = np.linalg.norm(omega)
+    axis, c, s = omega / rate, np.cos(rate * t)[:, None], -np.sin(rate * t)[:, None]
+    along = (vectors @ axis)[:, None] * axis
+    return along + c * (vectors - along) + s * np.cross(axis, vectors)
+
+
+def bodies(rng, number, sun, obs):
+    """Facets uniform in direction with log-normal areas, each lit and seen at some epoch."""
+    normals, areas = [], []
+    while len(areas) < number:
+        n = unit(rng.standard_normal((N_FACETS, 3)))
+        if np.all(np.max(np.minimum(sun @ n.T, obs @ n.T), axis=0) > 0.0):
+            normals.append(n)
+            areas.append(np.exp(rng.standard_normal(N_FACETS)))
+    return np.array(normals), np.array(areas)
+
+
+def statistics(normals, areas):
+    """Scalars of each body that do not depend on the order of its facets."""
+    order = np.argsort(areas, axis=1)
+    first, last = order[:, -1], order[:, 0]
+    rows = np.arange(len(areas))
+    angles = np.einsum("bik,bjk->bij", normals, normals)
+    pairs = angles[:, *np.triu_indices(N_FACETS, 1)]
+    return {
+        "largest area": areas[rows, first],
+        "smallest area": areas[rows, last],
+        "sum of ln area": np.log(areas).sum(axis=1),
+        "x of the largest": normals[rows, first, 0],
+        "z of the largest": normals[rows, first, 2],
+        "x of the smallest": normals[rows, last, 0],
+        "closest pair": pairs.max(axis=1),
+        "widest pair": pairs.min(axis=1),
+    }
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """Geometry of a turning body whose Sun and observer move a little."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 100.0, N_EPOCHS)
+    sun = unit(np.array([1.0, 0.0, 0.2]) + 0.05 * rng.standard_normal((N_EPOCHS, 3)))
+    obs = unit(np.array([0.4, 0.8, -0.3]) + 0.05 * rng.standard_normal((N_EPOCHS, 3)))
+    omega = np.array([0.02, 0.05, 0.04])
+    return t, sun, obs, omega
+
+
+def moved(campaign, normals, areas, seed):
+    """The bodies after the moves, each given its own simulated light curve."""
+    t, sun, obs, omega = campaign
+    s, o = turned(sun, t, omega), turned(obs, t, omega)
+    mu0, mu = (np.maximum(v @ np.swapaxes(normals, 1, 2), 0.0) for v in (s, o))  # (B, T, N)
+    rng = np.random.default_rng(seed)
+    flux = np.einsum("btn,bn->bt", mu0 * mu / np.pi, areas)
+    flux += ERROR * rng.standard_normal(flux.shape)
+    error = np.full(N_EPOCHS, ERROR)
+    curve = LightCurve(t=t, brightness=flux[0], error=error, kind="flux", sun=sun, obs=obs)
+    data = Epochs.of(curve)
+    entry = registry.find("faceted")
+    options = {"n_facets": N_FACETS, "omega_sd": 1.0, "reflectance": "lambertian"}
+    _, problem = build_problem(entry, options, data)
+    hook = entry.hook("moves")
+    assert hook is not None
+    moves = hook(problem, data, **options)
+
+    def one(row):
+        key, base, log_area, y = row
+        here = replace(data, brightness=y)
+        z = problem.ravel(
+            {"omega_unit": jnp.asarray(omega), "normals_base": base, "log_albedo_area": log_area}
+        )
+        for k in jax.random.split(key, SWEEPS):
+            z = replace(moves, flux=y)(k, z, here)
+        free = problem.unravel(z)
+        return free["normals_base"], free["log_albedo_area"]
+
+    keys = jax.random.split(jax.random.key(seed), len(areas))
+    rows = (keys, jnp.asarray(normals), jnp.log(areas), jnp.asarray(flux))
+    base, log_area = jax.jit(lambda rows: jax.lax.map(one, rows))(rows)
+    return unit(np.asarray(base)), np.exp(np.asarray(log_area))
+
+
+def test_bodies_of_the_prior_remain_a_sample_of_the_prior(campaign):
+    t, sun, obs, omega = campaign
+    s, o = turned(sun, t, omega), turned(obs, t, omega)
+    rng = np.random.default_rng(1)
+    start, reference = bodies(rng, N_BODIES, s, o), bodies(rng, 10 * N_BODIES, s, o)
+    after = moved(campaign, *start, seed=2)
+    distance = np.abs(after[0] - start[0]).max(axis=(1, 2))
+    assert np.mean(distance > 1e-9) > 0.5  # most bodies have changed
+    found, expected = statistics(*after), statistics(*reference)
+    p = {name: np.asarray(ks_2samp(found[name], expected[name]))[1] for name in found}
+    assert min(p.values()) > FALSE_ALARM / len(p), p
+
+
+def pairs_of_facets(number):
+    """Facets with the random numbers of a split, and the two facets that they become."""
+    rng = np.random.default_rng(3)
+    normals, log_areas = unit(rng.standard_normal((number, 3))), rng.standard_normal(number)
+    keys = jax.random.split(jax.random.key(4), number)
+    return normals, log_areas, keys
+
+
+def test_a_merger_undoes_a_split():
+    for normal, log_area, key in zip(*pairs_of_facets(20), strict=True):
+        parts, u, angle = facet_moves._split(key, jnp.asarray(normal), jnp.asarray(log_area))
+        areas = np.exp(np.asarray(parts[1]))
+        np.testing.assert_allclose(areas, np.exp(log_area) * np.array([u, 1.0 - u]), rtol=1e-12)
+        cosine = np.clip(parts[0][0] @ parts[0][1], -1.0, 1.0)
+        assert np.arccos(cosine) == pytest.approx(float(angle), abs=1e-6)
+        one, share, between = facet_moves._merged(*parts)
+        np.testing.assert_allclose(one[0], normal, atol=1e-7)
+        assert float(one[1]) == pytest.approx(log_area, abs=1e-12)
+        assert (float(share), float(between)) == pytest.approx((float(u), float(angle)), abs=1e-7)
+
+
+def test_the_density_of_a_split_is_normalised_on_the_plane():
+    angle = np.linspace(1e-6, np.pi - 1e-9, 20_001)
+    density = np.exp(np.asarray(jax.vmap(facet_moves._log_angle)(jnp.asarray(angle))))
+    beyond = np.mean(np.exp(-0.5 * (np.pi / facet_moves.WIDTHS) ** 2))
+    total = np.trapezoid(2.0 * np.pi * density, angle)
+    assert total == pytest.approx(1.0 - beyond, abs=1e-4)
+
+
+def test_the_volume_of_a_split_is_that_of_finite_differences():
+    """dΩᵢ dΩⱼ dln αᵢ dln αⱼ = sin θ/(u(1 − u)) dθ dψ du dΩ dln α, with u, θ and the facet moved."""
+
+    def two_facets(x):
+        lon, sine, log_area, u, angle, turn = x
+        cosine = np.sqrt(1.0 - sine**2)
+        n = np.array([cosine * np.cos(lon), cosine * np.sin(lon), sine])
+        east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+        along = np.cos(turn) * east + np.sin(turn) * np.cross(n, east)
+        i = np.cos((1.0 - u) * angle) * n + np.sin((1.0 - u) * angle) * along
+        j = np.cos(u * angle) * n - np.sin(u * angle) * along
+        merged, share, between = facet_moves._merged(
+            jnp.asarray(np.stack([i, j])), jnp.log(jnp.array([u, 1.0 - u])) + log_area
+        )
+        np.testing.assert_allclose(merged[0], n, atol=1e-9)
+        np.testing.assert_allclose([share, between], [u, angle], atol=1e-9)
+        angles = [f(v) for v in (i, j) for f in (lambda v: np.arctan2(v[1], v[0]), lambda v: v[2])]
+        return np.array([*angles, log_area + np.log(u), log_area + np.log(1.0 - u)])
+
+    x = np.array([0.4, 0.3, -0.2, 0.35, 0.5, 1.1])
+    step = 1e-5
+    columns = [(two_facets(x + e) - two_facets(x - e)) / (2 * step) for e in step * np.eye(6)]
+    volume = abs(np.linalg.det(np.stack(columns, axis=1)))
+    u, angle = x[3], x[4]
+    assert volume == pytest.approx(np.sin(angle) / (u * (1.0 - u)), rel=1e-6)
