@@ -12,12 +12,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.results.draws import DARK, LOG_LIKELIHOOD, pointwise, weighted_draws
+from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior, read_json
 
 Floats = NDArray[np.float64]
 
 MOST_PREDICTED = 4_000_000  # draws × epochs of the prediction that are read: 32 MB
+STABILISED = "stabilised"  # the model that needs the whole light curve, for the attitude law
 FEWEST_DRAWS, MOST_DRAWS = 200, 1000
 KINDS = {
     "modes": list,
@@ -65,6 +68,7 @@ class Results:
     predicted: xr.DataArray | None  # for equally weighted draws, as the next field
     log_likelihood: xr.DataArray | None
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    light_curve: LightCurve | None = None  # in the order of the file, for an attitude law
 
     @property
     def is_magnitude(self) -> bool:
@@ -155,6 +159,7 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         constant=constant,
         predicted=predicted,
         log_likelihood=log_likelihood,
+        light_curve=load_light_curve(tree) if attrs.get("model") == STABILISED else None,
         labels={k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant},
     )
 

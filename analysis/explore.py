@@ -14,12 +14,17 @@ from numpy.typing import NDArray
 from lcbayes.analysis import light_curve_plots, shape_plots
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.explore_curve import MOST_POINTS, packed
+from lcbayes.analysis.known_body import KnownShape
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import colour
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling.ephemeris import frames
+from lcbayes.modelling.facet_list import ARRAY, facet_list
 from lcbayes.modelling.priors import inertia_tensor
+from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
@@ -97,7 +102,10 @@ def _mode(
     }
     if shape is not None:
         found |= {"axis": shape.scene["axis"], "solid": solid}
-        found["bodies"] = _bodies(results, mode, rows, solid)
+        if shape.known is not None:
+            found["bodies"] = _known(mode, shape.known)
+        else:
+            found["bodies"] = _bodies(results, mode, rows, solid)
     return found
 
 
@@ -140,14 +148,16 @@ def _attitude(
     mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
 ) -> dict[str, Any] | None:
     """What gives the orientation of each draw: an angular velocity, a pole and a period, or, for a
-    body that tumbles, the directions to Sun and observer in its frame."""
+    body that tumbles or obeys an attitude law, the directions to Sun and observer in its frame."""
     names = set(map(str, mode.draws.data_vars))
     if {"inertia_base", "omega"} <= names:
         return _tumbling(mode, rows, results, order)
-    if "inertia_ratio" in names or results.attrs.get("model") == "stabilised":
+    if results.light_curve is not None:
+        return _by_law(results, results.light_curve, order)
+    if "inertia_ratio" in names:
         return None  # not a rotation that the page can compute
     if "omega" in names:
-        return {"kind": "rate", "omega": packed(_stacked(mode, "omega")[rows], "<f8")}
+        return _constant_rate(mode, rows, results)
     if {"pole_lon_deg", "pole_lat_deg", "period_h"} <= names:
         lon, lat, period = (
             _stacked(mode, k)[rows] for k in ("pole_lon_deg", "pole_lat_deg", "period_h")
@@ -158,6 +168,54 @@ def _attitude(
     if results.attrs.get("model") in ("faceted", "faceted-brdf"):
         return {"kind": "fixed"}
     return None
+
+
+def _by_law(results: Results, curve: LightCurve, order: NDArray[np.int64]) -> dict[str, Any] | None:
+    """Directions in the axes of the attitude law, the same for each draw, and the axes of facets
+    that are fixed to others."""
+    options = results.summary.get("model_options") or {}
+    law = catalogue.parse(str(options.get("law") or "yaw-steering"))
+    rows = np.argsort(curve.t, kind="stable")[order]
+    body = np.asarray(frames(law, curve).body)[rows]
+    mobile: dict[str, list[int]] = {}
+    for i, facet in enumerate(facet_list(str(options.get("facets") or ""))):
+        if facet.where:
+            mobile.setdefault(facet.where, []).append(i)
+
+    def axes(where: str) -> Floats:
+        """(T, 3, 3), the axes of an array or another law in those of the body, as columns."""
+        array = frames(law, curve).array
+        other = array if where == ARRAY else frames(catalogue.parse(where), curve).body
+        return np.einsum("tij,tik->tjk", body, np.asarray(other)[rows])
+
+    return {
+        "kind": "directions",
+        "shared": True,
+        **{
+            name: packed(np.round(32000 * np.einsum("tij,ti->tj", body, of[rows])), "<i2")
+            for name, of in (("sun", curve.sun), ("obs", curve.obs))
+        },
+        "mobile": [
+            {"facets": which, "axes": packed(np.round(32000 * axes(where)), "<i2")}
+            for where, which in mobile.items()
+        ],
+    }
+
+
+def _constant_rate(mode: Mode, rows: NDArray[np.int64], results: Results) -> dict[str, Any]:
+    """The mean angular velocity of each draw, with its drift and the attitude at t = 0 if these are
+    parameters."""
+    found: dict[str, Any] = {
+        "kind": "rate",
+        "omega": packed(_stacked(mode, "omega")[rows], "<f8"),
+        "middle": 0.5 * float(results.t.min() + results.t.max()),
+        "span": results.span_s,
+    }
+    if "rate_drift" in mode.draws:
+        found["drift"] = packed(_stacked(mode, "rate_drift")[rows], "<f8")
+    if "attitude" in mode.draws:
+        found["attitude"] = packed(_stacked(mode, "attitude")[rows], "<f8")
+    return found
 
 
 def _tumbling(
@@ -196,6 +254,29 @@ def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) 
         return found
     found["solids"] = [_solid(normals[r] if normals.ndim == 3 else normals, areas[r]) for r in rows]
     return found
+
+
+def _known(mode: Mode, known: KnownShape) -> dict[str, Any]:
+    """The tiles of a known body, the same for each draw, and the faces that shade them."""
+    areas = _stacked(mode, "albedo_area")
+    spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
+    return {
+        "uncertainty": np.round(spread, 4).tolist(),
+        "names": known.names,
+        "solids": [_polygons(known.tiles, known.material)],
+        "blocking": _polygons(known.blocking, [0] * len(known.blocking)),
+    }
+
+
+def _polygons(polygons: list[Floats], facet: list[int]) -> dict[str, Any]:
+    """Polygons within the unit sphere, as `_solid` gives a body."""
+    corners = np.concatenate([np.zeros((0, 3)), *polygons])
+    return {
+        "vertices": packed(np.round(corners * 32000), "<i2"),
+        "faces": packed(np.arange(len(corners)), "<u2"),
+        "sizes": packed([len(p) for p in polygons], "<u1"),
+        "facet": packed(facet, "<u2"),
+    }
 
 
 def _solid(normals: Floats, areas: Floats) -> dict[str, Any] | None:

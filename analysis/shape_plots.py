@@ -1,4 +1,5 @@
-"""The shape: a convex polyhedron if the facets close, else each facet as a disc on a sphere."""
+"""The shape: a convex polyhedron if the facets close, else each facet as a disc on a sphere; the
+parts of a known body."""
 
 from __future__ import annotations
 
@@ -10,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
+from lcbayes.analysis.known_body import KnownShape, known_shape
 from lcbayes.analysis.quantities import facet_normals
-from lcbayes.analysis.style import FAINT, Gallery, Image, colour
+from lcbayes.analysis.style import FAINT, Gallery, Image, colour, hue
 from lcbayes.core.errors import InputError
+from lcbayes.core.text import join_words
 from lcbayes.geometry.spherical import unit_vector
 from lcbayes.physics.bodies.closure import close, closure
 from lcbayes.physics.bodies.minkowski import minkowski
@@ -34,16 +37,19 @@ class Shape:
     scene: dict[str, Any]
     body: Polyhedron | None
     caption: str
+    known: KnownShape | None = None
 
 
 def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
     """The shape of a solution, from the posterior mean of its albedo-areas and normals."""
     if "albedo_area" not in mode.draws:
         return None
+    if (known := known_shape(results, mode)) is not None:
+        return _known(mode, known, gallery)
     areas = mode.draws["albedo_area"].mean(("chain", "draw")).to_numpy()
-    normals, known = results.normals, facet_normals(mode)
-    if known is not None:
-        mean = known.mean(axis=(0, 1))
+    normals, drawn = results.normals, facet_normals(mode)
+    if drawn is not None:
+        mean = drawn.mean(axis=(0, 1))
         normals = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
     if normals is None or areas.ndim != 1:
         return None
@@ -64,10 +70,7 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
             "area in proportion to its albedo-area."
         )
     scene = {
-        "polygons": [
-            {"p": np.round(f, 4).tolist(), "c": [round(float(x), 3) for x in h]}
-            for f, h in zip(faces, hues, strict=True)
-        ],
+        "polygons": _polygons(faces, hues),
         "solid": body is not None,
         "labels": [] if body is not None else np.round(1.02 * normals, 4).tolist(),
         "axis": _axis(mode) if _turns(mode) else None,
@@ -75,6 +78,38 @@ def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
     name, alt = f"shape-{mode.index + 1}", f"Shape of {mode.name.lower()} from three sides."
     image = draw_views(faces, hues, gallery, name, alt, caption, scene["labels"])
     return Shape(mode, image, scene, body, caption)
+
+
+def _known(mode: Mode, known: KnownShape, gallery: Gallery) -> Shape:
+    """The parts of a known body, coloured by material."""
+    from matplotlib.colors import to_rgb
+
+    caption = "The body as its file describes it."
+    colours = [STONE]
+    if len(known.names) > 1:
+        colours = [to_rgb(colour(i)) for i in range(len(known.names))]
+        materials = join_words([f"{name} ({hue(i)})" for i, name in enumerate(known.names)])
+        caption = f"The body as its file describes it, coloured by material: {materials}."
+    hues = [colours[i] for i in known.material]
+    scene = {
+        "polygons": _polygons(known.tiles, hues),
+        "solid": True,
+        "parts": True,
+        "labels": [],
+        "axis": _axis(mode),
+    }
+    name, alt = f"shape-{mode.index + 1}", f"The body of {mode.name.lower()} from three sides."
+    image = draw_views(known.tiles, hues, gallery, name, alt, caption)
+    return Shape(mode, image, scene, None, caption, known)
+
+
+def _polygons(
+    faces: Sequence[Floats], hues: Sequence[tuple[float, float, float]]
+) -> list[dict[str, Any]]:
+    return [
+        {"p": np.round(f, 4).tolist(), "c": [round(float(x), 3) for x in h]}
+        for f, h in zip(faces, hues, strict=True)
+    ]
 
 
 def _polyhedron(normals: Floats, areas: Floats) -> tuple[Polyhedron | None, str]:
@@ -119,7 +154,13 @@ def _turns(mode: Mode) -> bool:
 
 
 def _axis(mode: Mode) -> list[float]:
-    """Spin axis in the body frame: z for a pole, else ω at t = 0, where A is the identity."""
+    """Spin axis in the body frame: z for a pole, else ω at t = 0, where A is the identity unless it
+    is a parameter; then that of the first draw, for a body may look the same in several attitudes.
+    """
+    if "attitude" in mode.draws:
+        first = mode.draws.isel(chain=0, draw=0)
+        omega = first["attitude"].to_numpy().T @ first["omega"].to_numpy()
+        return np.round(omega / max(float(np.linalg.norm(omega)), 1e-300), 4).tolist()
     if "omega" in mode.draws:
         omega = mode.draws["omega"].mean(("chain", "draw")).to_numpy()
         return np.round(omega / max(float(np.linalg.norm(omega)), 1e-300), 4).tolist()

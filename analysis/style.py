@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 # Okabe & Ito 2008, safe for colour-blind readers, without yellow, which is invisible on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
+HUES = ("blue", "red-orange", "green", "pink", "light blue", "orange", "grey")  # of the palette
 DPI = 130  # of dense clouds of points in a vector image
 PLAIN = " !$')*+,/:;=?@[]"  # characters that need no escape in the address of an image
 _CLOUD = re.compile(r'(data:image/png;base64,\s*)([^"]+)')
@@ -50,6 +51,11 @@ RC: dict[str, Any] = {
 
 def colour(index: int) -> str:
     return PALETTE[index % len(PALETTE)]
+
+
+def hue(index: int) -> str:
+    """The name of a colour."""
+    return HUES[index % len(HUES)]
 
 
 @contextmanager

@@ -12,13 +12,22 @@
     return v.map((x, i) => c * x + s * w[i] + d * axis[i]);
   }
 
+  const part = (packed, row, size) => [...numbers(packed, Float64Array).subarray(size * row, size * (row + 1))];
+  // inertial vector → body frame at t = 0, where they are the same unless the attitude is unknown
+  function atStart(attitude, row) {
+    if (!attitude.attitude) return (v) => v;
+    const a = part(attitude.attitude, row, 9);
+    return (v) => [0, 1, 2].map((j) => a[j] * v[0] + a[3 + j] * v[1] + a[6 + j] * v[2]);
+  }
+
   // inertial vector → body frame, for a draw at a time; as the models rotate the body
   function toBody(attitude, row) {
     if (!attitude || attitude.kind === "fixed") return () => (v) => v;
     if (attitude.kind === "rate") {
-      const omega = [...numbers(attitude.omega, Float64Array).subarray(3 * row, 3 * row + 3)];
-      const rate = Math.hypot(...omega), axis = unit(omega);
-      return (t) => (v) => turned(v, axis, -rate * t);
+      const omega = part(attitude.omega, row, 3), rate = Math.hypot(...omega), axis = unit(omega);
+      const drift = attitude.drift ? part(attitude.drift, row, 1)[0] / (2 * attitude.span) : 0, m = attitude.middle;
+      const start = atStart(attitude, row);
+      return (t) => (v) => start(turned(v, axis, -rate * (t + drift * ((t - m) ** 2 - m * m))));
     }
     const [lon, lat, period] = numbers(attitude.pole, Float64Array).subarray(3 * row, 3 * row + 3);
     const [x, y, z] = [Math.cos(lat) * Math.cos(lon), Math.cos(lat) * Math.sin(lon), Math.sin(lat)];
@@ -66,16 +75,20 @@
       if (!made.has(key)) {
         const m = data.modes[mode], b = m.bodies;
         let polygons = null;
-        if (b.solids) polygons = b.solids[row] && solid(b.solids[row]);
+        const own = b.solids && (b.names ? 0 : row);  // a known body is the same in each draw
+        if (b.solids) polygons = b.solids[own] && solid(b.solids[own]);
         else {
           const areas = numbers(b.areas, Float32Array), normals = numbers(b.normals, Float32Array), n = b.uncertainty.length;
           polygons = discs(Array.from({ length: n }, (_, k) => [...normals.subarray(3 * (row * n + k), 3 * (row * n + k) + 3)]),
             [...areas.subarray(row * n, row * n + n)]);
         }
-        const tumbles = m.attitude && m.attitude.kind === "directions";
-        const part = (name) => numbers(m.attitude[name], Int16Array).subarray(3 * row * data.t.length, 3 * (row + 1) * data.t.length);
-        made.set(key, polygons && { polygons, rotate: tumbles ? null : toBody(m.attitude, row),
-          sun: tumbles && part("sun"), obs: tumbles && part("obs") });
+        const given = m.attitude && m.attitude.kind === "directions", at = given && !m.attitude.shared ? row : 0;
+        const directions = (name) => numbers(m.attitude[name], Int16Array).subarray(3 * at * data.t.length, 3 * (at + 1) * data.t.length);
+        const blocking = b.blocking ? solid(b.blocking).map(({ p }) => lcbayes.face(p)) : [];
+        if (blocking.length) for (const one of polygons) one.face = lcbayes.face(one.p);
+        const mobile = given && (m.attitude.mobile || []).map((f) => ({ facets: new Set(f.facets), axes: numbers(f.axes, Int16Array) }));
+        made.set(key, polygons && { polygons, blocking, mobile, rotate: given ? null : toBody(m.attitude, row),
+          sun: given && directions("sun"), obs: given && directions("obs") });
       }
       return made.get(key);
     }
@@ -101,16 +114,25 @@
       towards = turned(towards, right, turn.pitch);
       const view = [right, cross(towards, right), towards];
       const spread = m.bodies.uncertainty, [low, high] = [Math.min(...spread), Math.max(...spread)];
-      const colours = { plain: (k) => (m.bodies.solids ? STONE : hue(k)), uncertainty: (k) => lcbayes.rgb((spread[k] - low) / (high - low || 1)).map((c) => c / 255) }[by];
-      const scene = { solid: Boolean(m.bodies.solids), axis, labels: [], flat: by !== "plain",
-        polygons: found.polygons.map(({ p, facet }) => ({ p, c: colours(facet) })) };
+      const plain = m.bodies.solids && !(m.bodies.names && m.bodies.names.length > 1);
+      const colours = { plain: (k) => (plain ? STONE : hue(k)), uncertainty: (k) => lcbayes.rgb((spread[k] - low) / (high - low || 1)).map((c) => c / 255) }[by];
+      const scene = { solid: Boolean(m.bodies.solids), parts: Boolean(m.bodies.names), axis, labels: [], flat: by !== "plain",
+        polygons: found.polygons.map(({ p, facet, face }) => ({ p: moved(found, p, facet), c: colours(facet),
+          dark: Boolean(sun && face && dot(face.n, obs) > 0 && lcbayes.inShadow(face, found.blocking, sun)) })) };
       lcbayes.paintBody(canvas, scene, view, sun && view.map((row) => dot(row, sun)));
       note.hidden = by === "plain";
-      if (by !== "plain") note.textContent = `Relative standard deviation of a facet's albedo-area: ${percent(low)} (blue) to ${percent(high)} (yellow).`;
+      if (by !== "plain") note.textContent = `Relative standard deviation of the albedo-area of a ${m.bodies.names ? "material" : "facet"}: ${percent(low)} (blue) to ${percent(high)} (yellow).`;
       canvas.dataset.view = [...obs, turn.yaw, turn.pitch].map((v) => v.toFixed(3)).join(" ");
     }
+    // a facet on an array or in other axes, in those of the body at the nearest point
+    function moved(found, p, facet) {
+      const frame = found.mobile && found.mobile.find((f) => f.facets.has(facet));
+      if (!frame) return p;
+      const r = frame.axes.subarray(9 * Math.round(now.index), 9 * Math.round(now.index) + 9);
+      return p.map((v) => [0, 1, 2].map((i) => (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2]) / 32000));
+    }
     const percent = (x) => `${(100 * x).toPrecision(2)} %`;
-    function axisOf(m, row) { return unit([...numbers(m.attitude.omega, Float64Array).subarray(3 * row, 3 * row + 3)]); }
+    function axisOf(m, row) { return unit(atStart(m.attitude, row)(part(m.attitude.omega, row, 3))); }
     function rotateBy(dx, dy) { turn.yaw -= dx; turn.pitch = Math.max(-1.5, Math.min(1.5, turn.pitch + dy)); paint(); }
 
     let last = null;

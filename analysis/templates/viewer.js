@@ -31,8 +31,41 @@ window.lcbayes = window.lcbayes || {};
     return [x, found];
   }
 
-  // fraction of a ray from the centre at which it leaves the convex body
+  // a convex polygon as its middle, its normal and the inward normals of its edges
+  function face(points) {
+    const n = normal(points), less = (a, b) => a.map((x, i) => x - b[i]);
+    const middle = [0, 1, 2].map((i) => points.reduce((sum, p) => sum + p[i], 0) / points.length);
+    const edges = points.map((a, i) => {
+      const e = less(points[(i + 1) % points.length], a);
+      const inward = [n[1] * e[2] - n[2] * e[1], n[2] * e[0] - n[0] * e[2], n[0] * e[1] - n[1] * e[0]];
+      return [inward, dot(inward, a)];
+    });
+    return { middle, n, height: dot(n, middle), edges };
+  }
+
+  // distance along a ray at which it meets a polygon; −Infinity if it does not, or lies behind
+  function hit(polygon, from, ray) {
+    const along = dot(polygon.n, ray);
+    if (Math.abs(along) < 1e-9) return -Infinity;
+    const length = (polygon.height - dot(polygon.n, from)) / along;
+    if (length <= 0) return -Infinity;
+    const at = from.map((x, i) => x + length * ray[i]);
+    return polygon.edges.every(([inward, least]) => dot(inward, at) >= least - 1e-9) ? length : -Infinity;
+  }
+
+  // whether a face is between the middle of a tile and the Sun
+  function inShadow(tile, blocking, sun) {
+    if (dot(tile.n, sun) <= 0) return false;
+    const from = tile.middle.map((x, i) => x + 2e-3 * tile.n[i]);
+    return blocking.some((one) => hit(one, from, sun) > 1e-4);
+  }
+
+  // fraction of a ray from the centre at which it leaves the body
   function support(scene, view, ray) {
+    if (scene.parts) {
+      const faces = scene.polygons.map(({ p }) => face(p.map((q) => view.map((axis) => dot(axis, q)))));
+      return Math.max(0, ...faces.map((one) => hit(one, [0, 0, 0], ray)));
+    }
     let least = 1;
     for (const polygon of scene.polygons) {
       const points = polygon.p.map((p) => view.map((axis) => dot(axis, p)));
@@ -78,16 +111,16 @@ window.lcbayes = window.lcbayes || {};
     }
     const polygons = scene.polygons.map((polygon) => {
       const points = polygon.p.map(turn);
-      return { points, colour: polygon.c, normal: normal(points),
+      return { points, colour: polygon.c, dark: polygon.dark, normal: normal(points),
                depth: points.reduce((sum, q) => sum + q[2], 0) / points.length };
     });
     polygons.sort((a, b) => a.depth - b.depth);
-    for (const { points, colour, normal: n } of polygons) {
+    for (const { points, colour, dark, normal: n } of polygons) {
       const front = n[2] > 0;
       if (scene.solid && !front) continue;
       const facing = front ? n : n.map((x) => -x);
       const dim = sun ? 0.14 : scene.solid ? 0.42 : 0.8;
-      const light = scene.flat ? 1 : dim + (1 - dim) * Math.max(0, dot(sun ? n : facing, sun || LIGHT));
+      const light = scene.flat ? 1 : dim + (1 - dim) * (dark ? 0 : Math.max(0, dot(sun ? n : facing, sun || LIGHT)));
       const rgb = colour.map((c) => Math.round(255 * Math.min(1, light * c))).join(",");
       pen.beginPath();
       points.forEach((q, i) => (i ? pen.lineTo(...at(q)) : pen.moveTo(...at(q))));
@@ -175,6 +208,6 @@ window.lcbayes = window.lcbayes || {};
     rotate(0, 0);
   }
 
-  Object.assign(lcbayes, { paintBody: paint, unit3: unit, dot3: dot });
+  Object.assign(lcbayes, { paintBody: paint, unit3: unit, dot3: dot, face, inShadow });
   document.querySelectorAll("figure.shape").forEach(viewer);
 })(window.lcbayes);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.spatial.transform import Rotation
 
 import lcbayes
 from lcbayes.analysis import contents
@@ -182,22 +184,36 @@ def test_the_body_is_turned_as_the_model_turns_it(opened, folders, kind):
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
 
 
-def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
-    """The satellite's draws, with an inertia tensor of each."""
-    source = folders["satellite"]
-    folder = shutil.copytree(source, source.with_name("tumbling"))
+def changed(source: Path, name: str, change: Any, **summary: Any) -> Path:
+    """A copy of a results folder with other draws, and its report.
+
+    ``change(dataset, rng)`` gives new draws of a solution; ``summary`` replaces what it says.
+    """
+    folder = shutil.copytree(source, source.with_name(name))
     rng = np.random.default_rng(2)
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
         tree = stored.load()
     for k in range(2):
-        node = tree[f"modes/{k}/posterior"].to_dataset()
-        shape = (node.sizes["chain"], node.sizes["draw"], 5)
-        node["inertia_base"] = (("chain", "draw", "shape"), 0.5 * rng.standard_normal(shape))
+        node = change(tree[f"modes/{k}/posterior"].to_dataset(), rng)
         tree[f"modes/{k}/posterior"] = xr.DataTree(node)
+    tree.attrs["model"] = summary.get("model", tree.attrs["model"])
     (folder / "posterior.nc").unlink()
     tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    told = json.loads((folder / "summary.json").read_text()) | summary
+    (folder / "summary.json").write_text(json.dumps(told))
     lcbayes.report(folder)
-    folders["tumbling"] = folder
+    return folder
+
+
+def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
+    """The satellite's draws, with an inertia tensor of each."""
+
+    def tumbling(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+        shape = (node.sizes["chain"], node.sizes["draw"], 5)
+        node["inertia_base"] = (("chain", "draw", "shape"), 0.5 * rng.standard_normal(shape))
+        return node
+
+    folder = folders["tumbling"] = changed(folders["satellite"], "tumbling", tumbling)
     page = opened("tumbling")
     results = contents.read(folder)
     draws = results.modes[0].draws.isel(chain=0, draw=0)
@@ -209,6 +225,114 @@ def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
     for index in (0, 10, results.t.size - 1):
         page.set("time", index)
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
+
+
+L_SHAPE = """
+title = "a box with a tower on one end"
+[body]
+shadows = true
+[[body.parts]]
+kind = "box"
+x = 4.0
+y = 2.0
+z = 0.5
+material = "floor"
+[[body.parts]]
+kind = "box"
+x = 0.5
+y = 2.0
+z = 3.0
+position = [-1.75, 0.0, 1.75]
+material = "tower"
+[materials.floor]
+law = "lambertian"
+r_diff = { low = 0.1, high = 0.9 }
+[materials.tower]
+law = "lambertian"
+r_diff = 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def known(folders) -> Path:
+    """The satellite's folder, as if a known body with an unknown attitude and a drifting rate had
+    been fitted."""
+
+    def attitudes(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+        shape = (node.sizes["chain"], node.sizes["draw"])
+        found = node[["omega"]]
+        turns = Rotation.from_rotvec([0.7, -1.1, 0.4]) * Rotation.from_rotvec(
+            0.01 * rng.standard_normal((np.prod(shape), 3))
+        )
+        matrices = turns.as_matrix().reshape(*shape, 3, 3)
+        found["attitude"] = (("chain", "draw", "inertial", "body"), matrices)
+        found["rate_drift"] = (("chain", "draw"), 0.02 + 0.001 * rng.standard_normal(shape))
+        areas = 3.0 * np.exp(0.1 * rng.standard_normal((*shape, 2)))
+        found["albedo_area"] = (("chain", "draw", "material"), areas)
+        return found
+
+    options = {"body": L_SHAPE, "shadows": True}
+    folders["known"] = changed(
+        folders["satellite"], "known", attitudes, model="body", model_options=options
+    )
+    return folders["known"]
+
+
+def test_a_known_body_is_turned_with_its_attitude_and_drift(opened, known):
+    """By SciPy's rotations and the phase ω (t + ε [(t − t_m)² − t_m²]/2T) of a drifting rate."""
+    page = opened("known")
+    results = contents.read(known)
+    draws = results.modes[0].draws.isel(chain=0, draw=0)
+    omega, start = draws["omega"].to_numpy(), draws["attitude"].to_numpy()
+    t, half = results.t, 0.5 * results.span_s
+    even = t + float(draws["rate_drift"]) * ((t - half) ** 2 - half**2) / (4.0 * half)
+    obs = results.constant["obs"].to_numpy()
+    for index in (0, 10, 70, t.size - 1):
+        turned = Rotation.from_rotvec(omega * even[index]) * Rotation.from_matrix(start)
+        page.set("time", index)
+        assert page.view(BODY)[:3] == pytest.approx(turned.inv().apply(obs[index]), abs=2e-3)
+    page.set("colours", "uncertainty")
+    assert "of a material" in page.text("legend")
+
+
+@pytest.mark.usefixtures("known")
+def test_a_known_body_shades_itself(opened):
+    """Tiles of the floor are dark where the tower stands between them and the Sun."""
+    page = opened("known")
+    assert "in the shadow of another part" in page.tab.inner_text("#explore")
+    packed = page.tab.evaluate("JSON.parse(document.getElementById('explored').textContent)")
+    bodies = packed["modes"][0]["bodies"]
+    assert bodies["names"] == ["floor", "tower"]
+    shown = page.tab.evaluate(SHADED, [bodies, [-0.6, 0.0, 0.8]])
+    centre = 17.0 / (22.0 + 17.0) * np.array([-1.75, 0.0, 1.75])  # of the areas of both boxes
+    size = np.linalg.norm(np.array([2.0, 1.0, -0.25]) - centre)  # of the farthest corner
+    tiles = [(np.array(m) * size + centre, n, dark) for m, n, dark in shown]
+    floor = [(m, dark) for m, n, dark in tiles if n[2] > 0.9 and m[2] < 1 and m[0] > -1.5]
+    assert len(floor) > 100
+    length = (3.25 - 0.25) * 0.6 / 0.8  # of the shadow, from the tower's front at x = −1.5
+    wrong = [m for m, dark in floor if dark != (m[0] < -1.5 + length)]
+    assert not wrong
+    assert sum(dark for _, dark in floor) > 30
+
+
+# For each tile that faces the Sun: its middle, its normal, and whether a face is in the way.
+SHADED = """([bodies, towards]) => {
+  const sun = lcbayes.unit3(towards), read = (packed) => {
+    const corners = lcbayes.numbers(packed.vertices, Int16Array);
+    const sizes = lcbayes.numbers(packed.sizes, Uint8Array);
+    let from = 0;
+    return [...sizes].map((size) => {
+      const made = Array.from({ length: size }, (_, i) =>
+        [0, 1, 2].map((k) => corners[3 * (from + i) + k] / 32000));
+      from += size;
+      return lcbayes.face(made);
+    });
+  };
+  const blocking = read(bodies.blocking);
+  return read(bodies.solids[0]).filter((tile) => lcbayes.dot3(tile.n, sun) > 0).map((tile) => {
+    return [tile.middle, tile.n, lcbayes.inShadow(tile, blocking, sun)];
+  });
+}"""
 
 
 def test_it_plays_with_a_cursor_on_the_light_curve(opened):

@@ -129,7 +129,9 @@ def read_body_text(text: str) -> BodyFile:
     return BodyFile(title, body, {name: priors[name] for name in body.materials}, sizes)
 
 
-def with_shadows(text: str, sizes: Mapping[tuple[int, str], float]) -> KnownBody:
+def with_shadows(
+    text: str, sizes: Mapping[tuple[int, str], float], tolerance: float | None = None
+) -> KnownBody:
     """The body of a TOML text with shadows, whatever the file says of them.
 
     Parameters
@@ -138,6 +140,8 @@ def with_shadows(text: str, sizes: Mapping[tuple[int, str], float]) -> KnownBody
         As for `read_body_text`, which must accept it.
     sizes : (part, length) → m
         Values of the lengths that are unknown.
+    tolerance : float, optional
+        Of the flux of curved parts, over its maximum. Default: that of the file.
     """
     root = parse_toml(text, "the body's file")
     materials, _ = _materials(root)
@@ -150,6 +154,8 @@ def with_shadows(text: str, sizes: Mapping[tuple[int, str], float]) -> KnownBody
             if owner == i:
                 part.put(key, size)
     table.put("shadows", True)
+    if tolerance is not None:
+        table.put("tolerance", tolerance)
     table.vector("spin_axis", default=None)
     assembly, _ = read_parts(table, materials)
     return KnownBody.of(assembly, materials)

@@ -16,6 +16,7 @@ import pytest
 from lcbayes.analysis.pages import command
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE
+from lcbayes.core.version import installed_version
 from lcbayes.tasks.scan.options import ScanOptions
 
 
@@ -24,7 +25,9 @@ def test_version_of_a_checkout_that_is_not_installed(monkeypatch, capsys):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr("lcbayes.core.version.version", absent)
+    installed_version.cache_clear()
     assert main.main(["--version"]) == EXIT_DONE
+    installed_version.cache_clear()
     assert capsys.readouterr().out == "lcbayes 0+checkout\n"
 
 

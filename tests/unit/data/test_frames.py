@@ -82,7 +82,7 @@ def test_parquet(tmp_path, monkeypatch):
         raise ImportError
 
     monkeypatch.setattr(pd, "read_parquet", none)
-    with pytest.raises(InputError, match="needs pyarrow: pip install pyarrow"):
+    with pytest.raises(InputError, match=r"needs pyarrow: pip install 'lcbayes\[parquet\]'"):
         lcbayes.read(path)
 
 
