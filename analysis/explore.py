@@ -6,6 +6,7 @@ step, so that 3,000 points with forty draws of two solutions take about a megaby
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -175,6 +176,7 @@ def _by_law(results: Results, curve: LightCurve, order: NDArray[np.int64]) -> di
     that are fixed to others."""
     options = results.summary.get("model_options") or {}
     law = catalogue.parse(str(options.get("law") or "yaw-steering"))
+    curve = replace(curve, t=curve.t - curve.t.min())  # as the model counts
     rows = np.argsort(curve.t, kind="stable")[order]
     body = np.asarray(frames(law, curve).body)[rows]
     mobile: dict[str, list[int]] = {}

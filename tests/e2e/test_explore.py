@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
 import shutil
@@ -333,6 +334,33 @@ SHADED = """([bodies, towards]) => {
     return [tile.middle, tile.n, lcbayes.inShadow(tile, blocking, sun)];
   });
 }"""
+
+
+def test_a_satellite_of_a_law_is_turned_by_it_and_its_array_apart(opened, folders):
+    """A body that spins about z with a facet on one that does not; the axes by SciPy."""
+    options = {"law": "constant-rate:x=0,y=0,z=0.02", "facets": "fixed:+x"}
+
+    def facets(node: xr.Dataset, _: np.random.Generator) -> xr.Dataset:
+        return node[["normals", "albedo_area"]]
+
+    folders["law"] = changed(
+        folders["satellite"], "law", facets, model="stabilised", model_options=options
+    )
+    page = opened("law")
+    results = contents.read(folders["law"])
+    obs = results.constant["obs"].to_numpy()
+    turns = Rotation.from_rotvec(np.outer(results.t, [0.0, 0.0, 0.02])).inv()
+    for index in (0, 10, results.t.size - 1):
+        page.set("time", index)
+        assert page.view(BODY)[:3] == pytest.approx(turns[index].apply(obs[index]), abs=2e-3)
+    packed = page.tab.evaluate("JSON.parse(document.getElementById('explored').textContent)")
+    (mobile,) = packed["modes"][0]["attitude"]["mobile"]
+    assert mobile["facets"] == [0]
+    axes = np.frombuffer(base64.b64decode(mobile["axes"]), "<i2").reshape(-1, 3, 3) / 32000
+    np.testing.assert_allclose(axes, turns.as_matrix(), atol=1e-4)
+    plain = page.picture(BODY)
+    page.set("time", 3)
+    assert page.picture(BODY) != plain
 
 
 def test_it_plays_with_a_cursor_on_the_light_curve(opened):

@@ -31,6 +31,6 @@ def test_tiles_cover_each_material(name):
         sum(area(p) for p, at in zip(polygons, labels, strict=True) if at == label)
         for label in shape.names
     ]
-    np.testing.assert_allclose(covered / covered.sum(), faces / np.sum(faces), rtol=1e-9)
+    np.testing.assert_allclose(covered / covered.sum(), np.divide(faces, sum(faces)), rtol=1e-9)
     assert bool(shape.blocking) == (name != "sphere")
     assert not shape_of(body, shaded=False).blocking
