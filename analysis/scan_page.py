@@ -13,6 +13,7 @@ from lcbayes.analysis.sky_plots import FRAMES
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Options
 from lcbayes.core.text import probability
+from lcbayes.inversion.attitude_scan import nights
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.physics.bodies.closure import close
 from lcbayes.physics.bodies.minkowski import minkowski
@@ -42,6 +43,7 @@ def write_page(
         drawn = [
             scan_plots.draw_sky(scan, gallery),
             scan_plots.draw_periods(scan, gallery),
+            scan_plots.draw_nights(scan, gallery),
             scan_plots.draw_laws(scan, gallery),
             scan_plots.draw_fit(scan, gallery),
             None if body is None else scan_plots.draw_shape(body, gallery),
@@ -55,6 +57,7 @@ def write_page(
             headline=headline(summary),
             images=[image for image in drawn if image is not None],
             rows=_rows(summary),
+            ahead=nights.words(scan.nights) if scan.nights else [],
             spins=any("period_h" in s for s in summary["solutions"]),
             frame=FRAMES.get(scan.frame, scan.frame),
             took=duration(sum(scan.timing.values())),

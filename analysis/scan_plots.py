@@ -25,6 +25,39 @@ LEVELS = 65  # residual levels between which colours change evenly
 MARGIN = 0.08  # fraction of the range of periods added on either side, for searches that left it
 
 
+def draw_nights(scan: AttitudeScan, gallery: Gallery) -> Image | None:
+    """Expected probability of the true period after each night, and after the best together."""
+    ahead = scan.nights
+    if ahead is None:
+        return None
+    rows = ahead["nights"]
+    number = np.array([row["night"] for row in rows])
+    alone = [row["probability"] for row in rows]
+    figure = gallery.figure(7.0, 2.7)
+    axes = figure.subplots()
+    axes.bar(number, alone, width=0.7, color=colour(4), label="this night alone")
+    axes.axhline(ahead["now"], color=FAINT, lw=1.0, ls=":", label="now")
+    chosen = [row["night"] for row in ahead["together"]]
+    reached = [row["probability"] for row in ahead["together"]]
+    axes.plot(chosen, reached, "o", color=colour(1), ms=5, label="with those chosen before it")
+    for k, (x, y) in enumerate(zip(chosen, reached, strict=True), start=1):
+        axes.annotate(str(k), (x, y), (0, 5), textcoords="offset points", ha="center", fontsize=8.5)
+    axes.set_ylim(0.0, 1.12)
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
+    axes.set_xlim(0.3, len(rows) + 0.7)
+    axes.locator_params(axis="x", integer=True)
+    axes.set_xlabel("night of the file")
+    axes.set_ylabel("expected probability")
+    figure.legend(loc="outside upper right", ncols=3)
+    caption = (
+        "Expected probability of the true period after each night that could be observed, with an "
+        f"error of {ahead['error_mag']:g} mag for each point. Numbers: the best night, the best "
+        "one beside it, and so on."
+    )
+    alt = "Expected probability of the true period after each night."
+    return gallery.add(figure, "nights", alt, caption)
+
+
 def draw_sky(scan: AttitudeScan, gallery: Gallery) -> Image | None:
     """Residuals against the direction of the pole, at the best period."""
     if scan.sky is None or scan.screened is None:

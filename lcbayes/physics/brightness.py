@@ -15,10 +15,9 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Literal, get_args
 
-from jax.custom_derivatives import SymbolicZero
-
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
+from lcbayes.physics.tangents import present
 
 DiffuseLaw = Literal["non-lambertian", "lambertian", "lommel-seeliger-lambert"]
 LAMBERT_C = 0.1
@@ -90,6 +89,7 @@ def flux(
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
+@partial(jax.jit, static_argnums=0)
 def _flux(law, sun, obs, normals, albedo_area, c):
     few = normals.shape[0] < _FEW_FACETS
     kernel = diffuse_kernel(law, *_cosines(few, sun, obs, normals), c)[0]
@@ -98,6 +98,12 @@ def _flux(law, sun, obs, normals, albedo_area, c):
 
 @partial(_flux.defjvp, symbolic_zeros=True)
 def _flux_jvp(law, primals, tangents):
+    return _flux_and_change(law, primals, present(tangents))
+
+
+@partial(jax.jit, static_argnums=0)  # traced once, not at each of the times that a model is
+def _flux_and_change(law, primals, tangents):
+    """The flux and its change; tangents that are zero are None."""
     sun, obs, normals, albedo_area, c = primals
     d_sun, d_obs, d_normals, d_albedo_area, d_c = tangents
     few = normals.shape[0] < _FEW_FACETS
@@ -125,16 +131,16 @@ def _flux_jvp(law, primals, tangents):
 
     value = total(kernel, albedo_area)
     change = jnp.zeros_like(value)
-    if not isinstance(d_albedo_area, SymbolicZero):
+    if d_albedo_area is not None:
         change += total(kernel, d_albedo_area)
     area_vectors = albedo_area[:, None] * normals
-    if not isinstance(d_sun, SymbolicZero):
+    if d_sun is not None:
         change += along(d_sun, slope0, area_vectors)
-    if not isinstance(d_obs, SymbolicZero):
+    if d_obs is not None:
         change += along(d_obs, slope, area_vectors)
-    if not isinstance(d_normals, SymbolicZero):
+    if d_normals is not None:
         change += turned(sun, slope0) + turned(obs, slope)
-    if law == "lommel-seeliger-lambert" and not isinstance(d_c, SymbolicZero):
+    if law == "lommel-seeliger-lambert" and d_c is not None:
         lambert = jnp.maximum(mu0, 0.0) * jnp.maximum(mu, 0.0)
         change += d_c * total(lambert, albedo_area)
     return value, change

@@ -307,6 +307,34 @@ class ScanFit(TypedDict):
     sd_from_fit: bool
 
 
+class NightAhead(TypedDict):
+    """A night that could be observed; its start is in JD, or in seconds if no date is known."""
+
+    night: int
+    jd: NotRequired[float]
+    t_s: NotRequired[float]
+    n_points: int
+    hours: float
+    probability: float
+
+
+class NightChosen(TypedDict):
+    """The night chosen next, and the probability with all nights chosen so far."""
+
+    night: int
+    probability: float
+
+
+class NightsAhead(TypedDict):
+    """Expected probability of the true period after further nights."""
+
+    now: float
+    most: float
+    error_mag: float
+    nights: list[NightAhead]
+    together: list[NightChosen]
+
+
 class ScanNumbers(TypedDict):
     """Numbers of an attitude scan; ``modes`` are the solutions that fit as well as the best."""
 
@@ -319,6 +347,7 @@ class ScanNumbers(TypedDict):
     n_periods: int
     n_laws: int
     period_probability: float | None
+    nights: NightsAhead | None
     laws_left_out: dict[str, str]
     reflectance: str
     body: str

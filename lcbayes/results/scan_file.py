@@ -70,6 +70,7 @@ def _plain(scan: AttitudeScan) -> dict[str, Any]:
         "epoch_jd",
         "period_probability",
         "n_ranked",
+        "nights",
     )
     about = {k: getattr(scan, k) for k in names}
     about["error_known"] = bool(scan.error_known)

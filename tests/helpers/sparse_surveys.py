@@ -39,12 +39,8 @@ def times(rng: np.random.Generator, n_nights: int = 30, per_night: int = 4) -> n
     return np.concatenate([n + 0.3 + np.sort(rng.uniform(0, 0.02, per_night)) for n in nights])
 
 
-def observed(
-    noise: float = 0.02, axes: np.ndarray = AXES, seed: int = 1, period_h: float = PERIOD_H
-) -> LightCurve:
-    """Sparse points of an ellipsoid with a phase law and one outlier."""
-    rng = np.random.default_rng(seed)
-    t = times(rng)
+def brightness(t: np.ndarray, axes: np.ndarray = AXES, period_h: float = PERIOD_H) -> np.ndarray:
+    """Flux of an ellipsoid with a phase law, t in days."""
     sun, obs = directions(t)
     bisector = sun + obs
     bisector /= np.linalg.norm(bisector, axis=1, keepdims=True)
@@ -57,7 +53,17 @@ def observed(
     body = np.stack([cos * a + sin * b, cos * b - sin * a, c], 1)
     flux = np.prod(axes) * np.linalg.norm(body / axes, axis=1)
     alpha = np.arccos(np.sum(sun * obs, axis=1))
-    flux *= np.exp(-1.5 * alpha + 0.3 * np.exp(-alpha / 0.07) + noise * rng.standard_normal(t.size))
+    return flux * np.exp(-1.5 * alpha + 0.3 * np.exp(-alpha / 0.07))
+
+
+def observed(
+    noise: float = 0.02, axes: np.ndarray = AXES, seed: int = 1, period_h: float = PERIOD_H
+) -> LightCurve:
+    """Sparse points of an ellipsoid with a phase law and one outlier."""
+    rng = np.random.default_rng(seed)
+    t = times(rng)
+    sun, obs = directions(t)
+    flux = brightness(t, axes, period_h) * np.exp(noise * rng.standard_normal(t.size))
     flux[7] *= 2.0
     return LightCurve(
         t=86400.0 * t,

@@ -19,7 +19,7 @@ from lcbayes.core.progress import Silent, Track
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
-from lcbayes.inversion.attitude_scan import search, sparse, stabilised
+from lcbayes.inversion.attitude_scan import nights, search, sparse, stabilised
 from lcbayes.inversion.attitude_scan.faceted import polish
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
@@ -77,6 +77,7 @@ def run(
     n_workers: int | None,
     checkpoint: Checkpoint,
     progress: Silent,
+    further: nights.Further | None = None,
 ) -> AttitudeScan:
     """Screen every hypothesis, refine the best, relate them, and map the sky for the best period.
 
@@ -115,7 +116,9 @@ def run(
     scan.n_laws = len(chosen)
     with worker_pool(scheduler, n_workers) as workers:
         if settings.sparse:
-            points = _sparse_spins(curve, points, settings, scan, workers, checkpoint, progress)
+            points = _sparse_spins(
+                curve, points, settings, scan, workers, checkpoint, progress, further
+            )
         elif spins:
             _spins(curve, points, settings, scan, workers, checkpoint, progress)
         if chosen:
@@ -183,6 +186,7 @@ def _sparse_spins(
     run: Run,
     checkpoint: Checkpoint,
     progress: Silent,
+    further: nights.Further | None,
 ) -> Points:
     """Add the probable spins of sparse points to ``scan``: rank all, and refine the most probable.
 
@@ -196,6 +200,10 @@ def _sparse_spins(
     scan.n_periods, scan.n_ranked = len(found.frequencies), found.n_ranked
     scan.period_probability = found.period_probability
     scan.screened = sparse.table(found, curve.n_obs)
+    if further is not None:
+        with _timed(scan, "nights_s"), progress.stage("nights", 1, "file") as track:
+            scan.nights = nights.outlook(few, found, curve, further)
+            track.advance(1)
     spins = found.spins[: settings.keep]
     with (
         _timed(scan, "refine_s"),

@@ -164,8 +164,15 @@ def cells(points: SparsePoints, cell: Any, level: Any, frequency: Floats, width:
     """Cells with their masses: evidence^½ × prior, uniform over poles and over ln(period)."""
     level = np.broadcast_to(level, np.shape(cell)).copy()
     value = fits(points, sphere_cells.centres(cell, level), frequency).log_evidence
-    volume = np.log(width / frequency) - np.log(sphere_cells.number(1) * 4.0 ** (level - 1.0))
-    return Cells(np.asarray(cell), level, frequency, width, value, INFORMATION * value + volume)
+    found = Cells(np.asarray(cell), level, frequency, width, value, value)
+    return found._replace(log_mass=mass(found))
+
+
+def mass(of: Cells) -> Floats:
+    """ln of evidence^½ × prior of each cell."""
+    volume = np.log(of.width / of.frequency)
+    volume -= np.log(sphere_cells.number(1) * 4.0 ** (of.level - 1.0))
+    return INFORMATION * of.log_evidence + volume
 
 
 def total_mass(of: Cells) -> float:

@@ -126,6 +126,8 @@ class AttitudeScan:
         Of the period of the first solution, whatever its pole; None without a periodogram.
     n_ranked : int
         Number of spins that the periodogram ranked.
+    nights : dict or None
+        Of `nights.outlook`.
     """
 
     settings: Any
@@ -146,6 +148,7 @@ class AttitudeScan:
     epoch_jd: float | None = None
     period_probability: float | None = None
     n_ranked: int = 0
+    nights: dict[str, Any] | None = None
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: over the data, closer periods differ by less than one turn of the body."""

@@ -37,6 +37,7 @@ PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
 KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
+DRAWN = 256  # of all others
 DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
@@ -78,6 +79,11 @@ class SparseSearch:
         The periodogram: frequencies, greatest log-evidence at any pole, and that pole.
     n_ranked : int
         Number of poles times number of frequencies.
+    cells : Cells
+        Those that hold the posterior, without the shares of twice and half their periods, and 256
+        of all others, drawn by their masses and with as much mass together.
+    limits : (Hz, Hz)
+        The range of frequencies.
     """
 
     spins: list[Spin]
@@ -85,6 +91,8 @@ class SparseSearch:
     best: Floats
     pole: Floats
     n_ranked: int
+    cells: Cells
+    limits: tuple[float, float]
 
     @property
     def period_probability(self) -> float:
@@ -135,11 +143,14 @@ def search(
     poles = sphere_cells.centres(np.arange(number), LEVEL)
     value = periodogram(points, poles, first, apart, count)
     frequencies = first + apart * np.arange(count)
-    cells, rest = _cells(points, value, frequencies, apart)
-    found = _solutions(cells, rest, points.span, (frequencies[0], frequencies[-1]))
+    cells, others = _cells(points, value, frequencies, apart)
+    rest = evidence.total_mass(others)
+    limits = (frequencies[0], frequencies[-1])
+    found = _solutions(cells, rest, points.span, limits)
     at = np.argmax(value, axis=1)
     best = value.max(axis=1).astype(float)
-    return SparseSearch(found, frequencies, best, poles[at], value.size)
+    every = Cells(*(np.concatenate(x) for x in zip(cells, others, strict=True)))
+    return SparseSearch(found, frequencies, best, poles[at], value.size, every, limits)
 
 
 def table(found: SparseSearch, n_obs: int) -> Table:
@@ -229,8 +240,8 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
 
 def _cells(
     points: SparsePoints, value: NDArray[np.float32], frequencies: Floats, apart: float
-) -> tuple[Cells, float]:
-    """Cells that hold the posterior, and ln(mass) of all others."""
+) -> tuple[Cells, Cells]:
+    """Cells that hold the posterior, and some of all others, with the mass of these together."""
     volume = np.log(apart / frequencies)[:, None].astype(np.float32)
     mass = np.float32(evidence.INFORMATION) * value + volume
     kept = min(KEPT, mass.size)
@@ -241,14 +252,39 @@ def _cells(
     last = np.argsort(value[at, cell])[: max(kept // 4, 1)]
     shift = np.median((listed.log_evidence - value[at, cell])[last])
     mass.flat[top] = -np.inf
-    most, rest = float(mass.max()), -np.inf
-    if np.isfinite(most):  # in a narrow range, all hypotheses are listed
+    at, cell = _drawn(mass)
+    others = Cells(
+        cell,
+        np.full(len(cell), LEVEL),
+        frequencies[at],
+        np.full(len(cell), apart),
+        value[at, cell] + shift,
+        np.full(len(cell), -np.inf),
+    )
+    rest = -np.inf
+    if len(cell):  # in a narrow range, all hypotheses are listed
+        most = float(mass.max())
         rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
         rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
+        others = others._replace(log_mass=np.full(len(cell), rest - np.log(len(cell))))
     also = _doubled(points, listed, frequencies, apart)
     if also is not None:
         listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
-    return evidence.refined(points, evidence.located(points, listed), rest), rest
+    return evidence.refined(points, evidence.located(points, listed), rest), others
+
+
+def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of some hypotheses, drawn by their masses; none if all are zero."""
+    most = mass.max()
+    if not np.isfinite(most):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    rng = np.random.default_rng(0)
+    place = (np.arange(DRAWN) + rng.uniform(size=DRAWN)) / DRAWN
+    of_row = np.cumsum(np.exp(mass - most).sum(axis=1, dtype=float))
+    rows = np.searchsorted(of_row, place * of_row[-1]).clip(max=len(mass) - 1)
+    within = np.cumsum(np.exp(mass[rows] - most), axis=1)
+    part = rng.uniform(size=DRAWN) * within[:, -1]
+    return rows, np.sum(within < part[:, None], axis=1).clip(max=mass.shape[1] - 1)
 
 
 def _doubled(
@@ -273,15 +309,24 @@ def _doubled(
     return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
 
 
+def _inside(frequency: Floats, limits: tuple[float, float]) -> NDArray[np.bool_]:
+    return (limits[0] <= frequency) & (frequency <= limits[1])
+
+
+def own_share(frequency: Floats, limits: tuple[float, float]) -> Floats:
+    """What is left of the mass of a frequency after the shares of its multiples in the range."""
+    left = np.ones_like(frequency)
+    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
+        left -= part * _inside(factor * frequency, limits)
+    return left
+
+
 def _with_multiples(cells: Cells, limits: tuple[float, float]) -> Cells:
     """Cells that give a part of their mass to twice and half their period, where these lie in the
     range of frequencies (Hz): the posterior if some bodies are such as the model mistakes."""
-    low, high = limits
-    parts, kept = [], np.ones(len(cells.cell))
+    parts = []
     for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
-        inside = (low <= factor * cells.frequency) & (factor * cells.frequency <= high)
-        kept -= part * inside
-        moved, less = cells.rows(inside), np.log(part)
+        moved, less = cells.rows(_inside(factor * cells.frequency, limits)), np.log(part)
         parts.append(
             moved._replace(
                 frequency=factor * moved.frequency,
@@ -289,7 +334,8 @@ def _with_multiples(cells: Cells, limits: tuple[float, float]) -> Cells:
                 log_mass=moved.log_mass + less,
             )
         )
-    parts.append(cells._replace(log_mass=cells.log_mass + np.log(kept)))
+    own = np.log(own_share(cells.frequency, limits))
+    parts.append(cells._replace(log_mass=cells.log_mass + own))
     return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 

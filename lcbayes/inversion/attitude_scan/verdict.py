@@ -41,6 +41,7 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
         "n_laws": scan.n_laws,
         "laws_left_out": scan.left_out,
         "period_probability": scan.period_probability,
+        "nights": scan.nights,
         "reflectance": scan.settings.reflectance,
         "body": "harmonics" if smooth else "facets",
         "solutions": solutions,

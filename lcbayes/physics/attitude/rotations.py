@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from jax.custom_derivatives import SymbolicZero
-
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.tangents import present
 
 type Scalar = jax.Array | float
 
@@ -82,23 +81,28 @@ def _turned(
 
 @partial(_turned.defjvp, symbolic_zeros=True)
 def _turned_jvp(primals, tangents):
-    t, omega, columns = primals
-    dt, d_omega, d_columns = tangents
+    return _turned_and_change(*primals, *present(tangents))
+
+
+@jax.jit
+def _turned_and_change(t, omega, columns, dt, d_omega, d_columns):
+    """The rotated columns and their change; tangents that are zero are None."""
     turned, (a, b, c) = _turn(t, omega, columns)
     psi = jnp.zeros_like(turned[0])
-    if not isinstance(d_omega, SymbolicZero):
+    if d_omega is not None:
         once = jnp.cross(omega, d_omega)
         basis = jnp.stack([d_omega, -once, jnp.cross(omega, once)])
         psi = basis.T @ jnp.stack([t, b, c])
-    if not isinstance(dt, SymbolicZero):
+    if dt is not None:
         psi = psi + omega[:, None] * dt
     change = [cross(u, psi) for u in turned]
     for k, dv in enumerate(d_columns):
-        if not isinstance(dv, SymbolicZero):
+        if dv is not None:
             change[k] = change[k] + _rotated(dv, omega, a, b)
     return turned, tuple(change)
 
 
+@jax.jit  # traced once, not at each of the hundreds of times that a model is
 def _turn(t, omega, columns):
     """The rotated columns, and the functions of the angles required by the derivative."""
     # The barriers prevent XLA from recomputing the angles at each use.

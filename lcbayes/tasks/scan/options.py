@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.durations import LISTED, seconds
@@ -90,6 +91,13 @@ class ScanOptions(Options):
         help="bodies are fitted to every pole and period, or all are ranked by a periodogram; by "
         "default by the number of points a night",
     )
+    nights: Path | None = option(
+        None,
+        metavar="FILE",
+        help="epochs and geometry of points that could be observed: how far each night, and "
+        "several together, would settle the period of sparse points",
+    )
+    night_error: float = option(0.02, unit="mag", above=0.0, help="error of one of these points")
     common_noise: bool = option(
         False, help="where errors are unknown: one relative noise level for all curves"
     )
@@ -111,6 +119,7 @@ examples:
   lcbayes scan 43_Ariadne.lcs --period-range 5.75,5.775 -o out
   lcbayes scan 43_Ariadne.lcs --period 5.762 -o out
   lcbayes scan survey.lcs -o out
+  lcbayes scan survey.lcs --nights next-month.csv --night-error 0.03 -o out
   lcbayes scan tumbler.csv --tle object.tle --period-range 20s,300s --n-poles 24 -o out
   lcbayes scan passes.csv --tle object.tle --law all -o out
   lcbayes scan 43_Ariadne.lcs --period-range 5,6 --scheduler tcp://10.0.0.1:8786 -o out

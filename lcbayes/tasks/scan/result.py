@@ -15,6 +15,7 @@ import numpy as np
 from lcbayes.analysis import scan_page, scan_plots, style
 from lcbayes.core.reasons import Reason
 from lcbayes.core.text import probability
+from lcbayes.inversion.attitude_scan import nights
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, written_period
 from lcbayes.results.content import ScanContent, ScanSolution
 from lcbayes.results.record import Record
@@ -81,11 +82,14 @@ class Scan(Result[ScanContent]):
         return pd.DataFrame(self.solutions).reindex(columns=known).rename(columns=COLUMNS)
 
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Solutions, and every hypothesis with its chi2."""
+        """Solutions, every hypothesis with its chi2, and nights that could be observed."""
         import pandas as pd
 
         heads, rows = self._scan.table()
-        return {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
+        found = {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
+        if (ahead := self.content.get("nights")) is not None:
+            found["nights"] = pd.DataFrame(ahead["nights"])
+        return found
 
     def lines(self) -> list[str]:
         content = self.content
@@ -113,6 +117,8 @@ class Scan(Result[ScanContent]):
             lines.append(
                 f"= one of these with probability 0.99; the period of 1: {probability(chance)}"
             )
+        if (ahead := content.get("nights")) is not None:
+            lines += nights.words(ahead)
         spins = any(s["near_equal"] and "period_h" in s for s in self.solutions)
         return lines + (onward(self) if spins else [])
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.read import read_geometry
 from lcbayes.inference.fit import digest
 from lcbayes.inversion.attitude_scan import engine, sparse
 from lcbayes.inversion.attitude_scan.grid import STEP
+from lcbayes.inversion.attitude_scan.nights import Further
 from lcbayes.inversion.attitude_scan.verdict import summarise
 from lcbayes.results.reasons import reasons
 from lcbayes.tasks.fit.run import check_curve
@@ -27,7 +29,8 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     refined by Levenberg-Marquardt over pole, period and a smooth convex body. Laws: each stabilised
     attitude of the catalogue is fitted with facets on a grid. Sparse points of asteroids: a
     periodogram ranks all poles and periods, solutions have probabilities, and the most probable are
-    refined. The scan is deterministic.
+    refined; ``nights`` foretells how far further nights would settle the period. The scan is
+    deterministic.
 
     {parameters}
 
@@ -66,6 +69,11 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     period_range = None if asked is None else (asked[0], asked[1])
     if sparse_points and period_range is None:
         period_range = sparse.PERIODS_H
+    further = None
+    if options.nights is not None:
+        if not sparse_points:
+            raise InputError("--nights is for sparse points of asteroids, ranked by a periodogram")
+        further = Further(read_geometry(options.nights), options.night_error)
     settings = engine.Settings(
         options.period,
         period_range,
@@ -93,6 +101,7 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
         options.workers,
         context.checkpoint(identity),
         context.progress,
+        further,
     )
     content, against = summarise(complete, curve)
     return Scan(complete, content, reasons(against))
