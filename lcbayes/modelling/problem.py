@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import partial, wraps
 from threading import RLock
 from typing import Any, NamedTuple
 
@@ -30,6 +30,20 @@ Sites = dict[str, jax.Array]
 TRACING = RLock()
 """To be held by whoever enters a NumPyro handler: they lie on one stack for all threads. Models run
 only while they are traced, so compiled programs do not wait for each other."""
+
+
+def _once[**P, R](method: Callable[P, R]) -> Callable[P, R]:
+    """A method of a problem that is traced once for data of one structure.
+
+    Samplers, searches and tests differentiate and batch the same functions again and again, and to
+    trace a NumPyro model takes a tenth of a second. The compiled program is the same.
+    """
+
+    @wraps(method)
+    def call(*args: P.args, **_: P.kwargs) -> R:
+        return _call(method, *args)
+
+    return call
 
 
 class Moments(NamedTuple):
@@ -163,6 +177,7 @@ class Problem:
             seeded = handlers.seed(self.model, jax.random.key(0) if key is None else key)
             return handlers.trace(handlers.substitute(seeded, sites)).get_trace(data)
 
+    @_once
     def potential(self, z: jax.Array, data: Epochs) -> jax.Array:
         """−log p(y, z) with respect to z."""
         trace, log_det = self._trace(z, data)
@@ -176,6 +191,7 @@ class Problem:
         """Gradient of the potential, (D,)."""
         return jax.grad(self.potential)(z, data)
 
+    @_once
     def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
         """ln of the model's further factors on the prior of `prior_draw`, without the brightness.
 
@@ -202,6 +218,7 @@ class Problem:
             for k in self.names
         }
 
+    @_once
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
         return _moments(self._trace(z, data)[0][OBSERVED])
@@ -221,6 +238,7 @@ class Problem:
         _, push = jax.linearize(centre, self._flux(free, data))
         return jax.vmap(push)(change) / self.moments(z, data).sd
 
+    @_once
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 
@@ -237,6 +255,7 @@ class Problem:
             *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
         )
 
+    @_once
     def log_tail(self, z: jax.Array, data: Epochs) -> jax.Array:
         """ln of the one-sided tail probability of the recorded brightness y, (T,).
 
@@ -247,11 +266,13 @@ class Problem:
         mirrored = fn.loc - jnp.abs(site["value"] - fn.loc)
         return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
 
+    @_once
     def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Log-likelihood of each point at full weight, (T,)."""
         site = self._trace(z, data)[0][OBSERVED]
         return site["fn"].log_prob(site["value"])
 
+    @_once
     def constrain(self, z: jax.Array, data: Epochs) -> Sites:
         """All latent and deterministic sites at z, in the units of the model."""
         trace, _ = self._trace(z, data)
@@ -284,6 +305,7 @@ class Problem:
         each = jnp.append(faults.zero_point, 0.0)[data.calibration]
         return drawn + zero_point_response(data, _moments(site).mean) * each
 
+    @_once
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Expected information of all observed sites plus the prior precision, (D, D).
 
@@ -316,6 +338,7 @@ class Problem:
         sd = sd * (jnp.sqrt(2 * v) / moments.sd)
         return information + sd @ sd.T
 
+    @_once
     def prior_precision(self, z: jax.Array, data: Epochs) -> jax.Array:
         """Precision of the prior of z, (D, D), positive semi-definite by construction.
 

@@ -39,17 +39,19 @@ def times(rng: np.random.Generator, n_nights: int = 30, per_night: int = 4) -> n
     return np.concatenate([n + 0.3 + np.sort(rng.uniform(0, 0.02, per_night)) for n in nights])
 
 
-def brightness(t: np.ndarray, axes: np.ndarray = AXES, period_h: float = PERIOD_H) -> np.ndarray:
+def brightness(
+    t: np.ndarray, axes: np.ndarray = AXES, period_h: float = PERIOD_H, pole: np.ndarray = POLE
+) -> np.ndarray:
     """Flux of an ellipsoid with a phase law, t in days."""
     sun, obs = directions(t)
     bisector = sun + obs
     bisector /= np.linalg.norm(bisector, axis=1, keepdims=True)
-    x = np.cross([0.0, 0.0, 1.0], POLE)
+    x = np.cross([0.0, 0.0, 1.0], pole)
     x /= np.linalg.norm(x)
-    y = np.cross(POLE, x)
+    y = np.cross(pole, x)
     angle = 2 * np.pi * 24.0 * t / period_h
     cos, sin = np.cos(angle), np.sin(angle)
-    a, b, c = bisector @ x, bisector @ y, bisector @ POLE
+    a, b, c = bisector @ x, bisector @ y, bisector @ pole
     body = np.stack([cos * a + sin * b, cos * b - sin * a, c], 1)
     flux = np.prod(axes) * np.linalg.norm(body / axes, axis=1)
     alpha = np.arccos(np.sum(sun * obs, axis=1))
@@ -57,13 +59,17 @@ def brightness(t: np.ndarray, axes: np.ndarray = AXES, period_h: float = PERIOD_
 
 
 def observed(
-    noise: float = 0.02, axes: np.ndarray = AXES, seed: int = 1, period_h: float = PERIOD_H
+    noise: float = 0.02,
+    axes: np.ndarray = AXES,
+    seed: int = 1,
+    period_h: float = PERIOD_H,
+    pole: np.ndarray = POLE,
 ) -> LightCurve:
     """Sparse points of an ellipsoid with a phase law and one outlier."""
     rng = np.random.default_rng(seed)
     t = times(rng)
     sun, obs = directions(t)
-    flux = brightness(t, axes, period_h) * np.exp(noise * rng.standard_normal(t.size))
+    flux = brightness(t, axes, period_h, pole) * np.exp(noise * rng.standard_normal(t.size))
     flux[7] *= 2.0
     return LightCurve(
         t=86400.0 * t,
