@@ -14,9 +14,20 @@ def test_the_longest_of_equal_tests_leaves():
     times = {"a": 9.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 0.3}
     # "a" has line 3 alone; "b" is in "c" and "d"; without it, "c" has line 2 alone; "e" is short.
     assert quick_run.chosen(times, lines) == ["b", "d"]
+    assert quick_run.chosen({"unknown": 9.0}, lines) == []
 
 
 CASES = {"": [0], "a": [0, 3], "b": [1, 2], "c": [0, 1, 2], "d": [1], "e": [1]}
+
+
+def test_times_have_the_names_of_tests(tmp_path):
+    cases = '<testcase classname="tests.unit.test_a.TestB" name="test_c[1]" time="2.5"/>'
+    cases += '<testcase classname="tests.e2e.test_d" name="test_e" time="0.5"/>'
+    (tmp_path / "times.xml").write_text(f"<testsuite>{cases}</testsuite>")
+    assert quick_run.seconds(tmp_path / "times.xml") == {
+        "tests/unit/test_a.py::TestB::test_c[1]": 2.5,
+        "tests/e2e/test_d.py::test_e": 0.5,
+    }
 
 
 def test_every_listed_test_is_there():

@@ -44,8 +44,11 @@ def seconds(junit: Path) -> dict[str, float]:
     """Time of each test by node id."""
     times = {}
     for case in ET.parse(junit).iter("testcase"):
-        module = case.attrib["classname"].replace(".", "/") + ".py"
-        times[f"{module}::{case.attrib['name']}"] = float(case.attrib["time"])
+        parts = case.attrib["classname"].split(".")
+        files = (i for i, part in enumerate(parts, 1) if part.startswith("test_"))
+        depth = next(files, len(parts))
+        where = ["/".join(parts[:depth]) + ".py", *parts[depth:], case.attrib["name"]]
+        times["::".join(where)] = float(case.attrib["time"])
     return times
 
 
@@ -65,9 +68,9 @@ def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -
     left = Counter(line for name, some in executed.items() if name for line in some - imported)
     long = []
     for name in sorted(times, key=lambda n: (-times[n], n)):
-        if times[name] < LEAST_S or name.startswith(KEPT):
+        if times[name] < LEAST_S or name.startswith(KEPT) or name not in executed:
             continue
-        own = executed.get(name, set()) - imported
+        own = executed[name] - imported
         if all(left[line] > 1 for line in own):
             left.subtract(own)
             long.append(name)
