@@ -307,7 +307,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
                 phase[few],
                 float(geometry.t[rows[0]]),
                 len(rows),
-                float(np.ptp(t[rows])) / HOUR_S,
+                round(float(np.ptp(t[rows])) / HOUR_S, 4),
                 len(few) / len(rows),
             )
         )
@@ -317,13 +317,14 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
 def words(found: Mapping[str, Any]) -> list[str]:
     """What further nights would bring, in sentences."""
     said = [
-        f"Expected probability of the true period: {found['now']:.2f} now; no number of nights "
-        f"brings more than {found['most']:.2f}."
+        f"Expected probability of the true period: {found['now']:.2f} now; at most "
+        f"{found['most']:.2f} after any number of nights, as half and twice a period keep a share."
     ]
     where = {row["night"]: row for row in found["nights"]}
     for k, row in enumerate(found["together"], start=1):
         night = where[row["night"]]
-        when = f"JD {night['jd']:.2f}" if "jd" in night else f"{night['t_s'] / DAY_S:.2f} d"
+        when = f"JD {night['jd']:.2f}" if "jd" in night else f"t = {night['t_s'] / DAY_S:.2f} d"
         what = f"{night['n_points']} points in {night['hours']:.1f} h from {when}"
-        said.append(f"{k} night{'s' * (k > 1)}: {row['probability']:.2f}, with {what}.")
+        how = "with" if k == 1 else "adding"
+        said.append(f"{k} night{'s' * (k > 1)}: {row['probability']:.2f}, {how} {what}.")
     return said
