@@ -174,7 +174,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
     with Silent().stage("", 1, "") as track:
         rows, *_ = Sampler(problem, settings, 2).run(
             "refit",
-            z.mean(axis=0),
+            z.mean(axis=0)[None],
             without,
             jax.random.key(p),
             Checkpoint(None, {}),

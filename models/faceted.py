@@ -127,9 +127,10 @@ def moves(
     reflectance: brightness.DiffuseLaw = "non-lambertian",
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
+    zero_point_sd: float = nuisances.ZERO_POINT_SD,
     **options: object,  # noqa: ARG001
 ) -> FacetMoves | None:
     """Moves of single facets of a spinning body of several, to test whether chains missed any."""
     if spin != "free" or n_facets < MOVED_FACETS:
         return None
-    return FacetMoves.of(problem, data, reflectance, log_area_mean, log_area_sd)
+    return FacetMoves.of(problem, data, reflectance, log_area_mean, log_area_sd, zero_point_sd)

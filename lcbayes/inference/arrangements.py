@@ -1,69 +1,64 @@
-"""Whether chains about a solution have seen every arrangement of its facets.
+"""Solutions with one rotation, which differ in the arrangement of their facets only.
 
-A weak facet may lie wherever it is hardly seen, or share the place of a strong one. Chains that
-follow gradients do not cross from one such arrangement to another, and agree with each other all
-the same. `samplers.facet_moves` crosses, and leaves the posterior invariant: draws of the whole
-posterior remain in the region that they fill. If more leave it than chance allows, the chains have
-missed a part.
+A weak facet may lie wherever it is hardly seen, or share the place of a strong one. Each of these
+arrangements is an optimum of its own. `samplers.facet_moves` leads chains from one to another, so
+that all of them are one solution.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import logsumexp
 
-from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.reasons import Finding
-from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.modes import ENCLOSED, Mode, Region
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.solutions import Solution
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.samplers.convergence import MAX_RHAT, rhat_and_ess
-from lcbayes.samplers.facet_moves import FacetMoves
+from lcbayes.modelling.problem import Problem, compiled
 
-DRAWS, SWEEPS = 200, 4  # draws moved, and times that each is moved
-FALSE_ALARM = 1e-3  # of a solution
-LEAST_WEIGHT = 0.05  # of a solution that is tested
+SAME_PHASE = 1.0  # rad, by which equal rotations may differ at the ends of the light curve
+SAME_AXIS_DEG = 20.0
 
 
-def missed(
-    moves: FacetMoves, modes: Sequence[Mode], order: FacetOrder, data: Epochs, key: jax.Array
-) -> list[Finding]:
-    """A warning if draws of the solutions leave their regions when facets are moved.
+def by_rotation(
+    problem: Problem, data: Epochs, solutions: Sequence[Solution]
+) -> list[list[Solution]]:
+    """The solutions, grouped by the angular velocity ``omega``, the most probable group first.
 
-    The region of a solution is the ellipsoid that encloses 99 % of its draws. Solutions of small
-    weight, and those whose chains disagree, are not tested. The number of draws that are moved is
-    at most their effective number, so that they are nearly independent.
+    Rotations are equal if their axes are within `SAME_AXIS_DEG` and their phases within
+    `SAME_PHASE` at the ends of the light curve when they agree in the middle.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose coordinates those of the solutions are.
+    data : Epochs
+    solutions : sequence of Solution
     """
-    regions = [Region.of(mode.z) for mode in modes]
-    worst = 0.0
-    for i, mode in enumerate(modes):
-        flat = mode.z.reshape(-1, mode.z.shape[-1])
-        rhat, size = rhat_and_ess(mode.z)
-        if mode.weight < LEAST_WEIGHT or not rhat <= MAX_RHAT:
-            continue
-        number = int(min(DRAWS, size))
-        rows = np.linspace(0, len(flat) - 1, number).round().astype(int)
-        padded = np.resize(flat[rows], (DRAWS, flat.shape[1]))
-        keys = jax.random.split(jax.random.fold_in(key, i), DRAWS)
-        moved = np.asarray(_moved(moves, keys, padded, data))[:number]
-        inside = [r.share(order.like_all(moved, r.mean)) <= 1.0 for r in regions]
-        outside = ~np.any(inside, axis=0)
-        if binom.sf(outside.sum() - 1, number, 1.0 - ENCLOSED) < FALSE_ALARM:
-            worst = max(worst, float(outside.mean()))
-    return [Finding("facets-elsewhere", {"percent": 100.0 * worst})] if worst else []
+    span = float(np.asarray(data.t_span))
+    groups: list[tuple[np.ndarray, list[Solution]]] = []
+    for solution in sorted(solutions, key=lambda s: -s.log_evidence):
+        omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
+        for known, members in groups:
+            if _equal(omega, known, span):
+                members.append(solution)
+                break
+        else:
+            groups.append((omega, [solution]))
+    members = [m for _, m in groups]
+    return sorted(members, key=lambda g: -joint(g).log_evidence)
 
 
-@jax.jit
-def _moved(moves: FacetMoves, keys: jax.Array, rows: jax.Array, data: Epochs) -> jax.Array:
-    """Rows z (n, D) after `SWEEPS` sweeps of the moves."""
+def joint(group: Sequence[Solution]) -> Solution:
+    """The first of a group of solutions, with the evidence and the hits of all."""
+    log_evidence = float(logsumexp([s.log_evidence for s in group]))
+    return replace(group[0], log_evidence=log_evidence, hits=sum(s.hits for s in group))
 
-    def one(row: tuple[jax.Array, jax.Array]) -> jax.Array:
-        key, z = row
-        z, _ = jax.lax.scan(
-            lambda z, k: (moves(k, z, data), None), z, jax.random.split(key, SWEEPS)
-        )
-        return z
 
-    return jax.lax.map(one, (keys, jnp.asarray(rows)))
+def _equal(a: np.ndarray, b: np.ndarray, span: float) -> bool:
+    rates = np.linalg.norm(a), np.linalg.norm(b)
+    phase = 0.5 * span * abs(rates[0] - rates[1])
+    cosine = a @ b / max(rates[0] * rates[1], 1e-300)
+    return bool(phase < SAME_PHASE and cosine > np.cos(np.radians(SAME_AXIS_DEG)))

@@ -21,7 +21,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
-from lcbayes.inference.arrangements import missed
+from lcbayes.inference.arrangements import by_rotation, joint
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import Mode, join, left_out, recount, unsampled, weigh
 from lcbayes.inference.problem_cache import build_problem
@@ -31,6 +31,7 @@ from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_search.search import applies, complete_search
 from lcbayes.inference.spin_solutions import SpinSolution, spin_solutions, undetermined
 from lcbayes.inference.start_from import placed
+from lcbayes.inference.warped_bridge import with_ratios
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
 from lcbayes.modelling.nutation import RESPONSE
@@ -95,7 +96,9 @@ def run(
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return fit.by_particles(found, key)
-    if plain is not problem and not hold(plain, problem, found.solutions, found.data):
+    if plain is not problem and not hold(
+        plain, problem, [*found.solutions, *found.rest], found.data
+    ):
         problem = plain
     return fit.by_chains(problem, found, key)
 
@@ -204,6 +207,19 @@ class Stages:
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
         return Found(sampled, rest, ends, data, len(starts), coverage)
 
+    def sampler(self, problem: Problem, data: Epochs) -> Sampler:
+        """The sampler of chains, with the moves of the model if it has any."""
+        hook = self.entry.hook("moves")
+        moves = None if hook is None else hook(problem, data, **self.options)
+        return Sampler(problem, self.settings, self.workers, moves, self.order(problem).like_all)
+
+    def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
+        """The optima between which the chains move, in one group each; the most probable first."""
+        every = [*found.solutions, *found.rest]
+        if sampler.moves is None:
+            return [[solution] for solution in every]
+        return by_rotation(self.plain, found.data, every)
+
     def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
         plain, data = self.plain, found.data
@@ -228,15 +244,19 @@ class Stages:
         """Chains about each solution in the coordinates of ``problem``, with bridge weights."""
         settings, data = self.settings, found.data
         order = self.order(problem)
-        sampler = Sampler(problem, settings, self.workers)
+        sampler = self.sampler(problem, data)
+        groups = self.groups(sampler, found)
+        sampled = groups[: settings.max_modes]
+        rest = [s for group in groups[settings.max_modes :] for s in group]
         modes: list[Mode] = []
-        draws = len(found.solutions) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
+        draws = len(sampled) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
         with self.progress.stage("sampling", draws, "draws") as track:
-            for i, solution in enumerate(found.solutions):
-                z0 = np.asarray(_translate(self.plain, problem, solution.z, data))
+            for i, group in enumerate(sampled):
+                starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in group]
+                z0 = starts[0]
                 z, stats, whitening, tuning = sampler.run(
                     f"mode-{i}",
-                    z0,
+                    np.stack([order.like(start, z0) for start in starts]),
                     data,
                     jax.random.fold_in(key, i),
                     self.checkpoint,
@@ -246,14 +266,13 @@ class Stages:
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
                 log_z = evidence(problem, data, order, whitening, z, z0, rng)
-                join(modes, Mode(solution, z, stats, log_z, tuning=tuning), order)
+                join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
+        if sampler.moves is not None and len(modes) > 1:
+            modes = with_ratios(modes, problem, order, data)
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
-        left, share = unsampled(modes, self.plain, problem, found.rest, order, data)
-        hook = self.entry.hook("moves")
-        moves = None if hook is None else hook(problem, data, **self.options)
-        elsewhere = [] if moves is None else missed(moves, modes, order, data, key)
+        left, share = unsampled(modes, self.plain, problem, rest, order, data)
         spins = spin_solutions(self.plain, data, [m.solution for m in modes], left)
         return Posterior(
             problem,
@@ -262,8 +281,8 @@ class Stages:
             log_evidence,
             found.n_starts,
             self.timing,
-            [*(undetermined(spins, share) or left_out(len(left), share)), *elsewhere],
-            self.settings,
+            undetermined(spins, share) or left_out(len(left), share),
+            sampler.settings,
             found.coverage,
             spins,
         )

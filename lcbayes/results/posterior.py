@@ -82,6 +82,8 @@ CURVES = 40  # draws of which the brightness without noise is stored
 FACTORS = "factors"  # ln of the factors of a prior, besides the densities of its sites
 METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
+    "facet-moves": "Fisher information at a point drawn proposal_scale posterior widths from each "
+    "draw, in turn with moves of single facets",
     "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
     "where proposal_scale is inf, the inverse covariance of the warm-up",
     "ahmc-paper": "Fisher information at the start of each trajectory",

@@ -34,9 +34,6 @@ SENTENCES = {
     "there may be better ones; search longer with --num-starts",
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
-    "facets-elsewhere": "the chains did not see every arrangement of the facets: when single "
-    "facets were moved, {percent:.0f} % of the draws left the region of the solutions; the "
-    "intervals of facets are too narrow; fit fewer facets",
     "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "
     "with periods from {shortest_s:.5g} to {longest_s:.5g} s and {axes}, and solutions with some "
     "{percent:.0f} % of the posterior were not sampled; observe another pass, or raise --max-modes",

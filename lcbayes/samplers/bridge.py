@@ -7,10 +7,75 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
-BRIDGED = 5  # effective number of Gaussian proposals that must overlap with the draws
+COMPONENTS = (1, 2, 4, 8)  # Gaussians of a mixture
+BRIDGED = 5  # effective number of proposals that must overlap with the draws
+
+
+class Mixture(NamedTuple):
+    """A mixture of K Gaussians.
+
+    Attributes
+    ----------
+    log_weight : (K,)
+    mean : (K, D)
+    root : (K, D, D)
+        Cholesky factors of the covariances.
+    """
+
+    log_weight: Floats
+    mean: Floats
+    root: Floats
+
+    @classmethod
+    def of(cls, draws: Floats, rng: np.random.Generator) -> Mixture:
+        """The mixture of 1, 2, 4 or 8 Gaussians that describes held-out draws (n, D) best.
+
+        Components are clusters of the draws. The covariance of each is drawn towards their mean
+        covariance with the weight of D draws, so that a small cluster has one too.
+        """
+        here, there = draws[::2], draws[1::2]
+        fits = [
+            cls._clusters(here, k, rng) for k in COMPONENTS if k * 4 * draws.shape[1] <= len(here)
+        ]
+        best = max(fits or [cls._clusters(here, 1, rng)], key=lambda q: q.log_density(there).mean())
+        return cls._clusters(draws, len(best.log_weight), rng)
+
+    @classmethod
+    def _clusters(cls, draws: Floats, number: int, rng: np.random.Generator) -> Mixture:
+        n, dim = draws.shape
+        whole = np.cov(draws.T).reshape(dim, dim) + 1e-10 * np.eye(dim)
+        white = np.linalg.solve(np.linalg.cholesky(whole), (draws - draws.mean(axis=0)).T).T
+        label = np.zeros(n, int)
+        if number > 1:
+            _, label = kmeans2(white, number, minit="++", rng=rng)
+        parts = [draws[label == k] for k in np.unique(label)]
+        squares = [(p - p.mean(axis=0)).T @ (p - p.mean(axis=0)) for p in parts]
+        within = sum(squares) / n
+        covariance = [
+            (square + dim * within) / (len(p) + dim)
+            for p, square in zip(parts, squares, strict=True)
+        ]
+        root = np.linalg.cholesky(np.stack(covariance) + 1e-10 * np.eye(dim))
+        log_weight = np.log([len(p) / n for p in parts])
+        return cls(log_weight, np.stack([p.mean(axis=0) for p in parts]), root)
+
+    def draws(self, n: int, rng: np.random.Generator) -> Floats:
+        """n draws, (n, D)."""
+        which = rng.choice(len(self.mean), n, p=np.exp(self.log_weight))
+        noise = rng.standard_normal((n, self.mean.shape[1]))
+        return self.mean[which] + np.einsum("nij,nj->ni", self.root[which], noise)
+
+    def log_density(self, x: Floats) -> Floats:
+        """ln q of each row (n, D)."""
+        each = []
+        for log_weight, mean, root in zip(*self, strict=True):
+            w = np.linalg.solve(root, (x - mean).T)
+            each.append(log_weight - 0.5 * np.sum(w**2, axis=0) - np.log(np.diag(root)).sum())
+        return logsumexp(each, axis=0) - 0.5 * x.shape[1] * np.log(2 * np.pi)
 
 
 class LogEvidence(NamedTuple):
@@ -28,7 +93,8 @@ def bridge(
 ) -> LogEvidence:
     """Evidence of the solution sampled by ``draws``.
 
-    A Gaussian q is fitted to one half of the draws. The bridge between q and the other half gives
+    A mixture of Gaussians q is fitted to one half of the draws. The bridge between q and the other
+    half gives
     Z = E_q[p̃ h] / E_p[q h], with the optimal h ∝ 1/(s₁ p̃ + s₂ Z q) iterated to its fixed point.
 
     Parameters
@@ -49,36 +115,47 @@ def bridge(
     half = draws.shape[1] // 2
     dim = draws.shape[2]
     fit, use = draws[:, :half].reshape(-1, dim), draws[:, half:].reshape(-1, dim)
-    mean, cov = fit.mean(axis=0), np.cov(fit.T).reshape(dim, dim) + 1e-10 * np.eye(dim)
-    chol = np.linalg.cholesky(cov)
-    proposal = mean + rng.standard_normal((len(use), dim)) @ chol.T
-
-    def log_q(x: Floats) -> Floats:
-        w = np.linalg.solve(chol, (x - mean).T)
-        return -0.5 * np.sum(w**2, 0) - np.log(np.diag(chol)).sum() - 0.5 * dim * np.log(2 * np.pi)
+    q = Mixture.of(fit, rng)
+    proposal = q.draws(len(use), rng)
 
     log_p_use, log_p_new = -potential(use), -potential(proposal)
-    log_p_new = np.where(np.isfinite(log_p_new), log_p_new, -np.inf)
-    ratio_use, ratio_new = log_p_use - log_q(use), log_p_new - log_q(proposal)
-    n_use, n_new = min(len(use), ess * len(use) / draws[..., 0].size), len(proposal)
-    s1, s2 = np.log(n_use / (n_use + n_new)), np.log(n_new / (n_use + n_new))
-    z = np.median(ratio_use)
-    # Without overlap of the Gaussian and the draws, the bridge estimate is arbitrary. The fallback
-    # is the median of p̃/q at the draws, with the scatter of its logarithm as the error.
-    apart = LogEvidence(float(z), max(1.0, float(np.std(ratio_use))))
-    if not np.any(np.isfinite(ratio_new)):
+    n_use = min(len(use), ess * len(use) / draws[..., 0].size)
+    ratios = log_p_use - q.log_density(use), log_p_new - q.log_density(proposal)
+    return log_ratio(*ratios, n_use, len(proposal))
+
+
+def log_ratio(at_p: Floats, at_q: Floats, n_p: float, n_q: float) -> LogEvidence:
+    """ln Z_p/Z_q of two densities p̃ and q̃ from ln p̃/q̃ at draws of each, with its error.
+
+    Parameters
+    ----------
+    at_p, at_q : (n,), (m,)
+        At draws of p and of q; −inf or NaN where p̃ vanishes, inf where q̃ does.
+    n_p, n_q : float
+        Effective numbers of these draws. They enter the weights of the optimal h and the error.
+    """
+    at_q = np.where(np.isfinite(at_q), at_q, -np.inf)
+    s1, s2 = np.log(n_p / (n_p + n_q)), np.log(n_q / (n_p + n_q))
+    within = at_p[np.isfinite(at_p)]
+    if not within.size:
+        return LogEvidence(0.0, np.inf)
+    z = np.median(within)
+    # Without overlap the bridge estimate is arbitrary. The fallback is the median of p̃/q̃ at the
+    # draws of p, with the scatter of its logarithm as the error.
+    apart = LogEvidence(float(z), max(1.0, float(np.std(within))))
+    if not np.any(np.isfinite(at_q)):
         return apart
     for _ in range(500):
-        top = logsumexp(ratio_new - np.logaddexp(s1 + ratio_new, s2 + z)) - np.log(n_new)
-        bottom = logsumexp(-np.logaddexp(s1 + ratio_use, s2 + z)) - np.log(len(use))
+        top = logsumexp(at_q - np.logaddexp(s1 + at_q, s2 + z)) - np.log(len(at_q))
+        bottom = logsumexp(-np.logaddexp(s1 + at_p, s2 + z)) - np.log(len(at_p))
         z, last = top - bottom, z
         if abs(z - last) < 1e-10:
             break
-    variance_new = _relative_variance(ratio_new - np.logaddexp(s1 + ratio_new, s2 + z))
-    variance_use = _relative_variance(-np.logaddexp(s1 + ratio_use, s2 + z))
-    if BRIDGED * (variance_new + 1.0) > n_new:
+    variance_q = _relative_variance(at_q - np.logaddexp(s1 + at_q, s2 + z))
+    variance_p = _relative_variance(-np.logaddexp(s1 + at_p, s2 + z))
+    if BRIDGED * (variance_q + 1.0) > n_q:
         return apart
-    return LogEvidence(float(z), float(np.sqrt(variance_new / n_new + variance_use / n_use)))
+    return LogEvidence(float(z), float(np.sqrt(variance_q / n_q + variance_p / n_p)))
 
 
 def _relative_variance(log_f: Floats) -> float:

@@ -19,6 +19,8 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import TRACING, Problem, Sites
 from lcbayes.samplers import kernels
+from lcbayes.samplers.kernels import alternating, metric
+from lcbayes.samplers.settings import FACET_MOVES
 
 SPREAD = 0.3
 DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
@@ -41,8 +43,26 @@ class Whitening(NamedTuple):
         # widths.
         return cls(z, vectors / jnp.sqrt(jnp.maximum(values, 1e-4)))
 
+    @classmethod
+    def along_axes(cls, problem: Problem, starts: jax.Array, data: Epochs) -> Whitening:
+        """About the first of some optima (n, D), with the median width of each coordinate.
+
+        For kernels with a local metric: F⁻¹ at one optimum would be far too narrow, in some
+        direction, for another arrangement of facets.
+        """
+
+        def variance(z: jax.Array) -> jax.Array:
+            root, _ = metric.inverse_root(problem.fisher(z, data), jnp.eye(problem.dim))
+            return jnp.sum(root**2, axis=1)
+
+        return cls(starts[0], jnp.diag(jnp.sqrt(jnp.median(jax.lax.map(variance, starts), axis=0))))
+
     def __call__(self, y: jax.Array) -> jax.Array:
         return self.centre + self.factor @ y
+
+    def inverse(self, z: jax.Array) -> jax.Array:
+        """y of z, both (D,)."""
+        return jnp.linalg.solve(self.factor, z - self.centre)
 
 
 def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
@@ -59,17 +79,23 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 
 
 def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
-    """The kernel of a name in `settings.WARMUP`, over {"y": (D,)} given (whitening, data)."""
+    """The kernel of a name in `settings.WARMUP`, over {"y": (D,)} given (whitening, data), and, for
+    `FACET_MOVES`, the moves."""
     if sampler == "nuts":
         return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
 
-    def potential(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+    def potential(z: Sites, whitening: Whitening, data: Epochs, *_) -> jax.Array:
         return problem.potential(whitening(z["y"]), data)
 
-    def fisher(z: Sites, whitening: Whitening, data: Epochs) -> jax.Array:
+    def fisher(z: Sites, whitening: Whitening, data: Epochs, *_) -> jax.Array:
         factor = whitening.factor
         return factor.T @ problem.fisher(whitening(z["y"]), data) @ factor
 
+    def moved(key: jax.Array, z: Sites, whitening: Whitening, data: Epochs, moves) -> Sites:
+        return {"y": whitening.inverse(moves(key, whitening(z["y"]), data))}
+
+    if sampler == FACET_MOVES:
+        return alternating.Alternating(potential, fisher, moved)
     kinds = {
         "ahmc": kernels.AHMC,
         "ahmc-paper": partial(kernels.AHMC, exact=False),
@@ -94,25 +120,29 @@ def tuning(kernel: MCMCKernel, state, whitening: Whitening) -> dict[str, Any]:
     settings = {"step_size": float(state.step_size), "num_fallback": int(state.num_fallback)}
     if isinstance(kernel, kernels.AHMC):
         settings["proposal_scale"] = kernel.proposal_scale(state)
+    elif isinstance(kernel, alternating.Alternating):
+        settings["proposal_scale"] = alternating.DELTA
     return settings
 
 
 @partial(jax.jit, static_argnums=(0, 2))
-def start(kernel, key: jax.Array, num_warmup: int, whitening: Whitening, data: Epochs):
-    """Initial state of one chain, drawn near the centre."""
+def start(kernel, key: jax.Array, num_warmup: int, centre: jax.Array, args: tuple):
+    """Initial state of one chain, drawn near a point (D,); ``args`` are those of the kernel."""
+    whitening, *_ = args
     key_y, key = jax.random.split(key)
-    y = SPREAD * jax.random.normal(key_y, whitening.centre.shape)
+    y = whitening.inverse(centre) + SPREAD * jax.random.normal(key_y, centre.shape)
     with TRACING:
-        return kernel.init(key, num_warmup, {"y": y}, (whitening, data), {})
+        return kernel.init(key, num_warmup, {"y": y}, args, {})
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def advance(kernel, n_draws: int, state, whitening: Whitening, data: Epochs):
+def advance(kernel, n_draws: int, state, args: tuple):
     """The new state, draws z (n, D) and FIELDS (n,) after ``n_draws`` transitions of one chain."""
+    whitening, *_ = args
 
     def body(state, _):
         with TRACING:
-            state = kernel.sample(state, (whitening, data), {})
+            state = kernel.sample(state, args, {})
         return state, (whitening(state.z["y"]), {k: getattr(state, k) for k in FIELDS})
 
     state, (z, stats) = jax.lax.scan(body, state, length=n_draws)

@@ -6,10 +6,12 @@ arrangements the density vanishes. The moves here cross such gaps. They use that
 linear in the areas: with the motion and the other facets fixed, the density of one facet over all
 directions and areas costs one matrix product.
 
-Relocation draws a facet anew from a table of this density. A merger puts two facets i and j at one
-place and draws the freed facet from the table; its inverse splits a facet j, for which a facet i
-is taken from elsewhere. All are Metropolis-Hastings moves with the exact posterior density, so the
-table only affects how many are accepted.
+Relocation draws the direction of a facet anew, and its area together with those of a random part
+of the others, whose Gaussian density is integrated out when the direction is drawn. A merger puts
+two facets i and j at one place and draws the freed facet anew; its inverse splits a facet j, for
+which a facet i is taken from elsewhere. All are Metropolis-Hastings moves with the exact posterior
+density, so that approximations only affect how many are accepted. Zero points that the model
+integrates out are integrated out here too.
 
 References
 ----------
@@ -25,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jax.scipy.linalg import solve_triangular
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
@@ -33,10 +36,17 @@ from lcbayes.modelling.problem import Problem
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 NORMALS, AREAS = "normals_base", "log_albedo_area"
-BANDS, SECTORS = 14, 28  # cells of equal area on the sphere, some 11 degrees wide
-BINS = 16  # of ln(area) in each cell
+BANDS, SECTORS = 20, 40  # cells of equal area on the sphere, some 7 degrees wide
+CELL = 4.0 * np.pi / (BANDS * SECTORS)  # sr
+NODES = 6  # of ln(area), by which a cell is weighed
+BINS = 32  # of ln(area) of the facet that is drawn
 REACH = 6.0  # sd of the area covered by the bins
 PRIOR_REACH = 5.0  # sd of the prior of ln(area) covered
+SHARES = (0.0, 0.5, 1.0)  # of the other facets whose areas are drawn with a relocated facet
+MOVES = 4  # of each kind in a sweep
+SIGNAL = 3.0  # signal-to-noise ratio below which facets are weak
+CLOSE, FAR = 0.5, 0.05  # angle (rad) of close facets, and weight of others
+TINY = 1e-12
 WIDTHS = np.radians([2.0, 5.0, 12.0, 30.0])  # of the angle between the parts of a split facet
 
 
@@ -48,33 +58,44 @@ class Facets(NamedTuple):
     normal : (N, 3)
     log_area : (N,)
     column : (N, T)
-        Brightness of each facet at unit area.
-    potential : scalar
+        Brightness of each facet at unit area, over its errors.
+    product : (N, cells)
+        Products of these columns with those of the cells of a `Sky`.
     """
 
     normal: jax.Array
     log_area: jax.Array
     column: jax.Array
-    potential: jax.Array
+    product: jax.Array
+
+    def replaced(self, i: jax.Array, other: Facets) -> Facets:
+        """The facets with another facet i, or other facets i (n,)."""
+        return jax.tree.map(lambda mine, its: mine.at[i].set(its), self, other)
+
+    @property
+    def log_weakness(self) -> jax.Array:
+        """ln of the probability (N,) that a facet is chosen: weak ones can be elsewhere."""
+        signal = jnp.exp(self.log_area) * jnp.sqrt(jnp.sum(self.column**2, axis=1))
+        return jax.nn.log_softmax(-jnp.log(SIGNAL + signal))
+
+    @property
+    def log_weak_pair(self) -> jax.Array:
+        """ln of the probability (N, N) that a facet i is given up to split a facet j."""
+        other = ~jnp.eye(len(self.log_area), dtype=bool)
+        each = self.log_weakness[:, None] - jnp.log(len(self.log_area) - 1.0)
+        return jnp.where(other, each, -jnp.inf)
+
+    @property
+    def log_close(self) -> jax.Array:
+        """ln of the probability (N, N) that two facets i and j are merged: mostly close ones."""
+        square = jnp.sum((self.normal[:, None] - self.normal) ** 2, axis=-1)  # of the chord
+        log_weight = jnp.logaddexp(-0.5 * square / CLOSE**2, np.log(FAR))
+        other = ~jnp.eye(len(self.log_area), dtype=bool)
+        log_weight = jnp.where(other, log_weight, -jnp.inf)
+        return log_weight - jax.nn.logsumexp(log_weight)
 
 
-class Table(NamedTuple):
-    """Density of one facet given the others, constant in each bin of each cell.
-
-    Attributes
-    ----------
-    low, width : (cells,)
-        Lower end of ln(area) and width of its bins.
-    log_density : (cells, BINS)
-        Per steradian and unit of ln(area).
-    cumulated : (cells * BINS,)
-        Probability up to and including each bin.
-    """
-
-    low: jax.Array
-    width: jax.Array
-    log_density: jax.Array
-    cumulated: jax.Array
+_State = tuple[Facets, jax.Array]  # with the potential
 
 
 class Sky(NamedTuple):
@@ -85,16 +106,20 @@ class Sky(NamedTuple):
     axes : (3, 3)
         Orthogonal.
     column : (cells, T)
-        Brightness of a facet of unit area at the centre of each cell.
-    information : (cells,)
-        Its sum of squares over the errors.
+        Brightness of a facet of unit area at the centre of each cell, over the errors.
+    square, flux : (cells,)
+        Its products with itself and with the observed flux.
+    zero : (G, cells)
+        Its products with the zero points.
     log_seen : (cells,)
         ln of the prior that the facet is lit and seen.
     """
 
     axes: jax.Array
     column: jax.Array
-    information: jax.Array
+    square: jax.Array
+    flux: jax.Array
+    zero: jax.Array
     log_seen: jax.Array
 
     def normal(self, cell: jax.Array, u: jax.Array, v: jax.Array) -> jax.Array:
@@ -112,6 +137,33 @@ class Sky(NamedTuple):
         return (band * SECTORS + jnp.clip(jnp.floor(turn * SECTORS), 0, SECTORS - 1)).astype(int)
 
 
+class Conditional(NamedTuple):
+    """Density from which a facet is drawn, with the areas of a part of the others.
+
+    Attributes
+    ----------
+    part : (N,) bool
+        The other facets whose areas are drawn too.
+    columns : (G + N, T)
+        Zero points, then the facets of that part; other rows vanish.
+    rest : (T,)
+        Flux without the facets that are fixed, over its errors.
+    root : (G + N, G + N)
+        Cholesky factor of the information of the coefficients of the columns.
+    target : (G + N,)
+        ``root``⁻¹ times the products of the columns and ``rest``.
+    log_cell : (cells,)
+        ln of the probability of each cell.
+    """
+
+    part: jax.Array
+    columns: jax.Array
+    rest: jax.Array
+    root: jax.Array
+    target: jax.Array
+    log_cell: jax.Array
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class FacetMoves:
@@ -122,15 +174,20 @@ class FacetMoves:
 
     Attributes
     ----------
-    flux, weight : (T,)
-        Observed flux at unit distance in full sunlight, and one over its squared error.
+    flux : (T,)
+        Observed flux at unit distance in full sunlight, over its errors.
+    scale : (T,)
+        One over these errors; 0 for a point without information.
+    zero : (G, T)
+        Change of ``flux`` by each zero point, in units of its prior sd.
     problem : Problem
     law : reflectance
     log_area_mean, log_area_sd : prior of ln(area)
     """
 
     flux: jax.Array
-    weight: jax.Array
+    scale: jax.Array
+    zero: jax.Array
     problem: Problem = field(metadata={"static": True})
     law: DiffuseLaw = field(default="non-lambertian", metadata={"static": True})
     log_area_mean: float = field(default=0.0, metadata={"static": True})
@@ -138,14 +195,24 @@ class FacetMoves:
 
     @classmethod
     def of(
-        cls, problem: Problem, data: Epochs, law: DiffuseLaw, log_mean: float, log_sd: float
+        cls,
+        problem: Problem,
+        data: Epochs,
+        law: DiffuseLaw,
+        log_mean: float,
+        log_sd: float,
+        zero_point_sd: float = 0.0,
     ) -> FacetMoves | None:
         """The moves for a light curve; None if a part of it has an unknown scale."""
         if any(data.free_scale) or not data.has_error:
             return None
         flux, error = data.as_flux()
-        weight = np.where(np.isfinite(error), data.information, 0.0) / error**2
-        return cls(jnp.asarray(flux), jnp.asarray(weight), problem, law, log_mean, log_sd)
+        scale = np.where(np.isfinite(error), np.sqrt(data.information), 0.0) / error
+        groups = np.arange(data.n_calibrations if zero_point_sd > 0 else 0)
+        zero = (np.asarray(data.calibration) == groups[:, None]) * scale * flux
+        zero = 0.4 * np.log(10.0) * zero_point_sd * zero
+        arrays = (jnp.asarray(x) for x in (scale * flux, scale, zero))
+        return cls(*arrays, problem, law, log_mean, log_sd)
 
     def __call__(self, key: jax.Array, z: jax.Array, data: Epochs) -> jax.Array:
         """z (D,) after one relocation of each facet and as many splits or mergers."""
@@ -154,119 +221,200 @@ class FacetMoves:
         sites = self.problem.constrain(z, data)
         sun, obs = sites["sun_body"], sites["obs_body"]
 
-        def flat(normal: jax.Array, log_area: jax.Array) -> jax.Array:
-            return ravel_pytree({**free, NORMALS: length * normal, AREAS: log_area})[0]
+        def flat(facets: Facets) -> jax.Array:
+            sites = {**free, NORMALS: length * facets.normal, AREAS: facets.log_area}
+            return ravel_pytree(sites)[0]
 
-        def complete(normal: jax.Array, log_area: jax.Array) -> Facets:
-            potential = self.problem.potential(flat(normal, log_area), data)
-            return Facets(normal, log_area, self._columns(sun, obs, normal), potential)
+        def potential(facets: Facets) -> jax.Array:
+            return self.problem.potential(flat(facets), data)
 
         key_axes, key_one, key_two = jax.random.split(key, 3)
-        sky = self._sky(key_axes, sun, obs)
-        facets = complete(free[NORMALS] / length, free[AREAS])
-        number = len(free[AREAS])
+        at = _Place(self, self._sky(key_axes, sun, obs), sun, obs, potential)
+        facets = at.facets(free[NORMALS] / length, free[AREAS])
+        state = facets, potential(facets)
+        for move, key_of in ((at.relocated, key_one), (at.rearranged, key_two)):
+            keys = jax.random.split(key_of, MOVES)
+            state, _ = jax.lax.scan(lambda s, k, move=move: (move(k, s), None), state, keys)
+        return flat(state[0])
 
-        def relocate(facets: Facets, move: tuple[jax.Array, jax.Array]):
-            return self._relocated(*move, facets, sky, complete), None
-
-        def rearrange(facets: Facets, key: jax.Array):
-            return self._rearranged(key, facets, sky, complete), None
-
-        keys = jax.random.split(key_one, number)
-        facets, _ = jax.lax.scan(relocate, facets, (keys, jnp.arange(number)))
-        if number > 1:
-            facets, _ = jax.lax.scan(rearrange, facets, jax.random.split(key_two, number))
-        return flat(facets.normal, facets.log_area)
-
-    def _columns(self, sun: jax.Array, obs: jax.Array, normal: jax.Array) -> jax.Array:
-        return diffuse_kernel(self.law, normal @ sun.T, normal @ obs.T, LAMBERT_C)[0]
+    def columns(self, sun: jax.Array, obs: jax.Array, normal: jax.Array) -> jax.Array:
+        """Brightness (..., T) of facets of unit area, over the errors."""
+        return self.scale * diffuse_kernel(self.law, normal @ sun.T, normal @ obs.T, LAMBERT_C)[0]
 
     def _sky(self, key: jax.Array, sun: jax.Array, obs: jax.Array) -> Sky:
         axes = jax.random.orthogonal(key, 3)
         nothing = jnp.zeros(())
-        empty = Sky(axes, nothing, nothing, nothing)
+        empty = Sky(axes, nothing, nothing, nothing, nothing, nothing)
         normal = empty.normal(jnp.arange(BANDS * SECTORS), jnp.array(0.5), jnp.array(0.5))
         best = jnp.max(jnp.minimum(normal @ sun.T, normal @ obs.T), axis=1)
-        column = self._columns(sun, obs, normal)
         log_seen = -((jnp.minimum(best, 0.0) / SOFTNESS) ** 2)
-        return Sky(axes, column, column**2 @ self.weight, log_seen)
+        column = self.columns(sun, obs, normal).astype(jnp.float32)
+        flux, zero = (column @ x.T.astype(jnp.float32) for x in (self.flux, self.zero))
+        return Sky(axes, column, jnp.sum(column**2, axis=1), flux, zero.T, log_seen)
 
-    def _table(self, sky: Sky, rest: jax.Array) -> Table:
-        """Density of a facet that explains ``rest`` (T,), the flux without the other facets.
-
-        It is the prior times exp(b α − a α²/2), with a and b the information and the projection of
-        a column; the bins of each cell cover the areas of some probability.
-        """
-        information = sky.information + 1e-300
-        along = sky.column @ (self.weight * rest)
+    def range(self, square: jax.Array, along: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Lower end and width of the range of ln(area) given products of a column."""
+        information = jnp.maximum(square, 0.0) + 1e-30
         best, sd = along / information, information**-0.5
         least = np.exp(self.log_area_mean - PRIOR_REACH * self.log_area_sd)
         most = np.exp(self.log_area_mean + PRIOR_REACH * self.log_area_sd)
         low = jnp.log(jnp.clip(best - REACH * sd, least, 0.5 * most))
         high = jnp.log(jnp.clip(best + REACH * sd, 1.05 * jnp.exp(low), most))
-        width = (high - low) / BINS
-        x = low[:, None] + (jnp.arange(BINS) + 0.5) * width[:, None]
+        return low, high - low
+
+    def log_density(self, x: jax.Array, square: jax.Array, along: jax.Array) -> jax.Array:
+        """ln of the density of x = ln α: the prior times exp(b α − a α²/2)."""
         area = jnp.exp(x)
-        prior = -0.5 * ((x - self.log_area_mean) / self.log_area_sd) ** 2 + sky.log_seen[:, None]
-        log_density = area * (along[:, None] - 0.5 * information[:, None] * area) + prior
-        volume = jnp.log(4.0 * jnp.pi / (BANDS * SECTORS) * width)[:, None]
-        cumulated = jnp.cumsum(jnp.exp(log_density + volume - jnp.max(log_density + volume)))
-        log_total = jnp.max(log_density + volume) + jnp.log(cumulated[-1])
-        return Table(low, width, log_density - log_total, cumulated / cumulated[-1])
+        prior = -0.5 * ((x - self.log_area_mean) / self.log_area_sd) ** 2
+        return area * (along - 0.5 * square * area) + prior
 
-    def _rest(self, facets: Facets, left_out: jax.Array) -> jax.Array:
-        """Flux (T,) without the facets that are not left out (N,)."""
-        return self.flux - jnp.where(left_out, 0.0, jnp.exp(facets.log_area)) @ facets.column
 
-    def _relocated(
-        self, key: jax.Array, i: jax.Array, facets: Facets, sky: Sky, complete: Callable
-    ) -> Facets:
-        """Facet i drawn anew."""
-        key_draw, key_accept = jax.random.split(key)
-        table = self._table(sky, self._rest(facets, jnp.arange(len(facets.log_area)) == i))
-        normal, log_area, log_new = _drawn(key_draw, table, sky)
-        log_old = _log_density(table, sky, facets.normal[i], facets.log_area[i])
-        moved = complete(
-            facets.normal.at[i].set(normal),
-            facets.log_area.at[i].set(log_area),
+@dataclass(frozen=True)
+class _Place:
+    """The moves for one motion of the body.
+
+    Attributes
+    ----------
+    moves : FacetMoves
+    sky : Sky
+    sun, obs : (T, 3), body axes
+    potential : callable, of the facets
+    """
+
+    moves: FacetMoves
+    sky: Sky
+    sun: jax.Array
+    obs: jax.Array
+    potential: Callable[[Facets], jax.Array]
+
+    def facets(self, normal: jax.Array, log_area: jax.Array) -> Facets:
+        """Facets of given normals (..., 3) and ln(area) (...)."""
+        column = self.moves.columns(self.sun, self.obs, normal)
+        column = jax.lax.optimization_barrier(column)  # else it is computed for every cell
+        return Facets(normal, log_area, column, column.astype(jnp.float32) @ self.sky.column.T)
+
+    def conditional(self, facets: Facets, i: jax.Array, part: jax.Array) -> Conditional:
+        """Density of facet i, and of the areas of a ``part`` (N,) of the others, given the rest."""
+        moves, sky = self.moves, self.sky
+        area = jnp.exp(facets.log_area)
+        fixed = jnp.where(part | (jnp.arange(len(part)) == i), 0.0, area)
+        rest = moves.flux - fixed @ facets.column
+        columns = jnp.concatenate([moves.zero, jnp.where(part[:, None], facets.column, 0.0)])
+        products = jnp.concatenate([sky.zero, jnp.where(part[:, None], facets.product, 0.0)])
+        precision = jnp.concatenate([jnp.ones(len(moves.zero)), 1.0 - part]) + TINY  # of the prior
+        root = jnp.linalg.cholesky(columns @ columns.T + jnp.diag(precision))
+        target = solve_triangular(root, columns @ rest, lower=True)
+        inverse = solve_triangular(root, jnp.eye(len(root)), lower=True).astype(jnp.float32)
+        across = inverse @ products
+        square = sky.square - jnp.sum(across**2, axis=0)
+        along = sky.flux - fixed.astype(jnp.float32) @ facets.product
+        along -= target.astype(jnp.float32) @ across
+        low, width = moves.range(square, along)
+        x = low + (jnp.arange(NODES, dtype=jnp.float32)[:, None] + 0.5) * width / NODES
+        log_density = moves.log_density(x, square, along)
+        log_cell = jax.nn.logsumexp(log_density, axis=0) + jnp.log(width)
+        log_cell = log_cell.astype(float) + sky.log_seen
+        log_cell -= jax.nn.logsumexp(log_cell)
+        return Conditional(part, columns, rest, root, target, log_cell)
+
+    def areas(self, given: Conditional, column: jax.Array) -> tuple[jax.Array, ...]:
+        """Density of ln(area) of a facet with a column (T,): low end, width of a bin, ln of the
+        density in each bin; and the column's products with those of the other areas."""
+        across = solve_triangular(given.root, given.columns @ column, lower=True)
+        square = column @ column - across @ across
+        along = column @ given.rest - across @ given.target
+        low, width = self.moves.range(square, along)
+        width = width / BINS
+        x = low + (jnp.arange(BINS) + 0.5) * width
+        log_density = self.moves.log_density(x, square, along)
+        return low, width, log_density - jax.nn.logsumexp(log_density) - jnp.log(width), across
+
+    def drawn(self, key: jax.Array, given: Conditional, i: jax.Array, facets: Facets) -> Facets:
+        """The facets with facet i and the areas of the part drawn anew."""
+        key_band, key_sector, key_place, key_bin, key_in, key_rest = jax.random.split(key, 6)
+        log_cell = given.log_cell.reshape(BANDS, SECTORS)
+        band = jax.random.categorical(key_band, jax.nn.logsumexp(log_cell, axis=1))
+        cell = band * SECTORS + jax.random.categorical(key_sector, log_cell[band])
+        one = self.facets(
+            self.sky.normal(cell, *jax.random.uniform(key_place, (2,))), jnp.zeros(())
         )
-        return _accepted(key_accept, facets, moved, log_old - log_new)
+        low, width, log_density, across = self.areas(given, one.column)
+        place = jax.random.categorical(key_bin, log_density) + jax.random.uniform(key_in)
+        log_area = low + place * width
+        shift = given.target - jnp.exp(log_area) * across
+        shift += jax.random.normal(key_rest, shift.shape)
+        others = solve_triangular(given.root, shift, lower=True, trans=1)[-len(given.part) :]
+        # Areas below zero have no logarithm, so that such a draw is refused.
+        logs = jnp.where(given.part, jnp.log(others), facets.log_area)
+        return facets._replace(log_area=logs).replaced(i, one._replace(log_area=log_area))
 
-    def _rearranged(self, key: jax.Array, facets: Facets, sky: Sky, complete: Callable) -> Facets:
+    def log_q(self, given: Conditional, i: jax.Array, facets: Facets) -> jax.Array:
+        """ln of the density with which `drawn` gives these facets, to a constant."""
+        low, width, log_density, across = self.areas(given, facets.column[i])
+        place = (facets.log_area[i] - low) / width
+        bin_ = jnp.clip(jnp.floor(place), 0, BINS - 1).astype(int)
+        inside = (place >= 0.0) & (place <= BINS)
+        log_q = jnp.where(inside, log_density[bin_], -jnp.inf)
+        log_q += given.log_cell[self.sky.cell(facets.normal[i])]
+        # The areas are the last coefficients: the last block of the root is that of their marginal.
+        first = len(self.moves.zero)
+        shift = given.target - jnp.exp(facets.log_area[i]) * across
+        mean = solve_triangular(given.root, shift, lower=True, trans=1)[first:]
+        away = jnp.where(given.part, jnp.exp(facets.log_area) - mean, 0.0)
+        log_q -= 0.5 * jnp.sum((given.root[first:, first:].T @ away) ** 2)
+        return log_q + jnp.sum(jnp.where(given.part, facets.log_area, 0.0))
+
+    def relocated(self, key: jax.Array, state: _State) -> _State:
+        """A facet drawn anew, with the areas of a random part of the others."""
+        key_which, key_share, key_part, key_draw, key_accept = jax.random.split(key, 5)
+        facets, _ = state
+        number = len(facets.log_area)
+        i = jax.random.categorical(key_which, facets.log_weakness)
+        share = jax.random.choice(key_share, jnp.array(SHARES))
+        part = jax.random.bernoulli(key_part, share, (number,)) & (jnp.arange(number) != i)
+        given = self.conditional(facets, i, part)
+        moved = self.drawn(key_draw, given, i, facets)
+        log_ratio = self.log_q(given, i, facets) - self.log_q(given, i, moved)
+        log_ratio += moved.log_weakness[i] - facets.log_weakness[i]
+        return self.accepted(key_accept, state, moved, log_ratio)
+
+    def rearranged(self, key: jax.Array, state: _State) -> _State:
         """Two facets merged and one drawn anew, or one facet split and another given up.
 
         A facet of area α and normal n becomes facets of areas uα and (1 − u)α at angles (1 − u)θ
         and uθ from n on opposite sides; u is uniform and the displacement θ has a normal density of
         one of `WIDTHS`. The volume dΩᵢ dΩⱼ dln αᵢ dln αⱼ is sin θ/(u(1 − u)) dθ dψ du dΩ dln α.
         """
+        facets, _ = state
         key_pair, key_which, key_split, key_draw, key_accept = jax.random.split(key, 5)
         number = len(facets.log_area)
-        i, apart = jax.random.randint(key_pair, (2,), jnp.array([0, 1]), jnp.array([number] * 2))
-        j = (i + apart) % number
         merging = jax.random.bernoulli(key_which)
-        pair = facets.normal[jnp.stack([i, j])], facets.log_area[jnp.stack([i, j])]
+        log_pair = jnp.where(merging, facets.log_close, facets.log_weak_pair)
+        i, j = jnp.divmod(jax.random.categorical(key_pair, log_pair.ravel()), number)
+        both = jnp.stack([i, j])
+        pair = facets.normal[both], facets.log_area[both]
         one, u, angle = _merged(*pair)
         parts, u_split, angle_split = _split(key_split, pair[0][1], pair[1][1])
         host = _where(merging, one, (pair[0][1], pair[1][1]))  # facet j while i is elsewhere
         u, angle = _where(merging, (u, angle), (u_split, angle_split))
 
-        index = jnp.arange(number)
-        sites = complete(facets.normal.at[j].set(host[0]), facets.log_area.at[j].set(host[1]))
-        table = self._table(sky, self._rest(sites, index == i))
-        normal, log_area, log_drawn = _drawn(key_draw, table, sky)
-        log_given_up = _log_density(table, sky, pair[0][0], pair[1][0])
-        after = _where(
-            merging,
-            (jnp.stack([normal, one[0]]), jnp.stack([log_area, one[1]])),
-            parts,
-        )
+        hosted = facets.replaced(j, self.facets(*host))
+        given = self.conditional(hosted, i, jnp.zeros(number, bool))
+        merged = self.drawn(key_draw, given, i, hosted)
+        moved = _where(merging, merged, facets.replaced(both, self.facets(*parts)))
+        # The facet elsewhere is drawn by a merger, and given up by a split.
+        log_q = self.log_q(given, i, _where(merging, merged, facets)) - np.log(CELL)
         volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + _log_angle(angle)
-        moved = complete(
-            facets.normal.at[i].set(after[0][0]).at[j].set(after[0][1]),
-            facets.log_area.at[i].set(after[1][0]).at[j].set(after[1][1]),
-        )
-        log_ratio = jnp.where(merging, volume - log_drawn, log_given_up - volume)
-        return _accepted(key_accept, facets, moved, log_ratio)
+        log_ratio = jnp.where(merging, volume - log_q, log_q - volume)
+        log_back = jnp.where(merging, moved.log_weak_pair, moved.log_close)
+        log_ratio += log_back[i, j] - log_pair[i, j]
+        return self.accepted(key_accept, state, moved, log_ratio)
+
+    def accepted(self, key: jax.Array, state: _State, moved: Facets, log_ratio) -> _State:
+        """The new facets with probability min{1, exp(U − U′ + log_ratio)}, otherwise the old."""
+        potential = self.potential(moved)
+        better = state[1] - potential + log_ratio
+        return _where(jnp.log(jax.random.uniform(key)) < better, (moved, potential), state)
 
 
 def _merged(normal: jax.Array, log_area: jax.Array):
@@ -302,30 +450,6 @@ def _log_angle(angle: jax.Array) -> jax.Array:
     each = jnp.log(angle / widths**2) - 0.5 * (angle / widths) ** 2
     density = jax.nn.logsumexp(each) - np.log(len(WIDTHS) * 2.0 * np.pi)
     return jnp.where(angle < jnp.pi, density, jnp.inf)
-
-
-def _drawn(key: jax.Array, table: Table, sky: Sky) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """A normal, ln(area) and their log density, from a table."""
-    which, u, v, w = jax.random.uniform(key, (4,))
-    flat = jnp.minimum(jnp.searchsorted(table.cumulated, which), table.cumulated.size - 1)
-    cell, bin_ = flat // BINS, flat % BINS
-    log_area = table.low[cell] + (bin_ + w) * table.width[cell]
-    return sky.normal(cell, u, v), log_area, table.log_density[cell, bin_]
-
-
-def _log_density(table: Table, sky: Sky, normal: jax.Array, log_area: jax.Array) -> jax.Array:
-    """Log density of a facet in a table; −inf outside its bins."""
-    cell = sky.cell(normal)
-    place = (log_area - table.low[cell]) / table.width[cell]
-    bin_ = jnp.clip(jnp.floor(place), 0, BINS - 1).astype(int)
-    inside = (place >= 0.0) & (place <= BINS)
-    return jnp.where(inside, table.log_density[cell, bin_], -jnp.inf)
-
-
-def _accepted(key: jax.Array, old: Facets, new: Facets, log_ratio: jax.Array) -> Facets:
-    """The new facets with probability min{1, exp(U − U′ + log_ratio)}, otherwise the old."""
-    better = old.potential - new.potential + log_ratio
-    return _where(jnp.log(jax.random.uniform(key)) < better, new, old)
 
 
 def _where(condition: jax.Array, yes, no):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -17,10 +18,12 @@ from lcbayes.core.threads import threads
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import chains, convergence
-from lcbayes.samplers.settings import Settings
+from lcbayes.samplers.facet_moves import FacetMoves
+from lcbayes.samplers.settings import AUTO, FACET_MOVES, NUTS, Settings
 
 Floats = NDArray[np.float64]
 BLOCK = 50
+OPTIMA = 8  # optima of a solution whose widths scale the coordinates
 HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
 
 
@@ -56,12 +59,31 @@ class Chains(NamedTuple):
 
 
 class Sampler:
-    """One compiled kernel for all solutions of a problem."""
+    """One compiled kernel for all solutions of a problem.
 
-    def __init__(self, problem: Problem, settings: Settings, workers: int) -> None:
+    Parameters
+    ----------
+    moves : FacetMoves, optional
+        Moves of single facets, used unless the settings name another kernel.
+    ordered : callable
+        (z (n, D), reference (D,)) -> z with exchangeable facets in the order of the reference.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        settings: Settings,
+        workers: int,
+        moves: FacetMoves | None = None,
+        ordered: Callable[[Floats, Floats], Floats] = lambda z, reference: z,  # noqa: ARG005
+    ) -> None:
+        if settings.sampler == AUTO:
+            settings = settings.with_sampler(NUTS if moves is None else FACET_MOVES)
         self.problem = problem
         self.settings = settings
         self.workers = workers
+        self.ordered = ordered
+        self.moves = moves if settings.sampler == FACET_MOVES else None
 
     @property
     def n_blocks(self) -> tuple[int, int]:
@@ -73,39 +95,41 @@ class Sampler:
     def run(
         self,
         name: str,
-        z: Floats,
+        starts: Floats,
         data: Epochs,
         key: jax.Array,
         checkpoint: Checkpoint,
         timing: Timing,
         track: Track,
     ) -> Chains:
-        """Draws about the solution z (D,).
+        """Draws about the solution of which ``starts`` (n, D) are optima, the best first.
+
+        The chains begin at the optima in turn, so that R-hat tells whether they mix.
 
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
         the draws are discarded and the chains continue with half the step size. The step size is
         not halved if the trajectories would then exceed the maximum tree depth.
         """
-        whitening = jax.tree.map(np.asarray, _whiten(self.problem, jnp.asarray(z), data))
+        whitening = self._whitening(starts, data)
+        args = (whitening, data) if self.moves is None else (whitening, data, self.moves)
         warmup_blocks, sample_blocks = self.n_blocks
         num_warmup = warmup_blocks * BLOCK
         per_block = self.settings.num_chains * BLOCK
-        halvings = HALVINGS if self.settings.sampler == "nuts" else 0
-        start, advance = self._compile(key, num_warmup, whitening, data, timing)
+        halvings = HALVINGS if self.settings.sampler == NUTS else 0
+        start, advance = self._compile(key, num_warmup, args, timing)
         keys = jax.random.split(key, self.settings.num_chains)
         with threads(self.workers) as pool:
-            states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
+            centres = np.resize(starts, (len(keys), starts.shape[1]))
+            states = list(
+                pool.map(lambda k, centre: _to_host(start(k, centre, args)), keys, centres)
+            )
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
                     begun = time.monotonic()
-                    out = list(
-                        pool.map(
-                            lambda s: _to_host(advance(_to_device(s), whitening, data)), states
-                        )
-                    )
+                    out = list(pool.map(lambda s: _to_host(advance(_to_device(s), args)), states))
                     stored = _pack(out)
                     checkpoint.save(f"{name}-{i:04d}", stored)
                     took = time.monotonic() - begun
@@ -129,7 +153,8 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = self._required_length(draws)
+                    flat = self.ordered(draws.reshape(-1, draws.shape[2]), starts[0])
+                    length = self._required_length(flat.reshape(draws.shape))
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
@@ -139,6 +164,14 @@ class Sampler:
         each = [chains.tuning(kernel, state, whitening) for state in states]
         tuning = {k: np.array([one[k] for one in each]) for k in each[0]}
         return Chains(draws[:, :n], stats, whitening, tuning)
+
+    def _whitening(self, starts: Floats, data: Epochs) -> chains.Whitening:
+        centres = jnp.asarray(starts)
+        if self.moves is None:
+            found = _whiten(self.problem, centres[0], data)
+        else:
+            found = _widths(self.problem, jnp.resize(centres, (OPTIMA, centres.shape[1])), data)
+        return jax.tree.map(np.asarray, found)
 
     def _required_length(self, z: Floats) -> int:
         """Length at which z (C, S, D) and the reported angles of its directions converge.
@@ -153,11 +186,9 @@ class Sampler:
             convergence.required_length(angles, longest, margin=1.0),
         )
 
-    def _compile(self, key, num_warmup, whitening, data, timing: Timing):
+    def _compile(self, key: jax.Array, num_warmup: int, args: tuple, timing: Timing):
         begun = time.monotonic()
-        shapes = jax.tree.map(
-            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (key, whitening, data)
-        )
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (key, args))
         leaves, structure = jax.tree.flatten(shapes)
         sampler = self.settings.sampler
         program = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
@@ -176,6 +207,7 @@ def _finer(state):
 
 
 _whiten = jax.jit(chains.Whitening.at, static_argnums=0)
+_widths = jax.jit(chains.Whitening.along_axes, static_argnums=0)
 
 
 @lru_cache(maxsize=16)
@@ -185,12 +217,13 @@ def programs(problem: Problem, sampler: str, num_warmup: int, structure, leaves:
     All light curves of the problem share them.
     """
     kernel = chains.kernel(problem, sampler)
-    key, whitening, data = jax.tree.unflatten(structure, leaves)
-    first = chains.start.lower(kernel, key, num_warmup, whitening, data).compile()
+    key, args = jax.tree.unflatten(structure, leaves)
+    centre = args[0].centre
+    first = chains.start.lower(kernel, key, num_warmup, centre, args).compile()
     state = jax.eval_shape(
-        lambda k, w, d: chains.start(kernel, k, num_warmup, w, d), key, whitening, data
+        lambda k, c, a: chains.start(kernel, k, num_warmup, c, a), key, centre, args
     )
-    step = chains.advance.lower(kernel, BLOCK, state, whitening, data).compile()
+    step = chains.advance.lower(kernel, BLOCK, state, args).compile()
     return first, step
 
 

@@ -9,8 +9,11 @@ from lcbayes.core.errors import InputError
 
 # The samplers and their default warm-up. The kernels of this package adapt more parameters than
 # NUTS. Particles need no warm-up, because they start from the prior.
+AUTO, NUTS, FACET_MOVES = "auto", "nuts", "facet-moves"
 WARMUP = {
-    "nuts": 200,
+    AUTO: 200,
+    NUTS: 200,
+    FACET_MOVES: 200,
     "ahmc": 600,
     "ahmc-paper": 600,
     "hmc": 600,
@@ -30,7 +33,8 @@ class Settings:
 
     Attributes
     ----------
-    sampler : name of the kernel
+    sampler : name of the kernel; "auto" selects facet-moves for models that have such moves, and
+        nuts for others
     seed : seed of all random numbers
     num_warmup : per chain; None selects the default of the sampler, `WARMUP`
     num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000; for
@@ -42,7 +46,7 @@ class Settings:
     most_samples : maximum number of draws per chain
     """
 
-    sampler: str = "nuts"
+    sampler: str = AUTO
     seed: int = 0
     num_warmup: int | None = None
     num_samples: int = 0
@@ -76,6 +80,12 @@ class Settings:
             if not isinstance(value, int) or value < low:
                 flag = name.replace("_", "-")
                 raise InputError(f"--{flag} is {value!r}; give a whole number >= {low}")
+
+    def with_sampler(self, name: str) -> Settings:
+        """The same settings with another kernel."""
+        asked = self.as_dict()
+        asked["sampler"] = name
+        return Settings(**asked)
 
     def as_dict(self) -> dict[str, Any]:
         """The requested settings, from which the same object can be constructed."""

@@ -73,7 +73,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
         )
         with Silent().stage("sampling", 1, "draws") as track:
             z, stats, *_ = sampler.run(
-                "mode", best.z, data, key, Checkpoint(None, {}), Timing(), track
+                "mode", best.z[None], data, key, Checkpoint(None, {}), Timing(), track
             )
         assert stats["diverging"].mean() < 0.005
         sites = constrain(z.reshape(-1, problem.dim), data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 from typing import NamedTuple
 
@@ -67,21 +68,21 @@ def climbed(
     points: Points,
     law: DiffuseLaw,
     ends: SearchState,
-    gaps: Floats,
+    middles: Floats,
     workers: int,
 ) -> SearchState:
     """The end points, with better optima reached by moving one facet or adding turns.
 
     Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
     there. Each facet of the best bodies in turn is taken away and put where it explains the most of
-    what the others leave. A rate may also be wrong by whole turns in one of the ``gaps`` (s)
-    between passes. All parameters are then optimised.
+    what the others leave. A rate may also be wrong by whole turns between two passes, whose
+    ``middles`` (A,) s are given. All parameters are then optimised.
     """
     for _ in range(ROUNDS):
         rows = []
         for i in _different(ends):
             z = np.asarray(ends.z[i])
-            rows += [*_moves(problem, data, points, law, z), *_aliases(problem, data, gaps, z)]
+            rows += [*_moves(problem, data, points, law, z), *_aliases(problem, data, middles, z)]
         if not rows:
             break
         tried = search.polish(problem, data, np.stack(rows), workers)
@@ -93,21 +94,23 @@ def climbed(
     return ends
 
 
-def _aliases(problem: Problem, data: Epochs, gaps: Floats, z: Floats):
-    """Unconstrained vectors with one or two turns more or fewer in a gap.
+def _aliases(problem: Problem, data: Epochs, middles: Floats, z: Floats):
+    """Unconstrained vectors with one or two turns more or fewer between neighbouring passes, or
+    from the first pass to the last.
 
-    The attitude in the middle of the light curve is unchanged.
+    The attitude in the middle of the earlier pass is unchanged, and so is that of the later one.
     """
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     omega, rate = sites[OMEGA], float(np.linalg.norm(sites["omega"]))
-    for gap in {*gaps[gaps > 0], *([gaps.sum()] if gaps.size > 1 else [])}:
+    pairs = list(itertools.pairwise(np.sort(middles)))
+    if len(pairs) > 1:
+        pairs.append((middles.min(), middles.max()))
+    for start, end in pairs:
         for turns in (-2, -1, 1, 2):
-            change = 2 * np.pi * turns / gap
+            change = 2 * np.pi * turns / (end - start)
             if rate + change <= 0:
                 continue
-            turn = Rotation.from_rotvec(
-                -sites["omega"] / rate * change * float(data.t_middle)
-            ).as_matrix()
+            turn = Rotation.from_rotvec(-sites["omega"] / rate * change * start).as_matrix()
             known = {k: jnp.asarray(sites[k]) for k in problem.names}
             known |= {
                 OMEGA: jnp.asarray(omega * (1.0 + change / rate)),

@@ -168,8 +168,8 @@ def with_bodies(
     ends = search.successive_halving(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
-    gaps = np.diff(np.sort(np.asarray(run.grid.arcs.middle)))
-    return climbed(problem, data, run.points, run.law, ends, gaps, workers)
+    middles = np.asarray(run.grid.arcs.middle)
+    return climbed(problem, data, run.points, run.law, ends, middles, workers)
 
 
 def _slow(

@@ -124,7 +124,7 @@ def calibrate(
         )
     plain, _ = build_problem(entry, entry.check(options), data)
     rest = dict(asked)
-    kernel = rest.pop("sampler", "nuts")
+    kernel = rest.pop("sampler", "auto")
     quantities_of = quantities or scalars
     places, trusted, kept = [], [], ()
     with (progress or Silent()).stage("calibrating", n, "fits") as track:

@@ -12,7 +12,7 @@ from lcbayes.modelling.options import ModelOptions, function_name
 from lcbayes.tasks.task import Task
 
 PRIORS = "priors"  # option of every model, in Python only
-SAMPLERS = ("nuts", "ahmc", "smc")
+SAMPLERS = ("auto", "nuts", "ahmc", "smc")
 MODEL = option(
     "faceted",
     help="faceted, faceted-brdf, convex-grid, stabilised, body, or a Python file",
@@ -26,14 +26,15 @@ class FitOptions(ModelOptions):
 
     model: str = MODEL
     sampler: str = option(
-        "nuts",
+        "auto",
         choices=SAMPLERS,
         help="NUTS, Fisher-adaptive HMC, or particles from the prior for posteriors with many "
-        "solutions",
+        "solutions; auto: NUTS, or for three and more facets Fisher-adaptive HMC with moves of "
+        "single facets",
     )
     seed: int = option(0, low=0, help="seed of all random numbers")
     num_warmup: int | None = option(
-        None, low=0, help="warm-up draws per chain; by default 200 for nuts, 600 for ahmc"
+        None, low=0, help="warm-up draws per chain; by default 600 for ahmc, 200 for others"
     )
     num_samples: int = option(
         0,

@@ -80,7 +80,7 @@ def fit(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
 class KernelOptions(FitOptions):
     """Options of `fit_with_kernel`: those of `lcbayes.fit`, with all kernels."""
 
-    sampler: str = option("nuts", choices=tuple(WARMUP), help="name of the kernel")
+    sampler: str = option("auto", choices=tuple(WARMUP), help="name of the kernel")
 
 
 def fit_with_kernel(
@@ -102,7 +102,7 @@ def fit_with_kernel(
     Parameters
     ----------
     curve : LightCurve
-    sampler : {"nuts", "ahmc", "ahmc-paper", "hmc", "rmhmc", "mh", "smc"}
+    sampler : {"auto", "nuts", "facet-moves", "ahmc", "ahmc-paper", "hmc", "rmhmc", "mh", "smc"}
     out, report, progress, **given
         As for `lcbayes.fit`.
 

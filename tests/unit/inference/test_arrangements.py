@@ -1,80 +1,129 @@
-"""Draws that miss arrangements of facets are told from draws that do not.
+"""Solutions of one rotation are one, and several rotations have their true weights."""
 
-Without information in the data the posterior is the prior, from which facets are drawn here.
-"""
-
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference.arrangements import missed
+from lcbayes.inference.arrangements import by_rotation, joint
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.problem_cache import build_problem
-from lcbayes.modelling import registry
-from lcbayes.modelling.epochs import Epochs
-from lcbayes.results.reasons import reason
+from lcbayes.inference.modes import Mode
+from lcbayes.inference.solutions import Solution
+from lcbayes.inference.warped_bridge import APART_SE, with_ratios
+from lcbayes.samplers.bridge import LogEvidence
 
-N_FACETS, N_EPOCHS, CHAINS, DRAWS = 3, 24, 4, 250
-OPTIONS = {"n_facets": N_FACETS, "omega_sd": 1.0}
-
-
-@pytest.fixture(scope="module")
-def problem():
-    """A body that turns, observed with errors far above its brightness."""
-    t = np.linspace(0.0, 100.0, N_EPOCHS)
-    sun, obs = np.tile([1.0, 0.0, 0.0], (N_EPOCHS, 1)), np.tile([0.8, 0.6, 0.0], (N_EPOCHS, 1))
-    curve = LightCurve(
-        t=t, brightness=np.ones(N_EPOCHS), error=np.full(N_EPOCHS, 1e6), sun=sun, obs=obs,
-        kind="flux", free_scale=np.array([False]),
-    )  # fmt: skip
-    data = Epochs.of(curve)
-    return build_problem(registry.find("faceted"), OPTIONS, data)[1], data
+N = 3
+SPAN = 10_000.0
+RATIO = 0.2  # of the second evidence to the first
 
 
-def draws(problem, allowed):
-    """Facets of the prior that are lit and seen at some epoch, all of them ``allowed``."""
-    rng = np.random.default_rng(5)
-    omega = np.array([0.0, 0.0, 0.1])  # in the plane of Sun and observer every azimuth is seen
-    rows = []
-    while len(rows) < CHAINS * DRAWS:
-        base = rng.standard_normal((N_FACETS, 3))
-        base /= np.linalg.norm(base, axis=1, keepdims=True)
-        if np.abs(base[:, 2]).max() < 0.95 and allowed(base):
-            base *= 1.0 + 0.1 * rng.standard_normal((N_FACETS, 1))
-            area = rng.standard_normal(N_FACETS)
-            rows.append((base, area))
-    base, area = (np.array(x) for x in zip(*rows, strict=True))
-    ravel = jax.jit(
-        jax.vmap(
-            lambda b, a: problem.ravel(
-                {"omega_unit": jnp.asarray(omega), "normals_base": b, "log_albedo_area": a}
-            )
-        )
-    )
-    return np.asarray(ravel(base, area)).reshape(CHAINS, DRAWS, -1)
+class Times(NamedTuple):
+    t: Any
+    t_span: Any
 
 
-@pytest.mark.parametrize(
-    ("allowed", "found"),
-    [(lambda _: True, False), (lambda base: np.all(base[:, 0] > 0.3), True)],
-    ids=["everywhere", "one side only"],
-)
-def test_missed_arrangements_are_noticed(problem, allowed, found):
-    problem, data = problem
-    order = FacetOrder(problem, registry.find("faceted").facet_sites)
-    flat = draws(problem, allowed)
-    z = order.like_all(flat.reshape(-1, problem.dim), flat[0, 0]).reshape(flat.shape)
-    hook = registry.find("faceted").hook("moves")
-    assert hook is not None
-    moves = hook(problem, data, **OPTIONS)
-    mode: Any = SimpleNamespace(z=z, weight=1.0)
-    findings = missed(moves, [mode], order, data, jax.random.key(0))
-    assert [f.code for f in findings] == ["facets-elsewhere"] * found
-    if found:
-        assert "did not see every arrangement" in reason(findings[0]).text
-    unlikely: Any = SimpleNamespace(z=z, weight=0.01)
-    assert missed(moves, [unlikely], order, data, jax.random.key(0)) == []
+@dataclass(frozen=True)
+class TwoRotations:
+    """A density of two Gaussians; z = ω (3), normals (9), ln areas (3)."""
+
+    dim: int = 3 + 4 * N
+
+    def unravel(self, z):
+        return {
+            "normals_base": z[3 : 3 + 3 * N].reshape(N, 3),
+            "log_albedo_area": z[3 + 3 * N :],
+            "omega": z[:3],
+        }
+
+    def rows(self, names):
+        rows = {
+            "normals_base": np.arange(3, 3 + 3 * N),
+            "log_albedo_area": 3 + 3 * N + np.arange(N),
+        }
+        return np.concatenate([rows[name] for name in names])
+
+    def constrain(self, z, data):  # noqa: ARG002
+        return self.unravel(z)
+
+    def potential(self, z, data):  # noqa: ARG002
+        """Facets are exchangeable, as in the posterior of a body."""
+        normals, areas = z[3 : 3 + 3 * N].reshape(N, 3), z[3 + 3 * N :]
+        each = []
+        for order in permutations(range(N)):
+            i = np.array(order)
+            row = jnp.concatenate([z[:3], normals[i].ravel(), areas[i]])
+            for weight, mean, sd in zip((1.0, RATIO), *parts(), strict=True):
+                log_density = -jnp.sum(0.5 * ((row - mean) / sd) ** 2 + jnp.log(sd))
+                each.append(jnp.log(weight) + log_density)
+        return -jax.nn.logsumexp(jnp.stack(each))
+
+
+def parts():
+    """Means and sd (D,) of the two rotations: the second turns once more in the time span.
+
+    The third facet is weak: it is free on the sphere, and wide in ln area.
+    """
+    omega = np.array([0.0, 0.0, 0.05])
+    normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, 0.0, 0.0]])
+    areas = np.array([0.5, 0.0, -3.0])
+    first = np.concatenate([omega, normals.ravel(), areas])
+    later = omega + np.array([1e-4, 0.0, 2 * np.pi / SPAN])
+    shifted = normals + np.array([[0.0, 0.05, 0.0], [0.03, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    second = np.concatenate([later, shifted.ravel(), areas + np.array([0.1, -0.1, 0.0])])
+    sd = np.concatenate([[1e-4, 1e-4, 1e-7], [0.02] * 6, [1.0] * 3, [0.05, 0.05, 1.0]])
+    return (first, second), (sd, 1.5 * sd)
+
+
+@pytest.fixture
+def data():
+    """Two passes, the first of them at t = 0."""
+    t = np.concatenate([np.linspace(0.0, 200.0, 60), SPAN + np.linspace(0.0, 100.0, 20)])
+    return Times(t, SPAN)
+
+
+def mode(index, rng, n=3000):
+    mean, sd = (x[index] for x in parts())
+    z = mean + sd * rng.standard_normal((4, n // 4, mean.size))
+    solution = Solution(mean, 0.0, -float(index), 0.0, 1)
+    return Mode(solution, z, {}, LogEvidence(0.0, 50.0))
+
+
+def test_the_ratio_of_two_rotations(data):
+    problem: Any = TwoRotations()
+    order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
+    rng = np.random.default_rng(0)
+    first, second = with_ratios([mode(0, rng), mode(1, rng)], problem, order, data)
+    assert first.log_evidence.se == 0.0
+    ratio = second.log_evidence.value - first.log_evidence.value
+    assert second.log_evidence.se < 0.3
+    assert abs(ratio - np.log(RATIO)) < 4.0 * second.log_evidence.se
+
+
+def test_solutions_that_do_not_overlap_keep_a_large_error(data):
+    problem: Any = TwoRotations()
+    order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
+    rng = np.random.default_rng(1)
+    wrong = mode(1, rng)
+    wrong.z = wrong.z + 100.0 * rng.standard_normal(wrong.z.shape)  # not draws of the density
+    _, second = with_ratios([mode(0, rng), wrong], problem, order, data)
+    assert second.log_evidence.se == APART_SE
+
+
+def test_solutions_are_grouped_by_rotation(data):
+    problem: Any = TwoRotations()
+    rows = np.stack([parts()[0][0]] * 4)
+    rows[1, 3:] = 0.3  # other facets
+    rows[2, 2] += 2 * np.pi / SPAN  # a turn more
+    rows[3, :3] = [0.05, 0.0, 0.0]  # another axis
+    log_evidence = [0.0, -0.5, 0.2, -3.0]
+    given = [Solution(z, 0.0, e, 0.0, 2) for z, e in zip(rows, log_evidence, strict=True)]
+    groups = by_rotation(problem, data, given)
+    sizes = [len(g) for g in groups]
+    assert sizes == [2, 1, 1]
+    whole = joint(groups[0])
+    assert whole.hits == 4
+    assert whole.log_evidence == pytest.approx(np.log(1.0 + np.exp(-0.5)))
+    np.testing.assert_array_equal(whole.z, rows[0])

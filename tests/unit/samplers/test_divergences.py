@@ -42,7 +42,7 @@ def run(problem, data, checkpoint=None, sampler="nuts", seed=0):
     with Silent().stage("sampling", 1, "draws") as track:
         return sampling.Sampler(problem, settings, 1).run(
             "mode-0",
-            np.zeros(problem.dim),
+            np.zeros((1, problem.dim)),
             data,
             jax.random.key(seed),
             checkpoint or Checkpoint(None, {}),

@@ -101,7 +101,7 @@ def moved(campaign, normals, areas, seed):
             {"omega_unit": jnp.asarray(omega), "normals_base": base, "log_albedo_area": log_area}
         )
         for k in jax.random.split(key, SWEEPS):
-            z = replace(moves, flux=y)(k, z, here)
+            z = replace(moves, flux=y * moves.scale)(k, z, here)
         free = problem.unravel(z)
         return free["normals_base"], free["log_albedo_area"]
 

@@ -1,0 +1,148 @@
+"""Ratios of the evidences of solutions of one form, by bridges from each to the next.
+
+Two rotations that differ by a turn between passes have posteriors of nearly the same form: what the
+data determine has other values of similar widths, and what they leave open is open in both. A map
+that takes the one to the other makes them overlap, where a Gaussian overlaps with neither.
+
+References
+----------
+Meng & Schilling 2002, JCGS 11, 552 (warp bridge sampling).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.data.segments import split
+from lcbayes.inference.basins import evenly, potentials
+from lcbayes.inference.label_switching import FacetOrder
+from lcbayes.inference.modes import Mode
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.samplers.bridge import LogEvidence, log_ratio
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
+
+Floats = NDArray[np.float64]
+
+DRAWS = 1500  # of each solution
+EFFECTIVE = 200.0  # of these, in the error
+LARGEST_SE = 1.0  # nats, above which a bridge does not hold
+APART_SE = 3.0  # nats
+FIXED = np.cos(np.radians(10.0))  # mean resultant length above which a normal is determined
+FIXED_AREA = 0.5  # sd of ln(area) below which an area is determined
+
+
+class Form(NamedTuple):
+    """Draws of a solution and the part of their coordinates that the data determine.
+
+    Attributes
+    ----------
+    z : (n, D)
+        Facets in the order of the centre.
+    centre : (D,)
+    determined : (D,) bool
+    turn : (3, 3)
+        Takes normals to the inertial axes in the middle of a pass. Between passes, rotations that
+        differ by a turn have different phases.
+    """
+
+    z: Floats
+    centre: Floats
+    determined: NDArray[np.bool_]
+    turn: Floats
+
+
+def with_ratios(
+    modes: Sequence[Mode], problem: Problem, order: FacetOrder, data: Epochs
+) -> list[Mode]:
+    """The solutions with evidences relative to that of the first, whose error is set to zero.
+
+    Where the posteriors do not overlap, the ratio is that of the Gaussian (Laplace) approximations,
+    with an error of `APART_SE`.
+    """
+    first, *others = sorted(modes, key=lambda m: -m.solution.log_evidence)
+    base = replace(first, log_evidence=LogEvidence(first.log_evidence.value, 0.0))
+    form = _form(first, problem, order, data)
+    related = [base]
+    for mode in others:
+        ratio = _ratio(form, _form(mode, problem, order, data), problem, order, data)
+        if not ratio.se < LARGEST_SE:
+            laplace = mode.solution.log_evidence - first.solution.log_evidence
+            ratio = LogEvidence(laplace, APART_SE)
+        value = base.log_evidence.value + ratio.value
+        related.append(replace(mode, log_evidence=LogEvidence(value, ratio.se)))
+    return related
+
+
+def _form(mode: Mode, problem: Problem, order: FacetOrder, data: Epochs) -> Form:
+    z = evenly(mode.z.reshape(-1, mode.z.shape[-1]), DRAWS)
+    centre = z.mean(axis=0)
+    z = order.like_all(z, centre)
+    normals, areas = problem.rows([NORMALS]).reshape(-1, 3), problem.rows([AREAS])
+    units = z[:, normals] / np.linalg.norm(z[:, normals], axis=-1, keepdims=True)
+    fixed = np.linalg.norm(units.mean(axis=0), axis=-1) > FIXED
+    fixed &= z[:, areas].std(axis=0) < FIXED_AREA
+    determined = np.ones(z.shape[1], bool)
+    determined[normals[~fixed].ravel()] = False
+    determined[areas[~fixed]] = False
+    mean = z.mean(axis=0)
+    mean[normals[~fixed]] = [0.0, 0.0, 1.0]
+    omega = np.asarray(compiled(problem.constrain)(jnp.asarray(mean), data)["omega"])
+    turn = Rotation.from_rotvec(omega * _middle_of_a_pass(data)).as_matrix()
+    return Form(z, centre, determined, turn)
+
+
+def _middle_of_a_pass(data: Epochs) -> float:
+    """Of the pass with the most points, s."""
+    t = np.asarray(data.t)
+    rows = max(split(t, np.zeros(t.size, int)), key=len)
+    return 0.5 * float(t[rows[0]] + t[rows[-1]])
+
+
+def _ratio(a: Form, b: Form, problem: Problem, order: FacetOrder, data: Epochs) -> LogEvidence:
+    """ln Z_b/Z_a, from draws of each and their images on the other."""
+    normals = problem.rows([NORMALS]).reshape(-1, 3)
+    turn = b.turn.T @ a.turn
+
+    def turned(z: Floats, by: Floats) -> Floats:
+        z = z.copy()
+        z[:, normals] = z[:, normals] @ by.T
+        return z
+
+    def in_order_of_a(values: Floats) -> Floats:
+        return order.carried(b.centre, turned(a.centre[None], turn)[0], values)
+
+    away, there = turned(a.z, turn), in_order_of_a(b.z)
+    marks = in_order_of_a(b.determined.astype(float))
+    rows = np.flatnonzero(a.determined & (marks > 0.5))
+
+    def moments(z: Floats) -> tuple[Floats, Floats]:
+        part = z[:, rows]
+        return part.mean(axis=0), np.linalg.cholesky(np.cov(part.T).reshape(len(rows), -1))
+
+    (mean_a, root_a), (mean_b, root_b) = moments(away), moments(there)
+    stretch = np.log(np.diag(root_b)).sum() - np.log(np.diag(root_a)).sum()
+
+    def mapped(z: Floats, mean: Floats, root: Floats, to: tuple[Floats, Floats]) -> Floats:
+        z = z.copy()
+        z[:, rows] = to[0] + np.linalg.solve(root, (z[:, rows] - mean).T).T @ to[1].T
+        return z
+
+    on_b = mapped(away, mean_a, root_a, (mean_b, root_b))
+    on_a = turned(mapped(there, mean_b, root_b, (mean_a, root_a)), turn.T)
+
+    def log_density(z: Floats, centre: Floats) -> Floats:
+        inside = np.all(order.like_all(z, centre) == z, axis=1)
+        return np.where(inside, -potentials(problem, z, data), -np.inf)
+
+    centre_b = in_order_of_a(b.centre)
+    at_a = log_density(on_b, centre_b) + stretch - log_density(a.z, a.centre)
+    at_b = log_density(there, centre_b) + stretch - log_density(on_a, a.centre)
+    return log_ratio(at_b, at_a, EFFECTIVE, EFFECTIVE)
