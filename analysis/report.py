@@ -183,9 +183,9 @@ def _observed(results: Results) -> list[tuple[str, str]]:
     else:
         facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
     for name, words in (("site", "Sites"), ("band", "Bands")):
-        found = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
-        listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
-        facts += [(words, listed)] if found else []
+        labels = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
+        listed = ", ".join(labels[:8]) + (f" and {len(labels) - 8} more" if len(labels) > 8 else "")
+        facts += [(words, listed)] if labels else []
     facts.append(("Directions in", sky_plots.frame_words(results)))
     return facts
 
@@ -193,10 +193,10 @@ def _observed(results: Results) -> list[tuple[str, str]]:
 def _assumptions(results: Results) -> list[str]:
     text = results.attrs.get("assumptions") or "[]"
     try:
-        found = json.loads(text) if isinstance(text, str) else list(text)
+        stated = json.loads(text) if isinstance(text, str) else list(text)
     except json.JSONDecodeError:
-        found = [text]
-    lines = [str(s) for s in (found if isinstance(found, list) else [found])]
+        stated = [text]
+    lines = [str(s) for s in (stated if isinstance(stated, list) else [stated])]
     return lines + searched(results.summary.get("search"))
 
 

@@ -53,7 +53,7 @@ def fitted(cell: Cell, seed: int, out: Path) -> Outcome:
 def nearest(result: Fit, pole: np.ndarray, period_h: float) -> tuple[dict[str, bool], float]:
     """Intervals of the solution whose pole is nearest to the truth, and its angle in degrees."""
     lon, lat = np.arctan2(pole[1], pole[0]), np.arcsin(pole[2])
-    found = []
+    offsets = []
     for i, mode in enumerate(result.content["modes"]):
         if mode["weight"] < MIN_WEIGHT:
             continue
@@ -72,8 +72,8 @@ def nearest(result: Fit, pole: np.ndarray, period_h: float) -> tuple[dict[str, b
             "pole lon": angle_within(lons, float(lon)),
             "pole lat": within(lats, float(lat)),
         }
-        found.append((off, inside))
-    off, inside = min(found, key=lambda pair: pair[0])
+        offsets.append((off, inside))
+    off, inside = min(offsets, key=lambda pair: pair[0])
     return inside, off
 
 

@@ -30,13 +30,13 @@ POINTS = 1000
 
 def geometries() -> dict[str, LightCurve]:
     """Geometries of 1,000 points each, over the passes of four weeks from three sites."""
-    found = {
+    result = {
         "Sun-synchronous, 690 km": passes(days=28, step=20.0),
         "inclined 53°, 550 km": passes(550.0, 53.0, days=28, step=20.0),
     }
     return {
         name: curve.select(np.linspace(0, curve.n_obs - 1, POINTS).astype(int))
-        for name, curve in found.items()
+        for name, curve in result.items()
     }
 
 
@@ -51,7 +51,7 @@ def strange(rng: np.random.Generator, articulated: bool) -> ensemble.Bodies:
     )
 
 
-def judged(geometry: LightCurve, truth: str, noise: float, seed: int, odd: bool) -> AttitudeTest:
+def tested(geometry: LightCurve, truth: str, noise: float, seed: int, odd: bool) -> AttitudeTest:
     law = catalogue.find(truth)
     rng = np.random.default_rng(10_000 + seed)
     bodies = strange(rng, bool(law.array)) if odd else ensemble.draw(8, rng, bool(law.array))
@@ -79,13 +79,13 @@ def main() -> None:
                 for seed in range(cases):
                     truth = LAWS[seed % len(LAWS)]
                     begun = time.perf_counter()
-                    found = judged(geometry, truth, noise, seed, odd)
+                    result = tested(geometry, truth, noise, seed, odd)
                     took.append((time.perf_counter() - begun) / len(LAWS))
-                    for v in found.verdicts:
+                    for v in result.verdicts:
                         if v.tested and v.name == truth:
-                            alarms.append(found.rejected(v))
+                            alarms.append(result.rejected(v))
                         elif v.tested and truth not in v.same_as:
-                            power[truth].append(found.rejected(v))
+                            power[truth].append(result.rejected(v))
                 rows.append(
                     [
                         place,

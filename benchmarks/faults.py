@@ -68,7 +68,7 @@ def fault_of(cell: Cell) -> Fault:
 
 def solutions(result: Fit) -> list[Draws]:
     """Draws of each solution with a noticeable weight."""
-    found = []
+    drawn = []
     for i, mode in enumerate(result.content["modes"]):
         if mode["weight"] >= MIN_WEIGHT:
             draws = result.tree[f"modes/{i}/posterior"].to_dataset()
@@ -76,8 +76,8 @@ def solutions(result: Fit) -> list[Draws]:
                 np.asarray(draws[k].values).reshape(-1, *draws[k].shape[2:])
                 for k in ("omega", "normals", "albedo_area")
             ]
-            found.append(Draws(*flat))
-    return found
+            drawn.append(Draws(*flat))
+    return drawn
 
 
 def about(case: Case) -> str:

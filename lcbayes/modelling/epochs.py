@@ -320,5 +320,5 @@ def _has_passes(curve: LightCurve) -> bool:
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Index of each name among the known ones, or their number for an unknown name."""
     order = {str(name): i for i, name in enumerate(known)}
-    found, inverse = np.unique(names, return_inverse=True)
-    return np.array([order.get(str(name), len(order)) for name in found])[inverse]
+    labels, inverse = np.unique(names, return_inverse=True)
+    return np.array([order.get(str(name), len(order)) for name in labels])[inverse]

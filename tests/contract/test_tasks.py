@@ -256,8 +256,8 @@ def test_every_input_file_is_recorded_with_its_hash(tmp_path):
     }
     for out, files in expected.items():
         record = tomllib.loads((tmp_path / out / "run.toml").read_text(encoding="utf-8"))
-        found = {name: (one["path"], one["sha256"]) for name, one in record["input"].items()}
-        assert found == {
+        result = {name: (one["path"], one["sha256"]) for name, one in record["input"].items()}
+        assert result == {
             name: (str(path.resolve()), sha256(path.read_bytes()).hexdigest())
             for name, path in files.items()
         }

@@ -54,12 +54,12 @@ def seconds(junit: Path) -> dict[str, float]:
 
 def lines(data: CoverageData) -> dict[str, set[tuple[str, int]]]:
     """Lines of the package by the node id of the test that executes them."""
-    found: dict[str, set[tuple[str, int]]] = {}
+    result: dict[str, set[tuple[str, int]]] = {}
     for path in data.measured_files():
         for number, contexts in data.contexts_by_lineno(path).items():
             for context in contexts:
-                found.setdefault(context.partition("|")[0], set()).add((path, number))
-    return found
+                result.setdefault(context.partition("|")[0], set()).add((path, number))
+    return result
 
 
 def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -> list[str]:

@@ -66,16 +66,16 @@ def search_object(shared: tuple[SurveyOptions, str], entry: Entry) -> dict[str, 
     begun = time.monotonic()
     try:
         with time_limit(options.time_limit):
-            found = _solutions(options, folder, entry)
+            row = _solutions(options, folder, entry)
     except InputError as fault:
-        found = failed(entry.name, str(fault), retry=False)
+        row = failed(entry.name, str(fault), retry=False)
     except OutOfTime as fault:
-        found = failed(entry.name, f"{fault} (--time-limit)")
+        row = failed(entry.name, f"{fault} (--time-limit)")
     except Exception as fault:  # a fault in one object must not stop the others
-        found = failed(
+        row = failed(
             entry.name, ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         )
-    return found | {"seconds": round(time.monotonic() - begun, 3)}
+    return row | {"seconds": round(time.monotonic() - begun, 3)}
 
 
 def failed(name: str, reason: str, *, retry: bool = True) -> dict[str, Any]:

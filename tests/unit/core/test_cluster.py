@@ -66,8 +66,10 @@ def test_workers_without_lcbayes_are_told_of():
             [sys.executable, "-c", WITHOUT, address], stderr=subprocess.DEVNULL
         )
         try:
-            told = pytest.raises(InputError, match="1 of the 1 Dask workers cannot import lcbayes")
-            with told, worker_pool(scheduler=address):
+            refused = pytest.raises(
+                InputError, match="1 of the 1 Dask workers cannot import lcbayes"
+            )
+            with refused, worker_pool(scheduler=address):
                 pass
         finally:
             worker.kill()
@@ -144,7 +146,7 @@ def test_tasks_are_taken_as_they_are_needed(n_workers, monkeypatch):
             yield (i,)
 
     with worker_pool(n_workers=n_workers, ahead=5) as run:
-        for i, found in run(squared, 3, tasks()):
-            done.append((i, found))
+        for i, result in run(squared, 3, tasks()):
+            done.append((i, result))
             assert len(taken) <= len(done) + 5
     assert sorted(done) == [(i, 3 + i * i) for i in range(60)]

@@ -48,9 +48,9 @@ def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
     )
     for name in ("b.csv", "a.lcs", "notes.md"):
         (tmp_path / name).touch()
-    found = objects(tmp_path / "c.toml")
-    assert [one.options.model for one in found] == [str(tmp_path / "mine.py"), "convex-grid"]
-    assert [one.options.n_facets for one in found] == [2, 2]
+    listed = objects(tmp_path / "c.toml")
+    assert [one.options.model for one in listed] == [str(tmp_path / "mine.py"), "convex-grid"]
+    assert [one.options.n_facets for one in listed] == [2, 2]
     assert [one.name for one in objects(tmp_path)] == ["a", "b"]
     assert [one.name for one in objects(f"{tmp_path}/*.lcs")] == ["a"]
 

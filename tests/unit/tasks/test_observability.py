@@ -21,12 +21,12 @@ NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 
 
 def sites(**change):
-    found = {
+    result = {
         "omega": np.array([0.0, 0.0, 0.02]),
         "normals": NORMALS,
         "albedo_area": np.array([2.0, 3.0]),
     }
-    return {k: jnp.asarray(v) for k, v in (found | change).items()}
+    return {k: jnp.asarray(v) for k, v in (result | change).items()}
 
 
 def test_targets_move_as_what_they_name():
