@@ -159,7 +159,7 @@ def test_the_example_of_the_readme_runs_on_a_stored_fit(tmp_path, monkeypatch, c
     assert names["again"].trusted
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("short_runs")
 def test_the_model_file_of_the_docs_fits(tmp_path):
     file = tmp_path / "mine.py"
     documentation_blocks.own_model(file)
@@ -175,7 +175,7 @@ TRIED_ABOVE = {"README.md", "docs/models.md"}
 CHEAP = {"docs/attitude-laws.md"}
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("short_runs")
 @pytest.mark.parametrize(
     "page",
     [

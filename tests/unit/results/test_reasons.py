@@ -65,8 +65,8 @@ def test_conditions_of_a_spin():
     assert not spin.require("rapid", False, "too-few-passes", count=2, least=3)
     assert spin.require("unique", True, "many-poles", count=1, most=4)
     assert [finding.code for finding in spin.reasons] == ["too-few-passes"]
-    cycles, one = spin.conditions
-    assert condition(cycles.finding, met=cycles.met).startswith(
+    rapid, one = spin.conditions
+    assert condition(rapid.finding, met=rapid.met).startswith(
         "2 pass(es) show steady harmonics, and 3"
     )
     assert condition(one.finding, met=one.met) == "1 pole(s)"
