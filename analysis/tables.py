@@ -202,5 +202,5 @@ def residual_table(results: Results) -> dict[str, Any] | None:
         "rows": rows,
         "limit": f"{fit['p_limit']:.2g}",
         "false_alarm": percent(fit["false_alarm"]),
-        "judged": fit.get("chi2") is not None,
+        "affect_verdict": fit.get("chi2") is not None,
     }

@@ -191,7 +191,7 @@ def orbits(rng: np.random.Generator):
 
 
 def draw_case(kind: str, seed: int) -> Case:
-    """A body, pole, period and orbit drawn anew, on six nights of some six years.
+    """A random body, pole, period and orbit, on six nights of some six years.
 
     The nights are random ones at phase angles below 25°, at least 20 days apart. The period that
     the user knows is wrong by a third of the difference of neighbouring solutions.

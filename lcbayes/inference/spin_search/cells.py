@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 POLE_GRID = 500  # poles over the sphere, 9° apart
 POLE_STEP = np.radians(9.0)
-STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
+STEP = 1.0  # rad: spacing of rates times the duration by which they are distinguished
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 BUDGET = 150_000  # cells evaluated at each level after the first

@@ -22,7 +22,7 @@ def representatives(
 ) -> NDArray[np.int64]:
     """Rows of cells, best first, no two of which belong to one state.
 
-    Rates are told apart over a time span (s), by default that of an arc.
+    Rates are distinguished over a time span (s), by default that of an arc.
     """
     span = grid.arcs.duration if span is None else span
     middle = np.asarray(grid.arcs.middle)
@@ -51,7 +51,7 @@ def distinct(states: States, span: float, most: int) -> NDArray[np.int64]:
     states : States
         The best first.
     span : float
-        Time (s) over which rates are told apart.
+        Time (s) over which rates are distinguished.
     most : int
     """
     chosen: list[int] = []

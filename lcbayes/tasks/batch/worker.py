@@ -13,7 +13,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
 from lcbayes.core.version import installed_version
 from lcbayes.modelling.variables import SPIN
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.draws import weighted_draws
 from lcbayes.tasks.batch.objects import Object
 from lcbayes.tasks.fit.options import TASK
@@ -87,7 +87,7 @@ def _row(one: Object, result: Fit, seconds: float) -> dict[str, Any]:
     row = {
         "name": one.name,
         "curve": one.curve,
-        "status": TRUSTED if result.trusted else DOUBTED,
+        "status": TRUSTED if result.trusted else NOT_TRUSTED,
         "reasons": summary["reasons"],
         "seconds": seconds,
         "model": summary["model"],

@@ -119,8 +119,8 @@ def calibrate(
     scaled_by_flux = curve.kind == "flux" and bool(np.any(np.isnan(data.error)))
     if np.any(curve.free_scale) or scaled_by_flux:
         raise InputError(
-            "calibration draws scales and errors from their priors, and those of this curve are "
-            "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
+            "calibration draws scales and errors from their priors, and those of this curve "
+            "depend on its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
     plain, _ = build_problem(entry, entry.check(options), data)
     rest = dict(asked)

@@ -14,7 +14,7 @@ from lcbayes.core.time_limit import OutOfTime, check_time, time_limit
 from lcbayes.core.version import installed_version
 from lcbayes.data.catalogues.entry import Entry
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.survey_table import OBJECT, SOLUTION, folder_name
 from lcbayes.tasks.scan.options import PERIODOGRAM, ScanOptions
 from lcbayes.tasks.scan.options import TASK as SCAN
@@ -98,7 +98,7 @@ def _solutions(options: SurveyOptions, folder: str, entry: Entry) -> dict[str, A
     page = _full(options, folder, entry.name, curve) if entry.name in options.full else None
     return {
         "name": entry.name,
-        "status": DOUBTED if against else TRUSTED,
+        "status": NOT_TRUSTED if against else TRUSTED,
         "reasons": [reason.content for reason in reasons(against)],
         "retry": False,
         **{name: _rounded(rows[0][name]) for name in OBJECT},
