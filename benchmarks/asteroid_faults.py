@@ -5,10 +5,11 @@
     python benchmarks/asteroid_faults.py -o DIR --table-only --write     the table, into RESULTS.md
 
 Each case is a complete `lcbayes.fit` of ``convex-grid`` with its defaults to a DAMIT file of 300
-points in six curves. Body, pole, period and orbit are random; `_asteroids.py` simulates them without any code of the package. An ellipsoid of uniform albedo is what the model describes, a
-brick with flat faces hardly, a contact binary with shadows and a dark spot not. Quantities:
-sidereal period, longitude and latitude of the pole. The solution nearest to the true pole is
-scored, because poles near λ + 180° are a known ambiguity of such data.
+points in six curves. Body, pole, period and orbit are random; `_asteroids.py` simulates them
+without any code of the package. An ellipsoid of uniform albedo is what the model describes, a brick
+with flat faces hardly, a contact binary with shadows and a dark spot not. Quantities: sidereal
+period, longitude and latitude of the pole. The solution nearest to the true pole is scored, because
+poles near λ + 180° are a known ambiguity of such data.
 """
 
 from __future__ import annotations

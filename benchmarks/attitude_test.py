@@ -67,34 +67,35 @@ def share(hits: list[bool]) -> str:
     return f"{100 * rate:.1f} ± {100 * np.sqrt(max(rate * (1 - rate), 0.25 / n) / n):.1f} % of {n}"
 
 
+def row(geometry: LightCurve, odd: bool, noise: float, cases: int, took: list[float]) -> list[str]:
+    """Shares of the true and of the wrong laws that are rejected; ``took`` gets the times (s)."""
+    alarms: list[bool] = []
+    power: dict[str, list[bool]] = {n: [] for n in LAWS}
+    for seed in range(cases):
+        truth = LAWS[seed % len(LAWS)]
+        begun = time.perf_counter()
+        result = tested(geometry, truth, noise, seed, odd)
+        took.append((time.perf_counter() - begun) / len(LAWS))
+        for v in result.verdicts:
+            if v.tested and v.name == truth:
+                alarms.append(result.rejected(v))
+            elif v.tested and truth not in v.same_as:
+                power[truth].append(result.rejected(v))
+    return [share(alarms), *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="per row (default 100)")
     cases = parser.parse_args().cases
-    rows, took = [], []
+    rows: list[list[str]] = []
+    took: list[float] = []
     for place, geometry in geometries().items():
         for odd in (False, True):
+            bodies = "mirror-like" if odd else "as drawn"
             for noise in NOISE:
-                alarms, power = [], {n: [] for n in LAWS}
-                for seed in range(cases):
-                    truth = LAWS[seed % len(LAWS)]
-                    begun = time.perf_counter()
-                    result = tested(geometry, truth, noise, seed, odd)
-                    took.append((time.perf_counter() - begun) / len(LAWS))
-                    for v in result.verdicts:
-                        if v.tested and v.name == truth:
-                            alarms.append(result.rejected(v))
-                        elif v.tested and truth not in v.same_as:
-                            power[truth].append(result.rejected(v))
-                rows.append(
-                    [
-                        place,
-                        "mirror-like" if odd else "as drawn",
-                        f"{100 * noise:.0f} %",
-                        share(alarms),
-                        *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS),
-                    ]
-                )
+                shares = row(geometry, odd, noise, cases, took)
+                rows.append([place, bodies, f"{100 * noise:.0f} %", *shares])
                 print(rows[-1], flush=True)
     heads = ["orbit", "bodies", "noise", "true law rejected", *(f"if {n} is true" for n in LAWS)]
     text = (
