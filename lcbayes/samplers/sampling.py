@@ -94,6 +94,10 @@ class Sampler:
         halvings = HALVINGS if self.settings.sampler == "nuts" else 0
         start, advance = self._compile(key, num_warmup, whitening, data, timing)
         keys = jax.random.split(key, self.settings.num_chains)
+
+        def block(state):
+            return _to_host(advance(_to_device(state), whitening, data))
+
         with threads(self.workers) as pool:
             states = list(pool.map(lambda k: _to_host(start(k, whitening, data)), keys))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
@@ -101,12 +105,7 @@ class Sampler:
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
                     begun = time.monotonic()
-                    out = list(
-                        pool.map(
-                            lambda s: _to_host(advance(_to_device(s), whitening, data)), states
-                        )
-                    )
-                    stored = _pack(out)
+                    stored = _pack(list(pool.map(block, states)))
                     checkpoint.save(f"{name}-{i:04d}", stored)
                     took = time.monotonic() - begun
                     if i < warmup_blocks:
