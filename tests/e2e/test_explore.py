@@ -28,16 +28,25 @@ from tests.helpers import browser_pages, results_folders
 CHART, BODY = "[data-is=chart] canvas", "[data-is=body] canvas"
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory) -> dict[str, Path]:
-    base = tmp_path_factory.mktemp("explore")
-    made = {
-        "satellite": results_folders.faceted(base / "satellite"),
-        "asteroid": results_folders.asteroid(base / "asteroid", n_facets=60, n_curves=4),
-    }
-    for folder in made.values():
+class Folders(dict[str, Path]):
+    """Results with a report by name, each made when it is first used."""
+
+    def __init__(self, base: Path) -> None:
+        self.base = base
+
+    def __missing__(self, name: str) -> Path:
+        if name == "satellite":
+            folder = results_folders.faceted(self.base / name)
+        else:
+            folder = results_folders.asteroid(self.base / name, n_facets=60, n_curves=4)
         lcbayes.report(folder)
-    return made
+        self[name] = folder
+        return folder
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory) -> Folders:
+    return Folders(tmp_path_factory.mktemp("explore"))
 
 
 class Opened:

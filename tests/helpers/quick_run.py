@@ -8,8 +8,9 @@ Both files are of one run:
 
 From the longest to the shortest, a test is listed if every line of the package that it executes is
 executed by a test that is not listed. The quick run therefore covers the same lines. A long test is
-also listed if it takes more than `SECONDS_PER_LINE` for each line that it alone executes. Those that
-are listed already, which do not take part in the run, stay listed; empty the list to start again.
+also listed if it takes more than `SECONDS_PER_LINE` for each line that no other test executes. The
+tests that are listed already do not take part in the run and stay listed; empty the list to start
+again.
 """
 
 from __future__ import annotations
