@@ -121,3 +121,30 @@ def test_the_number_of_facets_from_the_sparse_prior():
 def test_the_sparse_prior_is_refused_where_it_has_no_meaning(options, said):
     with pytest.raises(InputError, match=said):
         lcbayes.fit(small_curves.curve(20), sparse=3, **options)
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "said"),
+    [
+        ("faceted", {"spin": "torque-free"}, ["It is rigid and no torque acts on it"]),
+        (
+            "faceted",
+            {"nutation_sd": 0.5, "nutation_ratio": 0.6, "spin": "free"},
+            ["The body nutates by some 0.5 deg"],
+        ),
+        ("convex-grid", {"period": 5.8}, ["Its sidereal period is near 5.8 h"]),
+        (
+            "body",
+            {"body": "rocket-stage", "spin": "free"},
+            [
+                "It turns at a constant angular velocity, about any axis",
+                "The angle about its axis of symmetry does not matter",
+            ],
+        ),
+        ("body", {"body": "rocket-stage"}, ["It turns at a constant rate about its axis ("]),
+    ],
+)
+def test_the_motion_is_stated(model, options, said):
+    stated = assumptions(small_curves.curve(), registry.find(model), options)
+    for words in said:
+        assert any(line.startswith(words) for line in stated), stated
