@@ -231,7 +231,7 @@ def test_the_sparse_path(result):
         (("--law", "shiny"), "is chosen with --reflectance"),
     ],
 )
-def test_faults_are_told_in_a_line(curve, tmp_path, capsys, given, says):
+def test_faults_are_reported_in_a_line(curve, tmp_path, capsys, given, says):
     out = tmp_path / "out"
     command = ["compare", str(curve), "-o", str(out), "--n-facets", "1-2", *given]
     assert_refused(command, out, says, capsys)

@@ -351,7 +351,7 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--config", "none.toml"], "none.toml"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(curve, tmp_path, capsys, flags, says):
+def test_wrong_options_are_reported_in_one_line(curve, tmp_path, capsys, flags, says):
     out = tmp_path / "out"
     assert_refused(["fit", str(curve), "-o", str(out), *flags], out, says, capsys)
 

@@ -30,7 +30,7 @@ def planned(tmp_path_factory):
     return out, json.loads(said.getvalue())
 
 
-def test_a_scenario_is_judged_and_planned(planned, look):
+def test_a_scenario_is_assessed_and_planned(planned, look):
     out, printed = planned
     result = json.loads((out / "observability.json").read_text())
     assert printed == {"schema": 2, "task": "observability", "trusted": True, "reasons": []} | {

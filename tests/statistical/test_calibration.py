@@ -60,7 +60,7 @@ def test_coverage_counts_central_intervals():
     np.testing.assert_array_equal(result.coverage(0.5), [0.5, 0.5])
 
 
-def test_scales_that_are_told_from_the_data_have_no_prior_to_draw_from():
+def test_scales_that_depend_on_the_data_have_no_prior_to_draw_from():
     curve = small_curves.curve(20)
     with pytest.raises(InputError, match="known scale"):
         calibrate(replace(curve, free_scale=np.array([True])), "faceted", n=1, **OPTIONS)

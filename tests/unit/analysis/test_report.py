@@ -278,7 +278,7 @@ def test_dates_and_durations():
     assert duration(25 * 365.25 * 86400) == "25 years"
 
 
-def test_passes_are_told_apart_and_lone_points_are_not():
+def test_passes_are_distinguished_and_lone_points_are_not():
     def split(t, curve):
         results = SimpleNamespace(t=np.asarray(t, float), curve=np.asarray(curve), labels={})
         return [list(s.points) for s in light_curve_plots.segments(results)]  # pyright: ignore[reportArgumentType]

@@ -124,7 +124,7 @@ def test_the_runs_errors_enter_the_verdict():
     assert verdict(counts, odds(0.98, 0.02, 0.0, error=0.06)).possible == [2, 3]
 
 
-def test_runs_that_disagree_are_told():
+def test_runs_that_disagree_are_reported():
     assert undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.2)) == []
     (result,) = undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.3))
     reason = sentence(result).text

@@ -116,7 +116,7 @@ def test_runs_count_by_their_evidence(case, two, monkeypatch):
     assert modes[0].log_evidence.value == pytest.approx(total + np.log(modes[0].weight), abs=1e-9)
 
 
-def test_disagreement_is_told(case, two, monkeypatch):
+def test_disagreement_is_reported(case, two, monkeypatch):
     modes, _, reasons = sampled(
         case, monkeypatch, mixed(case, two, (1.0, 0.5, 0.9), 3), centres(two)
     )

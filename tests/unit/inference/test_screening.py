@@ -84,7 +84,7 @@ def test_problems_of_other_sites_give_no_bodies(one):
     )
 
 
-def test_more_facets_that_fit_worse_have_lost_their_way():
+def test_more_facets_that_fit_worse_are_at_a_local_optimum():
     """Their particles are elsewhere; likelihoods count as much as the points do."""
     result = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
     lost = screening.lost(result, 1.0)

@@ -248,7 +248,7 @@ def wire_found(seed: int) -> bool:
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_a_facet_a_wire_and_a_panel_are_found_and_told_apart():
+def test_a_facet_a_wire_and_a_panel_are_found_and_distinguished():
     """Seven regions of 90 % in a row miss once in ten million times; the panel by its error."""
     assert any(facet_found(seed) for seed in range(3, 10))
     assert any(wire_found(seed) for seed in range(3, 10))

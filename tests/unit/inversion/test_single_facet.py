@@ -132,7 +132,7 @@ def test_chance_edges_are_as_rare_as_they_should_be():
     assert stats.binomtest(hits, 100, 0.05).pvalue > EACH
 
 
-def test_the_share_is_told_where_the_facet_is_brightest(case):
+def test_the_share_is_reported_where_the_facet_is_brightest(case):
     """Where the whole flux is zero, or fitted below it, any facet has all of it and more."""
     curve, normal = case
     facet = flux_of(curve, LVLH, normal, 1.0) - flux_of(curve, LVLH, normal, 0.0)

@@ -265,7 +265,7 @@ def seen(**changes) -> LightCurve:
     return LightCurve(**(given | changes))
 
 
-def test_a_curve_without_an_orbit_is_told_so():
+def test_a_curve_without_an_orbit_is_reported():
     with pytest.raises(InputError, match=r"'lvlh' needs the satellite's orbit.* has none; .*--tle"):
         frames(catalogue.find("lvlh"), seen())
     with pytest.raises(InputError, match=r"'sun-flight' needs the satellite's orbit.* has none; "):

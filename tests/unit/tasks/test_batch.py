@@ -99,7 +99,7 @@ def test_an_object_is_another_when_the_scan_it_starts_from_is(tmp_path):
     assert before != identity(one)
 
 
-def test_an_unforeseen_fault_is_told_in_words(tmp_path, monkeypatch):
+def test_an_unforeseen_fault_is_reported_in_words(tmp_path, monkeypatch):
     monkeypatch.setattr("lcbayes.data.read.read", lambda *_, **__: 1 / 0)
     row = fit_object((str(tmp_path), False), Object("a", "a.csv"))
     (reason,) = row["reasons"]
