@@ -66,7 +66,7 @@ def test_chi2_is_of_normal_quantiles(law):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_parameters_that_the_prior_holds_take_no_freedom(law):
-    problem, data = linear(law, told=4, held=30)
+    problem, data = linear(law, n_estimated=4, held=30)
     assert goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data) == pytest.approx(
         96, abs=0.01
     )
@@ -74,7 +74,7 @@ def test_parameters_that_the_prior_holds_take_no_freedom(law):
 
 def test_only_the_brightness_takes_freedom():
     """A sum of the parameters that is conditioned on leaves the data one fewer to set."""
-    problem, data = linear("gaussian", told=4, condition=True)
+    problem, data = linear("gaussian", n_estimated=4, condition=True)
     result = goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data)
     assert result == pytest.approx(97, abs=0.01)
 
@@ -89,7 +89,7 @@ def test_a_direction_is_two_parameters_and_an_area_one():
 
 
 def test_misfit_is_seen_where_no_freedom_is_left():
-    problem, data = linear("gaussian", told=12, n=8)
+    problem, data = linear("gaussian", n_estimated=12, n=8)
     z = at_zero(problem)
     assert goodness_of_fit.degrees_of_freedom(problem, z, data) == 8.0
     poor = replace(data, brightness=data.brightness.at[2].add(0.13))
