@@ -245,7 +245,7 @@ def test_a_prediction_is_a_table_a_file_and_a_figure(tmp_path):
     shifts = {"q05": -0.2, "q25": -0.1, "q75": 0.1, "q95": 0.2}
     columns |= {f"mag_{q}": [12.0 + x, 12.5 + x] for q, x in shifts.items()}
     result = Prediction(columns, ["one note"], [])
-    assert result.summary()["trusted"].all()
+    assert list(result.summary()["trusted"]) == [True, True]
     assert result.lines() == ["note: one note", "mag predicted at 2 epochs"]
     rows = list(csv.DictReader(result.save(tmp_path / "table.csv").read_text().splitlines()))
     assert [float(row["mag_q95"]) for row in rows] == [12.2, 12.7]
