@@ -37,10 +37,10 @@ def draw_map(result: Inversion, gallery: Gallery) -> None:
     """Mollweide map of the body frame: density on the grid, facets as rings, the arc if any."""
     figure = gallery.figure(7.0, 3.6)
     axes = mollweide(figure)
-    found = result.on_grid
-    count = int(np.sum(found.which == 0))
-    density = found.areas.reshape(-1, count).sum(axis=0)
-    lon_edges, lat_edges, pixels = nearest_pixels(found.normals[:count])
+    on_grid = result.on_grid
+    count = int(np.sum(on_grid.which == 0))
+    density = on_grid.areas.reshape(-1, count).sum(axis=0)
+    lon_edges, lat_edges, pixels = nearest_pixels(on_grid.normals[:count])
     share = 100.0 * density / density.sum()
     # a square-root scale, so that 1 % is visible next to 50 %
     from matplotlib.colors import PowerNorm

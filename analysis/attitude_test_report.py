@@ -71,9 +71,9 @@ def _not_tested(result: AttitudeTest) -> list[str]:
     names: dict[str, list[str]] = {}
     for v in result.verdicts:
         if v.sparse:
-            few = f"fewer than {MIN_PAIRS} pairs among {MIN_POINTS} points are alike"
+            too_few = f"fewer than {MIN_PAIRS} pairs among {MIN_POINTS} points are alike"
             some = f" ({v.n_pairs} among {v.n_points})" if v.n_pairs else ""
-            names.setdefault(few, []).append(v.name + some)
+            names.setdefault(too_few, []).append(v.name + some)
         elif not v.tested:
             names.setdefault(v.reason, []).append(v.name)
     lines = []

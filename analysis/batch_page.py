@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 from lcbayes.analysis import style
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.tables import three
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 
 RATE, AREA = "rotation rate", "total albedo-area"
-COLOURS = {TRUSTED: style.colour(0), DOUBTED: style.colour(1), FAILED: style.FAINT}
+COLOURS = {TRUSTED: style.colour(0), NOT_TRUSTED: style.colour(1), FAILED: style.FAINT}
 ALT = "Goodness of fit and size or residuals of every object."
 CAPTION = (
     "Left: goodness of fit of every object, by its row in the catalogue. Right: {what} against "
@@ -162,7 +162,7 @@ def _rate(row: Mapping[str, Any]) -> float:
 
 
 def _marked(axes: Any, x: np.ndarray, y: np.ndarray, rows: Sequence[Mapping[str, Any]]) -> None:
-    for status, mark in ((TRUSTED, "."), (DOUBTED, "x")):
+    for status, mark in ((TRUSTED, "."), (NOT_TRUSTED, "x")):
         here = np.array([row["status"] == status for row in rows], bool)
         if here.any():
             axes.plot(x[here], y[here], mark, ms=5, color=COLOURS[status], label=status)

@@ -192,13 +192,13 @@ def _modes(
     if "solution" in posterior.coords:
         which = posterior["solution"].to_numpy()
     listed = summary.get("modes") or []
-    found = []
+    modes = []
     for name in sorted(tree["modes"].children, key=int) if "modes" in tree else [""]:
         node = tree[f"modes/{name}"] if name else tree
         stats = node["sample_stats"].to_dataset().load() if "sample_stats" in node else None
         k = int(name or 0)
         entry = listed[k] if k < len(listed) else {}
-        found.append(
+        modes.append(
             Mode(
                 index=k,
                 weight=float(entry.get("weight", np.mean(which == k))),
@@ -214,4 +214,4 @@ def _modes(
                 curves=node["curves"].to_dataset().load() if "curves" in node else None,
             )
         )
-    return sorted(found, key=lambda m: -m.weight)
+    return sorted(modes, key=lambda m: -m.weight)

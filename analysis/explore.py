@@ -92,7 +92,7 @@ def _mode(
         most = min(most, max(4, MOST_DIRECTIONS // max(order.size, 1)))
     rows, curves = _curves(results, mode, most)
     bands = light_curve_plots.bands(mode)
-    found: dict[str, Any] = {
+    content: dict[str, Any] = {
         "name": mode.name,
         "colour": colour(mode.index),
         "draws": len(rows),
@@ -102,12 +102,12 @@ def _mode(
         "attitude": _attitude(mode, rows, results, order),
     }
     if shape is not None:
-        found |= {"axis": shape.scene["axis"], "solid": solid}
+        content |= {"axis": shape.scene["axis"], "solid": solid}
         if shape.known is not None:
-            found["bodies"] = _known(mode, shape.known)
+            content["bodies"] = _known(mode, shape.known)
         else:
-            found["bodies"] = _bodies(results, mode, rows, solid)
-    return found
+            content["bodies"] = _bodies(results, mode, rows, solid)
+    return content
 
 
 def _stacked(mode: Mode, name: str) -> Floats:
@@ -207,17 +207,17 @@ def _by_law(results: Results, curve: LightCurve, order: NDArray[np.int64]) -> di
 def _constant_rate(mode: Mode, rows: NDArray[np.int64], results: Results) -> dict[str, Any]:
     """The mean angular velocity of each draw, with its drift and the attitude at t = 0 if these are
     parameters."""
-    found: dict[str, Any] = {
+    content: dict[str, Any] = {
         "kind": "rate",
         "omega": packed(_stacked(mode, "omega")[rows], "<f8"),
         "middle": 0.5 * float(results.t.min() + results.t.max()),
         "span": results.span_s,
     }
     if "rate_drift" in mode.draws:
-        found["drift"] = packed(_stacked(mode, "rate_drift")[rows], "<f8")
+        content["drift"] = packed(_stacked(mode, "rate_drift")[rows], "<f8")
     if "attitude" in mode.draws:
-        found["attitude"] = packed(_stacked(mode, "attitude")[rows], "<f8")
-    return found
+        content["attitude"] = packed(_stacked(mode, "attitude")[rows], "<f8")
+    return content
 
 
 def _tumbling(
@@ -232,11 +232,11 @@ def _tumbling(
         return jnp.stack(torque_free_to_body(t, omega, inertia_tensor(free, sd)[0], sun, obs))
 
     free, omega = (jnp.asarray(_stacked(mode, k)[rows]) for k in ("inertia_base", "omega"))
-    found = np.asarray(jax.lax.map(lambda pair: turned(*pair), (free, omega)))[:, :, order]
+    directions = np.asarray(jax.lax.map(lambda pair: turned(*pair), (free, omega)))[:, :, order]
     return {
         "kind": "directions",
-        "sun": packed(np.round(32000 * found[:, 0]), "<i2"),
-        "obs": packed(np.round(32000 * found[:, 1]), "<i2"),
+        "sun": packed(np.round(32000 * directions[:, 0]), "<i2"),
+        "obs": packed(np.round(32000 * directions[:, 1]), "<i2"),
     }
 
 
@@ -248,14 +248,16 @@ def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) 
     normals = grid if known is None else known.reshape(-1, *known.shape[2:])
     assert normals is not None
     spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
-    found: dict[str, Any] = {"uncertainty": np.round(spread, 4).tolist()}
+    content: dict[str, Any] = {"uncertainty": np.round(spread, 4).tolist()}
     if not solid:
         chosen = np.broadcast_to(normals, (len(areas), *normals.shape[-2:]))[rows]
-        found["normals"] = packed(chosen, "<f4")
-        found["areas"] = packed(areas[rows], "<f4")
-        return found
-    found["solids"] = [_solid(normals[r] if normals.ndim == 3 else normals, areas[r]) for r in rows]
-    return found
+        content["normals"] = packed(chosen, "<f4")
+        content["areas"] = packed(areas[rows], "<f4")
+        return content
+    content["solids"] = [
+        _solid(normals[r] if normals.ndim == 3 else normals, areas[r]) for r in rows
+    ]
+    return content
 
 
 def _known(mode: Mode, known: KnownShape) -> dict[str, Any]:

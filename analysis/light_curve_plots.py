@@ -279,10 +279,10 @@ def draw_folded(results: Results, gallery: Gallery) -> Image | None:
     quarter of a rotation.
     """
     best = results.modes[0]
-    found = rotation_period(best)
-    if found is None or results.t.size < FEWEST_FOLDED:
+    rotation = rotation_period(best)
+    if rotation is None or results.t.size < FEWEST_FOLDED:
         return None
-    period, spread = found
+    period, spread = rotation
     turns_seen = results.span_s / abs(period)
     if turns_seen < 3.0 or turns_seen * spread / abs(period) > 0.25:
         return None

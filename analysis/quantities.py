@@ -232,22 +232,22 @@ def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
     rate = np.degrees(np.linalg.norm(omega, axis=-1))
     lon, lat = lon_lat_deg(omega)
     names = axis_names(frame)
-    found = [Quantity("rate", "rotation rate", "deg/s", rate)]
+    listed = [Quantity("rate", "rotation rate", "deg/s", rate)]
     if np.std(rate) < 0.2 * np.mean(rate):
-        found.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
-    found.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
-    found.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
-    return found
+        listed.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
+    listed.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
+    listed.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
+    return listed
 
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
     """The spin of the solution, in common units."""
-    found = rotation(mode.draws, results.frame)
+    listed = rotation(mode.draws, results.frame)
     for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):
-        found += (
+        listed += (
             [q for q in quantities(results, mode) if q.name == name] if name in mode.draws else []
         )
-    return found
+    return listed
 
 
 def facet_normals(mode: Mode) -> Floats | None:
@@ -279,7 +279,7 @@ def facets(results: Results, mode: Mode) -> list[Facet]:
         return []
     areas = mode.draws["albedo_area"].transpose("chain", "draw", ...).to_numpy()
     unit = area_unit(results)
-    found = []
+    listed = []
     for i in range(areas.shape[-1]):
         u = normals[:, :, i].reshape(-1, 3)
         middle = u.mean(axis=0)
@@ -289,8 +289,8 @@ def facets(results: Results, mode: Mode) -> list[Facet]:
         lon, lat = (float(x) for x in lon_lat_deg(middle))
         azimuth = lon if 90.0 - abs(lat) > radius else np.nan
         area = Quantity(f"facet {i}", "albedo-area", unit, areas[..., i])
-        found.append(Facet(area, azimuth, 90.0 - lat, radius))
-    return found
+        listed.append(Facet(area, azimuth, 90.0 - lat, radius))
+    return listed
 
 
 def key_results(results: Results, mode: Mode) -> list[Quantity]:

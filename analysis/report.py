@@ -20,7 +20,7 @@ from lcbayes.analysis import (
     style,
     tables,
 )
-from lcbayes.analysis.contents import Results
+from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
 from lcbayes.results.asteroid import tilt_warning
@@ -95,21 +95,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "shapes": shapes,
         "tables": [(m, tables.parameter_table(lists[m.index], m)) for m in drawn],
         "loo_pit": diagnostics_plots.draw_loo_pit(results, gallery),
-        "diagnostics": [
-            (
-                m,
-                [
-                    image
-                    for image in (
-                        diagnostics_plots.draw_traces(m, selected[m.index], gallery),
-                        diagnostics_plots.draw_energy(m, gallery),
-                        diagnostics_plots.draw_pairs(m, selected[m.index], gallery),
-                    )
-                    if image is not None
-                ],
-            )
-            for m in drawn
-        ],
+        "diagnostics": [(m, _diagnostics(m, selected[m.index], gallery)) for m in drawn],
         "run_toml": results.run_toml,
         "timing": _timing(results),
     }
@@ -117,6 +103,18 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
     pages.globals["show"] = show
     pages.filters["weight"] = tables.weight
     return pages.get_template("report.html.j2").render(values), shapes
+
+
+def _diagnostics(
+    mode: Mode, selected: list[quantities.Quantity], gallery: style.Gallery
+) -> list[style.Image]:
+    """Traces, energies and pairs of the draws of one solution, where they can be drawn."""
+    images = (
+        diagnostics_plots.draw_traces(mode, selected, gallery),
+        diagnostics_plots.draw_energy(mode, gallery),
+        diagnostics_plots.draw_pairs(mode, selected, gallery),
+    )
+    return [image for image in images if image is not None]
 
 
 def _verdict(results: Results) -> dict[str, Any]:
@@ -185,9 +183,9 @@ def _observed(results: Results) -> list[tuple[str, str]]:
     else:
         facts.append(("Errors", "not given with the data" if not known.any() else "partly given"))
     for name, words in (("site", "Sites"), ("band", "Bands")):
-        found = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
-        listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
-        facts += [(words, listed)] if found else []
+        labels = [s for s in np.unique(results.labels.get(name, np.array([], str))) if s]
+        listed = ", ".join(labels[:8]) + (f" and {len(labels) - 8} more" if len(labels) > 8 else "")
+        facts += [(words, listed)] if labels else []
     facts.append(("Directions in", sky_plots.frame_words(results)))
     return facts
 
@@ -195,10 +193,10 @@ def _observed(results: Results) -> list[tuple[str, str]]:
 def _assumptions(results: Results) -> list[str]:
     text = results.attrs.get("assumptions") or "[]"
     try:
-        found = json.loads(text) if isinstance(text, str) else list(text)
+        stated = json.loads(text) if isinstance(text, str) else list(text)
     except json.JSONDecodeError:
-        found = [text]
-    lines = [str(s) for s in (found if isinstance(found, list) else [found])]
+        stated = [text]
+    lines = [str(s) for s in (stated if isinstance(stated, list) else [stated])]
     return lines + searched(results.summary.get("search"))
 
 

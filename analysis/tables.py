@@ -71,18 +71,18 @@ def _cell(row: dict[str, float]) -> tuple[str, str]:
 
 def facet_table(results: Results, mode: Mode) -> dict[str, Any] | None:
     """A row for each facet: albedo-area with its interval, and direction of the normal."""
-    found = quantities.facets(results, mode)
-    if not found:
+    facets = quantities.facets(results, mode)
+    if not facets:
         return None
     rows = []
-    for i, f in enumerate(found):
+    for i, f in enumerate(facets):
         low, high = (show(f.area.quantile(p), f.area.sd) for p in (0.05, 0.95))
         angles = [show(x, f.radius) for x in (f.azimuth, f.polar)]
         area = (show(f.area.mean, f.area.sd), f"{low} to {high}")
         rows.append(
             {"number": i, "area": area, "angles": angles, "radius": show(f.radius, f.radius)}
         )
-    return {"unit": found[0].area.unit, "rows": rows, "long": len(rows) > LONG}
+    return {"unit": facets[0].area.unit, "rows": rows, "long": len(rows) > LONG}
 
 
 def parameter_table(listed: list[quantities.Quantity], mode: Mode) -> list[dict[str, Any]]:
@@ -202,5 +202,5 @@ def residual_table(results: Results) -> dict[str, Any] | None:
         "rows": rows,
         "limit": f"{fit['p_limit']:.2g}",
         "false_alarm": percent(fit["false_alarm"]),
-        "judged": fit.get("chi2") is not None,
+        "affect_verdict": fit.get("chi2") is not None,
     }

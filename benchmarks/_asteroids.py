@@ -131,7 +131,7 @@ def free(surface: Surface, toward: Floats) -> NDArray[np.bool_]:
 
 def flux(surface: Surface, sun: Floats, obs: Floats, c: float = LAMBERT) -> Floats:
     """Flux (T,) for unit vectors (T, 3) in the body frame: Σ w A [μ₀μ/(μ₀ + μ) + c μ₀μ]."""
-    found = np.zeros(len(sun))
+    result = np.zeros(len(sun))
     for k, (s, o) in enumerate(zip(sun, obs, strict=True)):
         mu0, mu = surface.normals @ s, surface.normals @ o
         seen = (mu0 > 0) & (mu > 0)
@@ -139,8 +139,8 @@ def flux(surface: Surface, sun: Floats, obs: Floats, c: float = LAMBERT) -> Floa
             seen &= free(surface, s) & free(surface, o)
         mu0, mu = mu0[seen], mu[seen]
         law = mu0 * mu / (mu0 + mu) + c * mu0 * mu
-        found[k] = np.sum((surface.albedo * surface.areas)[seen] * law)
-    return found
+        result[k] = np.sum((surface.albedo * surface.areas)[seen] * law)
+    return result
 
 
 def unit(v: Floats) -> Floats:
@@ -191,7 +191,7 @@ def orbits(rng: np.random.Generator):
 
 
 def draw_case(kind: str, seed: int) -> Case:
-    """A body, pole, period and orbit drawn anew, on six nights of some six years.
+    """A random body, pole, period and orbit, on six nights of some six years.
 
     The nights are random ones at phase angles below 25°, at least 20 days apart. The period that
     the user knows is wrong by a third of the difference of neighbouring solutions.

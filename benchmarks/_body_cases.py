@@ -48,8 +48,8 @@ def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -
     file = read_body_text(body_text(body))
     values = {
         name: {**file.body.materials[name].parameters}
-        | {key: _from(prior, rng) for key, prior in found.items()}
-        for name, found in file.priors.items()
+        | {key: _from(prior, rng) for key, prior in result.items()}
+        for name, result in file.priors.items()
     }
     flux_of = jax.jit(file.body.flux)
     while True:

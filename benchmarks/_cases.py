@@ -110,17 +110,17 @@ def run(
             continue
         begun = time.monotonic()
         try:
-            found = case(cell, seed, given.out)
+            result = case(cell, seed, given.out)
         except Exception as fault:
             fault_name = f"{type(fault).__name__}: {fault}"
-            found = Outcome(False, {}, [fault_name[:200]], 0, np.nan, np.nan, "")
-        row = _row(cell, seed, found, time.monotonic() - begun)
+            result = Outcome(False, {}, [fault_name[:200]], 0, np.nan, np.nan, "")
+        row = _row(cell, seed, result, time.monotonic() - begun)
         _append(path, row)
         rows.append(row)
-        verdict = "trusted" if found.trusted else f"not trusted ({row['reasons']})"
+        verdict = "trusted" if result.trusted else f"not trusted ({row['reasons']})"
         print(
             f"{cell}, seed {seed}: {verdict}, {row['inside']} of {row['of']} inside, "
-            f"{row['seconds']} s; {found.about}",
+            f"{row['seconds']} s; {result.about}",
             flush=True,
         )
     chosen = {(c.name, c.size) for c in given.cells}
@@ -137,21 +137,21 @@ def load(path: Path) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if row["about"] is not None]
 
 
-def _row(cell: Cell, seed: int, found: Outcome, seconds: float) -> dict[str, str]:
+def _row(cell: Cell, seed: int, result: Outcome, seconds: float) -> dict[str, str]:
     values = (
         cell.name,
         f"{cell.size:g}",
         seed,
-        int(found.trusted),
-        sum(found.inside.values()),
-        len(found.inside),
-        encoded(found.inside),
-        ";".join(found.reasons),
-        found.solutions,
-        "" if found.chi2 is None else f"{found.chi2:.1f}",
-        f"{found.dof:.1f}",
+        int(result.trusted),
+        sum(result.inside.values()),
+        len(result.inside),
+        encoded(result.inside),
+        ";".join(result.reasons),
+        result.solutions,
+        "" if result.chi2 is None else f"{result.chi2:.1f}",
+        f"{result.dof:.1f}",
         f"{seconds:.1f}",
-        found.about,
+        result.about,
     )
     return {k: str(v) for k, v in zip(COLUMNS, values, strict=True)}
 

@@ -94,10 +94,10 @@ def _chosen(kernel: MCMCKernel, state: Any) -> str:
     if not isinstance(kernel, kernels.AHMC | kernels.RMHMC):
         return ""
     words = kernel.describe(state)
-    found = re.search(r"(\d+) steps? of ([\d.e+-]+)", words)
+    result = re.search(r"(\d+) steps? of ([\d.e+-]+)", words)
     delta = re.search(r"delta = ([\w.]+)", words)
-    assert found is not None
-    text = f"{found[1]} × {found[2]}"
+    assert result is not None
+    text = f"{result[1]} × {result[2]}"
     text = f"δ {delta[1].replace('inf', '∞')}, {text}" if delta else text
     return f"{text} (stuck)" if "stuck" in words else text
 
@@ -190,8 +190,8 @@ def emcee(post: Posterior, n: Length) -> Runner:
     density = jax.jit(jax.vmap(lambda y, *args: -post.potential(y, *args), (0, None, None)))
 
     def log_prob(y: Floats) -> Floats:
-        found = np.asarray(density(jnp.asarray(y), *post.args))
-        return np.where(np.isnan(found), -np.inf, found)
+        result = np.asarray(density(jnp.asarray(y), *post.args))
+        return np.where(np.isnan(result), -np.inf, result)
 
     for size in (walkers, walkers // 2):  # the two shapes that emcee evaluates
         log_prob(np.zeros((size, post.dim)))

@@ -286,15 +286,15 @@ def draw_campaign(
         chosen = [int(rng.choice(np.flatnonzero(night == k))) for k in range(n_nights)]
         others = [k for k in np.flatnonzero(night < n_nights) if k not in chosen]
         chosen += [int(k) for k in rng.permutation(others)[: n_passes - n_nights]]
-        found = _points(
+        result = _points(
             rng,
             orbit,
             [(float(t[runs[k][0]]), float(t[runs[k][-1]])) for k in sorted(chosen)],
             n_points,
         )
-        counts = np.bincount(found[1], minlength=n_sites)
-        if len(found[0]) >= 0.9 * n_points and counts.min() >= 0.15 * n_points / n_sites:
-            return Campaign(orbit, *found, n_nights)
+        counts = np.bincount(result[1], minlength=n_sites)
+        if len(result[0]) >= 0.9 * n_points and counts.min() >= 0.15 * n_points / n_sites:
+            return Campaign(orbit, *result, n_nights)
     raise RuntimeError(f"no orbit with {n_passes} passes in {n_nights} nights")
 
 

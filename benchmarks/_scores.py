@@ -56,17 +56,17 @@ def direction_within(draws: Floats, truth: Floats) -> dict[str, bool]:
     }
 
 
-def matched(found: Draws, truth: Truth) -> tuple[NDArray[np.int64], float]:
+def matched(result: Draws, truth: Truth) -> tuple[NDArray[np.int64], float]:
     """For each true facet the one of the solution that is closest, and the total distance.
 
     The distance of two facets is that of their mean normals times areas, relative to the largest
     true area; the distance of the angular velocities, relative to the true one, is added.
     """
-    mean = (found.normals * found.areas[..., None]).mean(axis=0)
+    mean = (result.normals * result.areas[..., None]).mean(axis=0)
     true = truth.normals * truth.areas[:, None]
     cost = np.linalg.norm(mean[None] - true[:, None], axis=-1) / truth.areas.max()
     rows, columns = linear_sum_assignment(cost)
-    off = np.linalg.norm(found.omega.mean(axis=0) - truth.omega) / np.linalg.norm(truth.omega)
+    off = np.linalg.norm(result.omega.mean(axis=0) - truth.omega) / np.linalg.norm(truth.omega)
     return columns[np.argsort(rows)], float(cost[rows, columns].sum() + off)
 
 
@@ -77,14 +77,14 @@ def body_inside(solutions: list[Draws], truth: Truth) -> dict[str, bool]:
     statement about each; the nearest one is scored. (The only other symmetry of such bodies, the
     reflection in a plane that contains Sun and observer at all times, needs such a plane.)
     """
-    found, order = min(((s, matched(s, truth)) for s in solutions), key=lambda pair: pair[1][1])
+    result, order = min(((s, matched(s, truth)) for s in solutions), key=lambda pair: pair[1][1])
     columns = order[0]
-    rate = np.linalg.norm(found.omega, axis=1)
+    rate = np.linalg.norm(result.omega, axis=1)
     inside = {"rate": within(rate, float(np.linalg.norm(truth.omega)))}
-    inside |= {f"pole {k}": v for k, v in direction_within(found.omega, truth.omega).items()}
+    inside |= {f"pole {k}": v for k, v in direction_within(result.omega, truth.omega).items()}
     for i, j in enumerate(columns):
-        inside[f"area {i}"] = within(found.areas[:, j], truth.areas[i])
-        each = direction_within(found.normals[:, j], truth.normals[i])
+        inside[f"area {i}"] = within(result.areas[:, j], truth.areas[i])
+        each = direction_within(result.normals[:, j], truth.normals[i])
         inside |= {f"normal {i} {k}": v for k, v in each.items()}
     return inside
 

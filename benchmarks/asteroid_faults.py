@@ -5,11 +5,11 @@
     python benchmarks/asteroid_faults.py -o DIR --table-only --write     the table, into RESULTS.md
 
 Each case is a complete `lcbayes.fit` of ``convex-grid`` with its defaults to a DAMIT file of 300
-points in six curves. Body, pole, period and orbit are drawn anew; `_asteroids.py` simulates them
-without any code of the package. An ellipsoid of uniform albedo is what the model describes, a
-brick with flat faces hardly, a contact binary with shadows and a dark spot not. Quantities:
-sidereal period, longitude and latitude of the pole. The solution nearest to the true pole is
-scored, because poles near λ + 180° are a known ambiguity of such data.
+points in six curves. Body, pole, period and orbit are random; `_asteroids.py` simulates them
+without any code of the package. An ellipsoid of uniform albedo is what the model describes, a brick
+with flat faces hardly, a contact binary with shadows and a dark spot not. Quantities: sidereal
+period, longitude and latitude of the pole. The solution nearest to the true pole is scored, because
+poles near λ + 180° are a known ambiguity of such data.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def fitted(cell: Cell, seed: int, out: Path) -> Outcome:
 def nearest(result: Fit, pole: np.ndarray, period_h: float) -> tuple[dict[str, bool], float]:
     """Intervals of the solution whose pole is nearest to the truth, and its angle in degrees."""
     lon, lat = np.arctan2(pole[1], pole[0]), np.arcsin(pole[2])
-    found = []
+    offsets = []
     for i, mode in enumerate(result.content["modes"]):
         if mode["weight"] < MIN_WEIGHT:
             continue
@@ -72,8 +72,8 @@ def nearest(result: Fit, pole: np.ndarray, period_h: float) -> tuple[dict[str, b
             "pole lon": angle_within(lons, float(lon)),
             "pole lat": within(lats, float(lat)),
         }
-        found.append((off, inside))
-    off, inside = min(found, key=lambda pair: pair[0])
+        offsets.append((off, inside))
+    off, inside = min(offsets, key=lambda pair: pair[0])
     return inside, off
 
 

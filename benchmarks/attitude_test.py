@@ -30,13 +30,13 @@ POINTS = 1000
 
 def geometries() -> dict[str, LightCurve]:
     """Geometries of 1,000 points each, over the passes of four weeks from three sites."""
-    found = {
+    result = {
         "Sun-synchronous, 690 km": passes(days=28, step=20.0),
         "inclined 53°, 550 km": passes(550.0, 53.0, days=28, step=20.0),
     }
     return {
         name: curve.select(np.linspace(0, curve.n_obs - 1, POINTS).astype(int))
-        for name, curve in found.items()
+        for name, curve in result.items()
     }
 
 
@@ -51,7 +51,7 @@ def strange(rng: np.random.Generator, articulated: bool) -> ensemble.Bodies:
     )
 
 
-def judged(geometry: LightCurve, truth: str, noise: float, seed: int, odd: bool) -> AttitudeTest:
+def tested(geometry: LightCurve, truth: str, noise: float, seed: int, odd: bool) -> AttitudeTest:
     law = catalogue.find(truth)
     rng = np.random.default_rng(10_000 + seed)
     bodies = strange(rng, bool(law.array)) if odd else ensemble.draw(8, rng, bool(law.array))
@@ -67,34 +67,35 @@ def share(hits: list[bool]) -> str:
     return f"{100 * rate:.1f} ± {100 * np.sqrt(max(rate * (1 - rate), 0.25 / n) / n):.1f} % of {n}"
 
 
+def row(geometry: LightCurve, odd: bool, noise: float, cases: int, took: list[float]) -> list[str]:
+    """Shares of the true and of the wrong laws that are rejected; ``took`` gets the times (s)."""
+    alarms: list[bool] = []
+    power: dict[str, list[bool]] = {n: [] for n in LAWS}
+    for seed in range(cases):
+        truth = LAWS[seed % len(LAWS)]
+        begun = time.perf_counter()
+        result = tested(geometry, truth, noise, seed, odd)
+        took.append((time.perf_counter() - begun) / len(LAWS))
+        for v in result.verdicts:
+            if v.tested and v.name == truth:
+                alarms.append(result.rejected(v))
+            elif v.tested and truth not in v.same_as:
+                power[truth].append(result.rejected(v))
+    return [share(alarms), *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="per row (default 100)")
     cases = parser.parse_args().cases
-    rows, took = [], []
+    rows: list[list[str]] = []
+    took: list[float] = []
     for place, geometry in geometries().items():
         for odd in (False, True):
+            bodies = "mirror-like" if odd else "as drawn"
             for noise in NOISE:
-                alarms, power = [], {n: [] for n in LAWS}
-                for seed in range(cases):
-                    truth = LAWS[seed % len(LAWS)]
-                    begun = time.perf_counter()
-                    found = judged(geometry, truth, noise, seed, odd)
-                    took.append((time.perf_counter() - begun) / len(LAWS))
-                    for v in found.verdicts:
-                        if v.tested and v.name == truth:
-                            alarms.append(found.rejected(v))
-                        elif v.tested and truth not in v.same_as:
-                            power[truth].append(found.rejected(v))
-                rows.append(
-                    [
-                        place,
-                        "mirror-like" if odd else "as drawn",
-                        f"{100 * noise:.0f} %",
-                        share(alarms),
-                        *(f"{100 * np.mean(power[n]):.0f} %" for n in LAWS),
-                    ]
-                )
+                shares = row(geometry, odd, noise, cases, took)
+                rows.append([place, bodies, f"{100 * noise:.0f} %", *shares])
                 print(rows[-1], flush=True)
     heads = ["orbit", "bodies", "noise", "true law rejected", *(f"if {n} is true" for n in LAWS)]
     text = (

@@ -101,7 +101,7 @@ class Killer(Console):
 
 def workers_of(parent: int) -> list[int]:
     """Processes below this one that have loaded JAX: the workers."""
-    found = []
+    result = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
@@ -110,8 +110,8 @@ def workers_of(parent: int) -> list[int]:
         except (OSError, IndexError):
             continue
         if above == parent and loaded:
-            found.append(int(entry.name))
-    return found
+            result.append(int(entry.name))
+    return result
 
 
 def workers(n: int = 30) -> None:
@@ -151,14 +151,14 @@ def batch(n: int = 300) -> None:
         killer = Killer()
         threading.Thread(target=killer.watch, args=(out,), daemon=True).start()
         begun = time.monotonic()
-        found = lcbayes.batch(curves, out=out, progress=killer, **OPTIONS)
+        result = lcbayes.batch(curves, out=out, progress=killer, **OPTIONS)
         first = time.monotonic() - begun
         page = out / "report.html"
         again = time.monotonic()
         lcbayes.batch(curves, out=out, **OPTIONS)
         again = time.monotonic() - again
-        s = found.content
-        reason = next(row["reasons"][0]["text"] for row in found.rows if row["status"] == "failed")
+        s = result.content
+        reason = next(row["reasons"][0]["text"] for row in result.rows if row["status"] == "failed")
         rows = [
             ["objects", str(n)],
             ["results", str(s["n_trusted"] + s["n_not_trusted"])],

@@ -29,18 +29,18 @@ PARTICLES, REPEATS = 256, 5
 def measured(n_facets: int) -> list[str]:
     data = Epochs.of(turning())
     problem = Problem(registry.find("faceted").bind({"n_facets": n_facets}), data)
-    way = tempering_path.TimePath.of(
+    path = tempering_path.TimePath.of(
         data, problem.dim, tempering_path.rotates(problem, data, jax.random.key(0))
     )
     keys = jax.random.split(jax.random.key(0), PARTICLES)
     z = jax.vmap(lambda key: problem.prior_draw(key, data))(keys)
-    at = way.at(data, 0.9)
+    at = path.at(data, 0.9)
     tuning = moves.Tuning(0.5, 0.5, 1.5, 12, 0.5, jnp.ones(problem.dim))
     halves = [slice(i, None, 2) for i in range(2)]
     states = [moves.start(problem, at, z[half]) for half in halves]
 
     def move(i: int) -> None:
-        out = moves.move(problem, at, data, way.bins, tuning, None, keys[halves[i]], states[i])
+        out = moves.move(problem, at, data, path.bins, tuning, None, keys[halves[i]], states[i])
         jax.block_until_ready(out)
 
     def each_us(pool_of: AbstractContextManager[Executor]) -> float:

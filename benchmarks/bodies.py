@@ -128,15 +128,15 @@ def _right(case: Case, omega: np.ndarray) -> bool:
 def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
     """The verdict of `lcbayes.fit`, and whether a solution of weight above 5 % is right."""
     begun = time.monotonic()
-    found = lcbayes.fit(case.curve, model="body", seed=1, **given)
+    result = lcbayes.fit(case.curve, model="body", seed=1, **given)
     inside = [
-        _right(case, np.asarray(found.data[f"modes/{i}/posterior/omega"]).reshape(-1, 3).mean(0))
-        for i, mode in enumerate(found.content["modes"])
+        _right(case, np.asarray(result.data[f"modes/{i}/posterior/omega"]).reshape(-1, 3).mean(0))
+        for i, mode in enumerate(result.content["modes"])
         if mode["weight"] > 0.05
     ]
     return {
-        "trusted": found.trusted,
-        "reasons": " ".join(reason.code for reason in found.reasons),
+        "trusted": result.trusted,
+        "reasons": " ".join(reason.code for reason in result.reasons),
         "right_inside": any(inside),
         "fit_s": time.monotonic() - begun,
     }

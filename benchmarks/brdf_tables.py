@@ -68,8 +68,8 @@ def law_of(name: str, incidence: np.ndarray, view: np.ndarray):
         return {k: x[j] if straight[j] else jnp.exp(x[j]) for j, k in enumerate(names)}
 
     def log_brdf(x):
-        found = LAWS[name].brdf(seen, parameters(x))[:, 0]
-        return jnp.log(jnp.maximum(found, 1e-300))
+        result = LAWS[name].brdf(seen, parameters(x))[:, 0]
+        return jnp.log(jnp.maximum(result, 1e-300))
 
     with np.errstate(invalid="ignore", divide="ignore"):
         bounds = tuple(np.where(straight, v, np.log(np.abs(v))) for v in (low, high))
@@ -81,14 +81,14 @@ def fitted(law: tuple, target: np.ndarray, rows: np.ndarray) -> np.ndarray:
     log_brdf, slope, _, (low, high) = law
     best = None
     for u in qmc.Sobol(len(low), rng=1).random(STARTS):
-        found = least_squares(
+        result = least_squares(
             lambda x: (np.asarray(log_brdf(x)) - target)[rows],
             low + (0.02 + 0.96 * u) * (high - low),
             lambda x: np.asarray(slope(x))[rows],  # pyright: ignore[reportArgumentType]
             bounds=(low, high),
         )
-        if best is None or found.cost < best.cost:
-            best = found
+        if best is None or result.cost < best.cost:
+            best = result
     assert best is not None
     return best.x
 
@@ -122,7 +122,7 @@ def compared(table_of: tuple) -> dict[str, dict]:
     return out
 
 
-def figure(found: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
+def figure(result: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
     """The tables and the two best laws, one panel per angle of incidence."""
     import matplotlib
 
@@ -132,8 +132,8 @@ def figure(found: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
         from matplotlib.figure import Figure
 
         canvas = Figure(figsize=(11.0, 5.4), layout="constrained")
-        panels = canvas.subplots(len(found), 4, sharex=True, sharey="row")
-        for line, (what, (table_of, laws)) in zip(panels, found.items(), strict=True):
+        panels = canvas.subplots(len(result), 4, sharex=True, sharey="row")
+        for line, (what, (table_of, laws)) in zip(panels, result.items(), strict=True):
             incidence, view, value = table_of
             best = sorted(laws, key=lambda k: laws[k]["left_out"])[:2]
             for axes, one in zip(line, np.unique(incidence), strict=True):
@@ -163,11 +163,11 @@ def figure(found: Mapping[str, tuple[tuple, dict]], path: Path) -> None:
 
 
 def main() -> None:
-    found, text = {}, ""
+    result, text = {}, ""
     for what, name in TABLES.items():
         table_of = read(DATA / "starlink-v1.5-pomenis" / name)
         laws = compared(table_of)
-        found[what] = table_of, laws
+        result[what] = table_of, laws
         rows = [
             [
                 law,
@@ -194,7 +194,7 @@ def main() -> None:
             )
             + "\n\n"
         )
-    figure(found, ROOT / "docs" / "figures" / "brdf-tables.png")
+    figure(result, ROOT / "docs" / "figures" / "brdf-tables.png")
     write_section(
         "Laboratory BRDFs against the reflectance laws", "python benchmarks/brdf_tables.py", text
     )

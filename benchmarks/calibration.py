@@ -96,14 +96,14 @@ class Placed(NamedTuple):
 
 def main() -> None:
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        found = list(pool.map(placed, COUNTS[::-1]))[::-1]
-    report(found)
+        result = list(pool.map(placed, COUNTS[::-1]))[::-1]
+    report(result)
 
 
 def placed(n: int) -> Placed:
     data = Epochs.of(geometry())
     problem = Problem(registry.find("faceted").bind({"n_facets": n, "omega_sd": OMEGA_SD}), data)
-    told = jax.jit(lambda z, d: jax.lax.map(lambda r: quantities(problem.constrain(r, d)), z))
+    values = jax.jit(lambda z, d: jax.lax.map(lambda r: quantities(problem.constrain(r, d)), z))
     truths = accepted(problem, data, jax.random.key(n), EACH)
     flux = jax.jit(lambda z, d: jax.lax.map(lambda r: problem.moments(r, d).mean, z))
     many = accepted(problem, data, jax.random.key(100 + n), 400)
@@ -114,34 +114,34 @@ def placed(n: int) -> Placed:
     for k, truth in enumerate(truths):
         key_data, key_runs = jax.random.split(jax.random.fold_in(jax.random.key(n), k))
         seen = replace(data, brightness=problem.replicate(truth, data, key_data))
-        found = smc.replicate(problem, seen, key_runs, PARTICLES, RUNS, workers=1)
-        z, agree = pooled(problem, seen, found, DRAWS)
-        draws = np.asarray(told(jnp.asarray(z), seen))
-        true = np.asarray(told(truth[None], seen))[0]
+        result = smc.replicate(problem, seen, key_runs, PARTICLES, RUNS, workers=1)
+        z, agree = pooled(problem, seen, result, DRAWS)
+        draws = np.asarray(values(jnp.asarray(z), seen))
+        true = np.asarray(values(truth[None], seen))[0]
         ranks.append(np.mean(draws < true, axis=0))
         agreed.append(agree)
-        spread.append(found.spread)
+        spread.append(result.spread)
         print(f"{n} facets, {k + 1} of {EACH}", flush=True)
     took = (time.monotonic() - begun) / EACH
     return Placed(np.array(ranks), np.array(agreed), np.array(spread), took)
 
 
-def pooled(problem: Problem, data: Epochs, found: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
+def pooled(problem: Problem, data: Epochs, result: smc.Runs, n: int) -> tuple[np.ndarray, bool]:
     """n draws as in fits (a solution by its weight, then a particle of any run in it), and whether
     the runs agree on the weights."""
     order = FacetOrder(problem, registry.find("faceted").facet_sites)
-    _, label, z, weighed = basins.measure(problem, data, found.runs, order)
-    told = weighed.reasons or any(r.reasons for r in found.runs)
-    agree = not told and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= MAX_WEIGHT_SD))
+    _, label, z, weighed = basins.measure(problem, data, result.runs, order)
+    disagreements = weighed.reasons or any(r.reasons for r in result.runs)
+    agree = not disagreements and bool(np.all(weighed.by_run.std(axis=0, ddof=1) <= MAX_WEIGHT_SD))
     rng = np.random.default_rng(0)
     of = rng.choice(len(weighed.weight), n, p=weighed.weight / weighed.weight.sum())
     return np.array([rng.choice(z[label == k]) for k in of]), agree
 
 
-def report(found: list[Placed]) -> None:
-    ranks = np.concatenate([f.ranks for f in found])
-    agreed = np.concatenate([f.agreed for f in found])
-    spreads = np.concatenate([f.spread for f in found])
+def report(result: list[Placed]) -> None:
+    ranks = np.concatenate([f.ranks for f in result])
+    agreed = np.concatenate([f.agreed for f in result])
+    spreads = np.concatenate([f.spread for f in result])
     n = len(ranks)
     text = f"{n} problems, {PARTICLES} particles, {RUNS} runs each. "
     for name, which in (("All", np.full(n, True)), ("Those whose runs agree", agreed)):
@@ -150,7 +150,7 @@ def report(found: list[Placed]) -> None:
     text += f"{np.median(spreads):.2f}, largest {spreads.max():.2f}.\n\n"
     timing = [
         [str(k), str(len(f.ranks)), str(int(f.agreed.sum())), f"{f.took:.1f}"]
-        for k, f in zip(COUNTS, found, strict=True)
+        for k, f in zip(COUNTS, result, strict=True)
     ]
     text += table(["facets", "problems", "runs agree", "wall a problem, one core (s)"], timing)
     write_section("Calibration of the particles", "python benchmarks/calibration.py", text)

@@ -49,10 +49,10 @@ def load() -> str:
 
 
 def columns(data: Cadence) -> dict[str, list[float]]:
-    found: dict[str, Any] = {"jd": data.jd, "flux": data.flux}
+    result: dict[str, Any] = {"jd": data.jd, "flux": data.flux}
     for name, vectors in (("sun", data.sun), ("obs", data.earth)):
-        found |= {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate("xyz")}
-    return {name: values.tolist() for name, values in found.items()}
+        result |= {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate("xyz")}
+    return {name: values.tolist() for name, values in result.items()}
 
 
 def write_nested(objects: Any, path: Path) -> None:
@@ -82,8 +82,8 @@ def throughput(number: int) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "survey.parquet"
         write_nested(((f"S{i}", columns(case.data)) for i, case in enumerate(cases)), path)
-        found = lcbayes.survey(path, out=Path(scratch) / "out", workers=2, progress=Console())
-        c, seconds = found.content, found.summary().drop_duplicates("object")["seconds"]
+        result = lcbayes.survey(path, out=Path(scratch) / "out", workers=2, progress=Console())
+        c, seconds = result.content, result.summary().drop_duplicates("object")["seconds"]
     rows = [
         ["objects", str(number)],
         ["failed", str(c["n_failed"])],
@@ -158,10 +158,10 @@ def _cost(light: Any, range_h: tuple[float, float]) -> list[str]:
     low, high = range_h
     sparse.search(points, (0.99 * high, high))  # compiles
     begun = time.process_time()
-    found = sparse.search(points, range_h)
+    result = sparse.search(points, range_h)
     took = time.process_time() - begun
     sparse.periodogram = original
-    cells = [f"{low:g} to {high:g}", str(len(found.frequencies)), f"{took:.1f}"]
+    cells = [f"{low:g} to {high:g}", str(len(result.frequencies)), f"{took:.1f}"]
     return [str(light.n_obs), *cells, f"{parts[-1]:.1f}"]
 
 
@@ -207,10 +207,10 @@ def read_and_write(path: str, out: str) -> None:
     method.rows_of = fixed_rows
     cluster.find_spec = lambda _: None  # type: ignore[assignment]
     begun, cpu = time.monotonic(), time.process_time()
-    found = lcbayes.survey(path, out=out)
+    result = lcbayes.survey(path, out=out)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     took = time.monotonic() - begun, time.process_time() - cpu
-    print(found.content["n_objects"], found.content["n_failed"], f"{peak:.0f}", *took)
+    print(result.content["n_objects"], result.content["n_failed"], f"{peak:.0f}", *took)
 
 
 def memory(number: int) -> None:

@@ -51,11 +51,11 @@ def main() -> None:
     for seed in SEEDS:
         curve, truth = simulate(what, seed)
         begun = time.monotonic()
-        found = lcbayes.fit(curve, n_facets=1, spin="none", seed=seed)
+        result = lcbayes.fit(curve, n_facets=1, spin="none", seed=seed)
         seconds.append(time.monotonic() - begun)
-        trusted += found.trusted
+        trusted += result.trusted
         for name, key in NAMES.items():
-            true, row = truth["facets"][0][key], found.content["parameters"][f"{name}[0]"]
+            true, row = truth["facets"][0][key], result.content["parameters"][f"{name}[0]"]
             inside[name] += row["q05"] <= true <= row["q95"]
             pulls[name].append((row["mean"] - true) / row["sd"])
         print(f"seed {seed}: {seconds[-1]:.1f} s, inside so far {inside}", flush=True)
@@ -71,7 +71,7 @@ def main() -> None:
         ]
         for name, p in pulls.items()
     ]
-    found = table(
+    result = table(
         [
             "parameter",
             "truth inside 90 %",
@@ -86,7 +86,7 @@ def main() -> None:
         "Coverage: one facet, two passes",
         "python benchmarks/coverage.py",
         f"Scenario `one-facet` (Linares & Crassidis, sec. VII.A), noise seeds 0 to 19.\n\n"
-        f"{found}\n\n"
+        f"{result}\n\n"
         f"{trusted} of {len(SEEDS)} fits converged; {np.median(seconds):.1f} s per fit (median), "
         "of which the chains take 0.2 s and the rest is tracing and compiling.",
     )

@@ -79,17 +79,17 @@ def compare(name: str) -> None:
     ]
     print(lines[0], flush=True)
 
-    found, evaluations, begun = [], [], time.monotonic()
+    result, evaluations, begun = [], [], time.monotonic()
     for seed in range(NESTED_RUNS):
         one, n = nested_sampling.log_evidence(
             problem, data, jax.random.key(seed), part.n_facets, part.spin, LIVE
         )
-        found.append(one)
+        result.append(one)
         evaluations.append(n)
         print(one, flush=True)
     took = (time.monotonic() - begun) / NESTED_RUNS
-    value, error = nested_sampling.pooled(found)
-    each = ", ".join(f"{f.value:.2f} ± {f.se:.2f}" for f in found)
+    value, error = nested_sampling.pooled(result)
+    each = ", ".join(f"{f.value:.2f} ± {f.se:.2f}" for f in result)
     lines.append(
         [
             "nested slice sampling",

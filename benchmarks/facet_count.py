@@ -76,7 +76,7 @@ def study() -> None:
     for seed in SEEDS:
         for n in TRUTHS:
             begun = time.monotonic()
-            found = lcbayes.compare(
+            result = lcbayes.compare(
                 observed(n, seed),
                 n_facets=range(max(1, n - 1), n + 2),
                 seed=seed,
@@ -85,12 +85,12 @@ def study() -> None:
                 spin="none",
             )
             jax.clear_caches()  # the programs of 16 comparisons exhaust LLVM's memory
-            by = {c["n_facets"]: c for c in found.content["candidates"]}
+            by = {c["n_facets"]: c for c in result.content["candidates"]}
             top = max(by, key=lambda k: by[k]["log_evidence"])
             gap = by[top]["log_evidence"] - by[n]["log_evidence"]
             good, best = good + (gap <= 1.0), best + (top == n)
             behind.append(gap)
-            probability = found.probability[n]
+            probability = result.probability[n]
             rows.append(
                 [
                     str(n),
@@ -99,7 +99,7 @@ def study() -> None:
                     f"{gap:.2f}",
                     f"{probability:.2f}",
                     f"{max(c['log_evidence_spread'] for c in by.values()):.2f}",
-                    "yes" if found.trusted else "no",
+                    "yes" if result.trusted else "no",
                     f"{time.monotonic() - begun:.0f}",
                 ]
             )
@@ -133,11 +133,11 @@ def turning() -> lcbayes.LightCurve:
 def timed() -> None:
     curve = turning()
     begun = time.monotonic()
-    found = lcbayes.compare(curve, n_facets=range(1, 9), seed=1, progress=Console())
+    result = lcbayes.compare(curve, n_facets=range(1, 9), seed=1, progress=Console())
     took = time.monotonic() - begun
     text = "`lcbayes.compare(curve, n_facets=range(1, 9), seed=1)`, "
     text += f"{curve.n_obs} epochs, ω unknown, four "
-    text += f"facets: {took:.0f} s (goal: 600 s).\n\n```\n{found.text()}\n```"
+    text += f"facets: {took:.0f} s (goal: 600 s).\n\n```\n{result.text()}\n```"
     print(text)
     write_section("Number of facets, 1 to 8, timed", "python benchmarks/facet_count.py timed", text)
 

@@ -5,8 +5,8 @@
     python benchmarks/faults.py -o DIR --table-only --write               the table, into RESULTS.md
 
 Each case is a complete `lcbayes.fit` with its defaults to a CSV file of three Lambertian facets,
-whose body, orbit, sites (one to three), passes (one to six) and nights (one to three) are drawn
-anew; `_satellites.py` simulates it without any code of the package. The same seed has the same
+whose body, orbit, sites (one to three), passes (one to six) and nights (one to three) are drawn for
+each case; `_satellites.py` simulates it without any code of the package. The same seed has the same
 body and campaign in all cells that need as many sites. Quantities: rate of rotation, longitude and
 latitude of the pole, and for each facet albedo-area, azimuth and height of its normal. A run that
 is stopped continues with the cases that are not yet in DIR/cases.csv.
@@ -68,7 +68,7 @@ def fault_of(cell: Cell) -> Fault:
 
 def solutions(result: Fit) -> list[Draws]:
     """Draws of each solution with a noticeable weight."""
-    found = []
+    drawn = []
     for i, mode in enumerate(result.content["modes"]):
         if mode["weight"] >= MIN_WEIGHT:
             draws = result.tree[f"modes/{i}/posterior"].to_dataset()
@@ -76,8 +76,8 @@ def solutions(result: Fit) -> list[Draws]:
                 np.asarray(draws[k].values).reshape(-1, *draws[k].shape[2:])
                 for k in ("omega", "normals", "albedo_area")
             ]
-            found.append(Draws(*flat))
-    return found
+            drawn.append(Draws(*flat))
+    return drawn
 
 
 def about(case: Case) -> str:

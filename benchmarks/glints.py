@@ -34,11 +34,11 @@ Case = tuple[float, bool] | None  # error in degrees, whether the 90 % region co
 def facet(seed: int, snr: float) -> tuple[Case, float]:
     curve, attitude, normal = facet_flashes(seed, snr)
     begun = time.perf_counter()
-    found = analyse(curve, attitude)
+    result = analyse(curve, attitude)
     took = time.perf_counter() - begun
-    if not found.facets:
+    if not result.facets:
         return None, took
-    best = found.facets[0]
+    best = result.facets[0]
     return (float(np.degrees(np.arccos(min(1.0, best.vector @ normal)))), best.holds(normal)), took
 
 
@@ -66,8 +66,8 @@ def panel(seed: int, snr: float) -> tuple[Case, float]:
 
 def alarm(seed: int, snr: float) -> tuple[bool, bool]:
     """Whether a glint, and a direction, is reported for a box without a glint."""
-    found = analyse(no_flashes(seed, snr))
-    return bool(found.glints), not found.reasons
+    result = analyse(no_flashes(seed, snr))
+    return bool(result.glints), not result.reasons
 
 
 def rows_of(cases: int, pool: Executor) -> list[list[str]]:

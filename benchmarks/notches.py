@@ -54,18 +54,18 @@ def brightness(kind: str, sun: np.ndarray, obs: np.ndarray, rng) -> tuple[np.nda
         return seen, float(1.0 - seen.sum() / whole.sum())
     areas = np.tile([1.0, 2.0, 2.0], 2)
     mu0, mu = (np.clip(v @ NORMALS.T, 0.0, None) for v in (sun, obs))
-    found = (mu0 * mu) @ areas / np.pi
+    result = (mu0 * mu) @ areas / np.pi
     if kind == "tilted":
         normal = rng.standard_normal(3)
         normal /= np.linalg.norm(normal)
-        found += 0.25 / np.pi * np.clip(sun @ normal, 0, None) * np.clip(obs @ normal, 0, None)
+        result += 0.25 / np.pi * np.clip(sun @ normal, 0, None) * np.clip(obs @ normal, 0, None)
     elif kind == "lommel":
-        found = 0.6 * found + 0.5 / np.pi * (mu0 * mu / np.maximum(mu0 + mu, 1e-9)) @ areas
+        result = 0.6 * result + 0.5 / np.pi * (mu0 * mu / np.maximum(mu0 + mu, 1e-9)) @ areas
     elif kind == "lobe":
         bisector = (sun + obs) / np.linalg.norm(sun + obs, axis=1, keepdims=True)
         along = np.clip(bisector @ NORMALS.T, 0.0, None)
-        found += 0.15 / np.pi * np.where((mu0 > 0) & (mu > 0), along**15, 0.0) @ areas
-    return found, 0.0
+        result += 0.15 / np.pi * np.where((mu0 > 0) & (mu > 0), along**15, 0.0) @ areas
+    return result, 0.0
 
 
 def fitted(curve: LightCurve, normals: np.ndarray, areas: np.ndarray):
@@ -79,9 +79,9 @@ def fitted(curve: LightCurve, normals: np.ndarray, areas: np.ndarray):
     return problem, data, z, potential
 
 
-def said(curve: LightCurve, found) -> tuple[str, float]:
+def said(curve: LightCurve, result) -> tuple[str, float]:
     """What is offered as the cause of a misfit, "" without one; χ² per degree of freedom."""
-    problem, data, z, _ = found
+    problem, data, z, _ = result
     missed = measure(problem, data, z[None], examine(problem, z, data, curve))
     assert missed.chi2 is not None
     ratio = missed.chi2 / missed.dof
@@ -126,11 +126,11 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for kind in args.bodies:
         for snr in args.snr:
-            found = [case(kind, snr, seed) for seed in range(args.seeds)]
-            loss = np.mean([one[0] for one in found])
+            result = [case(kind, snr, seed) for seed in range(args.seeds)]
+            loss = np.mean([one[0] for one in result])
             for k, n in enumerate((6, 7)):
-                words = Counter(one[1][k][0] for one in found)
-                ratio = np.median([one[1][k][1] for one in found])
+                words = Counter(one[1][k][0] for one in result)
+                ratio = np.median([one[1][k][1] for one in result])
                 refused = args.seeds - words[""]
                 counts = " | ".join(str(words[name]) for name in ("notch", "facet", "lobe"))
                 print(

@@ -70,17 +70,21 @@ def simulated(seed: int) -> tuple[Case, LightCurve]:
         return case, lcbayes.read(path)
 
 
-def posed(curve: LightCurve, options: dict[str, float]) -> tuple[Problem, Epochs]:
+def problem_of(curve: LightCurve, options: dict[str, float]) -> tuple[Problem, Epochs]:
     data = Epochs.of(curve)
     return Problem(registry.find("faceted").bind(BODY | options), data), data
 
 
 def gradients(curves: list[LightCurve]) -> str:
     """Processor time of a gradient of the potential inside a compiled loop."""
-    found = {name: [_gradient(*posed(c, o)) for c in curves] for name, o in VARIANTS.items()}
+    measured_by_variant = {
+        name: [_gradient(*problem_of(c, o)) for c in curves] for name, o in VARIANTS.items()
+    }
     rows = []
-    for name, values in found.items():
-        ratio = np.array([v for v, _ in values]) / np.array([v for v, _ in found["none"]])
+    for name, values in measured_by_variant.items():
+        ratio = np.array([v for v, _ in values]) / np.array(
+            [v for v, _ in measured_by_variant["none"]]
+        )
         time_us = " ".join(f"{1e6 * v:.1f}" for v, _ in values)
         dims = " ".join(str(d) for _, d in values)
         rows.append([name, dims, time_us, f"{ratio.min():.2f} to {ratio.max():.2f}"])
@@ -122,7 +126,7 @@ def linearity(cases: list[tuple[Case, LightCurve]]) -> str:
 
 
 def _nonlinear(case: Case, curve: LightCurve) -> tuple[float, float, float]:
-    problem, data = posed(curve, {"zero_point_sd": 0.0})
+    problem, data = problem_of(curve, {"zero_point_sd": 0.0})
     truth = {
         "normals_base": jnp.asarray(case.normals),
         "log_albedo_area": jnp.log(jnp.asarray(case.areas)),

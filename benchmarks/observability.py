@@ -69,9 +69,9 @@ class Case:
 
     def __init__(self, name: str, n_facets: int, snr: float) -> None:
         self.what = replace(scenario.load(name), noise=Noise("snr", snr))
-        found = campaign(Unknowns.of(self.what), measure(self.what))
-        self.names, self.fisher = found.unknowns.names, found.fisher
-        self.bound = found.bound
+        result = campaign(Unknowns.of(self.what), measure(self.what))
+        self.names, self.fisher = result.unknowns.names, result.fisher
+        self.bound = result.bound
         spin = "free" if "omega_x" in self.names else "none"
         self.model = registry.find("faceted").bind({"n_facets": n_facets, "spin": spin})
 
@@ -106,15 +106,15 @@ class Case:
         def quantities(z):
             s = problem.constrain(z, data)
             n = s["normals"]
-            found = {}
+            result = {}
             for i in range(len(area)):
-                found[f"normal_{i}_u"] = n[i] @ u[i] / (n[i] @ normals[i])
-                found[f"normal_{i}_v"] = n[i] @ v[i] / (n[i] @ normals[i])
-                found[f"log_albedo_area_{i}"] = jnp.log(s["albedo_area"][i] / area[i])
+                result[f"normal_{i}_u"] = n[i] @ u[i] / (n[i] @ normals[i])
+                result[f"normal_{i}_v"] = n[i] @ v[i] / (n[i] @ normals[i])
+                result[f"log_albedo_area_{i}"] = jnp.log(s["albedo_area"][i] / area[i])
             for k, axis in enumerate("xyz"):
                 if "omega" in s:
-                    found[f"omega_{axis}"] = s["omega"][k] - omega[k]
-            return jnp.stack([found[name] for name in self.names])
+                    result[f"omega_{axis}"] = s["omega"][k] - omega[k]
+            return jnp.stack([result[name] for name in self.names])
 
         # Noise shifts the posterior's peak from the truth; two Newton steps reach it.
         centre = problem.ravel(sites(np.zeros(len(self.names))))
@@ -137,22 +137,22 @@ class Case:
             proposal_scale=1.0,
         )
         middle = np.asarray(quantities(centre))
-        found = many_chains.run(
+        result = many_chains.run(
             kernel, start, quantities, (middle, self.bound), draws=DRAWS, burn=BURN, seed=seed
         )
-        mean = found.first.mean(axis=0)
-        variance = found.second.mean(axis=0) - mean**2
-        per_chain = found.second - 2.0 * mean * found.first + mean**2
+        mean = result.first.mean(axis=0)
+        variance = result.second.mean(axis=0) - mean**2
+        per_chain = result.second - 2.0 * mean * result.first + mean**2
         error = per_chain.std(axis=0, ddof=1) / np.sqrt(CHAINS)
         ratio = np.sqrt(variance) / self.bound
-        return ratio, 0.5 * ratio * error / variance, found.accept_prob
+        return ratio, 0.5 * ratio * error / variance, result.accept_prob
 
 
 def bound_row(label: str, snr: float) -> list[str]:
     """A row of the table: one case at one noise level."""
     case = Case(*CASES[label], snr)
-    found = [case.ratios(seed) for seed in SEEDS]
-    ratio, error = (np.array([f[k] for f in found]) for k in (0, 1))
+    result = [case.ratios(seed) for seed in SEEDS]
+    ratio, error = (np.array([f[k] for f in result]) for k in (0, 1))
     mean = ratio.mean(axis=0)
     return [
         label,
@@ -161,7 +161,7 @@ def bound_row(label: str, snr: float) -> list[str]:
         case.names[int(np.argmax(np.abs(mean - 1.0)))],
         f"{ratio.min():.3f} … {ratio.max():.3f}",
         f"{error.max():.3f}",
-        f"{min(f[2] for f in found):.2f}",
+        f"{min(f[2] for f in result):.2f}",
     ]
 
 

@@ -210,9 +210,9 @@ _target_slopes = jax.jit(jax.vmap(jax.jacfwd(tangents), in_axes=(0, None)))
 def errors(theta, truth):
     """Angles (deg) between estimates (R, P) and truth for pole and first normal, (R, 2)."""
     true = directions(jnp.zeros(len(NAMES)), truth)
-    found = jax.vmap(directions, in_axes=(0, None))(theta, truth)
-    across = jnp.linalg.norm(jnp.cross(found, true), axis=-1)
-    return jnp.degrees(jnp.arctan2(across, jnp.sum(found * true, axis=-1)))
+    result = jax.vmap(directions, in_axes=(0, None))(theta, truth)
+    across = jnp.linalg.norm(jnp.cross(result, true), axis=-1)
+    return jnp.degrees(jnp.arctan2(across, jnp.sum(result * true, axis=-1)))
 
 
 class Campaign:

@@ -32,15 +32,15 @@ def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) ->
     first = np.random.default_rng(seed).permutation(curve.n_obs) < curve.n_obs // 2
     fitted, other = curve.select(first), curve.select(~first)
     begun = time.perf_counter()
-    found = lcbayes.fit(fitted, model="stabilised", seed=seed, **options, **settings)
+    result = lcbayes.fit(fitted, model="stabilised", seed=seed, **options, **settings)
     took = time.perf_counter() - begun
-    columns, _ = predicted(found.posterior, fitted, other, "stabilised", options, seed)
+    columns, _ = predicted(result.posterior, fitted, other, "stabilised", options, seed)
     residual = other.brightness - columns["mag_mean"]
     inside = {
         level: float(np.mean((other.brightness >= columns[a]) & (other.brightness <= columns[b])))
         for level, a, b in (("90", "mag_q05", "mag_q95"), ("50", "mag_q25", "mag_q75"))
     }
-    summary = found.content
+    summary = result.content
     return {
         "seed": seed,
         "sd": float(residual.std()),
@@ -48,8 +48,8 @@ def half(curve: lcbayes.LightCurve, options: dict, settings: dict, seed: int) ->
         "middle": float(np.diff(np.quantile(residual, (0.16, 0.84)))[0] / 2),
         "inside": inside,
         "seconds": took,
-        "converged": found.trusted,
-        "reasons": [reason.text for reason in found.reasons],
+        "converged": result.trusted,
+        "reasons": [reason.text for reason in result.reasons],
         "fit_rms": summary["fit"]["rms"],
         "max_rhat": summary["max_rhat"],
         "timing": summary["timing"],

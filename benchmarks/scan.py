@@ -79,10 +79,10 @@ def ariadne() -> None:
         for i in range(-1, 12):  # the first one only compiles
             one = jax.tree.map(lambda x, i=i: x[max(i, 0) : max(i, 0) + 1], starts)
             begun = time.perf_counter()
-            found = Ends(*map(np.asarray, solve(body, points, one, np.array(FREE), 300, 0.01)))
+            result = Ends(*map(np.asarray, solve(body, points, one, np.array(FREE), 300, 0.01)))
             if i >= 0:
-                took.append((time.perf_counter() - begun) / found.steps[0])
-                each.append(found)
+                took.append((time.perf_counter() - begun) / result.steps[0])
+                each.append(result)
         ends = Ends.joined(each).forward()
         best = ends.rows([int(np.argmin(ends.value))])
         exact = SmoothBody.of(500, 6, LAW)
@@ -187,10 +187,10 @@ def screened(points: Points, body: SmoothBody, tried: Grid, run, progress: Silen
 
 def hertha() -> None:
     begun = time.perf_counter()
-    found = scan(data("135_Hertha"), period=8.4006, progress=Console())
+    result = scan(data("135_Hertha"), period=8.4006, progress=Console())
     took = time.perf_counter() - begun
     rows = []
-    for i, s in enumerate(found.data.solutions[:4], start=1):
+    for i, s in enumerate(result.data.solutions[:4], start=1):
         assert s.pole is not None
         lon, lat = lon_lat_deg(s.pole)
         rows.append(
@@ -237,7 +237,9 @@ def workers() -> None:
             rate = tried.size / (time.perf_counter() - begun)
         orders.append(np.argsort(ends.value, kind="stable"))
         same = np.array_equal(ends.value, threads.value)
-        rows.append([f"{count} Dask worker{'s' if count > 1 else ''}", f"{rate:.0f}", told(same)])
+        rows.append(
+            [f"{count} Dask worker{'s' if count > 1 else ''}", f"{rate:.0f}", agreement(same)]
+        )
         print(rows[-1], flush=True)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -253,7 +255,7 @@ def workers() -> None:
             rate = tried.size / (time.perf_counter() - begun)
         assert killed.done
     same = np.array_equal(np.argsort(ends.value, kind="stable"), orders[0])
-    rows.append(["2 Dask workers, one killed (SIGKILL) halfway", f"{rate:.0f}", told(same)])
+    rows.append(["2 Dask workers, one killed (SIGKILL) halfway", f"{rate:.0f}", agreement(same)])
     print(rows[-1], flush=True)
     assert all(np.array_equal(order, orders[0]) for order in orders)
     text = (
@@ -264,7 +266,7 @@ def workers() -> None:
     write_section("Scan: workers", command("workers"), text + table(heads, rows))
 
 
-def told(same: bool) -> str:
+def agreement(same: bool) -> str:
     return "the same" if same else "DIFFERENT"
 
 

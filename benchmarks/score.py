@@ -140,8 +140,8 @@ def left_out(name: str, curve: lcbayes.LightCurve, kept: Kept, refits: int) -> P
 def _moments(problem, z: np.ndarray, data: Epochs) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd (S, T) of each point on its own."""
     alone = data.without_passes()
-    found = jax.jit(lambda rows: jax.lax.map(lambda row: problem.moments(row, alone), rows))(z)
-    return np.asarray(found.mean), np.asarray(found.sd)
+    estimate = jax.jit(lambda rows: jax.lax.map(lambda row: problem.moments(row, alone), rows))(z)
+    return np.asarray(estimate.mean), np.asarray(estimate.sd)
 
 
 def _predicted(
@@ -201,28 +201,28 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
     result.refitted += 1
 
 
-def scored(curve: lcbayes.LightCurve, kept: Kept, found: Predicted) -> dict[str, Any]:
+def scored(curve: lcbayes.LightCurve, kept: Kept, estimate: Predicted) -> dict[str, Any]:
     """Scores of one model; means over passes have a standard error over passes."""
     number = segments.pass_numbers(curve)
     wrong = wrong_match(curve)
     right = ~np.isin(number, number[wrong])
-    residual = curve.brightness - found.mean
-    inside = (found.rank > 0.05) & (found.rank < 0.95)
+    residual = curve.brightness - estimate.mean
+    inside = (estimate.rank > 0.05) & (estimate.rank < 0.95)
     count = np.bincount(number)
-    by_pass = np.bincount(number, found.log_density) / count
+    by_pass = np.bincount(number, estimate.log_density) / count
     use = np.bincount(number, right) > 0
     called = kept.outlier > 0.5
     return {
         "sd": float(np.sqrt(np.mean(residual[right] ** 2))),
         "middle": float(np.diff(np.quantile(residual[right], (0.16, 0.84)))[0] / 2),
-        "density": float(np.mean(found.log_density[right])),
+        "density": float(np.mean(estimate.log_density[right])),
         "inside": float(np.mean(inside[right])),
         "by_pass": by_pass[use],
         "weight": count[use],
-        "joint": found.joint[use],
+        "joint": estimate.joint[use],
         "residual2": (np.bincount(number, residual**2) / count)[use],
-        "bad_k": int(np.sum(found.khat > BAD_K)),
-        "refitted": found.refitted,
+        "bad_k": int(np.sum(estimate.khat > BAD_K)),
+        "refitted": estimate.refitted,
         "wrong": float(kept.outlier[wrong].min()),
         "called_passes": len(np.unique(number[called])),
         "called_points": int(called.sum()),
@@ -254,8 +254,8 @@ def main() -> None:
     scores, fits = {}, {}
     for name in args.only or CANDIDATES:
         fits[name] = fitted(name, curve, args.keep)
-        found = left_out(name, curve, fits[name], args.refits)
-        scores[name] = scored(curve, fits[name], found)
+        estimate = left_out(name, curve, fits[name], args.refits)
+        scores[name] = scored(curve, fits[name], estimate)
         s = {k: v for k, v in scores[name].items() if np.ndim(v) == 0}
         print(name, json.dumps(s), fits[name].summary["trusted"], flush=True)
     if not args.only:
@@ -333,7 +333,7 @@ def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
     m = curve.brightness[rows] - 5.0 * np.log10(curve.range_km[rows] / 1e3)
     m += 2.5 * np.log10(light[rows])
     sphere = -2.5 * np.log10(np.sin(a) + (np.pi - a) * np.cos(a))
-    found = {}
+    estimate = {}
     for name, y, degree in (
         ("linear", m, 1),
         ("quadratic", m, 2),
@@ -346,8 +346,8 @@ def middle_points(curve: lcbayes.LightCurve) -> dict[str, float]:
             return -stats.t.logpdf(y, 4.0, powers @ x[:-1], np.exp(x[-1])).sum()
 
         start = np.append(np.linalg.lstsq(powers, y, rcond=None)[0], -1.0)
-        found[name] = -float(optimize.minimize(minus, start).fun)
-    return found
+        estimate[name] = -float(optimize.minimize(minus, start).fun)
+    return estimate
 
 
 if __name__ == "__main__":

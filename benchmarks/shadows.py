@@ -47,7 +47,7 @@ def timed(scenario: Scenario) -> list[float]:
     """µs of flux and gradient without shadows, and with them; NaN for what has no gradient."""
     assert scenario.parts is not None
     sun, obs = map(jnp.asarray, shaded.attitudes(EPOCHS, 1))
-    found = []
+    result = []
     for parts in (replace(scenario.parts, shaded=False), scenario.parts):
 
         def flux(sun, obs, parts=parts):
@@ -57,11 +57,11 @@ def timed(scenario: Scenario) -> list[float]:
         def total(sun, obs, flux=flux):
             return jnp.sum(flux(sun, obs) ** 2)
 
-        found.append(microseconds(jax.jit(flux), sun, obs))
+        result.append(microseconds(jax.jit(flux), sun, obs))
         smooth = parts.method != "points"
         slope = jax.jit(jax.grad(total, argnums=(0, 1)))
-        found.append(microseconds(slope, sun, obs) if smooth else float("nan"))
-    return found
+        result.append(microseconds(slope, sun, obs) if smooth else float("nan"))
+    return result
 
 
 def error(name: str, scenario: Scenario, count: int) -> tuple[float, float]:

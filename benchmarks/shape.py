@@ -80,19 +80,19 @@ def bodies(
     for seed in range(seeds):
         normals, areas, truth = make(seed)
         begun = time.perf_counter()
-        found = invert(
+        result = invert(
             curve(normals, areas, epochs, seed),
             Fixed(),
             settings=InversionSettings(n_bootstrap=0, n_null=0),
         )
         took.append(time.perf_counter() - begun)
-        assert found.shape is not None
-        assert found.facets is not None
-        volume.append(found.shape.volume / truth - 1.0)
-        count.append(len(found.facets.areas))
+        assert result.shape is not None
+        assert result.facets is not None
+        volume.append(result.shape.volume / truth - 1.0)
+        count.append(len(result.facets.areas))
         if len(normals) == 6:
-            near = np.argmax(found.facets.normals @ normals.T, axis=1)
-            face.append(np.bincount(near, found.facets.areas, 6) / areas - 1.0)
+            near = np.argmax(result.facets.normals @ normals.T, axis=1)
+            face.append(np.bincount(near, result.facets.areas, 6) / areas - 1.0)
         print(f"{title}, seed {seed}: volume {volume[-1]:+.4f}, {count[-1]} facets", flush=True)
     return [
         title,
@@ -164,9 +164,9 @@ def solvers() -> list[list[str]]:
                 exact = solve(data, normals, which, matrix)
                 one.append(time.perf_counter() - begun)
                 begun = time.perf_counter()
-                found = np.asarray(jax.block_until_ready(nnls.batched(gram, moment)))[0]
+                result = np.asarray(jax.block_until_ready(nnls.batched(gram, moment)))[0]
                 many.append((time.perf_counter() - begun) / BATCH)
-            chi2 = np.sum((rows_ @ found - target) ** 2)
+            chi2 = np.sum((rows_ @ result - target) ** 2)
             rows.append(
                 [
                     f"{epochs} × {n}",

@@ -104,16 +104,16 @@ def confusion(objects: int, noise: float, took: list[float]) -> tuple[str, str]:
     for seed in range(objects):
         truth = seed % len(names)
         begun = time.perf_counter()
-        found = shape_match(
+        result = shape_match(
             at_random(names[truth], noise, seed), n_nulls=NULLS, n_draws=4000, seed=seed
         )
         took.append(time.perf_counter() - begun)
-        count[truth, names.index(found.matches[0].name)] += 1
-        mine = next(m for m in found.matches if m.name == names[truth])
+        count[truth, names.index(result.matches[0].name)] += 1
+        mine = next(m for m in result.matches if m.name == names[truth])
         alarms["kolmogorov"].append(mine.p_kolmogorov <= LEVEL)
         alarms["energy"].append(mine.p_energy <= LEVEL)
-        right.append(found.matches[0].name == names[truth])
-        kept.append(sum(min(m.p_kolmogorov, m.p_energy) > LEVEL for m in found.matches))
+        right.append(result.matches[0].name == names[truth])
+        kept.append(sum(min(m.p_kolmogorov, m.p_energy) > LEVEL for m in result.matches))
         if seed % 50 == 49:
             print(noise, seed + 1, np.mean(right), flush=True)
     rows = [[n, *(str(c) for c in row)] for n, row in zip(names, count, strict=True)]
@@ -137,13 +137,13 @@ def moving(cases: int) -> list[list[str]]:
             right, alarm, warned, refused = [], [], [], []
             for seed in range(cases):
                 name = names[seed % len(names)]
-                found = shape_match(
+                result = shape_match(
                     make(geometry, name, noise, seed), n_nulls=NULLS, n_draws=4000, seed=seed
                 )
-                warned.append(any(r.code == "stabilised" for r in found.reasons))
-                refused.append(bool(found.reasons))
-                right.append(found.matches[0].name == name)
-                mine = next(m for m in found.matches if m.name == name)
+                warned.append(any(r.code == "stabilised" for r in result.reasons))
+                refused.append(bool(result.reasons))
+                right.append(result.matches[0].name == name)
+                mine = next(m for m in result.matches if m.name == name)
                 alarm.append(mine.p_energy <= LEVEL)
             rows.append(
                 [

@@ -48,33 +48,33 @@ def kind_of(curve: LightCurve, normal: np.ndarray) -> str:
     """The true kind of the change."""
     sun, obs = body_directions(curve, LVLH)
     lit, seen = sun @ normal > 0, obs @ normal > 0
-    found = set()
+    result = set()
     for k in np.unique(curve.site):
         r = np.flatnonzero(curve.site == k)
         light = (lit[r][1:] != lit[r][:-1]) & (seen[r][1:] | seen[r][:-1])
         view = (seen[r][1:] != seen[r][:-1]) & (lit[r][1:] | lit[r][:-1])
-        found |= ({"illumination"} if light.any() else set()) | (
+        result |= ({"illumination"} if light.any() else set()) | (
             {"visibility"} if view.any() else set()
         )
-    return found.pop() if len(found) == 1 else "both"
+    return result.pop() if len(result) == 1 else "both"
 
 
-def holds(found: SingleFacet, normal: np.ndarray) -> bool:
+def holds(result: SingleFacet, normal: np.ndarray) -> bool:
     """Whether a cell of the region is within one cell width of the normal."""
-    cells = found.normals[found.region]
+    cells = result.normals[result.region]
     return apart_deg(cells[np.argmax(cells @ normal)], normal) < 1.5 * np.degrees(
-        np.sqrt(found.cell)
+        np.sqrt(result.cell)
     )
 
 
 def with_edge(cases: int) -> list[tuple[int, np.ndarray]]:
     """Seeds of passes with an edge of some facet, and the normal of one such facet."""
-    found, seed = [], 0
-    while len(found) < cases:
+    result, seed = [], 0
+    while len(result) < cases:
         with suppress(LookupError):
-            found.append((seed, crossing(sites(one_pass(seed), True), LVLH, seed)))
+            result.append((seed, crossing(sites(one_pass(seed), True), LVLH, seed)))
         seed += 1
-    return found
+    return result
 
 
 def edges(cases: int, took: list[float]) -> list[list[str]]:
@@ -87,16 +87,16 @@ def edges(cases: int, took: list[float]) -> list[list[str]]:
                 curve = sites(one_pass(seed), both)
                 curve = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), noise, seed)
                 begun = time.perf_counter()
-                found = single_facet(curve, LVLH, seed=seed)
+                result = single_facet(curve, LVLH, seed=seed)
                 took.append(time.perf_counter() - begun)
-                if found.reasons:
+                if result.reasons:
                     refused += 1
                     continue
-                error.append(apart_deg(found.normal, normal))
-                radius.append(found.radius_deg)
-                inside.append(holds(found, normal))
-                best = max(found.kind, key=lambda k, f=found: f.kind[k])
-                sure_and_right.append(found.kind[best] >= SURE)
+                error.append(apart_deg(result.normal, normal))
+                radius.append(result.radius_deg)
+                inside.append(holds(result, normal))
+                best = max(result.kind, key=lambda k, f=result: f.kind[k])
+                sure_and_right.append(result.kind[best] >= SURE)
                 if sure_and_right[-1]:
                     right.append(best == kind_of(curve, normal))
             rows.append(
@@ -128,11 +128,11 @@ def nothing(cases: int) -> list[list[str]]:
                 if what.startswith("a box"):
                     sides = zip(box.normals, box.areas, strict=True)
                     flux = np.sum([flux_of(curve, LVLH, n, a) for n, a in sides], axis=0)
-                found = single_facet(with_noise(curve, flux, noise, seed), LVLH, seed=seed)
-                chance.append(found.p_value <= 0.01)
-                answered.append(not found.reasons)
+                result = single_facet(with_noise(curve, flux, noise, seed), LVLH, seed=seed)
+                chance.append(result.p_value <= 0.01)
+                answered.append(not result.reasons)
                 if answered[-1]:
-                    right.append(any(holds(found, n) for n in box.normals))
+                    right.append(any(holds(result, n) for n in box.normals))
             side = share(right) if what.startswith("a box") and right else "–"
             rows.append([what, f"{100 * noise:.0f} %", share(chance), share(answered), side])
             print(rows[-1], flush=True)

@@ -40,7 +40,7 @@ class Run(NamedTuple):
     ended: float  # ln Z from the final particles
 
 
-def posed(what: str | Path, **options: Any) -> tuple[Problem, Epochs]:
+def problem_of(what: str | Path, **options: Any) -> tuple[Problem, Epochs]:
     data = Epochs.of(simulate(scenario.load(what), NOISE_SEED)[0])
     return Problem(registry.find("faceted").bind(options), data), data
 
@@ -93,7 +93,7 @@ def said(found: list[Run]) -> str:
 def one() -> None:
     from tests.helpers import one_facet_posterior
 
-    problem, data = posed("one-facet", n_facets=1, spin="none")
+    problem, data = problem_of("one-facet", n_facets=1, spin="none")
     want = one_facet_posterior.Quadrature.of(data).log_evidence(data)
     found = measured(problem, data, 1000, SEEDS)
     errors = [run.ended - want for run in found]
@@ -108,7 +108,7 @@ def one() -> None:
 
 
 def mirror() -> None:
-    problem, data = posed(HERE / "mirror.toml", n_facets=2)
+    problem, data = problem_of(HERE / "mirror.toml", n_facets=2)
 
     @jax.jit
     def side(z: jax.Array) -> jax.Array:
@@ -134,7 +134,7 @@ def mirror() -> None:
 
 
 def four() -> None:
-    problem, data = posed(HERE / "four-facets.toml", n_facets=4)
+    problem, data = problem_of(HERE / "four-facets.toml", n_facets=4)
     truth = simulate(scenario.load(HERE / "four-facets.toml"), NOISE_SEED)[1]
     omega = np.array(truth["attitude"]["omega_rad_s"])
     text = f"Four facets and ω, SNR 30, two passes, {data.t.size} epochs."

@@ -39,16 +39,16 @@ NOISES = (20.0, 100.0)  # signal-to-noise ratio of a point, at the mean flux
 SHUFFLES = 99
 
 
-def judged(found: Spin, truth: dict) -> dict:
+def scored(result: Spin, truth: dict) -> dict:
     """Errors of the heaviest and the nearest solution; whether the region contains the truth."""
-    cosine = found.sky.poles @ truth["pole"]  # pyright: ignore[reportOptionalMemberAccess]
+    cosine = result.sky.poles @ truth["pole"]  # pyright: ignore[reportOptionalMemberAccess]
     near = int(np.argmax(cosine))
-    inside = bool(found.sky.region()[near]) and cosine[near] > np.cos(np.radians(3.0))  # pyright: ignore[reportOptionalMemberAccess]
-    away = [np.degrees(np.arccos(np.clip(s.pole @ truth["pole"], -1, 1))) for s in found.solutions]
-    best = found.solutions[0]
+    inside = bool(result.sky.region()[near]) and cosine[near] > np.cos(np.radians(3.0))  # pyright: ignore[reportOptionalMemberAccess]
+    away = [np.degrees(np.arccos(np.clip(s.pole @ truth["pole"], -1, 1))) for s in result.solutions]
+    best = result.solutions[0]
     return {
         "inside": inside,
-        "unique": not found.reasons,
+        "unique": not result.reasons,
         "first": away[0],
         "nearest": min(away),
         "several": len(away) > 1,
@@ -60,9 +60,9 @@ def case(kind: str, snr: float, count: int, i: int) -> tuple[dict | None, float]
     """Errors of the pole of one simulated object, None if refused; seconds per 1,000 points."""
     curve, truth = spinner(100_000 + 1000 * PASSES.index(count) + i, count, snr, kind)
     begun = time.perf_counter()
-    found = estimate(curve, n_shuffles=SHUFFLES, seed=i)
+    result = estimate(curve, n_shuffles=SHUFFLES, seed=i)
     took = (time.perf_counter() - begun) / curve.n_obs * 1000
-    return (judged(found, truth) if found.solutions else None), took
+    return (scored(result, truth) if result.solutions else None), took
 
 
 def rows_of(cases: int, pool: Executor) -> tuple[list[list[str]], list[float]]:
@@ -99,8 +99,8 @@ def _row(kind: str, snr: float, count: int, cases: int, good: list[dict]) -> lis
 
 def alarm(snr: float, i: int, spinning: bool) -> bool | None:
     """Whether a period is found in noise, or a difference of periods under constant geometry."""
-    found = estimate(steady(i, snr, spinning), n_shuffles=SHUFFLES, seed=i)
-    met = {c.name: c.met for c in found.conditions}
+    result = estimate(steady(i, snr, spinning), n_shuffles=SHUFFLES, seed=i)
+    met = {c.name: c.met for c in result.conditions}
     return met.get(MEASURABLE) if spinning else met[REPEATS]
 
 
@@ -140,10 +140,10 @@ def stated_errors(cases: int) -> list[list[str]]:
         pulls, away, stated = [], [], []
         for _ in range(cases):
             one, truth = repeating(rng, drift, correlation_s)
-            found = mean_frequency(one, truth * 1.002, list(range(1, 9)))
-            pulls.append((found.frequency - truth) / found.error)
-            away.append(found.period - 1.0 / truth)
-            stated.append(found.period_error)
+            result = mean_frequency(one, truth * 1.002, list(range(1, 9)))
+            pulls.append((result.frequency - truth) / result.error)
+            away.append(result.period - 1.0 / truth)
+            stated.append(result.period_error)
         rows.append(
             [
                 f"{100 * drift:g} %",
@@ -165,9 +165,9 @@ def asteroids() -> list[list[str]]:
             rows.append([name, "no data here", ""])
             continue
         begun = time.perf_counter()
-        found = estimate(read(folder / f"{name}.lcs"), n_shuffles=SHUFFLES)
-        said = "; ".join(map(str, reasons(found.reasons))) or "; ".join(
-            f"{1 / s.frequency / 3600:.6f} h" for s in found.solutions
+        result = estimate(read(folder / f"{name}.lcs"), n_shuffles=SHUFFLES)
+        said = "; ".join(map(str, reasons(result.reasons))) or "; ".join(
+            f"{1 / s.frequency / 3600:.6f} h" for s in result.solutions
         )
         rows.append([name, said, f"{time.perf_counter() - begun:.1f}"])
     return rows

@@ -85,7 +85,7 @@ def integrated(x: jax.Array, steps: int) -> jax.Array:
     return jnp.stack([rotations.to_body(rotation, u) for u in (SUN, OBS)])
 
 
-def enough() -> int:
+def sufficient_steps() -> int:
     """Steps between two epochs at which the worst body reaches the required accuracy."""
     steps = 1
     while True:
@@ -101,10 +101,10 @@ def _run(x: jax.Array, steps: int) -> jax.Array:
 
 
 def main() -> None:
-    steps = enough()
-    ways = {"closed form": closed, "integrator": lambda x: integrated(x, steps)}
+    steps = sufficient_steps()
+    methods = {"closed form": closed, "integrator": lambda x: integrated(x, steps)}
     rows, all_took = [], []
-    for name, seen in ways.items():
+    for name, seen in methods.items():
         functions = {
             "value": seen,
             "gradient": jax.grad(lambda x, seen=seen: jnp.sum(seen(x) ** 3)),

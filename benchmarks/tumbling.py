@@ -121,7 +121,7 @@ def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[floa
     east = np.cross([0.0, 0.0, 1.0], true)
     east /= np.linalg.norm(east)
     rate, true_rate = np.linalg.norm(flat["omega"], axis=1), np.linalg.norm(truth["omega"])
-    found = {}
+    result = {}
     for name, values, at in (
         ("pole, east (deg)", np.degrees(pole @ east), 0.0),
         ("pole, north (deg)", np.degrees(pole @ np.cross(true, east)), 0.0),
@@ -130,8 +130,8 @@ def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[floa
         ("middle moment / largest", flat["inertia_ratio"][:, 1], truth["inertia_ratio"][1]),
     ):
         low, high = np.quantile(values, [0.05, 0.95])
-        found[name] = (float(values.mean() - at), float(values.std()), bool(low <= at <= high))
-    return found
+        result[name] = (float(values.mean() - at), float(values.std()), bool(low <= at <= high))
+    return result
 
 
 def main(folder: Path) -> None:
@@ -142,8 +142,8 @@ def main(folder: Path) -> None:
         curve, truth = drawn(seed)
         truths[f"seed-{seed:02d}"] = truth
         lcbayes.write(curve, curves / f"seed-{seed:02d}.csv")
-    found = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
-    status = {row["name"]: row["status"] for row in found.rows}
+    result = lcbayes.batch(curves, out=folder / "out", workers=2, **OPTIONS, progress=Console())
+    status = {row["name"]: row["status"] for row in result.rows}
     every = {
         name: compared(folder / "out" / "objects" / name, truth)
         for name, truth in truths.items()
@@ -152,7 +152,7 @@ def main(folder: Path) -> None:
     for name, row in every.items():
         print(name, status[name], {k: f"{e:+.4f} ± {s:.4f} {i}" for k, (e, s, i) in row.items()})
     trusted = [n for n in every if status[n] == "trusted"]
-    likely = {row["name"]: chi2.sf(row["chi2"], row["dof"]) for row in found.rows if "chi2" in row}
+    likely = {row["name"]: chi2.sf(row["chi2"], row["dof"]) for row in result.rows if "chi2" in row}
     explained = [n for n in every if likely[n] > MIN_FIT]
     rows = []
     for quantity in next(iter(every.values())):
@@ -170,7 +170,7 @@ def main(folder: Path) -> None:
         f"{OPTIONS['omega_sd']} rad/s, inertia_sd 1), each seen from three sites in "
         f"{PASSES[-1][1]:.0f} s, {len(PASSES) * POINTS} points, noise {NOISE:.0%} of the mean; "
         f"{len(explained)} fits explain the data by their chi2; trusted: {len(trusted)}. "
-        f"Median time of a fit {np.median([row['seconds'] for row in found.rows]):.0f} s, two "
+        f"Median time of a fit {np.median([row['seconds'] for row in result.rows]):.0f} s, two "
         "side by side.\n\n"
     )
     text += table(

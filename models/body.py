@@ -141,10 +141,10 @@ def _file(body: str, spin: str, shadows: bool) -> BodyFile:
 
 def _surface(file: BodyFile, material: str):
     """Parameters of a material, the unknown ones drawn from their priors."""
-    found = {}
+    parameters = {}
     for key, prior in file.priors[material].items():
-        found[key] = _drawn(f"{material}_{key}", prior)
-    return found
+        parameters[key] = _drawn(f"{material}_{key}", prior)
+    return parameters
 
 
 def _drawn(name: str, prior: Prior):
@@ -218,8 +218,8 @@ def shadows_left_out(
         with handlers.block(), handlers.substitute(data=dict(sites)):
             turned = _turning(epochs, file.body, spin, omega_sd, clock_sd, rate_drift_sd)
         values = {
-            name: {key: sites[f"{name}_{key}"] for key in found}
-            for name, found in file.priors.items()
+            name: {key: sites[f"{name}_{key}"] for key in unknown}
+            for name, unknown in file.priors.items()
         }
 
         def taken(t: jax.Array) -> jax.Array:
@@ -266,12 +266,12 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
     fastest = body_search.PRIOR_REACH * omega_sd
     run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, fastest)
-    found, coverage = run.run(workers, progress)
+    motions, coverage = run.run(workers, progress)
     span = float(run.arcs.span[-1])
-    found = found.at(body_search.distinct(found, span, body_search.STARTS))
+    motions = motions.at(body_search.distinct(motions, span, body_search.STARTS))
     starts = []
     for attitude, pole, rate in zip(
-        body_search.attitudes(run, found), found.pole, found.rate, strict=True
+        body_search.attitudes(run, motions), motions.pole, motions.rate, strict=True
     ):
         if flat is not None:
             sites = {"rate_unit": rate / omega_sd * np.sign(pole @ attitude @ flat)}
@@ -284,7 +284,7 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         starts.append(sites)
     if "log_brightness" in problem.names:
         median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
-        for sites, scale in zip(starts, found.scale, strict=True):
+        for sites, scale in zip(starts, motions.scale, strict=True):
             sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
     gaps = body_search.gaps_between(run.arcs)
     return body_search.optimised(problem, data, starts, gaps, workers, progress), coverage
@@ -308,7 +308,7 @@ def equivalents(
         flips = any(m @ symmetry.axis @ symmetry.axis < 0.0 for m in symmetry.rotations)
         signs = (1.0, -1.0) if flips else (1.0,)
         return [{"axis_base": sign * np.eye(3)} for sign in signs]
-    found = []
+    distinct = []
     for rotation in symmetry.rotations:
         along = float(rotation @ known.flat_axis @ known.flat_axis)
         if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
@@ -318,8 +318,8 @@ def equivalents(
             one = {"attitude_base": sign * right}
             if spin == "flat":
                 one["rate_unit"] = np.array([[np.sign(along)]])
-            found.append(one)
-    return found
+            distinct.append(one)
+    return distinct
 
 
 def mirrored(
@@ -346,10 +346,10 @@ def mirrored(
         if axis is not None:
             return {"omega_unit": half, "axis_base": np.sign(-reflection @ axis @ axis) * half}
         right = _right(Rotation.from_matrix(-reflection).as_quat(scalar_first=True))
-        found = {"attitude_base": _left(left) @ right}
+        sites = {"attitude_base": _left(left) @ right}
         if spin == "flat":
-            return found | {"rate_unit": np.array([[np.sign(along)]])}
-        return found | {"omega_unit": half}
+            return sites | {"rate_unit": np.array([[np.sign(along)]])}
+        return sites | {"omega_unit": half}
     return None
 
 

@@ -15,6 +15,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.facet_list import ARRAY, facet_list
 from lcbayes.physics import brightness, earthshine, photometry
 from lcbayes.physics.attitude import catalogue, rotations
+from lcbayes.physics.attitude.laws import Ephemeris
 from lcbayes.physics.bodies import facets as directions
 from lcbayes.physics.reflectance import LAWS, SatelliteLaw
 
@@ -105,20 +106,14 @@ def model(
 
     def at(t):
         along = data.orbit._replace(t=t)
-        toward, strength = data.sun[None], jnp.ones((1, *t.shape))
-        if earth_albedo:
-            if along.position_km is None:
-                raise InputError("earth_albedo is given, but the satellite's places are not known")
-            shine = earthshine.glow(along.position_km / EARTH_RADIUS_KM, data.sun, earth_albedo)
-            toward = jnp.concatenate([toward, shine.toward])
-            strength = jnp.concatenate([strength, shine.strength / data.sunlight])
+        toward, strength = _illumination(data, along, earth_albedo)
         flux = jnp.zeros(t.shape)
         for name, attitude_law in turned.items():
             here = jnp.array([i for i, other in enumerate(where) if other == name])
             made = attitude_law.frames(along)
             axes = jnp.asarray(made.array if name == ARRAY else made.body)
             mine = {k: jnp.broadcast_to(v, (total,))[here] for k, v in parameters.items()}
-            sent = partial(
+            reflected = partial(
                 brightness.flux_brdf,
                 obs_body=rotations.to_body(axes, data.obs),
                 normals=normals[here],
@@ -126,9 +121,7 @@ def model(
                 law=reflectance,
                 params=mine,
             )
-            each = jax.vmap(lambda v, axes=axes, sent=sent: sent(rotations.to_body(axes, v)))(
-                toward
-            )
+            each = jax.vmap(lambda v, axes=axes, f=reflected: f(rotations.to_body(axes, v)))(toward)
             flux += jnp.sum(strength * each, axis=0)
         return flux
 
@@ -137,27 +130,45 @@ def model(
         sun, obs = rotations.to_body(axes, data.sun), rotations.to_body(axes, data.obs)
         priors.visibility_prior(sun, obs, normals[len(listed) :])
     flux = (photometry.exposed(at, data.exposure_s) if data.has_exposure else at)(data.t)
-    fainter = jnp.zeros(data.t.shape)  # mag
+    dimmed = flux * 10.0 ** (-0.4 * _fainter(data, individuals, site_offsets, extinction))
+    likelihood.observe(
+        data, dimmed, noise_law, scatter, passes and data.has_passes and data.calibrated
+    )
+
+
+def _illumination(data: Epochs, orbit: Ephemeris, earth_albedo: float):
+    """Unit vectors towards what illuminates the satellite, (K, T, 3), and its irradiance in units
+    of the Sun's, (K, T): the Sun, and patches of the Earth if its albedo is not zero."""
+    toward, strength = data.sun[None], jnp.ones((1, *orbit.t.shape))
+    if earth_albedo:
+        if orbit.position_km is None:
+            raise InputError("earth_albedo is given, but the satellite's places are not known")
+        shine = earthshine.glow(orbit.position_km / EARTH_RADIUS_KM, data.sun, earth_albedo)
+        toward = jnp.concatenate([toward, shine.toward])
+        strength = jnp.concatenate([strength, shine.strength / data.sunlight])
+    return toward, strength
+
+
+def _fainter(data: Epochs, individuals: bool, site_offsets: bool, extinction: bool):
+    """Magnitudes by which each point is fainter than the body, (T,)."""
+    fainter = jnp.zeros(data.t.shape)
     if individuals and data.n_members > 1 and data.calibrated:
         fainter += priors.deviations("member", data.n_members, 0.2)[data.member]
     if site_offsets and data.n_sites > 1:
         fainter += priors.deviations("site", data.n_sites, 0.2)[data.site]
     if extinction:
         fainter += numpyro.sample("extinction", dist.Normal(0.2, 0.1)) * data.airmass
-    dimmed = flux * 10.0 ** (-0.4 * fainter)
-    likelihood.observe(
-        data, dimmed, noise_law, scatter, passes and data.has_passes and data.calibrated
-    )
+    return fainter
 
 
 def _law(law: str, where: str):
     """The attitude law that defines the axes of facets."""
     if where not in ("", ARRAY):
         return catalogue.parse(where)
-    found = catalogue.parse(law)
-    if where == ARRAY and not found.array:
+    parsed = catalogue.parse(law)
+    if where == ARRAY and not parsed.array:
         raise InputError(f"a facet is on the array, but the law {law!r} has none")
-    return found
+    return parsed
 
 
 def _normals(listed, free: int):
@@ -191,16 +202,16 @@ def _surface(listed, free: int, reflectance: str, kind: str, log_area: tuple[flo
     unknown = [i for i, facet in enumerate(listed) if facet.area_m2 is None]
     if not law.diffuse or len(unknown) < len(listed):
         if kind == "shared":
-            found = priors.surface(reflectance, 1, SPECULAR, "_shared")
+            drawn = priors.surface(reflectance, 1, SPECULAR, "_shared")
         else:
             each = [
                 priors.surface(reflectance, n, SPECULAR, suffix)
                 for n, suffix in ((len(listed), HELD), (free, FREE))
                 if n
             ]
-            found = {k: jnp.concatenate([one[k] for one in each]) for k in each[0]}
-        parameters |= found
-        for name, values in found.items():
+            drawn = {k: jnp.concatenate([one[k] for one in each]) for k in each[0]}
+        parameters |= drawn
+        for name, values in drawn.items():
             numpyro.deterministic(name, values)
     share = sum((parameters[k] / UNIT[k] for k in parts), jnp.zeros(1))
 

@@ -38,7 +38,7 @@ class Experiment:
     def __init__(self, seed: int) -> None:
         what = one_facet.experiment(2, truth=Truth(g=0.15), sigma=SIGMA, step=STEP)
         data = Epochs.of(simulate(what, seed)[0])
-        problem = one_facet.posed(data)
+        problem = one_facet.problem_of(data)
         self.seeds = count(1000 * seed)  # one per run, so that runs are independent
         self.grid = Quadrature.of(data)
         self.potential_fn = partial(one_facet.potential, problem, data=data)
@@ -76,11 +76,11 @@ def draw(axes, x: tuple[float, ...], published: list[Moments], exact: list[Momen
     """Bias of the three means against x."""
     for i, name in enumerate(NAMES):
         hue, shift = style.colour(i), 1.0 + 0.02 * (i - 1)
-        for found, filled in ((published, True), (exact, False)):
+        for moments, filled in ((published, True), (exact, False)):
             axes.errorbar(
                 np.array(x) * shift,
-                [m.bias[i] for m in found],
-                [m.bias_error[i] for m in found],
+                [m.bias[i] for m in moments],
+                [m.bias_error[i] for m in moments],
                 color=hue,
                 marker="o",
                 ms=4,
@@ -96,11 +96,11 @@ def draw(axes, x: tuple[float, ...], published: list[Moments], exact: list[Momen
     axes.minorticks_off()
 
 
-def report(label: str, found: Moments) -> None:
+def report(label: str, moments: Moments) -> None:
     bias = "  ".join(
-        f"{b:+.4f} ± {e:.4f}" for b, e in zip(found.bias, found.bias_error, strict=True)
+        f"{b:+.4f} ± {e:.4f}" for b, e in zip(moments.bias, moments.bias_error, strict=True)
     )
-    print(f"{label:34s} {bias}   acceptance {found.accept_prob:.3f}", flush=True)
+    print(f"{label:34s} {bias}   acceptance {moments.accept_prob:.3f}", flush=True)
 
 
 def main() -> None:

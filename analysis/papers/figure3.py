@@ -63,7 +63,7 @@ def main() -> None:
         grid = Quadrature.of(data, SHAPE)
         log_alpha, phi, g = grid.axes
         alpha = np.exp(log_alpha)
-        found = sample(data, args.draws, args.seed)
+        draws = sample(data, args.draws, args.seed)
         dots = {
             "marker": ".",
             "ls": "",
@@ -73,25 +73,25 @@ def main() -> None:
             "mew": 0,
             "rasterized": True,
         }
-        left.plot(found["phi"], found["g"], **dots)
+        left.plot(draws["phi"], draws["g"], **dots)
         outline(left, phi, g, grid.marginal("phi", "g"))
-        middle.plot(found["albedo_area"], found["g"], **dots)
+        middle.plot(draws["albedo_area"], draws["g"], **dots)
         outline(middle, alpha, g, grid.marginal("log_albedo_area", "g"))
         for axes, x in ((left, TRUTH.phi), (middle, TRUTH.albedo_area)):
             axes.plot(x, TRUTH.g, "+", color=style.INK, ms=9, mew=1.3)
             axes.set_ylabel(LABELS["g"])
-        density(of_g, found["g"], g, grid.marginal("g"), TRUTH.g)
+        density(of_g, draws["g"], g, grid.marginal("g"), TRUTH.g)
         by_area = grid.marginal("log_albedo_area") / alpha
-        density(of_area, found["albedo_area"], alpha, by_area, TRUTH.albedo_area)
+        density(of_area, draws["albedo_area"], alpha, by_area, TRUTH.albedo_area)
         # the range of the draws: the grid extends far into the tails
-        low, high = np.quantile(found["albedo_area"], [0.0, 0.999])
+        low, high = np.quantile(draws["albedo_area"], [0.0, 0.999])
         for axes in (middle, of_area):
             axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-        reach = 1.05 * np.max(np.abs(found["g"]))
+        reach = 1.05 * np.max(np.abs(draws["g"]))
         of_g.set_xlim(-reach, reach)
         for axes in (left, middle):
             axes.set_ylim(-reach, reach)
-        low, high = np.quantile(found["phi"], [2e-4, 0.9998])
+        low, high = np.quantile(draws["phi"], [2e-4, 0.9998])
         left.set_xlim(low - 0.003, high + 0.003)
         left.set_title({1: "one pass", 2: "two passes"}[n_passes], loc="left")
         if n_passes == 2:

@@ -38,7 +38,7 @@ def predict(fitted: LightCurve, at: LightCurve, draws: int, seed: int) -> Floats
     )
     key_chain, key = jax.random.split(jax.random.key(seed))
     mcmc.run(key_chain, data)
-    problem, there = one_facet.posed(data), Epochs.of(at, fitted)
+    problem, there = one_facet.problem_of(data), Epochs.of(at, fitted)
     sites = mcmc.get_samples()
     latent = {k: sites[k][:draws] for k in problem.names}
 

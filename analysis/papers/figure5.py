@@ -47,18 +47,18 @@ def main() -> None:
     lit()
     data = six_facets.experiment(args.seed).data
     problem, _ = six_facets.sparse_problem(data, args.facets, AREA * len(SIDES))
-    found = burn_in.run(problem, data, args.chains, args.transitions, args.seed)
-    for c in np.argsort(found.ends.mean(axis=1)):
-        left = found.remaining(int(c))
+    result = burn_in.run(problem, data, args.chains, args.transitions, args.seed)
+    for c in np.argsort(result.ends.mean(axis=1)):
+        left = result.remaining(int(c))
         shares = ", ".join(f"{n}: {share:.2f}" for n, share in left.items())
         print(
-            f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
+            f"chain {c}: chi2 {result.ends[c].mean():.0f} at {data.t.size} epochs; facets that "
             f"remain {max(left, key=lambda n: left[n])} ({shares})"
         )
 
     import jax
 
-    row = found.z[found.best]
+    row = result.z[result.best]
     sites = jax.jit(jax.vmap(lambda z: problem.constrain(z, data)))(row)
     areas, normals = np.asarray(sites["albedo_area"]), np.asarray(sites["normals"])
     figure = _script.figure(9.6, 5.6)
@@ -73,11 +73,11 @@ def main() -> None:
     above.set_yscale("log")
     above.set_ylim(1e-3, 60.0)
     above.set_ylabel(r"albedo-area $\alpha$ (m²)")
-    above.set_title(f"chain {found.best}: the areas of {args.facets} facets", loc="left")
+    above.set_title(f"chain {result.best}: the areas of {args.facets} facets", loc="left")
     for c in range(args.chains):
-        best = c == found.best
+        best = c == result.best
         below.plot(
-            found.chi2[c], lw=1.2 if best else 0.7, color=style.PALETTE[0] if best else style.FAINT
+            result.chi2[c], lw=1.2 if best else 0.7, color=style.PALETTE[0] if best else style.FAINT
         )
     below.axhline(data.t.size, color=style.INK, lw=0.8, ls=":")
     below.set_yscale("log")

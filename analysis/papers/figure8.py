@@ -10,6 +10,7 @@ measurements, noise included.
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
 
 import _script
@@ -22,6 +23,7 @@ from six_facets import UPPER_BOUND
 from lcbayes.analysis import style
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import sparse
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -68,15 +70,7 @@ def main() -> None:
         a * (p["r_diff"] + p["r_spec"]) for a, p in zip(what.body.areas, reflected, strict=True)
     )
     if args.facets:
-        weight = sparse.weight(float(area))
-        many = problem_of(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
-        found = burn_in.run(many, data, args.chains, args.transitions, args.seed)
-        for c in np.argsort(found.ends.mean(axis=1)):
-            shares = found.remaining(int(c))
-            print(
-                f"chain {c}: chi2 {found.ends[c].mean():.0f} at {data.t.size} epochs; facets "
-                f"that remain {max(shares, key=lambda n: shares[n])} {shares}"
-            )
+        print_burn_in(data, float(area), args)
 
     problem = problem_of(3, data)
     runs = six_facets.sample(problem, data, args.seed, args.particles, RUNS, "glint", args.out)
@@ -89,7 +83,24 @@ def main() -> None:
     glossy(problem, data, z, np.asarray(what.body.normals[0]))
     keys = jax.random.split(jax.random.key(args.seed), len(z))
     replicated = jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))
-    drawn = np.asarray(replicated(jnp.asarray(z), keys))
+    draw(curve, clean, np.asarray(replicated(jnp.asarray(z), keys)), args.out)
+
+
+def print_burn_in(data: Epochs, area: float, args: Namespace) -> None:
+    """Print how many facets remain in each chain that begins with too many."""
+    weight = sparse.weight(area)
+    many = problem_of(args.facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD)
+    result = burn_in.run(many, data, args.chains, args.transitions, args.seed)
+    for c in np.argsort(result.ends.mean(axis=1)):
+        shares = result.remaining(int(c))
+        print(
+            f"chain {c}: chi2 {result.ends[c].mean():.0f} at {data.t.size} epochs; facets "
+            f"that remain {max(shares, key=lambda n: shares[n])} {shares}"
+        )
+
+
+def draw(curve: LightCurve, clean: np.ndarray, drawn: np.ndarray, out: Path) -> None:
+    """Draw the predicted brightness (draws, T) and its residuals for both nights."""
     assert curve.error is not None
     hours, sigma = curve.t / HOUR_S, float(np.median(curve.error))
     off = drawn.mean(axis=0)
@@ -117,7 +128,7 @@ def main() -> None:
     panels[0, 1].legend(loc="best")
     panels[0, 0].set_ylabel("flux at unit distance (m²)")
     panels[1, 0].set_ylabel("residual / σ")
-    _script.save(figure, args.out, "figure8")
+    _script.save(figure, out, "figure8")
 
 
 if __name__ == "__main__":

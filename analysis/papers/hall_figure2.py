@@ -35,7 +35,7 @@ def normal_of(case: str, curve: LightCurve, law: scenario.Attitude) -> np.ndarra
     """A normal whose facet appears by this change alone, for every site, well within the pass."""
     turn = np.asarray(frames(law, curve).body)
     sun, obs = (np.einsum("tij,ti->tj", turn, v) for v in (curve.sun, curve.obs))
-    best, found = 0.0, None
+    best, best_normal = 0.0, None
     for normal in facets.grid(4000):
         mu0, mu = sun @ normal, obs @ normal
         change, other = (mu0, mu) if case == "illumination" else (mu, mu0)
@@ -48,10 +48,10 @@ def normal_of(case: str, curve: LightCurve, law: scenario.Attitude) -> np.ndarra
             inner = slice(len(rows) // 5, -len(rows) // 5)
             rises.append(on[-1] and not on[0] and on[inner].any() and not on[inner].all())
         if all(rises) and (mu0 * mu).max() > best:
-            best, found = float((mu0 * mu).max()), normal
-    if found is None:
+            best, best_normal = float((mu0 * mu).max()), normal
+    if best_normal is None:
         raise SystemExit(f"no facet shows a change of {case} alone in this pass")
-    return found
+    return best_normal
 
 
 def main() -> None:
@@ -71,8 +71,8 @@ def main() -> None:
             first = rows[np.argmax(flux[rows] > 0)]
             print(f"{case}: from {site} it appears at t = {curve.t[first]:.0f} s")
         seen, _ = simulate(here, args.seed)
-        found = single_facet(seen, what.attitude)
-        print("\n".join([*map(str, found.reasons), *single_facet_report.words(found)]))
+        result = single_facet(seen, what.attitude)
+        print("\n".join([*map(str, result.reasons), *single_facet_report.words(result)]))
         axes.set_title(
             {
                 "illumination": "the facet comes into sunlight",

@@ -44,10 +44,10 @@ class Facet:
         obs = sun * jnp.array([-1.0, 1.0, 1.0])
         shape = np.shape(pitch)
         # Sun and observer are fixed, and each normal is a separate facet
-        found = closed_form(
+        sensitivities = closed_form(
             sun, obs, jnp.asarray(normals), jnp.full(len(normals), AREA), LAW, SURFACE
         )
-        flux = np.asarray(found.flux[0])
+        flux = np.asarray(sensitivities.flux[0])
         turn = _each(sun, obs, normals)
         self.mag = np.asarray(
             photometry.magnitude(jnp.asarray(flux), RANGE_M, photometry.SUN_MAGNITUDE["hinks"])
@@ -59,7 +59,7 @@ class Facet:
             name: np.where(
                 lit, -MAGNITUDE_PER_NEPER * d[0] / np.where(lit, flux, 1.0), np.nan
             ).reshape(shape)
-            for name, d in found.parameters.items()
+            for name, d in sensitivities.parameters.items()
         }
         self.mag = np.where(lit.reshape(shape), self.mag, np.nan)
 

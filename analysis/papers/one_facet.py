@@ -79,7 +79,7 @@ def experiment(
     )
 
 
-def posed(data: Epochs) -> Problem:
+def problem_of(data: Epochs) -> Problem:
     """The posterior of `MODEL` given the data."""
     return Problem(MODEL, data)
 

@@ -78,7 +78,7 @@ def experiment(seed: int, n_passes: int = 3) -> Experiment:
     return Experiment(curve, clean, np.asarray(what.body.normals))
 
 
-def posed(n_facets: int, data: Epochs, **options: float) -> Problem:
+def problem_of(n_facets: int, data: Epochs, **options: float) -> Problem:
     return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
 
 
@@ -106,14 +106,14 @@ def sample(
 
 def sample_six(data: Epochs, seed: int, out: Path) -> tuple[Problem, list[smc.Result]]:
     """The posterior of six facets, the true number."""
-    problem = posed(len(SIDES), data)
+    problem = problem_of(len(SIDES), data)
     return problem, sample(problem, data, seed, PARTICLES, RUNS, "six", out)
 
 
 def sparse_problem(data: Epochs, n_facets: int, area: float) -> tuple[Problem, float]:
     """The problem with the squared-L1 prior of sec. VI, and the weight of that prior."""
     weight = sparse.weight(area)
-    return posed(n_facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD), weight
+    return problem_of(n_facets, data, sparsity=weight, log_area_sd=sparse.LOG_AREA_SD), weight
 
 
 def facets(problem: Problem, data: Epochs, z: Floats) -> tuple[Floats, Floats]:

@@ -44,8 +44,8 @@ def observability(sun: Floats, obs: Floats, part: str) -> Floats:
         p = {"r_spec": R_S, "r_diff": r_diff, "nu": R}
         return np.asarray(closed_form(s, o, NORMAL, jnp.ones(1), LAW, p).attitude)
 
-    found = slope(0.0) if part == "specular" else slope(R_D) - slope(0.0)
-    return np.linalg.norm(found, axis=-1).reshape(sun.shape[:-1])
+    gradient = slope(0.0) if part == "specular" else slope(R_D) - slope(0.0)
+    return np.linalg.norm(gradient, axis=-1).reshape(sun.shape[:-1])
 
 
 def in_plane(sun_deg: float, obs_deg: float) -> float:
@@ -55,25 +55,25 @@ def in_plane(sun_deg: float, obs_deg: float) -> float:
 
 def best_observer(sun_deg: float) -> tuple[float, float]:
     """Elevation of the observer (deg) with the largest diffuse observability, and its value."""
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda e: -in_plane(sun_deg, float(e)),
         bounds=(1.0, 90.0),
         method="bounded",
         options={"xatol": 1e-4},
     )
-    return float(found.x), float(-found.fun)
+    return float(optimum.x), float(-optimum.fun)
 
 
 def best_pair(start: tuple[float, float]) -> tuple[Floats, float]:
     """Elevations (deg) of Sun and observer with the largest diffuse observability, and its
     value."""
-    found = minimize(
+    optimum = minimize(
         lambda e: -in_plane(*e),
         start,
         method="Nelder-Mead",
         options={"xatol": 1e-4, "fatol": 1e-12},
     )
-    return found.x, float(-found.fun)
+    return optimum.x, float(-optimum.fun)
 
 
 def ring() -> dict[str, float]:
@@ -83,7 +83,7 @@ def ring() -> dict[str, float]:
     def value(e: Floats) -> float:
         return float(observability(sun, direction(e[0], e[1]), "specular"))
 
-    found = minimize(
+    optimum = minimize(
         lambda e: -value(e),
         (SPECULAR_SUN + 3.0, 180.0),
         method="Nelder-Mead",
@@ -92,9 +92,9 @@ def ring() -> dict[str, float]:
     span = SPECULAR_SUN - 8.0, SPECULAR_SUN - 0.5
     below = minimize_scalar(lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded")
     return {
-        "elevation": float(found.x[0]),
-        "azimuth": float(found.x[1]),
-        "value": float(-found.fun),
+        "elevation": float(optimum.x[0]),
+        "azimuth": float(optimum.x[1]),
+        "value": float(-optimum.fun),
         "below": float(below.x),
         "value below": float(-below.fun),
     }
@@ -126,20 +126,20 @@ def numbers() -> list[tuple[str, str]]:
         )
     even = in_plane(48.0, 48.0)
     rows.append(("diffuse, both 48 deg high", f"{100.0 * (1.0 - even / top):.3f} % below that"))
-    found = ring()
+    brightest = ring()
     rows += [
         (
             f"fig. 7: specular, Sun {SPECULAR_SUN:g} deg high, best observer",
-            f"{found['elevation']:.2f} deg high, azimuth {found['azimuth']:.1f} deg; "
-            f"{found['value']:.1f} /rad",
+            f"{brightest['elevation']:.2f} deg high, azimuth {brightest['azimuth']:.1f} deg; "
+            f"{brightest['value']:.1f} /rad",
         ),
         (
             "fig. 7: lowest point of the ring",
-            f"{found['below']:.2f} deg high; {found['value below']:.1f} /rad",
+            f"{brightest['below']:.2f} deg high; {brightest['value below']:.1f} /rad",
         ),
         (
             "fig. 7 over fig. 5, largest of each",
-            f"{found['value'] / best_observer(48.0)[1]:.0f} times",
+            f"{brightest['value'] / best_observer(48.0)[1]:.0f} times",
         ),
     ]
     return rows
@@ -178,8 +178,10 @@ def main() -> None:
     axes.plot(0.0, 90.0 - SPECULAR_SUN, "*", ms=11, color="#ffd23f", mec=style.INK, mew=0.5)
     closer = figure.add_subplot(grid[1, 6:])
     picture = closer.pcolormesh(np.degrees(fine_a), 90.0 - fine_z, fine, rasterized=True)
-    found = ring()
-    closer.plot(found["azimuth"], found["elevation"], "o", ms=8, mfc="none", mec="white", mew=1.6)
+    brightest = ring()
+    closer.plot(
+        brightest["azimuth"], brightest["elevation"], "o", ms=8, mfc="none", mec="white", mew=1.6
+    )
     closer.set_xlabel("azimuth of the observer (°)")
     closer.set_ylabel("its elevation (°)")
     closer.set_title("fig. 7, the ring and its top", loc="left")

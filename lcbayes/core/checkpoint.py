@@ -78,9 +78,9 @@ class Checkpoint:
         stored = self.load(name)
         if stored is not None:
             return kind(**stored)
-        found = compute()
-        self.save(name, found._asdict())  # pyright: ignore[reportAttributeAccessIssue]
-        return found
+        value = compute()
+        self.save(name, value._asdict())  # pyright: ignore[reportAttributeAccessIssue]
+        return value
 
     def _path(self, folder: Path, name: str) -> Path:
         return folder / f"{self._prefix}{name}.npz"

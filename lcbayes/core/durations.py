@@ -32,8 +32,8 @@ def seconds(text: str, default: str | None = None) -> float:
     >>> seconds("2", default="h")
     7200.0
     """
-    found = _DURATION.fullmatch(text)
-    unit = default if found is None else found[2] or default
-    if found is None or unit not in UNITS:
+    match = _DURATION.fullmatch(text)
+    unit = default if match is None else match[2] or default
+    if match is None or unit not in UNITS:
         raise InputError(f"{text.strip()!r} is no duration; give a number with {LISTED}")
-    return float(found[1]) * UNITS[unit]
+    return float(match[1]) * UNITS[unit]

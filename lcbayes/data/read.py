@@ -124,6 +124,16 @@ def read(
     ------
     InputError
         A one-line message that names the error, the file, the line and the remedy.
+
+    Examples
+    --------
+    >>> import lcbayes
+    >>> import tempfile
+    >>> file = tempfile.mkdtemp() + "/one-facet.csv"
+    >>> simulated = lcbayes.simulate("one-facet", seed=1, out=file)
+    >>> curve = lcbayes.read(file)
+    >>> curve.n_obs, curve.kind
+    (102, 'flux')
     """
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}

@@ -23,10 +23,25 @@ def write(curve: LightCurve, path: str | os.PathLike[str]) -> None:
     ``# epoch_jd``; columns in ``extra`` follow the others (as text in CSV, typed in ECSV). The file
     is written atomically.
 
+    Parameters
+    ----------
+    curve : LightCurve
+    path : file
+
     Raises
     ------
     InputError
         The path cannot be written, or a column of ``extra`` has a reserved name.
+
+    Examples
+    --------
+    >>> import lcbayes
+    >>> import tempfile
+    >>> curve = lcbayes.simulate("one-facet", seed=1).data
+    >>> file = tempfile.mkdtemp() + "/one-facet.csv"
+    >>> lcbayes.write(curve, file)
+    >>> (lcbayes.read(file).brightness == curve.brightness).all().item()
+    True
     """
     columns, meta = columns_of(curve), meta_of(curve)
     ecsv = Path(path).suffix.lower() == ".ecsv"

@@ -149,12 +149,12 @@ def _check(name: str, number: int, line: str, kind: str, form: re.Pattern[str]) 
         raise InputError(f"{where} starts with {line[0]!r}; expected line {kind} of the elements")
     if len(line) != LENGTH:
         raise InputError(
-            f"{where} has {len(line)} characters; a line of elements has {LENGTH}: copy it anew"
+            f"{where} has {len(line)} characters; a line of elements has {LENGTH}: copy it again"
         )
     total = sum(int(c) if c in digits else c == "-" for c in line[:-1]) % 10
     if line[-1] != str(total):
         raise InputError(
-            f"{where}: checksum is {line[-1]}, the line adds up to {total}; copy the elements anew"
+            f"{where}: checksum is {line[-1]}, the line adds up to {total}; copy the elements again"
         )
     if not form.fullmatch(line):
-        raise InputError(f"{where} is not laid out as line {kind} of elements; copy it anew")
+        raise InputError(f"{where} is not laid out as line {kind} of elements; copy it again")

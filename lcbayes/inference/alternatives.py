@@ -81,14 +81,14 @@ def alternatives(
     """
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
-    found = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
+    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
     if "omega" in sites:
-        found += _drift(problem, z, data)
-        found += [] if kinds else _nutation(problem, z, data, sites)
+        candidates += _drift(problem, z, data)
+        candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
-        found += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
-    found = [one for one in found if not kinds or one.name in kinds]
-    return [_in_units_of_noise(problem, z, data, one) for one in found if np.any(one.columns)]
+        candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
+    candidates = [one for one in candidates if not kinds or one.name in kinds]
+    return [_in_units_of_noise(problem, z, data, one) for one in candidates if np.any(one.columns)]
 
 
 def shadows(problem: Problem, z: Floats, data: Epochs, change: Floats | None) -> list[Alternative]:
@@ -231,8 +231,10 @@ def _notches(sites: Sites) -> Iterator[Alternative]:
 
 def _steepness(sun: Floats, obs: Floats, floor: int, wall: int) -> Floats:
     """Length of the shadow of a wall of unit height on a floor, or of what it hides, (T,)."""
-    found = [np.maximum(-v[:, wall], 0.0) / np.maximum(v[:, floor], FLATTEST) for v in (sun, obs)]
-    return np.maximum(*found)
+    tangents = [
+        np.maximum(-v[:, wall], 0.0) / np.maximum(v[:, floor], FLATTEST) for v in (sun, obs)
+    ]
+    return np.maximum(*tangents)
 
 
 def _by_time(problem: Problem, z: Floats, data: Epochs, *, moving: bool) -> Floats:

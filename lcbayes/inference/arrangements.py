@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from lcbayes.core.jax_setup import jnp
 from lcbayes.inference.solutions import Solution
@@ -53,7 +52,7 @@ def by_rotation(
 
 def joint(group: Sequence[Solution]) -> Solution:
     """The first of a group of solutions, with the evidence and the hits of all."""
-    log_evidence = float(logsumexp([s.log_evidence for s in group]))
+    log_evidence = float(np.logaddexp.reduce([s.log_evidence for s in group]))
     return replace(group[0], log_evidence=log_evidence, hits=sum(s.hits for s in group))
 
 

@@ -81,8 +81,8 @@ class Basins:
         known : sequence of (D,)
         """
         starts = np.concatenate([*(row[None] for row in known), *(evenly(r, OPTIMISED) for r in z)])
-        found = optima(problem, data, starts, order, max_optima, workers)
-        regions = cls(problem, data, found, order)
+        centres = optima(problem, data, starts, order, max_optima, workers)
+        regions = cls(problem, data, centres, order)
         regions.join(z.reshape(-1, problem.dim))
         return regions
 
@@ -145,12 +145,14 @@ class Basins:
         """
         chain = np.arange(len(rows)) * n_chains // len(rows)
         shuffled = np.argsort(rng.permutation(n_chains)[chain], kind="stable")
-        found = {}
+        evidences = {}
         for k in np.unique(label):
             own = shuffled[label[shuffled] == k]
             if len(own) >= MIN_POINTS_PER_PARAMETER * self.problem.dim:
-                found[int(k)] = self._bridged(int(k), rows[own], len(np.unique(chain[own])), rng)
-        return found
+                evidences[int(k)] = self._bridged(
+                    int(k), rows[own], len(np.unique(chain[own])), rng
+                )
+        return evidences
 
     def _bridged(
         self, k: int, rows: Floats, n_chains: int, rng: np.random.Generator
@@ -279,11 +281,11 @@ def weigh(
         _bridged(regions, here, rows, n_chains, own, rng)
         for here, rows, own in zip(label, z, shares, strict=True)
     ]
-    found = [one for one in each if one is not None]
-    if len(found) < n_runs:
+    estimates = [one for one in each if one is not None]
+    if len(estimates) < n_runs:
         return counted
-    (weight, weight_sd, total), by_run = pooled, np.stack([one[0] for one in found])
-    log_evidences = np.array([one[2].value for one in found])
+    (weight, weight_sd, total), by_run = pooled, np.stack([one[0] for one in estimates])
+    log_evidences = np.array([one[2].value for one in estimates])
     between, weight_sd_runs = log_evidences.std(ddof=1), by_run.std(axis=0, ddof=1)
     reasons = []
     off = total.value - by_path.value
@@ -308,12 +310,12 @@ def _bridged(
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats, LogEvidence] | None:
     """Weights, their errors and the total evidence; None if the bridges are too imprecise."""
-    found = regions.evidence(label, z, n_chains, rng)
-    measured = np.array(sorted(found), int)
+    evidences = regions.evidence(label, z, n_chains, rng)
+    measured = np.array(sorted(evidences), int)
     share = float(shares[measured].sum())
     if share < MIN_MEASURED_SHARE:
         return None
-    values, errors = np.array([found[k] for k in measured]).T
+    values, errors = np.array([evidences[k] for k in measured]).T
     inside = log_sum(values)
     part = np.exp(values - inside)
     se = float(np.linalg.norm(part * errors))

@@ -54,11 +54,11 @@ class Kind:
 class _Searched:
     kind: Kind
     problem: Problem
-    found: Found
+    result: Found
 
     @property
     def z(self) -> np.ndarray:
-        return self.found.solutions[0].z
+        return self.result.solutions[0].z
 
 
 def run(
@@ -141,9 +141,9 @@ def _centred(one: _Searched, prior: AreaPrior, data: Epochs) -> _Searched:
     problem = build_problem(kind.entry, kind.options, data)[0]
     solutions = [
         replace(s, z=np.asarray(problem.ravel(one.problem.constrain(jnp.asarray(s.z), data))))
-        for s in (*one.found.solutions, *one.found.rest)
+        for s in (*one.result.solutions, *one.result.rest)
     ]
-    return _Searched(kind, problem, one.found._replace(solutions=solutions, rest=[]))
+    return _Searched(kind, problem, one.result._replace(solutions=solutions, rest=[]))
 
 
 def _measured(
@@ -161,16 +161,16 @@ def _measured(
     plain, sampled = build_problem(kind.entry, kind.options, data)
     kept = checkpoint.within(folder_name(kind.name))
     stages = Stages.of(plain, kind.entry, kind.options, settings, kept, progress)
-    z = np.stack([s.z for s in (*one.found.solutions, *one.found.rest)])
+    z = np.stack([s.z for s in (*one.result.solutions, *one.result.rest)])
     n = len(z)
     state = SearchState(z, np.zeros(n), np.ones(n), np.zeros(n, int))  # optimised again
     ends = Ends(state, complete=True)
-    found = chain_evidence.estimate(stages, sampled, ends, weighed, key_runs)
-    log_z = np.array([r.log_evidence for r in found.runs])
-    doubt = [Finding("evidence-doubtful", {"why": found.doubt})] if found.doubt else []
-    total = (found.log_evidence, log_z, doubt)
-    made = candidate(kind.n_facets, plain, weighed, found.runs, total, key_mass)
-    return replace(made, posterior=found.posterior, body=kind.name, options=kind.options)
+    estimate = chain_evidence.estimate(stages, sampled, ends, weighed, key_runs)
+    log_z = np.array([r.log_evidence for r in estimate.runs])
+    doubt = [Finding("evidence-doubtful", {"why": estimate.doubt})] if estimate.doubt else []
+    total = (estimate.log_evidence, log_z, doubt)
+    made = candidate(kind.n_facets, plain, weighed, estimate.runs, total, key_mass)
+    return replace(made, posterior=estimate.posterior, body=kind.name, options=kind.options)
 
 
 def folder_name(name: str) -> str:

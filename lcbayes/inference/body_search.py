@@ -48,7 +48,7 @@ PRIOR_REACH = 4.0  # fastest spin in prior sd: 99.9 % of the prior
 POLES = 500  # over the sphere, 9° apart
 AXES = 300  # directions in the body that may be along the pole, 12° apart
 CONE_DEG = 7.5  # between such directions of a body with an axis of symmetry
-STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
+STEP = 1.0  # rad: spacing of rates times the duration by which they are distinguished
 PHASES = 64
 HARMONICS = 15  # of the flux, so that those of its square, 30, are known from these phases
 EPOCHS, MORE = 96, 384  # of an arc at least, and of all arcs together if that is more
@@ -68,7 +68,7 @@ MIN_GAIN = 0.1  # nats
 ROUNDS = ((1.0, 10, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
 
 
-class Found(NamedTuple):
+class Motions(NamedTuple):
     """Candidate motions, best first.
 
     Attributes
@@ -92,9 +92,9 @@ class Found(NamedTuple):
     phase: Floats
     scale: Floats
 
-    def at(self, rows: NDArray[np.int64]) -> Found:
+    def at(self, rows: NDArray[np.int64]) -> Motions:
         gain, pole, axis, *others = self
-        return Found(gain[rows], pole[rows], axis[rows], *(x[rows] for x in others))
+        return Motions(gain[rows], pole[rows], axis[rows], *(x[rows] for x in others))
 
 
 def toward_pole(directions: Floats) -> Floats:
@@ -196,7 +196,7 @@ class MotionSearch:
             for dt in self.arcs.dt
         ]
 
-    def run(self, workers: int, progress: Silent) -> tuple[Found, Coverage]:
+    def run(self, workers: int, progress: Silent) -> tuple[Motions, Coverage]:
         """The best motions over all poles, axes, rates and phases."""
         poles = facets.grid(POLES)
         jobs = [
@@ -205,29 +205,29 @@ class MotionSearch:
             for i in range(0, POLES, CHUNK)
         ]
         best = [0.0]
-        parts: list[Found] = []
+        parts: list[Motions] = []
         with (
             progress.stage("searching motions", len(jobs) * CHUNK, "poles") as bar,
             threads(workers) as pool,
         ):
 
-            def one(job: tuple[int, Floats]) -> Found:
-                found = self.chunk(*job, self.least(best[0]))
-                best[0] = max(best[0], float(found.gain.max(initial=0.0)))
+            def one(job: tuple[int, Floats]) -> Motions:
+                motions = self.chunk(*job, self.least(best[0]))
+                best[0] = max(best[0], float(motions.gain.max(initial=0.0)))
                 bar.advance(len(job[1]))
-                return found
+                return motions
 
             parts = list(pool.map(one, jobs))
         columns: list[Any] = [np.concatenate(x) for x in zip(*parts, strict=True)]
-        found = Found(*columns)
-        order = np.argsort(-found.gain, kind="stable")
-        found = found.at(order[found.gain[order] > self.least(best[0])])
+        merged = Motions(*columns)
+        order = np.argsort(-merged.gain, kind="stable")
+        merged = merged.at(order[merged.gain[order] > self.least(best[0])])
         cells = len(jobs) * CHUNK * len(self.rates) * len(self.fine) * PHASES
         fastest = float(self.rates[-1]) + 0.5 * self.step
         coarse = len(jobs) * CHUNK * len(self.rates)
-        return found, Coverage(fastest, cells, coarse, len(found.gain))
+        return merged, Coverage(fastest, cells, coarse, len(merged.gain))
 
-    def chunk(self, axis: int, poles: Floats, least: float) -> Found:
+    def chunk(self, axis: int, poles: Floats, least: float) -> Motions:
         """The best cells of one axis and some poles with a gain that may exceed ``least``."""
         n = len(poles)
         padded = np.resize(poles, (CHUNK, 3))
@@ -244,12 +244,14 @@ class MotionSearch:
         pole, rate = np.unravel_index(order, bound.shape)
         if not order.size:
             nothing = np.zeros(0)
-            return Found(nothing, np.zeros((0, 3)), nothing.astype(int), nothing, nothing, nothing)
+            return Motions(
+                nothing, np.zeros((0, 3)), nothing.astype(int), nothing, nothing, nothing
+            )
         gain, scale, which, phase = self._divided(tables, pole, rate, fine)
         keep = np.argsort(-gain, axis=None, kind="stable")[:KEPT]
         cell, column = np.unravel_index(keep, gain.shape)
         rates = self.rates[rate[cell]] + fine[which[cell, column]]
-        return Found(
+        return Motions(
             gain[cell, column],
             poles[pole[cell]],
             np.full(keep.size, axis),
@@ -261,7 +263,7 @@ class MotionSearch:
     def _divided(self, tables, pole, rate, fine) -> tuple[NDArray, ...]:
         """Gain, scale, index in ``fine`` and phase of the best rates of cells, (n, `PER_CELL`)."""
         middle = np.asarray(self.arcs.middle) - self.middle
-        found: list[tuple[NDArray, ...]] = []
+        parts: list[tuple[NDArray, ...]] = []
         k = np.arange(PHASES)
         mixed = 1.0 + 1e-3 * np.random.default_rng(0).uniform(-1.0, 1.0, fine.size)
         block = max(1, int(2e6 / (fine.size * PHASES)))
@@ -283,8 +285,8 @@ class MotionSearch:
             chosen = np.take_along_axis(phase, which, axis=1)
             rows = np.arange(p.size)[:, None]
             scale = cross[rows, which, chosen] / (square[rows, which, chosen] + self.weak)
-            found.append((np.take_along_axis(top, which, axis=1), scale, which, chosen))
-        return tuple(np.concatenate(x) for x in zip(*found, strict=True))
+            parts.append((np.take_along_axis(top, which, axis=1), scale, which, chosen))
+        return tuple(np.concatenate(x) for x in zip(*parts, strict=True))
 
 
 def thinned(arcs: Arcs) -> Arcs:
@@ -327,12 +329,12 @@ def _tables(run: MotionSearch, poles: Floats, turn: jax.Array, a: int) -> tuple[
     )
     white = np.asarray(arcs.white[a], np.float32)
     wave = run.waves[a]
-    found = []
+    tables = []
     for series, factor in ((first, white), (second, np.ones_like(white))):
         weighted = np.ascontiguousarray((series * factor[:, None]).transpose(2, 0, 1))  # (m, P, L)
         total = np.matmul(weighted, wave[: len(weighted)]).transpose(1, 2, 0)  # (P, R, m)
-        found.append(PHASES * np.fft.irfft(total, PHASES, axis=2).astype(np.float32))
-    return found[0], found[1]
+        tables.append(PHASES * np.fft.irfft(total, PHASES, axis=2).astype(np.float32))
+    return tables[0], tables[1]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -359,32 +361,32 @@ def _harmonics(flux: Flux, poles, turn, sun, obs, weight):
         f = flux(turned(sun), turned(obs)).reshape(-1, PHASES) * weight[:, None]
         smooth = jnp.fft.rfft(f, axis=1)[:, : HARMONICS + 1] * taper
         square = jnp.fft.rfft(jnp.fft.irfft(smooth, PHASES, axis=1) ** 2, axis=1)
-        found = smooth, square[:, : 2 * HARMONICS + 1]
-        return tuple(x.astype(jnp.complex64) / PHASES for x in found)
+        series = smooth, square[:, : 2 * HARMONICS + 1]
+        return tuple(x.astype(jnp.complex64) / PHASES for x in series)
 
     return jax.lax.map(of, poles)
 
 
-def attitudes(run: MotionSearch, found: Found) -> Floats:
+def attitudes(run: MotionSearch, motions: Motions) -> Floats:
     """Attitudes (n, 3, 3), body to inertial, in the middle of the light curve."""
     made = []
-    for pole, axis, phase in zip(found.pole, found.axis, found.phase, strict=True):
+    for pole, axis, phase in zip(motions.pole, motions.axis, motions.phase, strict=True):
         c, s = np.cos(phase), np.sin(phase)
         about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         made.append(np.asarray(frame(jnp.asarray(pole))) @ about @ run.turns[axis])
     return np.array(made)
 
 
-def distinct(found: Found, span: float, most: int) -> NDArray[np.int64]:
+def distinct(motions: Motions, span: float, most: int) -> NDArray[np.int64]:
     """Rows of motions that are not next to a better one, best first."""
     kept: list[int] = []
-    for i in range(len(found.gain)):
+    for i in range(len(motions.gain)):
         near = [
             j
             for j in kept
-            if found.axis[i] == found.axis[j]
-            and abs(found.rate[i] - found.rate[j]) * span < 2.0 * STEP
-            and found.pole[i] @ found.pole[j] > np.cos(np.deg2rad(12.0))
+            if motions.axis[i] == motions.axis[j]
+            and abs(motions.rate[i] - motions.rate[j]) * span < 2.0 * STEP
+            and motions.pole[i] @ motions.pole[j] > np.cos(np.deg2rad(12.0))
         ]
         if not near:
             kept.append(i)
@@ -422,10 +424,10 @@ def optimised(
         moved = [row for i in best for row in _aliases(problem, data, gaps, np.asarray(ends.z[i]))]
         if not moved:
             break
-        found = search.successive_halving(
+        refined = search.successive_halving(
             problem, data, jnp.stack(moved), workers, progress, rounds=ALIAS_ROUNDS
         )
-        both = (np.concatenate([a, b]) for a, b in zip(ends, found, strict=True))
+        both = (np.concatenate([a, b]) for a, b in zip(ends, refined, strict=True))
         before, ends = float(ends.potential[0]), search.best_first(SearchState(*both))
         if not float(ends.potential[0]) < before - MIN_GAIN:
             break

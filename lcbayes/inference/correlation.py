@@ -89,5 +89,5 @@ def tempered(problem: Problem, z: NDArray, data: Epochs) -> Epochs:
     mean, sd = compiled(problem.moments)(jnp.asarray(z), data)
     residuals = np.asarray((data.brightness - mean) / sd)
     order = np.lexsort((np.asarray(data.t), np.asarray(data.curve)))
-    found = information_per_point(residuals[order], np.asarray(data.curve)[order])
-    return replace(data, information=jnp.asarray(found))
+    information = information_per_point(residuals[order], np.asarray(data.curve)[order])
+    return replace(data, information=jnp.asarray(information))

@@ -275,13 +275,13 @@ class _Comparison:
             problem, self.weighed, runs, order, seed=settings.seed, workers=self.execution.workers
         )
         whole, log_z, reasons = measured.weighed.log_evidence, *measured.weighed[-2:]
-        found = candidate(n, problem, self.weighed, runs, (whole, log_z, reasons), key_mass)
+        result = candidate(n, problem, self.weighed, runs, (whole, log_z, reasons), key_mass)
         modes, warnings = population.solutions_of(problem, self.weighed, measured, settings)
-        timing = Timing(sampling_s=found.seconds, gradients=found.gradients)
+        timing = Timing(sampling_s=result.seconds, gradients=result.gradients)
         posterior = posterior_of(problem, self.weighed, order, modes, measured.weighed.log_evidence)
-        posterior.reasons, posterior.timing = [*found.reasons, *warnings], timing
+        posterior.reasons, posterior.timing = [*result.reasons, *warnings], timing
         posterior.settings = settings
-        return replace(found, posterior=posterior, doubt=doubt)
+        return replace(result, posterior=posterior, doubt=doubt)
 
     def _by_chains(
         self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
@@ -298,8 +298,8 @@ class _Comparison:
             stages, sampled, self.ends[n], self.weighed, key_runs
         )
         log_z = np.array([r.log_evidence for r in runs])
-        found = candidate(n, problem, self.weighed, runs, (total, log_z, []), key_mass)
-        return replace(found, posterior=posterior)
+        measured = candidate(n, problem, self.weighed, runs, (total, log_z, []), key_mass)
+        return replace(measured, posterior=posterior)
 
     def _best_likelihood(self, n: int) -> float:
         if n not in self.optima:
@@ -361,8 +361,8 @@ def _best_fit(problem, data, key, n, settings, workers, checkpoint, progress) ->
     stored = checkpoint.load(f"search-{n}")
     if stored is None:
         keys = jax.random.split(jax.random.fold_in(key, n), settings.num_starts or STARTS)
-        starts, way = prior_draws(problem, keys, data), time_ordered(problem, data)
-        ends = search.successive_halving(problem, data, starts, workers, progress, way)
+        starts, path = prior_draws(problem, keys, data), time_ordered(problem, data)
+        ends = search.successive_halving(problem, data, starts, workers, progress, path)
         stored = {"z": np.asarray(ends.z[0]), "potential": np.asarray(ends.potential[0])}
         checkpoint.save(f"search-{n}", stored)
     return stored["z"] if np.isfinite(stored["potential"]) else None

@@ -75,10 +75,10 @@ def measure(
     fits = [chi2(problem, z, data) for z in rows]
     best = int(np.argmin(np.nan_to_num(fits, nan=np.inf)))
     # an inferred scatter in addition to the errors makes any model fit
-    judged = data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
+    has_known_error = data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
     dof = degrees_of_freedom(problem, rows[best], data)
     share = min(1.0, float(np.mean(np.asarray(data.information))))
-    chi2_known = fits[best] if judged else None
+    chi2_known = fits[best] if has_known_error else None
     return Misfit(chi2_known, round(dof, 1), problem.law, share, examination)
 
 
@@ -111,7 +111,7 @@ def degrees_of_freedom(problem: Problem, z: Floats, data: Epochs) -> float:
     without = fisher(jnp.asarray(z), replace(data, information=0.0 * data.information))
     unit = jnp.sqrt(jnp.diagonal(whole))
     unit = jnp.outer(unit, unit)  # the scales of coordinates may differ by any factor
-    told = jnp.linalg.pinv(whole / unit, hermitian=True) * ((whole - without) / unit)
+    estimated = jnp.linalg.pinv(whole / unit, hermitian=True) * ((whole - without) / unit)
     n = float(data.t.size)
-    left = n - float(jnp.sum(told))
+    left = n - float(jnp.sum(estimated))
     return left if left >= 1.0 else n

@@ -79,9 +79,9 @@ def log_weights(log_likelihood: Floats, power: float = 1.0) -> tuple[Floats, Flo
         here = ~one & (above == n)
         log_weight[:, here], khat[here] = _smoothed(ratio[:, here], int(n))
     log_weight -= np.logaddexp.reduce(log_weight, axis=0)
-    few = ((above < MIN_TAIL) | (one & ~alike)) & (len(ratio) >= 5 * MIN_TAIL)
+    scarce = ((above < MIN_TAIL) | (one & ~alike)) & (len(ratio) >= 5 * MIN_TAIL)
     held = np.sum(np.exp(log_weight), axis=0, where=ratio > ends[0] + LOG_WEIGHT_TOLERANCE)
-    khat[few & (held < NEGLIGIBLE_WEIGHT)] = -np.inf
+    khat[scarce & (held < NEGLIGIBLE_WEIGHT)] = -np.inf
     return log_weight, khat
 
 

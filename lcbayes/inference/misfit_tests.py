@@ -200,21 +200,21 @@ def examine(
     relative, relative_limit = _p_values(shares)
     even = min(float(p[0]) for p in relative.values()) >= relative_limit
     tests = [ResidualTest(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
-    found = [
+    explanations = [
         _explanation(one, best, every, maker)._replace(
             p_value=float(p_values[_code(one)][0]), relative_p_value=float(relative[_code(one)][0])
         )
         for one, _, best in scores
     ]
-    found.sort(key=lambda e: (e.p_value, -e.gain))
-    return Examination(tests, found, limit, relative_limit, even)
+    explanations.sort(key=lambda e: (e.p_value, -e.gain))
+    return Examination(tests, explanations, limit, relative_limit, even)
 
 
 def _p_values(values: dict[str, Floats]) -> tuple[dict[str, Floats], float]:
     """p-values (1 + n,) of statistics (1 + n,), and the limit for the smallest of them."""
-    found = {name: _ranks(value) for name, value in values.items()}
-    smallest = np.min(np.stack(list(found.values())), axis=0)
-    return found, float(np.quantile(smallest[1:], FALSE_ALARM))
+    p_values = {name: _ranks(value) for name, value in values.items()}
+    smallest = np.min(np.stack(list(p_values.values())), axis=0)
+    return p_values, float(np.quantile(smallest[1:], FALSE_ALARM))
 
 
 def _code(one: Alternative) -> str:
@@ -302,22 +302,22 @@ def _noise(
     if not correlated:
         return white
     share, decay = _ornstein_uhlenbeck(seen, passes)
-    found = np.sqrt(1.0 - share) * white
+    noise = np.sqrt(1.0 - share) * white
     for rows in passes:
         own = rng.standard_normal((n, rows.size)) * np.sqrt(1.0 - decay**2)
         own[:, 0] /= np.sqrt(1.0 - decay**2)
-        found[:, rows] += np.sqrt(share) * lfilter([1.0], [1.0, -decay], own, axis=1)
-    return found
+        noise[:, rows] += np.sqrt(share) * lfilter([1.0], [1.0, -decay], own, axis=1)
+    return noise
 
 
 def _ornstein_uhlenbeck(seen: Floats, passes: list[NDArray[np.integer]]) -> tuple[float, float]:
     """Share of the variance and decay per step of ρ_k = share · decay^k, by least squares."""
     longest = max(rows.size for rows in passes)
     lags = np.arange(1, max(2, min(longest - 1, 60)))
-    found = autocorrelation(seen, passes, lags)
+    observed = autocorrelation(seen, passes, lags)
     share, decay = np.meshgrid(np.linspace(0.05, 1.0, 20), np.exp(-1.0 / np.geomspace(0.5, 60, 40)))
     shape = share[..., None] * decay[..., None] ** lags
-    worst = np.sum(found.pairs * (found.rho - shape) ** 2, axis=-1)
+    worst = np.sum(observed.pairs * (observed.rho - shape) ** 2, axis=-1)
     best = np.unravel_index(np.argmin(worst), worst.shape)
     return float(share[best]), float(decay[best])
 
@@ -332,27 +332,29 @@ def _statistics(
 ) -> dict[str, Callable[[Floats], Floats]]:
     """Functions of residuals (n, T), (n,) each; larger if the model is worse."""
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
-    found: dict[str, Callable[[Floats], Floats]] = {"chi2": lambda e: np.sum(e**2, axis=1)}
+    statistics: dict[str, Callable[[Floats], Floats]] = {"chi2": lambda e: np.sum(e**2, axis=1)}
     observer = np.asarray(data.observer)
     if data.n_observers > 1:
-        found["site"] = _means([np.flatnonzero(observer == k) for k in range(data.n_observers)])
+        statistics["site"] = _means(
+            [np.flatnonzero(observer == k) for k in range(data.n_observers)]
+        )
     if len(passes) > 1:
-        found["pass"] = _means(passes)
+        statistics["pass"] = _means(passes)
     phase = curve.phase_angle
     if np.ptp(phase) > 0.02:
         x = 2.0 * (phase - phase.min()) / np.ptp(phase) - 1.0
-        found["phase angle"] = _projected(
+        statistics["phase angle"] = _projected(
             np.asarray(np.polynomial.legendre.legvander(x, 3)[:, 1:], float)
         )
     period = _period_s(sites)
     if period is not None and period < 0.9 * float(data.t_span):
         angle = 2.0 * np.pi * np.asarray(data.t)[:, None] / period * np.arange(1, HARMONICS + 1)
-        found["rotational phase"] = _projected(np.hstack([np.cos(angle), np.sin(angle)]))
+        statistics["rotational phase"] = _projected(np.hstack([np.cos(angle), np.sin(angle)]))
     if max(rows.size for rows in passes) > 2 * LAGS:
         if not correlated:
-            found["autocorrelation"] = _autocorrelation(passes)
-        found["periodogram"] = _periodogram(np.asarray(data.t), passes)
-    return found
+            statistics["autocorrelation"] = _autocorrelation(passes)
+        statistics["periodogram"] = _periodogram(np.asarray(data.t), passes)
+    return statistics
 
 
 def _period_s(sites) -> float | None:

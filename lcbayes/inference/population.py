@@ -39,7 +39,7 @@ MIN_RELATIVE_COUNT = 0.1  # particles at a solution, relative to the run with th
 def sample(
     problem: Problem,
     data: Epochs,
-    found: Sequence[solutions.Solution],
+    known: Sequence[solutions.Solution],
     order: FacetOrder,
     execution: Execution,
     key: jax.Array,
@@ -53,7 +53,7 @@ def sample(
 
     Parameters
     ----------
-    found
+    known
         Solutions of the search, as initial centres.
     """
     settings = execution.settings
@@ -65,7 +65,7 @@ def sample(
         order,
         seed=settings.seed,
         max_optima=4 * settings.max_modes,
-        known=[s.z for s in found],
+        known=[s.z for s in known],
         workers=execution.workers,
     )
     reasons = [*(reason for r in runs for reason in r.reasons), *measured.weighed.reasons]
@@ -83,7 +83,7 @@ def solutions_of(
     kept, left = shown[: settings.max_modes], shown[settings.max_modes :]
     modes, reasons = [], left_out(len(left), float(weight[left].sum()))
     for place, k in enumerate(kept):
-        draws, n_found = _chains(placed, label == k, DRAWS_PER_PARTICLE * settings.num_samples)
+        draws, n_runs = _chains(placed, label == k, DRAWS_PER_PARTICLE * settings.num_samples)
         shares, sd = weighed.by_run[:, k], float(weighed.weight_sd[k])
         own = LogEvidence(
             float(weighed.log_evidence.value + np.log(weight[k])),
@@ -92,9 +92,9 @@ def solutions_of(
         stats = _statistics(problem, data, draws)
         of_all = float(weight[k])
         modes.append(Mode(by_optima.optima[k], draws, stats, own, of_all, sd, run_weights=shares))
-        if n_found < 2 and of_all > MAX_LEFT_OUT:
-            few = {"found": n_found, "runs": len(placed), "solution": place + 1}
-            reasons.append(Finding("solution-found-by-few-runs", few))
+        if n_runs < 2 and of_all > MAX_LEFT_OUT:
+            values = {"found": n_runs, "runs": len(placed), "solution": place + 1}
+            reasons.append(Finding("solution-found-by-few-runs", values))
         if shares.std(ddof=1) > MAX_WEIGHT_SD:
             apart = {"low": float(shares.min()), "high": float(shares.max())}
             reasons.append(Finding("weights-differ", apart | {"solution": place + 1}))
@@ -127,10 +127,10 @@ def _chains(placed: Floats, here: NDArray[np.bool_], n: int) -> tuple[Floats, in
     form one chain, for which there is no R-hat.
     """
     counts = here.sum(axis=1)
-    found = np.flatnonzero(counts >= MIN_RELATIVE_COUNT * counts.max())
-    if len(found) < 2:
-        return evenly(placed[here], n)[None], len(found)
-    return np.stack([evenly(placed[c][here[c]], n) for c in found]), len(found)
+    represented = np.flatnonzero(counts >= MIN_RELATIVE_COUNT * counts.max())
+    if len(represented) < 2:
+        return evenly(placed[here], n)[None], len(represented)
+    return np.stack([evenly(placed[c][here[c]], n) for c in represented]), len(represented)
 
 
 def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]:

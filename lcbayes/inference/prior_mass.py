@@ -52,15 +52,15 @@ def accepted(problem: Problem, data: Epochs, key: jax.Array, n: int) -> jax.Arra
     InputError
         If the factors accept fewer than n of 16,384 draws.
     """
-    found = jnp.zeros((0, problem.dim))
+    draws = jnp.zeros((0, problem.dim))
     for i in range(MAX_BATCHES):
         keys = jax.random.split(jax.random.fold_in(key, i), 256)
         z, kept = _drawn(problem, data, keys)
-        found = jnp.concatenate([found, z[np.asarray(kept)]])
-        if len(found) >= n:
-            return found[:n]
+        draws = jnp.concatenate([draws, z[np.asarray(kept)]])
+        if len(draws) >= n:
+            return draws[:n]
     raise InputError(
-        f"the factors of the prior keep {len(found)} of {MAX_BATCHES * 256} draws; {n} are wanted"
+        f"the factors of the prior keep {len(draws)} of {MAX_BATCHES * 256} draws; {n} are wanted"
     )
 
 

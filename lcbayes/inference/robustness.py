@@ -80,15 +80,15 @@ def shifts(
     names = tuple(k for k in slopes if sd.get(k, 0.0) > 0 and not k.startswith(NUISANCES))
     gradient = np.array([slopes[name] / sd[name] for name in names]).reshape(len(names), len(z))
     moved = gradient @ maker.covariance @ maker.jacobian.T * maker.power  # (Q, T)
-    found: dict[str, Floats] = {}
+    by_fault: dict[str, Floats] = {}
     for fault, columns in _columns(problem, z, data, curve):
         shift = np.abs(moved @ columns.T).max(axis=1, initial=0.0)
-        found[fault] = np.maximum(found.get(fault, 0.0), shift)
-    found["errors_1.4_times"] = _growth(gradient, maker)
+        by_fault[fault] = np.maximum(by_fault.get(fault, 0.0), shift)
+    by_fault["errors_1.4_times"] = _growth(gradient, maker)
     if shadows is not None:
         columns = np.asarray(compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(shadows)))
-        found["shadows"] = np.median(np.abs(moved @ columns.T), axis=1)
-    return Shifts(names, {k: found[k] for k in FAULTS if k in found})
+        by_fault["shadows"] = np.median(np.abs(moved @ columns.T), axis=1)
+    return Shifts(names, {k: by_fault[k] for k in FAULTS if k in by_fault})
 
 
 def _slopes(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> dict[str, Floats]:
@@ -112,14 +112,14 @@ def _difference(name: str, up: float, down: float) -> float:
 
 def _quantities(problem: Problem, z: Floats, data: Epochs) -> dict[str, float]:
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
-    found = {}
+    values_by_name = {}
     for name in reported(sites):
         values = np.asarray(sites[name])
         if values.shape[:1] == data.t.shape:
             continue
         for index in np.ndindex(values.shape):
-            found[label(name, index)] = float(values[index])
-    return found
+            values_by_name[label(name, index)] = float(values[index])
+    return values_by_name
 
 
 def _growth(gradient: Floats, maker: Projection) -> Floats:

@@ -51,14 +51,14 @@ def spin_solutions(
     every = [*sampled, *rest]
     if "omega_unit" not in problem.names or "inertia_base" in problem.names:
         return []
-    found = []
+    spins = []
     for i, (solution, part) in enumerate(zip(every, shares(every), strict=True)):
         omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
         rate = float(np.linalg.norm(omega))
         if part > MAX_LEFT_OUT and rate > 0.0:
             spin = SpinSolution(2 * np.pi / rate, omega.tolist(), float(part), i < len(sampled))
-            found.append(spin)
-    return sorted(found, key=lambda s: -s.share)
+            spins.append(spin)
+    return sorted(spins, key=lambda s: -s.share)
 
 
 def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Finding]:

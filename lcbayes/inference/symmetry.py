@@ -53,11 +53,11 @@ def mirror_of(
 
 def on_sites(problem: Problem, sites: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     """The matrix (D, D) that acts on some unconstrained sites and leaves the others unchanged."""
-    found = np.eye(problem.dim)
+    full = np.eye(problem.dim)
     for name, matrix in sites.items():
         rows = problem.rows([name])
-        found[np.ix_(rows, rows)] = matrix
-    return found
+        full[np.ix_(rows, rows)] = matrix
+    return full
 
 
 def plane_mirror(problem: Problem, data: Epochs) -> NDArray[np.float64] | None:

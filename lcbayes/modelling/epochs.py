@@ -175,9 +175,6 @@ class Epochs:
         observer, calibration, known, groups = matched(curve, t + fitted.t.min(), fitted)
         nights = matched_nights(t + fitted.t.min(), fitted)
         sun_rate, obs_rate = direction_rates(curve, observers(curve))
-        airmass = np.ones(n)
-        if curve.position_km is not None and curve.range_km is not None:
-            airmass = earth.airmass(curve.position_km, curve.obs, curve.range_km)
         return cls(
             t=jnp.asarray(t),
             t_middle=jnp.asarray(0.5 * span),
@@ -195,7 +192,7 @@ class Epochs:
             exposure_s=jnp.asarray(curve.exposure_s),
             orbit=ephemeris(curve)._replace(t=jnp.asarray(t)),
             sunlight=jnp.asarray(earth_shadow.share(curve)),
-            airmass=jnp.asarray(airmass),
+            airmass=jnp.asarray(_airmass(curve)),
             site=jnp.asarray(_index(curve.site, sites)),
             member=jnp.asarray(
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
@@ -278,6 +275,13 @@ def _since_first(curve: LightCurve, fitted: LightCurve) -> Floats:
     return t + seconds_between(fitted.epoch_jd, curve.epoch_jd)
 
 
+def _airmass(curve: LightCurve) -> Floats:
+    """Airmass of each point; one where the places of object and observer are not known."""
+    if curve.position_km is None or curve.range_km is None:
+        return np.ones(curve.n_obs)
+    return earth.airmass(curve.position_km, curve.obs, curve.range_km)
+
+
 def _dilution(curve: LightCurve, kind: str) -> Floats:
     if curve.range_km is None:
         return np.ones(curve.n_obs)
@@ -316,5 +320,5 @@ def _has_passes(curve: LightCurve) -> bool:
 def _index(names: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Index of each name among the known ones, or their number for an unknown name."""
     order = {str(name): i for i, name in enumerate(known)}
-    found, inverse = np.unique(names, return_inverse=True)
-    return np.array([order.get(str(name), len(order)) for name in found])[inverse]
+    labels, inverse = np.unique(names, return_inverse=True)
+    return np.array([order.get(str(name), len(order)) for name in labels])[inverse]

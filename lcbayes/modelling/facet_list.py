@@ -52,7 +52,7 @@ def facet_list(text: str) -> list[Facet]:
     InputError
         If an entry is invalid; the message names it.
     """
-    found = []
+    facets = []
     for entry in filter(None, (part.strip() for part in text.split(","))):
         match = _FACET.fullmatch(entry)
         if match is None:
@@ -75,5 +75,5 @@ def facet_list(text: str) -> list[Facet]:
         if area is not None and not area > 0:
             raise InputError(f"facets: {entry!r} has an area of {area:g} m²; give one > 0")
         x, y, z = (normal / length).tolist()
-        found.append(Facet((match["where"] or "").lower(), (x, y, z), sd, area))
-    return found
+        facets.append(Facet((match["where"] or "").lower(), (x, y, z), sd, area))
+    return facets

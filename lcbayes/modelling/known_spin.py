@@ -63,10 +63,10 @@ class Period:
         ------
         InputError
         """
-        found = _PERIOD.fullmatch(text)
-        if found is None:
+        match = _PERIOD.fullmatch(text)
+        if match is None:
             raise InputError(f"the period {text.strip()!r} is not understood; give {EXAMPLES}")
-        first, unit, sign, second, last = found.groups()
+        first, unit, sign, second, last = match.groups()
         unit, last = unit.lower(), (last or "").lower()
         unit, last = unit or last, last or unit
         if unit not in UNITS or last not in UNITS:

@@ -147,15 +147,15 @@ def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, N
     ``nutation_deg`` is the angle by which nutation turns the body, as a root mean square over a
     nutation period, in the night in which it is largest.
     """
-    found = {k: v for k, v in draws.items() if not k.startswith(INTEGRATED_OUT)}
+    completed = {k: v for k, v in draws.items() if not k.startswith(INTEGRATED_OUT)}
     faults = jointly(draws, lambda name: rng.standard_normal(np.shape(draws[name])))
     if faults.zero_point is not None:
-        found["zero_point"] = faults.zero_point
+        completed["zero_point"] = faults.zero_point
     if faults.nutation is not None:
-        found[nutation.AMOUNTS] = faults.nutation
+        completed[nutation.AMOUNTS] = faults.nutation
         angle = np.sqrt(0.5 * np.sum(faults.nutation**2, axis=-1))
-        found["nutation_deg"] = angle.max(axis=-1)
-    return found
+        completed["nutation_deg"] = angle.max(axis=-1)
+    return completed
 
 
 def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
@@ -263,11 +263,11 @@ def expected(
         return nutation.with_torque(flux, *directions) if nutates else flux(*directions)
 
     average = photometry.exposed(instant, data.exposure_s) if data.has_exposure else instant
-    found = average(data.t)
+    averaged = average(data.t)
     if not nutates:
-        return found, None
+        return averaged, None
     motion = turned.omega, turned.time
-    return found[0], nutation.response(data, *motion, found[1:], nutation_sd, nutation_ratio)
+    return averaged[0], nutation.response(data, *motion, averaged[1:], nutation_sd, nutation_ratio)
 
 
 def rotation(

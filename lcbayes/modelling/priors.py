@@ -139,11 +139,11 @@ def surface(
         uniform = dist.Uniform(0.0, 1.0).expand([n]).to_event(1)
         share = jnp.asarray(numpyro.sample(f"specular_share{suffix}", uniform))
         shares = [shares[0] * (1.0 - share), shares[0] * share]
-    found = dict(zip(parts, shares, strict=True))
+    drawn = dict(zip(parts, shares, strict=True))
     for name, (median, sd) in scales.items():
         if name in parameters:
-            found[name] = log_normal(f"{name}{suffix}", n, jnp.log(median), sd)
-    return found
+            drawn[name] = log_normal(f"{name}{suffix}", n, jnp.log(median), sd)
+    return drawn
 
 
 def deviations(name: str, n: int, median: float, log_sd: float = 1.0) -> jax.Array:

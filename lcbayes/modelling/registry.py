@@ -120,13 +120,13 @@ class Entry:
 
     @property
     def options(self) -> dict[str, Option]:
-        found = {}
+        options = {}
         for p in inspect.signature(self.model, eval_str=True).parameters.values():
             if p.kind is inspect.Parameter.KEYWORD_ONLY:
                 kind = p.annotation if isinstance(p.annotation, type) else type(p.default)
                 choices = get_args(p.annotation) if get_origin(p.annotation) is Literal else ()
-                found[p.name] = Option(p.name, kind, p.default, choices)
-        return found
+                options[p.name] = Option(p.name, kind, p.default, choices)
+        return options
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """The given options, converted to their types.

@@ -24,7 +24,7 @@ LAMBERT_C = 0.1
 """Weight of Lambert's term beside Lommel and Seeliger's, where it is not a parameter."""
 DIFFUSE_LAWS: tuple[str, ...] = get_args(DiffuseLaw)
 
-_FEW_FACETS = 64  # below, matrices are (N, T), so that the long axis is the inner one
+_MANY_FACETS = 64  # with fewer, matrices are (N, T), so that the long axis is the inner one
 # Epochs x facets per block: a few matrices of 128 kB each fit in the cache of a core. This matters
 # most when chains run in parallel: two gradients of 1541 x 300 on two cores take half the time
 # without blocks. With few facets the loop costs more than this saves.
@@ -72,7 +72,7 @@ def flux(
         raise ValueError(f"unknown diffuse law {law!r}; available: {', '.join(DIFFUSE_LAWS)}")
     args = tuple(jnp.asarray(x, float) for x in (sun_body, obs_body, normals, albedo_area, c))
     epochs, facets = args[0].shape[0], args[2].shape[0]
-    size = _BLOCK_FEW if facets < _FEW_FACETS else _BLOCK
+    size = _BLOCK_FEW if facets < _MANY_FACETS else _BLOCK
     if epochs * facets <= size:
         return _flux(law, *args)
     # Full blocks one after the other, then the remainder.
@@ -91,9 +91,9 @@ def flux(
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 @partial(jax.jit, static_argnums=0)
 def _flux(law, sun, obs, normals, albedo_area, c):
-    few = normals.shape[0] < _FEW_FACETS
-    kernel = diffuse_kernel(law, *_cosines(few, sun, obs, normals), c)[0]
-    return albedo_area @ kernel if few else kernel @ albedo_area
+    facets_first = normals.shape[0] < _MANY_FACETS
+    kernel = diffuse_kernel(law, *_cosines(facets_first, sun, obs, normals), c)[0]
+    return albedo_area @ kernel if facets_first else kernel @ albedo_area
 
 
 @partial(_flux.defjvp, symbolic_zeros=True)
@@ -106,17 +106,17 @@ def _flux_and_change(law, primals, tangents):
     """The flux and its change; tangents that are zero are None."""
     sun, obs, normals, albedo_area, c = primals
     d_sun, d_obs, d_normals, d_albedo_area, d_c = tangents
-    few = normals.shape[0] < _FEW_FACETS
-    mu0, mu = _cosines(few, sun, obs, normals)
+    facets_first = normals.shape[0] < _MANY_FACETS
+    mu0, mu = _cosines(facets_first, sun, obs, normals)
     kernel, slope0, slope = diffuse_kernel(law, mu0, mu, c)
 
     def total(matrix: jax.Array, weights: jax.Array) -> jax.Array:
         """Σᵢ over facets."""
-        return weights @ matrix if few else matrix @ weights
+        return weights @ matrix if facets_first else matrix @ weights
 
     def along(vectors: jax.Array, matrix: jax.Array, weights: jax.Array) -> jax.Array:
         """Σₖ vₖ(t) Σᵢ M(t, i) wₖ(i), k the three axes."""
-        if few:
+        if facets_first:
             return jnp.sum(vectors.T * (weights.T @ matrix), axis=0)
         # With a fourth column of zeros, XLA multiplies more than twice as fast as with three.
         return jnp.sum(vectors * (matrix @ jnp.pad(weights, ((0, 0), (0, 1))))[:, :3], axis=1)
@@ -124,7 +124,7 @@ def _flux_and_change(law, primals, tangents):
     def turned(vectors: jax.Array, matrix: jax.Array) -> jax.Array:
         """The same with wₖ = αᵢ dnₖ, for changes of the normals."""
         weights = albedo_area[:, None] * d_normals
-        if few:
+        if facets_first:
             return along(vectors, matrix, weights)
         # One axis at a time: the transposes are row vector times matrix, the fastest form in XLA.
         return sum(vectors[:, k] * total(matrix, weights[:, k]) for k in range(3))  # pyright: ignore[reportReturnType]
@@ -146,9 +146,9 @@ def _flux_and_change(law, primals, tangents):
     return value, change
 
 
-def _cosines(few, sun, obs, normals):
+def _cosines(facets_first, sun, obs, normals):
     """s·n and o·n, (N, T) for few facets, otherwise (T, N)."""
-    if few:
+    if facets_first:
         return normals @ sun.T, normals @ obs.T
     return sun @ normals.T, obs @ normals.T
 
@@ -226,8 +226,8 @@ def flux_brdf(
     ----------
     Hinks, Linares & Crassidis 2013, eqs. (3)-(6).
     """
-    found, lit = geometry(sun_body, obs_body, normals, u_axes)
-    reflected = get_law(law).brdf(found, params) * found.mu0 * found.mu
+    angles, lit = geometry(sun_body, obs_body, normals, u_axes)
+    reflected = get_law(law).brdf(angles, params) * angles.mu0 * angles.mu
     if visible is not None:
         reflected = reflected * visible
     return jnp.where(lit, reflected, 0.0) @ area

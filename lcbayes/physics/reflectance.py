@@ -100,7 +100,7 @@ def geometry(
     if u_axes is not None:
         h_u = jnp.where(lit, bisector @ u_axes.T, 0.0)
         h_v = jnp.where(lit, bisector @ jnp.cross(normals, u_axes).T, 0.0)
-    found = Geometry(
+    angles = Geometry(
         mu0=jnp.where(lit, mu0, 1.0),
         mu=jnp.where(lit, mu, 1.0),
         mu_h=jnp.where(lit, (mu0 + mu) / (2.0 * c), 1.0),
@@ -109,7 +109,7 @@ def geometry(
         c=c,
         phase=phase,
     )
-    return found, lit
+    return angles, lit
 
 
 def half_phase(sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, jax.Array]:

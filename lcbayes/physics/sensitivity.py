@@ -79,13 +79,7 @@ def closed_form(
     nv = jnp.asarray(params.get("nv", nu))
     log_n, by_sin2 = jnp.log(xn), log_over_sin2(xn)
 
-    if law == "ashikhmin-shirley":
-        denominator = geom.c * jnp.maximum(xa, xb)
-        seen_higher = jnp.where(xa == xb, 0.5, xa > xb)
-        dq_a, dq_b = seen_higher / xa, (1.0 - seen_higher) / xb
-    else:
-        denominator = xa + xb - xa * xb
-        dq_a, dq_b = (1.0 - xb) / denominator, (1.0 - xa) / denominator
+    denominator, dq_a, dq_b = _denominator(law, geom.c, xa, xb)
     schlick = (1.0 - geom.c) ** 5
     fresnel = r_spec + (1.0 - r_spec) * schlick
     if geom.h_u is None or geom.h_v is None:
@@ -99,9 +93,7 @@ def closed_form(
         log_lobe = nv * log_n + (nu - nv) * xu**2 * by_sin2
     norm = jnp.sqrt((nu + 1.0) * (nv + 1.0)) / (8.0 * jnp.pi)
     reflected = jnp.where(lit, area * xa * xb, 0.0)
-    lobe = (
-        reflected * norm * jnp.exp(log_lobe) / denominator
-    )  # specular flux over the Fresnel factor
+    lobe = reflected * norm * jnp.exp(log_lobe) / denominator  # without the Fresnel factor
     specular = lobe * fresnel
     k = 28.0 / (23.0 * jnp.pi)
     both = reflected * k * shoulder(xa) * shoulder(xb)
@@ -129,6 +121,17 @@ def closed_form(
         parameters["nu"] = specular * (0.5 / (nu + 1.0) + by_sin2 * geom.h_u**2)
         parameters["nv"] = specular * (0.5 / (nv + 1.0) + by_sin2 * geom.h_v**2)
     return Sensitivities(flux, turn, parameters)
+
+
+def _denominator(
+    law: str, c: jax.Array, xa: jax.Array, xb: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """q of the specular term, ∂ ln q/∂x_A and ∂ ln q/∂x_B."""
+    if law == "ashikhmin-shirley":
+        higher_a = jnp.where(xa == xb, 0.5, xa > xb)
+        return c * jnp.maximum(xa, xb), higher_a / xa, (1.0 - higher_a) / xb
+    q = xa + xb - xa * xb
+    return q, (1.0 - xb) / q, (1.0 - xa) / q
 
 
 def attitude_gradient(

@@ -109,7 +109,7 @@ class Asteroid:
         """The bodies of at most ``most`` draws, evenly spaced, and the number that failed."""
         poles, periods, areas = self.poles, self.flat("period_h"), self.flat("albedo_area")
         pick = np.linspace(0, len(poles) - 1, min(most, len(poles))).round().astype(int)
-        found, failed = [], 0
+        bodies, failed = [], 0
         for k in np.unique(pick):
             try:
                 body = minkowski(self.normals, close(self.normals, areas[k]))
@@ -118,8 +118,8 @@ class Asteroid:
                 continue
             spin = SpinState.of_pole(poles[k], float(periods[k]), self.middle_jd)
             sphere = (body.areas.sum() / np.pi) ** 1.5 * np.pi / 6.0
-            found.append(DrawnBody(body.of_unit_diameter, body.volume / sphere, spin))
-        return found, failed
+            bodies.append(DrawnBody(body.of_unit_diameter, body.volume / sphere, spin))
+        return bodies, failed
 
     def rotation_angle_deg(self, jd: ArrayLike) -> Floats:
         """The rotation angle φ of the mean shape at Julian dates (T,), for each draw, (S, T).
@@ -159,13 +159,13 @@ def asteroids(tree: xr.DataTree) -> list[Asteroid]:
         return [Asteroid(posterior.load(), normals, middle, 1.0, frame)]
     labels = posterior.coords.get("solution", xr.zeros_like(posterior["chain"], dtype=int))
     shares = posterior.coords.get("weight", xr.ones_like(posterior["chain"], dtype=float))
-    found = []
+    asteroids_ = []
     for name in sorted(tree["modes"].children, key=int):
         weight = float(np.asarray(shares)[np.asarray(labels) == int(name)].sum())
         draws = tree[f"modes/{name}/posterior"].to_dataset().load()
-        found.append(Asteroid(draws, normals, middle, weight, frame))
-    total = sum(a.weight for a in found)
-    return [Asteroid(a.draws, normals, middle, a.weight / total, frame) for a in found]
+        asteroids_.append(Asteroid(draws, normals, middle, weight, frame))
+    total = sum(a.weight for a in asteroids_)
+    return [Asteroid(a.draws, normals, middle, a.weight / total, frame) for a in asteroids_]
 
 
 def turns_about_pole(coefficients: Floats) -> Floats:
@@ -233,14 +233,14 @@ def body_content(asteroid: Asteroid, most: int = BODIES) -> BodyContent:
     the spin axis. Without enough bodies ``quantities`` is empty.
     """
     bodies, failed = asteroid.bodies(most)
-    found: dict[str, BodyRow] = {}
+    rows: dict[str, BodyRow] = {}
     if len(bodies) >= min(FEWEST, asteroid.draws.sizes["draw"]):
-        found = {name: row(values) for name, values in measured(bodies).items()}
-    tilted = bool(found) and found["inertia_tilt_deg"]["q05"] > LARGE_TILT_DEG
+        rows = {name: row(values) for name, values in measured(bodies).items()}
+    tilted = bool(rows) and rows["inertia_tilt_deg"]["q05"] > LARGE_TILT_DEG
     return {
         "n_bodies": len(bodies),
         "n_failed": failed,
-        "quantities": found,
+        "quantities": rows,
         "tilted": bool(tilted),
     }
 

@@ -12,7 +12,7 @@ from lcbayes.core.reasons import Finding
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.content import BatchNumbers
 
-TRUSTED, DOUBTED, FAILED = "trusted", "not trusted", "failed"
+TRUSTED, NOT_TRUSTED, FAILED = "trusted", "not trusted", "failed"
 ROW = (
     "name",
     "status",
@@ -63,9 +63,9 @@ def summarise(
         names = [row["name"] for row in rows if row["status"] == FAILED]
         values = {"count": count[FAILED], "objects": n_objects, "names": _few(names)}
         against.append(Finding("objects-failed", values))
-    if count[DOUBTED]:
-        names = [row["name"] for row in rows if row["status"] == DOUBTED]
-        values = {"count": count[DOUBTED], "objects": n_objects, "names": _few(names)}
+    if count[NOT_TRUSTED]:
+        names = [row["name"] for row in rows if row["status"] == NOT_TRUSTED]
+        values = {"count": count[NOT_TRUSTED], "objects": n_objects, "names": _few(names)}
         against.append(Finding("objects-not-trusted", values))
     if len(rows) < n_objects:
         values = {"count": n_objects - len(rows), "objects": n_objects}
@@ -74,7 +74,7 @@ def summarise(
         "catalogue": str(catalogue),
         "n_objects": n_objects,
         "n_trusted": count[TRUSTED],
-        "n_not_trusted": count[DOUBTED],
+        "n_not_trusted": count[NOT_TRUSTED],
         "n_failed": count[FAILED],
         "n_done_before": reused,
         "seconds": seconds,

@@ -43,12 +43,12 @@ def weighted_draws[Drawn: (xr.Dataset, xr.DataTree)](
 
     Examples
     --------
-    >>> import numpy as np, xarray as xr
+    >>> import lcbayes, numpy as np, xarray as xr
     >>> chains = xr.Dataset(
     ...     {"period": (("chain", "draw"), np.repeat([[5.0], [7.0]], 100, axis=1))},
     ...     coords={"solution": ("chain", [0, 1]), "weight": ("chain", [0.75, 0.25])},
     ... )
-    >>> weighted_draws(chains)["period"].mean().item()
+    >>> lcbayes.weighted_draws(chains)["period"].mean().item()
     5.5
     """
     if isinstance(source, xr.DataTree):

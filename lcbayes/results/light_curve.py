@@ -83,10 +83,12 @@ def load_light_curve(tree: xr.DataTree) -> LightCurve:
 
     Examples
     --------
-    >>> import xarray as xr
-    >>> tree = xr.open_datatree("out/posterior.nc", engine="h5netcdf")    # doctest: +SKIP
-    >>> lcbayes.load_light_curve(tree)                                    # doctest: +SKIP
-    LightCurve(60 points, 1 curves (0 of unknown scale), flux, ...)
+    >>> import lcbayes
+    >>> curve = lcbayes.simulate("one-facet", seed=1).data
+    >>> short = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2)
+    >>> fit = lcbayes.fit(curve, n_facets=1, spin="none", **short)
+    >>> (lcbayes.load_light_curve(fit.tree).brightness == curve.brightness).all().item()
+    True
     """
     try:
         constant = tree["constant_data"].to_dataset()

@@ -254,7 +254,7 @@ def _mass(problem: Problem, mode: Mode) -> dict[str, xr.DataArray]:
 def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
     """Sampler settings as attributes: one value, or one for each chain where they differ."""
     asked, timing = posterior.settings, posterior.timing
-    found: dict[str, Any] = {
+    attrs: dict[str, Any] = {
         "inference_library": "lcbayes",
         "inference_library_version": installed_version(),
         "sampler": asked.sampler,
@@ -264,11 +264,11 @@ def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
     }
     tuned = [m for m in modes if m.tuning]
     for name in [k for k in tuned[0].tuning if k != INVERSE_MASS] if tuned else ():
-        found[name] = np.concatenate([m.tuning[name] for m in tuned])
-    if "step_size" in found:
+        attrs[name] = np.concatenate([m.tuning[name] for m in tuned])
+    if "step_size" in attrs:
         steps = np.concatenate([m.stats["num_steps"].mean(axis=1) for m in tuned])
-        found["trajectory_length"] = found["step_size"] * steps
-    return found
+        attrs["trajectory_length"] = attrs["step_size"] * steps
+    return attrs
 
 
 def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
@@ -388,11 +388,11 @@ def _constants(
     return out
 
 
-def save_tree(found: xr.DataTree, path: Path) -> None:
+def save_tree(tree: xr.DataTree, path: Path) -> None:
     """Write netCDF. Large variables are compressed; those by draw and epoch are in single
     precision."""
     encoding: dict[str, dict[str, Any]] = {}
-    for node in found.subtree:
+    for node in tree.subtree:
         for name, variable in node.data_vars.items():
             if variable.dtype.kind == "f" and variable.size > 10_000:
                 epochs = {"time", DARK_TIME} & set(variable.dims)
@@ -405,5 +405,5 @@ def save_tree(found: xr.DataTree, path: Path) -> None:
                 }
     # built in memory, because HDF5 crashes the process if the disk fills while it writes
     with without_cluster():
-        content = found.to_netcdf(engine="h5netcdf", encoding=encoding)
+        content = tree.to_netcdf(engine="h5netcdf", encoding=encoding)
     write_atomic(path, lambda p: p.write_bytes(content))

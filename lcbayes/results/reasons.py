@@ -278,26 +278,28 @@ def cause(explanation: Explanation) -> str:
 
 def why(misfit: Misfit) -> str:
     """Why the model does not explain the data, and what would."""
-    found = misfit.examination
-    if found is None or misfit.chi2 is None or not found.refused:
+    examination = misfit.examination
+    if examination is None or misfit.chi2 is None or not examination.refused:
         return misfit.words
-    worst = found.refused[0]
-    chi2 = next(t for t in found.tests if t.name == "chi2")
+    worst = examination.refused[0]
+    chi2 = next(t for t in examination.tests if t.name == "chi2")
     said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom (p = {_p(chi2)})"
-    if chi2.p_value >= found.limit:
+    if chi2.p_value >= examination.limit:
         name = TESTS.get(worst.name, f"the test of {worst.name}")
-        said += f", but p = {_p(worst)} for {name} (limit {found.limit:.2g})"
-    errors = chi2.p_value < found.limit
+        said += f", but p = {_p(worst)} for {name} (limit {examination.limit:.2g})"
+    errors = chi2.p_value < examination.limit
     excess = misfit.chi2 - misfit.dof
-    if found.cause is not None and not (errors and found.cause.gain < LEAST_SHARE * excess):
-        gain = f"which lowers chi2 by {found.cause.gain:.0f}"
-        return f"{said}; a possible explanation: {cause(found.cause)}, {gain}"
-    if errors and (found.even or found.cause is None):
+    if examination.cause is not None and not (
+        errors and examination.cause.gain < LEAST_SHARE * excess
+    ):
+        gain = f"which lowers chi2 by {examination.cause.gain:.0f}"
+        return f"{said}; a possible explanation: {cause(examination.cause)}, {gain}"
+    if errors and (examination.even or examination.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
         evidence = ", since the residuals are white and Gaussian but for this factor"
-        return said + (evidence if found.even else "")
-    if found.cause is not None:
+        return said + (evidence if examination.even else "")
+    if examination.cause is not None:
         said += "; no single change of the model removes half of the excess of chi2"
     return f"{said}; try more facets, or another law"
 

@@ -23,6 +23,7 @@ from lcbayes.geometry.times import Times
 from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import optimum
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
@@ -53,7 +54,7 @@ type ShadowsOf = Callable[[Sequence[Sites], Epochs], Floats | None]
 # Limits of what is trusted, besides those of `samplers.convergence`
 MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
-FEW = 3  # draws at which these are computed, besides the optimum
+SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
 LIKELY = 0.5  # probability above which a point counts as an outlier
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
@@ -69,12 +70,12 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # constant draws give NaN, which the caller handles
         rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
-    found: dict[str, ParameterContent] = {}
+    table: dict[str, ParameterContent] = {}
     for name, values in shown.items():
         quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
         for index in np.ndindex(values.shape[2:]):
             at = (slice(None), slice(None), *index)
-            found[label(name, index)] = {
+            table[label(name, index)] = {
                 "mean": float(values[at].mean()),
                 "sd": float(values[at].std(ddof=1)),
                 "q05": float(quantiles[(0, *index)]),
@@ -84,12 +85,12 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
                 "ess_bulk": float(bulk[name].values[index]),
                 "ess_tail": float(tail[name].values[index]),
             }
-    return found
+    return table
 
 
 def summarise(
     posterior: Posterior,
-    found: xr.DataTree,
+    tree: xr.DataTree,
     curve: LightCurve,
     identity: Mapping[str, Any],
     seed: int,
@@ -97,43 +98,23 @@ def summarise(
 ) -> tuple[FitNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result.
 
-    ``shadows_of`` is `shadows_left_out` of the model; see `modelling.registry`.
+    ``tree`` is the content of ``posterior.nc``. ``shadows_of`` is `shadows_left_out` of the model;
+    see `modelling.registry`.
     """
-    modes: list[ModeContent] = []
-    for i, mode in enumerate(posterior.modes):
-        draws = {str(k): v.values for k, v in found[f"modes/{i}/posterior"].data_vars.items()}
-        table = parameters(draws)
-        spin = cast("SpinMeans", {k: table[k]["mean"] for k in SPIN if k in table})
-        by_run: RunWeights = {}
-        if mode.run_weights is not None:
-            by_run = {"weight_by_run": mode.run_weights}
-        modes.append(
-            {
-                "weight": mode.weight,
-                "weight_sd": mode.weight_sd,
-                **by_run,
-                "log_evidence": mode.log_evidence.value,
-                "log_evidence_se": mode.log_evidence.se,
-                "rms": mode.solution.rms,
-                "hits": mode.solution.hits,
-                "divergences": int(mode.stats["diverging"].sum()),
-                "max_rhat": max(_finite(row["rhat"] for row in table.values())),
-                "min_ess_bulk": min(_finite(row["ess_bulk"] for row in table.values())),
-                "min_ess_tail": min(_finite(row["ess_tail"] for row in table.values())),
-                **spin,
-                "parameters": table,
-            }
-        )
-    missed = _misfit(posterior, curve, seed, shadows_of)
-    moved = _shifts(posterior, missed, curve, modes[0]["parameters"])
-    fit = _fit(posterior, found, curve, missed.misfit)
-    found_wrong = [*_findings(posterior, modes, missed.misfit), *_ignored(missed, moved)]
+    modes = [
+        _mode(mode, {str(k): v.values for k, v in tree[f"modes/{i}/posterior"].data_vars.items()})
+        for i, mode in enumerate(posterior.modes)
+    ]
+    at_optimum = _at_optimum(posterior, curve, seed, shadows_of)
+    moved = _shifts(posterior, at_optimum, curve, modes[0]["parameters"])
+    misfit = at_optimum.misfit
+    findings = [*_findings(posterior, modes, misfit), *_ignored(at_optimum, moved)]
     if identity["settings"]["sampler"] == PUBLISHED:
-        found_wrong.insert(0, Finding("published-sampler"))
+        findings.insert(0, Finding("published-sampler"))
     timing = posterior.timing
     content: FitNumbers = {
         "model": identity["model"],
-        "n_facets": int(found["posterior"].sizes.get("facet", 0)),
+        "n_facets": int(tree["posterior"].sizes.get("facet", 0)),
         "n_obs": curve.n_obs,
         "seed": seed,
         "max_rhat": max(m["max_rhat"] for m in modes),
@@ -143,12 +124,12 @@ def summarise(
         # those of the heaviest mode: a mean over several solutions would describe none of them
         "parameters": modes[0]["parameters"],
         "modes": modes,
-        "fit": fit,
+        "fit": _fit(posterior, tree, curve, misfit),
         "rests_on": {
             fault: dict(zip(moved.quantities, map(float, shift), strict=True))
             for fault, shift in moved.by_fault.items()
         },
-        **_outliers(found, curve),
+        **_outliers(tree, curve),
         "timing": {
             "search_s": timing.search_s,
             "compile_s": timing.compile_s,
@@ -162,7 +143,30 @@ def summarise(
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
     }
-    return content, reasons(found_wrong)
+    return content, reasons(findings)
+
+
+def _mode(mode: Mode, draws: Mapping[str, Floats]) -> ModeContent:
+    table = parameters(draws)
+    spin = cast("SpinMeans", {k: table[k]["mean"] for k in SPIN if k in table})
+    by_run: RunWeights = {}
+    if mode.run_weights is not None:
+        by_run = {"weight_by_run": mode.run_weights}
+    return {
+        "weight": mode.weight,
+        "weight_sd": mode.weight_sd,
+        **by_run,
+        "log_evidence": mode.log_evidence.value,
+        "log_evidence_se": mode.log_evidence.se,
+        "rms": mode.solution.rms,
+        "hits": mode.solution.hits,
+        "divergences": int(mode.stats["diverging"].sum()),
+        "max_rhat": max(_finite(row["rhat"] for row in table.values())),
+        "min_ess_bulk": min(_finite(row["ess_bulk"] for row in table.values())),
+        "min_ess_tail": min(_finite(row["ess_tail"] for row in table.values())),
+        **spin,
+        "parameters": table,
+    }
 
 
 def _finite(values: Iterable[float]) -> list[float]:
@@ -170,16 +174,16 @@ def _finite(values: Iterable[float]) -> list[float]:
     return [v for v in values if np.isfinite(v)] or [float("nan")]
 
 
-class _Missed(NamedTuple):
+class _AtOptimum(NamedTuple):
     misfit: Misfit
     best: Floats  # z (D,) of the optimum
     shadows: Floats | None = None  # left out: changes of the flux (n, T), first at the optimum
     share: float = 0.0  # of the light that these take
 
 
-def _misfit(
+def _at_optimum(
     posterior: Posterior, curve: LightCurve, seed: int, shadows_of: ShadowsOf | None
-) -> _Missed:
+) -> _AtOptimum:
     """Misfit of the optimum of the heaviest solution, near its most probable draw."""
     problem, data = posterior.problem, posterior.data
     draws = posterior.modes[0].z.reshape(-1, posterior.modes[0].z.shape[-1])
@@ -187,67 +191,68 @@ def _misfit(
     best, _ = optimum(problem, data, top, np.arange(problem.dim))
     shadows, share = None, 0.0
     if shadows_of is not None:
-        few = np.linspace(0, len(draws) - 1, min(len(draws), FEW)).astype(int)
+        sample = np.linspace(0, len(draws) - 1, min(len(draws), SHADOW_DRAWS)).astype(int)
         at = compiled(problem.constrain)
-        rows = [at(jnp.asarray(z), data) for z in (best, *draws[few])]
+        rows = [at(jnp.asarray(z), data) for z in (best, *draws[sample])]
         shadows = shadows_of(rows, data)
         if shadows is not None:
             share = -float(np.sum(shadows)) / sum(float(np.sum(row[FLUX])) for row in rows)
     further = alternatives.shadows(problem, best, data, None if shadows is None else shadows[0])
-    found = misfit_tests.examine(problem, best, data, curve, seed=seed, further=further)
-    misfit = goodness_of_fit.measure(problem, data, best[None], found)
-    return _Missed(misfit, best, shadows, share)
+    examined = misfit_tests.examine(problem, best, data, curve, seed=seed, further=further)
+    misfit = goodness_of_fit.measure(problem, data, best[None], examined)
+    return _AtOptimum(misfit, best, shadows, share)
 
 
 def _shifts(
     posterior: Posterior,
-    missed: _Missed,
+    at_optimum: _AtOptimum,
     curve: LightCurve,
     table: Mapping[str, ParameterContent],
 ) -> robustness.Shifts:
     sd = {name: row["sd"] for name, row in table.items()}
     problem, data = posterior.problem, posterior.data
-    return robustness.shifts(problem, missed.best, data, curve, sd, missed.shadows)
+    return robustness.shifts(problem, at_optimum.best, data, curve, sd, at_optimum.shadows)
 
 
-def _ignored(missed: _Missed, moved: robustness.Shifts) -> Iterator[Finding]:
+def _ignored(at_optimum: _AtOptimum, moved: robustness.Shifts) -> Iterator[Finding]:
     """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`."""
     shift = moved.by_fault.get("shadows", np.zeros(0))
     if shift.size and shift.max() > MAX_SHIFT:
         what = moved.quantities[int(np.argmax(shift))]
-        values = {"percent": 100.0 * missed.share, "shift": float(shift.max()), "what": what}
+        values = {"percent": 100.0 * at_optimum.share, "shift": float(shift.max()), "what": what}
         yield Finding("shadows-left-out", values)
 
 
-def _examined(found: misfit_tests.Examination) -> Residuals:
+def _examined(examination: misfit_tests.Examination) -> Residuals:
     """The tests of the residuals and the alternatives, for ``summary.json``."""
     return {
         "false_alarm": misfit_tests.FALSE_ALARM,
-        "p_limit": found.limit,
-        "relative_p_limit": found.relative_limit,
-        "even": found.even,
+        "p_limit": examination.limit,
+        "relative_p_limit": examination.relative_limit,
+        "even": examination.even,
         "tests": [
-            {"name": t.name, "statistic": t.statistic, "p_value": t.p_value} for t in found.tests
+            {"name": t.name, "statistic": t.statistic, "p_value": t.p_value}
+            for t in examination.tests
         ],
         "alternatives": [
             {k: v for k, v in one._asdict().items() if v not in ("", np.inf)}
-            for one in found.explanations
+            for one in examination.explanations
         ],
     }
 
 
-def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Misfit) -> FitQuality:
+def _fit(posterior: Posterior, tree: xr.DataTree, curve: LightCurve, misfit: Misfit) -> FitQuality:
     best = posterior.modes[0]
-    predicted = found["log_likelihood"].attrs
+    predicted = tree["log_likelihood"].attrs
     residuals: Residuals = {}
-    if missed.examination is not None:
-        residuals = _examined(missed.examination)
+    if misfit.examination is not None:
+        residuals = _examined(misfit.examination)
     return {
         "rms": best.solution.rms,
         "information_per_point": float(posterior.data.information),
         "rms_unit": "mag" if curve.kind == "mag" else "relative to the curve's mean",
-        "chi2": missed.chi2,
-        "dof": missed.dof,
+        "chi2": misfit.chi2,
+        "dof": misfit.dof,
         **residuals,
         "elpd_loo": predicted["elpd_loo"],
         "elpd_se": predicted["elpd_loo_se"],
@@ -257,9 +262,9 @@ def _fit(posterior: Posterior, found: xr.DataTree, curve: LightCurve, missed: Mi
     }
 
 
-def _outliers(found: xr.DataTree, curve: LightCurve) -> Outliers:
+def _outliers(tree: xr.DataTree, curve: LightCurve) -> Outliers:
     """Points with a probability above `LIKELY` of being outliers, if the noise law has outliers."""
-    predicted = found["posterior_predictive"]
+    predicted = tree["posterior_predictive"]
     if OUTLIER not in predicted:
         return {}
     probability = predicted[OUTLIER].to_numpy()
@@ -296,7 +301,7 @@ def _spin_agreement(entry: ModeContent) -> float | None:
     return max(row["rhat"] for row in rows) if rows and good else None
 
 
-def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) -> Iterator[Finding]:
+def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         # A solution of negligible weight is shown, but does not affect the verdict.
@@ -326,5 +331,5 @@ def _findings(posterior: Posterior, modes: list[ModeContent], missed: Misfit) ->
     alone = not complete and posterior.modes[0].solution.hits < 2
     if posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
-    if not missed.explained:
-        yield Finding("data-not-explained", {"why": why(missed)})
+    if not misfit.explained:
+        yield Finding("data-not-explained", {"why": why(misfit)})

@@ -20,7 +20,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
 from lcbayes.core.reasons import Finding
 from lcbayes.data.catalogues.parquet import arrow
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.content import SurveyNumbers
 from lcbayes.results.journal import Journal
 
@@ -50,7 +50,7 @@ NAME = "solutions"  # of the files of the table
 SHORT = 10_000  # objects up to which the table is also written as CSV
 GROUP = 50_000  # rows that are written at once
 UNIQUE = 0.99  # probability of a period that counts as the only one
-KINDS, NAMED = 1000, 8  # of failures that are told apart, and objects that are named
+KINDS, NAMED = 1000, 8  # of failures that are distinguished, and objects that are named
 
 Row = dict[str, Any]
 
@@ -239,7 +239,7 @@ def summarise(
     for rows in table.objects():
         counts.add(rows)
     done, against = sum(counts.status.values()), []
-    for code, status in (("objects-failed", FAILED), ("objects-not-trusted", DOUBTED)):
+    for code, status in (("objects-failed", FAILED), ("objects-not-trusted", NOT_TRUSTED)):
         if number := counts.status[status]:
             names = counts.names[status]
             more = f" and {number - len(names)} more" if number > len(names) else ""
@@ -254,7 +254,7 @@ def summarise(
         "catalogue": str(catalogue),
         "n_objects": n_objects,
         "n_trusted": counts.status[TRUSTED],
-        "n_not_trusted": counts.status[DOUBTED],
+        "n_not_trusted": counts.status[NOT_TRUSTED],
         "n_failed": counts.status[FAILED],
         "n_unique": counts.n_unique,
         "n_solutions": counts.n_solutions,

@@ -211,8 +211,8 @@ class FacetMoves:
         groups = np.arange(data.n_calibrations if zero_point_sd > 0 else 0)
         zero = (np.asarray(data.calibration) == groups[:, None]) * scale * flux
         zero = 0.4 * np.log(10.0) * zero_point_sd * zero
-        arrays = (jnp.asarray(x) for x in (scale * flux, scale, zero))
-        return cls(*arrays, problem, law, log_mean, log_sd)
+        flux, scale, zero = (jnp.asarray(x) for x in (scale * flux, scale, zero))
+        return cls(flux, scale, zero, problem, law, log_mean, log_sd)
 
     def __call__(self, key: jax.Array, z: jax.Array, data: Epochs) -> jax.Array:
         """z (D,) after one relocation of each facet and as many splits or mergers."""
@@ -244,7 +244,7 @@ class FacetMoves:
     def _sky(self, key: jax.Array, sun: jax.Array, obs: jax.Array) -> Sky:
         axes = jax.random.orthogonal(key, 3)
         nothing = jnp.zeros(())
-        empty = Sky(axes, nothing, nothing, nothing, nothing, nothing)
+        empty = Sky(axes, nothing, nothing, nothing, nothing, log_seen=nothing)
         normal = empty.normal(jnp.arange(BANDS * SECTORS), jnp.array(0.5), jnp.array(0.5))
         best = jnp.max(jnp.minimum(normal @ sun.T, normal @ obs.T), axis=1)
         log_seen = -((jnp.minimum(best, 0.0) / SOFTNESS) ** 2)

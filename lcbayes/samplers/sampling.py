@@ -119,18 +119,19 @@ class Sampler:
         halvings = HALVINGS if self.settings.sampler == NUTS else 0
         start, advance = self._compile(key, num_warmup, args, timing)
         keys = jax.random.split(key, self.settings.num_chains)
+
+        def block(state):
+            return _to_host(advance(_to_device(state), args))
+
         with threads(self.workers) as pool:
             centres = np.resize(starts, (len(keys), starts.shape[1]))
-            states = list(
-                pool.map(lambda k, centre: _to_host(start(k, centre, args)), keys, centres)
-            )
+            states = list(pool.map(lambda k, c: _to_host(start(k, c, args)), keys, centres))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
                     begun = time.monotonic()
-                    out = list(pool.map(lambda s: _to_host(advance(_to_device(s), args)), states))
-                    stored = _pack(out)
+                    stored = _pack(list(pool.map(block, states)))
                     checkpoint.save(f"{name}-{i:04d}", stored)
                     took = time.monotonic() - begun
                     if i < warmup_blocks:
@@ -153,8 +154,7 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    flat = self.ordered(draws.reshape(-1, draws.shape[2]), starts[0])
-                    length = self._required_length(flat.reshape(draws.shape))
+                    length = self._required_length(self._in_order(draws, starts[0]))
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
@@ -172,6 +172,10 @@ class Sampler:
         else:
             found = _widths(self.problem, jnp.resize(centres, (OPTIMA, centres.shape[1])), data)
         return jax.tree.map(np.asarray, found)
+
+    def _in_order(self, draws: Floats, reference: Floats) -> Floats:
+        """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""
+        return self.ordered(draws.reshape(-1, draws.shape[2]), reference).reshape(draws.shape)
 
     def _required_length(self, z: Floats) -> int:
         """Length at which z (C, S, D) and the reported angles of its directions converge.

@@ -59,8 +59,8 @@ def load(folder: str | Path) -> Result[Any]:
     >>> import tempfile
     >>> folder = tempfile.mkdtemp()
     >>> curve = lcbayes.simulate("one-facet", seed=1, out=f"{folder}/one.csv").data
-    >>> few = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2)
-    >>> fit = lcbayes.fit(curve, n_facets=1, spin="none", out=f"{folder}/fit", report=False, **few)
+    >>> short = dict(num_starts=8, num_warmup=10, num_samples=10, num_chains=2, report=False)
+    >>> fit = lcbayes.fit(curve, n_facets=1, spin="none", out=f"{folder}/fit", **short)
     >>> lcbayes.load(f"{folder}/fit").summary().equals(fit.summary())
     True
     """

@@ -321,7 +321,7 @@ def level(data):
 
 
 @cache
-def posed(name: str = "faceted"):
+def problem_of(name: str = "faceted"):
     light = small_curves.curve(20)
     faceted = registry.find("faceted").bind({"n_facets": 1, "spin": "none"})
     return level if name == "level" else faceted, Epochs.of(light)
@@ -329,7 +329,7 @@ def posed(name: str = "faceted"):
 
 @cache
 def model_ran(make_kernel: Callable[..., Any], name: str = "faceted") -> MCMC:
-    model, data = posed(name)
+    model, data = problem_of(name)
     mcmc = sampler(make_kernel(model), num_chains=2, num_warmup=40)
     mcmc.run(jax.random.key(0), data, extra_fields=("num_steps", "accept_prob", "energy"))
     return mcmc
@@ -357,11 +357,11 @@ def test_arviz_reads_the_sites_and_statistics_of_a_model(make_kernel):
 @OF_A_MODEL
 @pytest.mark.parametrize("name", ["level", pytest.param("faceted", marks=pytest.mark.slow)])
 def test_numpyro_gives_the_log_likelihood_of_the_draws_of_a_model(make_kernel, name):
-    model, data = posed(name)
+    model, data = problem_of(name)
     sites = model_ran(make_kernel, name).get_samples(group_by_chain=True)
-    found = jax.jit(lambda s: log_likelihood(model, s, data, batch_ndims=2))(sites)
-    assert found["brightness"].shape == (2, 40, 20)
-    assert np.all(np.isfinite(found["brightness"]))
+    result = jax.jit(lambda s: log_likelihood(model, s, data, batch_ndims=2))(sites)
+    assert result["brightness"].shape == (2, 40, 20)
+    assert np.all(np.isfinite(result["brightness"]))
 
 
 @pytest.mark.slow
@@ -375,7 +375,7 @@ def test_arviz_gives_the_log_likelihood_of_the_draws_of_a_model(make_kernel):
 
 
 def test_model_pickles():
-    model, _ = posed()
+    model, _ = problem_of()
     assert pickle.loads(pickle.dumps(AHMC(model))).model is not None
 
 

@@ -37,7 +37,7 @@ OPTIONS = [
 
 
 @pytest.fixture(scope="module", params=OPTIONS, ids=lambda p: " ".join(map(str, p)))
-def posed(request):
+def case(request):
     name, given = request.param
     entry = registry.find(name)
     options = entry.check(given)
@@ -81,16 +81,16 @@ def test_every_model_has_the_sites_of_the_report_and_a_gradient(name, given):
 
 
 @pytest.fixture(scope="module")
-def draws(posed):
+def draws(case):
     """A hundred of the prior of the model."""
-    *_, data, problem = posed
+    *_, data, problem = case
     return prior_draws(problem, jax.random.split(jax.random.key(1), 100), data)
 
 
 @pytest.fixture(scope="module")
-def density(posed, draws):
+def density(case, draws):
     """Potential and gradient at up to a hundred points (n, D), by one compiled program."""
-    *_, data, problem = posed
+    *_, data, problem = case
 
     @jax.jit
     def run(z, data):
@@ -110,19 +110,19 @@ def test_density_and_gradient_are_finite_at_prior_draws(draws, density):
     assert np.all(np.isfinite(slope))
 
 
-def test_records_what_the_report_knows(posed, draws):
-    entry, _, data, problem = posed
+def test_records_what_the_report_knows(case, draws):
+    entry, _, data, problem = case
     sites = jax.eval_shape(problem.constrain, draws[2], data)
     assert {"flux", "expected", "albedo_area", "scale", "sigma"} <= sites.keys()
     assert sites["flux"].shape == sites["expected"].shape == data.t.shape
     assert set(entry.facet_sites) & set(problem.names) or not entry.facet_sites
 
 
-def test_facets_have_no_order(posed, draws, density):
+def test_facets_have_no_order(case, draws, density):
     """Permuting the sites that the model calls the facets' leaves the posterior unchanged."""
     from lcbayes.inference.label_switching import FacetOrder
 
-    entry, _, _, problem = posed
+    entry, _, _, problem = case
     order = FacetOrder(problem, entry.facet_sites)
     if order.n_facets < 2:
         pytest.skip("its facets have places")
@@ -133,8 +133,8 @@ def test_facets_have_no_order(posed, draws, density):
     np.testing.assert_allclose(other, one, rtol=1e-12)
 
 
-def test_starts_are_points_of_the_model(posed, density):
-    entry, options, data, problem = posed
+def test_starts_are_points_of_the_model(case, density):
+    entry, options, data, problem = case
     hook = entry.hook("starts")
     if hook is None:
         pytest.skip("searches from the prior")
@@ -142,9 +142,9 @@ def test_starts_are_points_of_the_model(posed, density):
     assert np.all(np.isfinite(density(rows)[0]))
 
 
-def test_coordinates_lead_there_and_back(posed, draws):
+def test_coordinates_lead_there_and_back(case, draws):
     """The other coordinates reach the same sites, and differ in density by their Jacobian alone."""
-    entry, options, data, problem = posed
+    entry, options, data, problem = case
     hook = entry.hook("coordinates")
     if hook is None:
         pytest.skip("samples in NumPyro's own coordinates")

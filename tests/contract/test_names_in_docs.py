@@ -62,8 +62,8 @@ def test_imports_of_code_blocks_resolve(page):
     for place, name in names:
         module, _, attribute = name.partition(":")
         as_module, as_attribute = f"{module}.{attribute}", name
-        if _missing([(place, as_module)]) and (found := _missing([(place, as_attribute)])):
-            wrong += found
+        if _missing([(place, as_module)]) and (result := _missing([(place, as_attribute)])):
+            wrong += result
     assert not wrong, "\n".join(wrong)
 
 

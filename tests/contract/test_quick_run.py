@@ -1,4 +1,4 @@
-"""What leaves the quick run executes no line that the rest does not, and is still a test."""
+"""What leaves the quick run executes few lines that the rest does not, and is still a test."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_longest_of_equal_tests_leaves():
     lines = {name: {("file", n) for n in numbers} for name, numbers in CASES.items()}
-    times = {"a": 9.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 0.3}
+    times = {"a": 1.9, "b": 1.5, "c": 1.4, "d": 1.3, "e": 0.2}
     # "a" has line 3 alone; "b" is in "c" and "d"; without it, "c" has line 2 alone; "e" is short.
     assert quick_run.chosen(times, lines) == ["b", "d"]
     assert quick_run.chosen({"unknown": 9.0}, lines) == []
+
+
+def test_a_long_test_leaves_for_few_lines():
+    lines = {"a": {("file", n) for n in range(10)}, "b": {("file", n) for n in range(6)}}
+    assert quick_run.chosen({"a": 2.7, "b": 0.1}, lines) == []  # four lines of its own
+    assert quick_run.chosen({"a": 2.9, "b": 0.1}, lines) == ["a"]
 
 
 CASES = {"": [0], "a": [0, 3], "b": [1, 2], "c": [0, 1, 2], "d": [1], "e": [1]}

@@ -32,22 +32,24 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["albedo-area", str(brick), "--attitude", "none", "-o", str(out), *QUICK]
     assert main.main(argv) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "6 flat facets at least" in told
-    assert "of 3 angles between 3 axes of facets are 90 degrees" in told
-    assert "shape: 6 faces" in told
-    assert len(re.findall(r"[\d.]+ ± [\d.]+ m² towards longitude .* deg, ± [\d.]+ deg", told)) == 6
-    found = json.loads((out / "summary.json").read_text())
-    assert found["trusted"]
-    assert found["n_obs"] == 300
-    assert len(found["facets"]) == 6
-    assert [f["albedo_area"] for f in found["facets"]] == pytest.approx(
+    output = capsys.readouterr().out
+    assert "6 flat facets at least" in output
+    assert "of 3 angles between 3 axes of facets are 90 degrees" in output
+    assert "shape: 6 faces" in output
+    assert (
+        len(re.findall(r"[\d.]+ ± [\d.]+ m² towards longitude .* deg, ± [\d.]+ deg", output)) == 6
+    )
+    result = json.loads((out / "summary.json").read_text())
+    assert result["trusted"]
+    assert result["n_obs"] == 300
+    assert len(result["facets"]) == 6
+    assert [f["albedo_area"] for f in result["facets"]] == pytest.approx(
         sorted(BRICK.areas, reverse=True), rel=0.02
     )
-    assert found["shape"]["volume"] == pytest.approx(2.24, rel=0.02)
-    assert found["shape"]["dimensions"] == pytest.approx([2.0, 1.4, 0.8], rel=0.02)
-    assert len(found["distribution"]["albedo_area_sd"]) == 250
-    assert {c["name"] for c in found["cues"]} == {
+    assert result["shape"]["volume"] == pytest.approx(2.24, rel=0.02)
+    assert result["shape"]["dimensions"] == pytest.approx([2.0, 1.4, 0.8], rel=0.02)
+    assert len(result["distribution"]["albedo_area_sd"]) == 250
+    assert {c["name"] for c in result["cues"]} == {
         "clusters",
         "angle-90",
         "angle-60",
@@ -62,13 +64,13 @@ def test_a_brick_from_file_to_shape(brick, tmp_path, capsys, look):
     with (out / "tables" / "facets.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["albedo_area_m2"]) for row in rows] == [
-        f["albedo_area"] for f in found["facets"]
+        f["albedo_area"] for f in result["facets"]
     ]
     look(out / "report.html", turning=1)
     (out / "figures" / "stale.svg").write_text("")
     # the same command gives the same numbers
     assert main.main([*argv[:-6], "--json", *QUICK]) == EXIT_DONE
-    assert json.loads(capsys.readouterr().out) == found
+    assert json.loads(capsys.readouterr().out) == result
     assert not (out / "figures" / "stale.svg").exists()
 
 
@@ -79,14 +81,14 @@ def test_relative_curves_have_proportions_alone(tmp_path, capsys):
     out = tmp_path / "out"
     argv = ["albedo-area", str(tmp_path / "relative.csv"), "--attitude", "none", "-o", str(out)]
     assert main.main([*argv, *QUICK, "--nulls", "0"]) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "(size unknown)" in told
-    assert len(re.findall(r"[\d.]+ ± [\d.]+ % towards", told)) == 6
-    found = json.loads((out / "summary.json").read_text())
-    assert not found["calibrated"]
-    assert found["shape"]["volume"] is None
-    assert found["shape"]["dimensions"] == pytest.approx([2.5, 1.75, 1.0], rel=0.05)
-    assert len(found["scales"]) == 10
+    output = capsys.readouterr().out
+    assert "(size unknown)" in output
+    assert len(re.findall(r"[\d.]+ ± [\d.]+ % towards", output)) == 6
+    result = json.loads((out / "summary.json").read_text())
+    assert not result["calibrated"]
+    assert result["shape"]["volume"] is None
+    assert result["shape"]["dimensions"] == pytest.approx([2.5, 1.75, 1.0], rel=0.05)
+    assert len(result["scales"]) == 10
 
 
 def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
@@ -97,9 +99,9 @@ def test_smoothing_gives_the_shape_of_the_grid(brick, tmp_path, capsys):
         EXIT_NOT_TRUSTED,
     )
     assert "grid normals with area" in capsys.readouterr().out
-    found = json.loads((out / "summary.json").read_text())
-    assert found["facets"] == []
-    assert found["shape"]["n_faces"] > 20
+    result = json.loads((out / "summary.json").read_text())
+    assert result["facets"] == []
+    assert result["shape"]["n_faces"] > 20
 
 
 def test_a_wrong_attitude_says_so_first(brick, tmp_path, capsys):

@@ -57,11 +57,13 @@ def test_dimensions_model_curves_and_exports(fitted):
     jd = np.array([float(r["jd"]) for r in curves])
     np.testing.assert_allclose(jd, curve.epoch_jd + curve.t / 86400.0, atol=1e-8)
     flux = model.flux(jd, curve.sun, curve.obs)
-    told = np.array([float(r["model"]) for r in curves])
+    model_flux = np.array([float(r["model"]) for r in curves])
     count = np.bincount(curve.curve)
-    flux, told = (x / (np.bincount(curve.curve, x) / count)[curve.curve] for x in (flux, told))
-    assert np.sqrt(np.mean((flux - told) ** 2)) < 0.01
-    assert np.std(told) > 0.05
+    flux, model_flux = (
+        x / (np.bincount(curve.curve, x) / count)[curve.curve] for x in (flux, model_flux)
+    )
+    assert np.sqrt(np.mean((flux - model_flux) ** 2)) < 0.01
+    assert np.std(model_flux) > 0.05
     phase = np.array([float(r["rotation"]) for r in curves])
     turned = np.mod((jd - model.jd0) * 24.0 / model.period_h + model.phi0 / 360.0, 1.0)
     np.testing.assert_allclose(np.mod(phase - turned + 0.5, 1.0), 0.5, atol=1e-5)
@@ -79,11 +81,11 @@ def test_predictions_for_a_damit_file_and_for_dates(fitted):
             cells = [curve.epoch_jd + curve.t[i] / 86400.0, curve.brightness[i]]
             rows.append(" ".join(f"{x:.9f}" for x in (*cells, *curve.sun[i], *curve.obs[i])))
     (folder / "later.lcs").write_text("\n".join(rows) + "\n")
-    found = lcbayes.predict(folder / "out", folder / "later.lcs").summary()
-    told = found["flux_mean"].to_numpy()
+    predicted = lcbayes.predict(folder / "out", folder / "later.lcs").summary()
+    model_flux = predicted["flux_mean"].to_numpy()
     mean = np.bincount(curve.curve, curve.brightness) / np.bincount(curve.curve)
     observed = curve.brightness / mean[curve.curve]
-    assert np.sqrt(np.mean((told / told.mean() - observed) ** 2)) < 0.05
+    assert np.sqrt(np.mean((model_flux / model_flux.mean() - observed) ** 2)) < 0.05
     dates = lcbayes.predict(folder / "out", date=(2450010.5, 2450020.5)).summary()
     assert len(dates) == 2
     spin = damit_model.read(folder / "out")

@@ -85,7 +85,7 @@ def test_batch_stops_resumes_goes_past_a_fault_and_mends(catalogue, tmp_path, mo
     assert "3 of 3 objects" in (out / "report.html").read_text()
 
 
-def test_faults_of_the_request_are_told_before_anything_is_done(catalogue, tmp_path, capsys):
+def test_faults_of_the_request_are_reported_before_anything_is_done(catalogue, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["batch", str(catalogue), "-o", str(out), "--set", "facetts=2"]) == EXIT_BAD_INPUT
     assert "facetts" in capsys.readouterr().err

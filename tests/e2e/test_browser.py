@@ -25,10 +25,10 @@ KINDS = {
 def test_the_report(kind, tmp_path, look):
     folder = KINDS[kind](tmp_path / "results")
     numbers = folder / "summary.json"
-    told = json.loads(numbers.read_text())
+    content = json.loads(numbers.read_text())
     evil = {"code": "x", "text": browser_pages.EVIL_TEXT}
-    told["reasons"] = [*told["reasons"], evil] if told["reasons"] else []
-    numbers.write_text(json.dumps(told))
+    content["reasons"] = [*content["reasons"], evil] if content["reasons"] else []
+    numbers.write_text(json.dumps(content))
     lcbayes.report(folder)
     page = folder / "report.html"
     assert browser_pages.EVIL_FILE not in page.read_text()
@@ -46,7 +46,7 @@ FAULTY = """<!doctype html><html><head><title>t</title></head><body><h1>one</h1>
 def test_the_tester_sees_what_is_wrong(tmp_path, browser):
     page = tmp_path / "faulty.html"
     page.write_text(FAULTY, encoding="utf-8")
-    told = "\n".join(
+    content = "\n".join(
         browser_pages.look(browser, page, widths=(browser_pages.NARROW,), turn=False).faults
     )
     for fault in (
@@ -63,7 +63,7 @@ def test_the_tester_sees_what_is_wrong(tmp_path, browser):
         "asks for http://127.0.0.1:9/x.js",
         "missing.png",
     ):
-        assert fault in told, (fault, told)
+        assert fault in content, (fault, content)
 
 
 def test_nothing_is_put_into_a_page_as_it_is():

@@ -29,7 +29,7 @@ from lcbayes.tasks.compare.result import Comparison
 from tests.helpers import one_facet_posterior, small_curves
 from tests.helpers.refused_input import assert_refused
 
-FEW = (
+SHORT_RUN = (
     "--n-facets",
     "1-2",
     "--spin",
@@ -73,7 +73,7 @@ def result(request, curve) -> Ran:
     """
     evidence = request.param
     out, save, stored = curve.parent / evidence, Checkpoint.save, []
-    command = ["compare", str(curve), "-o", str(out), "--evidence", evidence, *FEW]
+    command = ["compare", str(curve), "-o", str(out), "--evidence", evidence, *SHORT_RUN]
     measure, given = chain_evidence.measure, []
 
     def save_or_stop(self, name, arrays):
@@ -117,25 +117,25 @@ def test_what_is_written(result, curve):
         "facets-1",
         "facets-2",
     }
-    told = json.loads((out / "summary.json").read_text())
-    assert status == (EXIT_DONE if told["trusted"] else EXIT_NOT_TRUSTED)
-    assert [row["n_facets"] for row in told["candidates"]] == [1, 2]
-    assert sum(row["probability"] for row in told["candidates"]) == pytest.approx(1.0)
-    for row in told["candidates"]:
+    content = json.loads((out / "summary.json").read_text())
+    assert status == (EXIT_DONE if content["trusted"] else EXIT_NOT_TRUSTED)
+    assert [row["n_facets"] for row in content["candidates"]] == [1, 2]
+    assert sum(row["probability"] for row in content["candidates"]) == pytest.approx(1.0)
+    for row in content["candidates"]:
         assert len(row["log_evidences"]) == 2
         assert np.isfinite([row["log_evidence"], row["elpd_loo"], row["log_prior_mass"]]).all()
         assert row["chi2"] < 80
     table = (out / "tables" / "candidates.csv").read_text()
     rows = list(csv.DictReader(table.splitlines()))
-    assert float(rows[1]["log_evidence"]) == told["candidates"][1]["log_evidence"]
+    assert float(rows[1]["log_evidence"]) == content["candidates"][1]["log_evidence"]
     assert str(curve) in (out / "run.toml").read_text()
 
 
 def test_the_evidence_of_one_facet_is_that_of_quadrature(result, curve):
     """ln Z under the prior given that the facet is seen, within 0.6 of two runs of 30 particles and
     0.15 of chains."""
-    told = json.loads((result.out / "summary.json").read_text())
-    row, centre = told["candidates"][0], np.log(told["area_prior"]["median_m2"])
+    content = json.loads((result.out / "summary.json").read_text())
+    row, centre = content["candidates"][0], np.log(content["area_prior"]["median_m2"])
     assert row["evidence_from"] == result.evidence
     assert row["chains_doubted"] == ""
     data = Epochs.of(lcbayes.read(curve))
@@ -195,13 +195,13 @@ def test_every_number_keeps_its_posterior_figures_and_page(result):
 
 def test_the_prior_on_areas_is_that_of_the_data(result):
     """The one facet has 6 m²; smaller medians favour more and smaller ones."""
-    told = json.loads((result.out / "summary.json").read_text())["area_prior"]
-    assert told["from_data"]
-    assert told["median_m2"] == pytest.approx(6.0, rel=0.2)
-    one = {row["median_m2"]: row["probability"][0] for row in told["scan"]}
-    assert min(one) < told["median_m2"] < max(one)
+    content = json.loads((result.out / "summary.json").read_text())["area_prior"]
+    assert content["from_data"]
+    assert content["median_m2"] == pytest.approx(6.0, rel=0.2)
+    one = {row["median_m2"]: row["probability"][0] for row in content["scan"]}
+    assert min(one) < content["median_m2"] < max(one)
     assert list(one.values()) == sorted(one.values())
-    assert one[told["median_m2"]] > one[min(one)]
+    assert one[content["median_m2"]] > one[min(one)]
 
 
 def test_the_sparse_path(result):
@@ -231,7 +231,7 @@ def test_the_sparse_path(result):
         (("--law", "shiny"), "is chosen with --reflectance"),
     ],
 )
-def test_faults_are_told_in_a_line(curve, tmp_path, capsys, given, says):
+def test_faults_are_reported_in_a_line(curve, tmp_path, capsys, given, says):
     out = tmp_path / "out"
     command = ["compare", str(curve), "-o", str(out), "--n-facets", "1-2", *given]
     assert_refused(command, out, says, capsys)
@@ -265,7 +265,7 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
 
     monkeypatch.setattr(facet_count, "_best_fit", poor_for_two)
     monkeypatch.setattr(screening, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
-    found = lcbayes.compare(
+    compared = lcbayes.compare(
         small_curves.curve(16),
         n_facets=(1, 2),
         spin="none",
@@ -273,5 +273,5 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
         num_runs=2,
         num_starts=8,
     )
-    assert sorted(found.probability) == [1, 2]
-    assert found.probability[2] > 0.0
+    assert sorted(compared.probability) == [1, 2]
+    assert compared.probability[2] > 0.0

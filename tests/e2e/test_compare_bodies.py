@@ -51,13 +51,13 @@ def test_the_brick_is_found_among_bodies(tmp_path: Path, capsys):
     assert status in (0, 3)
     said = capsys.readouterr().out
     assert "brick.toml is most probable" in said
-    found = lcbayes.load(out)
-    assert isinstance(found, Comparison)
-    assert list(found.probability) == bodies
-    assert found.probability[bodies[1]] > 0.99
-    assert found.content["most_probable"] == bodies[1]
-    assert list(found.summary()["body"]) == bodies
-    assert found.fits[bodies[1]].content["model"] == "body"
+    result = lcbayes.load(out)
+    assert isinstance(result, Comparison)
+    assert list(result.probability) == bodies
+    assert result.probability[bodies[1]] > 0.99
+    assert result.content["most_probable"] == bodies[1]
+    assert list(result.summary()["body"]) == bodies
+    assert result.fits[bodies[1]].content["model"] == "body"
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Kind of body" in page
     assert "brick.toml" in page
@@ -127,7 +127,7 @@ def test_kinds_of_body_from_a_few_draws(bodies):
     content, reasons = summarise(compared, {"model": "faceted"}, curve.n_obs, 1)
     assert content["candidates"][0].get("body") == "facets:1"
     assert "evidence-doubtful" in [reason.code for reason in reasons]
-    found = Comparison(content | {"trusted": False, "reasons": []}, reasons, {})
-    assert list(found.probability) == names
-    assert any("facets:1" in line for line in found.lines())
-    assert "body" in found.summary()
+    result = Comparison(content | {"trusted": False, "reasons": []}, reasons, {})
+    assert list(result.probability) == names
+    assert any("facets:1" in line for line in result.lines())
+    assert "body" in result.summary()

@@ -18,11 +18,11 @@ from tests.helpers import documentation_blocks, results_folders
 from tests.helpers.documentation_blocks import PAGES, ROOT, Block
 
 # Added to the commands of the pages, so that they end soon; the pages say what a user would give.
-FEW = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
-FEW_FLAGS = [f"--{k.replace('_', '-')}={v}" for k, v in FEW.items()]
+SHORT_RUN = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
+SHORT_RUN_FLAGS = [f"--{k.replace('_', '-')}={v}" for k, v in SHORT_RUN.items()]
 SOONER = {
-    "fit": FEW_FLAGS,
-    "batch": [*FEW_FLAGS, "--workers=1"],
+    "fit": SHORT_RUN_FLAGS,
+    "batch": [*SHORT_RUN_FLAGS, "--workers=1"],
     "compare": ["--num-particles=12", "--num-runs=2", "--num-starts=4"],
     "scan": ["--n-poles=4", "--n-sky=8", "--n-facets=60", "--degree=3", "--keep=2"],
     "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
@@ -112,8 +112,8 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def few(monkeypatch):
-    monkeypatch.setattr(lcbayes, "fit", functools.partial(lcbayes.fit, **FEW), raising=False)
+def short_runs(monkeypatch):
+    monkeypatch.setattr(lcbayes, "fit", functools.partial(lcbayes.fit, **SHORT_RUN), raising=False)
     less = functools.partial(lcbayes.compare, num_particles=12, num_runs=2, num_starts=4)
     monkeypatch.setattr(lcbayes, "compare", less, raising=False)
 
@@ -159,7 +159,7 @@ def test_the_example_of_the_readme_runs_on_a_stored_fit(tmp_path, monkeypatch, c
     assert names["again"].trusted
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("short_runs")
 def test_the_model_file_of_the_docs_fits(tmp_path):
     file = tmp_path / "mine.py"
     documentation_blocks.own_model(file)
@@ -175,7 +175,7 @@ TRIED_ABOVE = {"README.md", "docs/models.md"}
 CHEAP = {"docs/attitude-laws.md"}
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("short_runs")
 @pytest.mark.parametrize(
     "page",
     [

@@ -28,16 +28,25 @@ from tests.helpers import browser_pages, results_folders
 CHART, BODY = "[data-is=chart] canvas", "[data-is=body] canvas"
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory) -> dict[str, Path]:
-    base = tmp_path_factory.mktemp("explore")
-    made = {
-        "satellite": results_folders.faceted(base / "satellite"),
-        "asteroid": results_folders.asteroid(base / "asteroid", n_facets=60, n_curves=4),
-    }
-    for folder in made.values():
+class Folders(dict[str, Path]):
+    """Results with a report by name, each made when it is first used."""
+
+    def __init__(self, base: Path) -> None:
+        self.base = base
+
+    def __missing__(self, name: str) -> Path:
+        if name == "satellite":
+            folder = results_folders.faceted(self.base / name)
+        else:
+            folder = results_folders.asteroid(self.base / name, n_facets=60, n_curves=4)
         lcbayes.report(folder)
-    return made
+        self[name] = folder
+        return folder
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory) -> Folders:
+    return Folders(tmp_path_factory.mktemp("explore"))
 
 
 class Opened:
@@ -111,10 +120,10 @@ def test_the_light_curve_zooms_pans_and_tells_its_points(opened):
     assert page.view(CHART)[0] > 280.0  # the second pass only
     box = page.box(CHART)
     page.tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + 80)
-    told = page.tab.inner_text(".tip")
-    assert "residual" in told
-    assert "UTC" in told
-    assert "phase angle" in told
+    tooltip = page.tab.inner_text(".tip")
+    assert "residual" in tooltip
+    assert "UTC" in tooltip
+    assert "phase angle" in tooltip
     page.press("reset")
     assert page.view(CHART) == whole
 
@@ -200,8 +209,8 @@ def changed(source: Path, name: str, change: Any, **summary: Any) -> Path:
     tree.attrs["model"] = summary.get("model", tree.attrs["model"])
     (folder / "posterior.nc").unlink()
     tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-    told = json.loads((folder / "summary.json").read_text()) | summary
-    (folder / "summary.json").write_text(json.dumps(told))
+    content = json.loads((folder / "summary.json").read_text()) | summary
+    (folder / "summary.json").write_text(json.dumps(content))
     lcbayes.report(folder)
     return folder
 
@@ -261,16 +270,16 @@ def known(folders) -> Path:
 
     def attitudes(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         shape = (node.sizes["chain"], node.sizes["draw"])
-        found = node[["omega"]]
+        result = node[["omega"]]
         turns = Rotation.from_rotvec([0.7, -1.1, 0.4]) * Rotation.from_rotvec(
             0.01 * rng.standard_normal((np.prod(shape), 3))
         )
         matrices = turns.as_matrix().reshape(*shape, 3, 3)
-        found["attitude"] = (("chain", "draw", "inertial", "body"), matrices)
-        found["rate_drift"] = (("chain", "draw"), 0.02 + 0.001 * rng.standard_normal(shape))
+        result["attitude"] = (("chain", "draw", "inertial", "body"), matrices)
+        result["rate_drift"] = (("chain", "draw"), 0.02 + 0.001 * rng.standard_normal(shape))
         areas = 3.0 * np.exp(0.1 * rng.standard_normal((*shape, 2)))
-        found["albedo_area"] = (("chain", "draw", "material"), areas)
-        return found
+        result["albedo_area"] = (("chain", "draw", "material"), areas)
+        return result
 
     options = {"body": L_SHAPE, "shadows": True}
     folders["known"] = changed(

@@ -23,10 +23,10 @@ def module(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = found  # dataclasses look it up
-    spec.loader.exec_module(found)
-    return found
+    result = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = result  # dataclasses look it up
+    spec.loader.exec_module(result)
+    return result
 
 
 def unzipped(path: Path) -> Any:

@@ -59,7 +59,7 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
-def assert_told(capsys, *words: str) -> None:
+def assert_printed(capsys, *words: str) -> None:
     """One line for the fault, whatever was said of the progress before."""
     lines = [x for x in capsys.readouterr().err.splitlines() if x.startswith("lcbayes ")]
     assert len(lines) == 1, lines
@@ -79,7 +79,7 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
     capsys.readouterr()
     with room_for(largest.stat().st_size // 2):
         assert main.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
-    assert_told(capsys, "lcbayes fit: ", "same command again")
+    assert_printed(capsys, "lcbayes fit: ", "same command again")
     assert contents(out) == before
     assert main.main([*fit, "--seed", "2"]) in (0, 3)
     assert "resuming" in capsys.readouterr().err
@@ -87,13 +87,13 @@ def test_a_disk_that_fills_while_fitting_loses_nothing(tmp_path, capsys):
     assert contents(out) != before
     with room_for(1000):  # not even a checkpoint
         assert main.main([*fit, "--seed", "3"]) == EXIT_BAD_INPUT
-    assert_told(capsys, "lcbayes fit: ")
+    assert_printed(capsys, "lcbayes fit: ")
     # another run is at work in the folder
     before = contents(out)
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert main.main([*fit, "--seed", "4"]) == EXIT_BAD_INPUT
-    assert_told(capsys, "another run is writing into")
+    assert_printed(capsys, "another run is writing into")
     assert contents(out) == before
 
 
@@ -108,7 +108,7 @@ def test_a_run_stopped_at_its_report_goes_on_to_it(tmp_path, capsys, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(report, "_compose", no_room)
         assert main.main([*fit, "--seed", "2"]) == EXIT_BAD_INPUT
-    assert_told(capsys, "No space left on device", "same command again")
+    assert_printed(capsys, "No space left on device", "same command again")
     assert contents(out) == before
     saved: list[str] = []
     monkeypatch.setattr(Checkpoint, "save", lambda _self, name, _arrays: saved.append(name))
@@ -132,7 +132,7 @@ def test_a_disk_that_fills_while_a_report_is_written(tmp_path, capsys):
     before = contents(folder)
     with room_for(50_000):
         assert main.main(["report", str(folder)]) == EXIT_BAD_INPUT
-    assert_told(capsys, "lcbayes report: ")
+    assert_printed(capsys, "lcbayes report: ")
     assert contents(folder) == before
 
 
@@ -151,7 +151,7 @@ def test_a_disk_that_fills_leaves_no_half_of_a_file(command, tmp_path, capsys):
     }[command]
     with room_for(1500):
         assert main.main([command, *words]) == EXIT_BAD_INPUT
-    assert_told(capsys, f"lcbayes {command}: ", "File too large")
+    assert_printed(capsys, f"lcbayes {command}: ", "File too large")
     left = {p.name for p in tmp_path.rglob("*") if p.is_file() and p.stat().st_size}
     assert left - {".lock"} == {"curve.csv"}  # the lock names the task whose folder it is
 
@@ -171,7 +171,7 @@ def test_a_place_that_cannot_be_written(command, tmp_path, capsys):
     if command == "batch":
         words = [str(tmp_path / "*.csv")]
     assert main.main([command, *words, "-o", str(out)]) == EXIT_BAD_INPUT
-    assert_told(capsys, f"lcbayes {command}: ", str(tmp_path / "file"))
+    assert_printed(capsys, f"lcbayes {command}: ", str(tmp_path / "file"))
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -203,7 +203,9 @@ def test_nothing_reads_a_pickle_or_hangs_on_the_wall_clock():
     for path in SOURCES:
         text = path.read_text(encoding="utf-8")
         said = re.sub(r'""".*?"""', "", text, flags=re.S).replace("allow_pickle=False", "")
-        found = re.findall(r"pickle|\bdill\b|joblib|marshal|\btime\.time\(|st_mtime|\beval\(", said)
-        assert not found, (path, found)
+        result = re.findall(
+            r"pickle|\bdill\b|joblib|marshal|\btime\.time\(|st_mtime|\beval\(", said
+        )
+        assert not result, (path, result)
         if "datetime.now(" in text:  # the date of a result, which nothing reads again
             assert path.parts[-3:] == ("tasks", "fit", "run.py"), path

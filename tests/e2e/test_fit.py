@@ -22,7 +22,7 @@ from tests.helpers import small_curves
 from tests.helpers.refused_input import assert_refused
 
 GOOD = small_curves.TRUSTED_FIT
-POOR = ("--n-facets", "1", "--spin", "none", *small_curves.FEW)
+POOR = ("--n-facets", "1", "--spin", "none", *small_curves.SHORT_RUN)
 GROUPS = {
     "posterior",
     "sample_stats",
@@ -242,7 +242,7 @@ def test_json_is_the_summary(curve, tmp_path, capsys):
 def test_a_users_model(curve, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(MINE)
-    flags = ["--set", "depth=0.5", "--set", "dimmer=true", *small_curves.FEW, "--no-report"]
+    flags = ["--set", "depth=0.5", "--set", "dimmer=true", *small_curves.SHORT_RUN, "--no-report"]
     status = main(["fit", str(curve), "-o", "out", "--model", "./mine.py", *flags])
     assert status == EXIT_NOT_TRUSTED  # a ball does not explain a facet
     assert "size" in posterior(Path("out"))
@@ -351,7 +351,7 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--config", "none.toml"], "none.toml"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(curve, tmp_path, capsys, flags, says):
+def test_wrong_options_are_reported_in_one_line(curve, tmp_path, capsys, flags, says):
     out = tmp_path / "out"
     assert_refused(["fit", str(curve), "-o", str(out), *flags], out, says, capsys)
 

@@ -15,8 +15,8 @@ from lcbayes.cli.main import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_NOT_TRUSTED, InputError
 from tests.helpers import small_curves
 
-FEW = {"num_warmup": 10, "num_samples": 20, "num_starts": 16, "num_chains": 2}
-ONE = {"n_facets": 1, "spin": "none", "seed": 1, **FEW}
+SHORT_RUN = {"num_warmup": 10, "num_samples": 20, "num_starts": 16, "num_chains": 2}
+ONE = {"n_facets": 1, "spin": "none", "seed": 1, **SHORT_RUN}
 MINE = """
 from pathlib import Path
 
@@ -141,8 +141,8 @@ def test_curves_of_unknown_errors_are_predicted_each_at_its_noise(tmp_path):
     lcbayes.write(relative, tmp_path / "two.csv")
     fit = lcbayes.fit(relative, out=tmp_path / "out", report=False, **ONE)
     assert "noise" in fit.posterior
-    found = lcbayes.predict(tmp_path / "out", tmp_path / "two.csv")
-    table = found.summary()
+    predicted = lcbayes.predict(tmp_path / "out", tmp_path / "two.csv")
+    table = predicted.summary()
     assert len(table) == 24
     mean = table["flux_mean"].to_numpy()
     inside = (relative.brightness > table["flux_q05"]) & (relative.brightness < table["flux_q95"])
@@ -159,7 +159,9 @@ def of_a_file(tmp_path_factory) -> tuple[Path, Path, Path]:
     place = tmp_path_factory.mktemp("file")
     marker, model = place / "marker", place / "mine.py"
     model.write_text(MINE.format(marker=marker))
-    lcbayes.fit(small_curves.curve(20), model=str(model), out=place / "out", report=False, **FEW)
+    lcbayes.fit(
+        small_curves.curve(20), model=str(model), out=place / "out", report=False, **SHORT_RUN
+    )
     lcbayes.write(small_curves.curve(20), place / "later.csv")
     assert marker.is_file()
     return place / "out", model, marker

@@ -35,12 +35,12 @@ def test_a_spinning_satellite(tmp_path, capsys, look):
     lcbayes.write(curve, tmp_path / "passes.csv")
     out = tmp_path / "out"
     assert main.main(["look", str(tmp_path / "passes.csv"), "-o", str(out)]) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert re.search(r"points +\d+ in \d+ passes", told)
-    assert "errors       given, median" in told
-    found = json.loads((out / "summary.json").read_text())
-    assert (found["task"], found["trusted"], found["n_obs"]) == ("look", True, curve.n_obs)
-    turns = [truth["period"] / one["period_s"] for one in found["periods"]["listed"]]
+    output = capsys.readouterr().out
+    assert re.search(r"points +\d+ in \d+ passes", output)
+    assert "errors       given, median" in output
+    content = json.loads((out / "summary.json").read_text())
+    assert (content["task"], content["trusted"], content["n_obs"]) == ("look", True, curve.n_obs)
+    turns = [truth["period"] / one["period_s"] for one in content["periods"]["listed"]]
     assert turns[0] == pytest.approx(round(turns[0]), rel=0.02)  # a whole number in a rotation
     assert {p.name for p in out.iterdir()} == RESULTS
     assert {p.stem for p in (out / "tables").iterdir()} == {"commands", "passes", "periods"}
@@ -50,9 +50,9 @@ def test_a_spinning_satellite(tmp_path, capsys, look):
         "periodogram",
         "folded",
     }
-    commands = {one["command"].split()[1]: one for one in found["commands"]}
+    commands = {one["command"].split()[1]: one for one in content["commands"]}
     assert commands["spin"]["suits"]
-    assert sum(one["n_obs"] for one in found["passes"]) == curve.n_obs
+    assert sum(one["n_obs"] for one in content["passes"]) == curve.n_obs
     look(out / "report.html", turning=1)
 
 
@@ -60,27 +60,27 @@ def test_the_commands_can_be_pasted(capsys):
     folder = bundled()["box-wing"].parent
     argv = ["look", str(folder / "box-wing.csv"), "--tle", str(folder / "box-wing.tle"), "--json"]
     assert main.main(argv) == EXIT_DONE
-    found = json.loads(capsys.readouterr().out)
-    assert found["orbit"]
-    assert found["sites"] == {"Calar Alto": 70, "Zimmerwald": 85}
-    for one in found["commands"]:
+    content = json.loads(capsys.readouterr().out)
+    assert content["orbit"]
+    assert content["sites"] == {"Calar Alto": 70, "Zimmerwald": 85}
+    for one in content["commands"]:
         words = shlex.split(one["command"])
         args = main._parser().parse_args(words[1:])
         assert args.tle == str(folder / "box-wing.tle")
         assert (one["cost_s"] is not None) == one["suits"]
     fits = {
-        one["command"].split()[4]: one for one in found["commands"] if " fit " in one["command"]
+        one["command"].split()[4]: one for one in content["commands"] if " fit " in one["command"]
     }
     assert fits["2"]["cost_s"] == pytest.approx(fit_cost(155, 2))
 
 
 def test_twenty_points_without_directions(bare, tmp_path, capsys, look):
     assert main.main(["look", str(bare)]) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "none: no directions to Sun and observer" in told
-    assert "not searched: no pass has 30 points" in told
-    assert "--tle object.tle --site" in told
-    assert "# epoch_jd" in told
+    output = capsys.readouterr().out
+    assert "none: no directions to Sun and observer" in output
+    assert "not searched: no pass has 30 points" in output
+    assert "--tle object.tle --site" in output
+    assert "# epoch_jd" in output
     assert not (tmp_path / "out").exists()
     assert main.main(["look", str(bare), "-o", str(tmp_path / "out")]) == EXIT_DONE
     look(tmp_path / "out" / "report.html", turning=1)

@@ -30,18 +30,18 @@ def planned(tmp_path_factory):
     return out, json.loads(said.getvalue())
 
 
-def test_a_scenario_is_judged_and_planned(planned, look):
-    out, told = planned
-    found = json.loads((out / "observability.json").read_text())
-    assert told == {"schema": 2, "task": "observability", "trusted": True, "reasons": []} | {
-        name: value for name, value in found.items() if name != "measurements"
+def test_a_scenario_is_assessed_and_planned(planned, look):
+    out, printed = planned
+    result = json.loads((out / "observability.json").read_text())
+    assert printed == {"schema": 2, "task": "observability", "trusted": True, "reasons": []} | {
+        name: value for name, value in result.items() if name != "measurements"
     }
-    assert len(found["measurements"]) == found["n_measurements"] == 122
-    one = next(row for row in found["measurements"] if row["rank"] == 1)
+    assert len(result["measurements"]) == result["n_measurements"] == 122
+    one = next(row for row in result["measurements"] if row["rank"] == 1)
     gradient, null = np.array(one["mag_gradient"]), np.array(one["nullspace"])
     assert one["information"] == pytest.approx(np.sum(gradient**2) / one["mag_err"] ** 2)
     assert np.abs(null @ gradient).max() < 1e-9 * np.linalg.norm(gradient)
-    campaign = found["campaign"]
+    campaign = result["campaign"]
     fisher = np.array(campaign["fisher"])
     assert fisher.shape == (9, 9) == (len(campaign["parameters"]),) * 2
     assert campaign["crlb_sd"] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(fisher))), rel=1e-6)
@@ -49,7 +49,7 @@ def test_a_scenario_is_judged_and_planned(planned, look):
     assert 0.05 > max(campaign["nonlinearity"]) > min(campaign["nonlinearity"]) >= 0.0
     rows = list(csv.DictReader((out / "tables" / "schedule.csv").read_text().splitlines()))
     assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "5"]
-    assert float(rows[-1]["sd_after_deg"]) == pytest.approx(found["plan"]["sd_after"], rel=1e-5)
+    assert float(rows[-1]["sd_after_deg"]) == pytest.approx(result["plan"]["sd_after"], rel=1e-5)
     text = (out / "report.html").read_text()
     assert "All of the 9 unknowns are seen." in text
     look(out / "report.html", turning=1)

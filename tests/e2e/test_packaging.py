@@ -145,7 +145,7 @@ def test_a_tiny_fit_from_another_folder(installed, tmp_path, model):
     assert (tmp_path / "simulated.csv").stat().st_size > 0
     write(small_curves.curve(20), tmp_path / "c.csv")
     (tmp_path / "ball.py").write_text(BALL)
-    asked = [*model, *small_curves.FEW, "--seed", "1"]
+    asked = [*model, *small_curves.SHORT_RUN, "--seed", "1"]
     _run([lcbayes, "fit", "c.csv", "-o", "out", *asked], cwd=tmp_path, ok=(0, 3))
     for name in ("posterior.nc", "summary.json", "report.html", "run.toml"):
         assert (tmp_path / "out" / name).stat().st_size > 0

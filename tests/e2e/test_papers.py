@@ -44,9 +44,9 @@ def test_help_has_an_example(name, monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         paper_scripts.load(name).main()
     assert end.value.code == 0
-    told = capsys.readouterr().out
-    assert f"example: python analysis/papers/{name}.py -o figures --seed 1" in told
-    assert "--seed" in told
+    output = capsys.readouterr().out
+    assert f"example: python analysis/papers/{name}.py -o figures --seed 1" in output
+    assert "--seed" in output
 
 
 @pytest.mark.parametrize(
@@ -63,8 +63,8 @@ def test_help_has_an_example(name, monkeypatch, capsys):
     ],
 )
 def test_figures_are_written(name, options, tmp_path):
-    told = script(name, "-o", str(tmp_path), "--seed", "2", *options)
-    assert str(tmp_path / f"{name}.png") in told
+    output = script(name, "-o", str(tmp_path), "--seed", "2", *options)
+    assert str(tmp_path / f"{name}.png") in output
     assert (tmp_path / f"{name}.png").stat().st_size > 20_000
     assert (tmp_path / f"{name}.svg").read_text().startswith("<?xml")
 
@@ -91,5 +91,5 @@ def test_burnt_in_chains_are_thinned_out_by_the_sparse_path():
     )
     chain = z + 1e-3 * rng.standard_normal((1, 20, problem.dim))
     chi2 = six_facets.misfit(problem, data, chain[0])[None]
-    found = burn_in.BurnIn(problem, data, chain, chi2)
-    assert found.remaining(found.best) == {6: 1.0}
+    result = burn_in.BurnIn(problem, data, chain, chi2)
+    assert result.remaining(result.best) == {6: 1.0}

@@ -55,7 +55,7 @@ class KilledError(BaseException):
 
 # Few draws of a sampler, and with how many pieces on disk to stop: after the search there is one,
 # then they come block by block, or population by population.
-FEW = {
+SHORT_RUN = {
     "ahmc": (("--num-warmup", "100", "--num-samples", "100", "--num-chains", "2"), (2, 4)),
     "smc": (("--num-samples", "20", "--num-chains", "3"), (2, 4)),
 }
@@ -80,7 +80,7 @@ def stopped(monkeypatch, command: list[str], n_stored: int) -> None:
 def test_a_stopped_run_goes_on_to_the_same_numbers(sampler, curve, tmp_path, monkeypatch, capsys):
     """Stopped early and again late; the exact state is on disk."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    few, stops = FEW[sampler]
+    few, stops = SHORT_RUN[sampler]
     main(fit(curve, whole, sampler, *few))
     command = fit(curve, broken, sampler, *few)
     for n_stored in stops:

@@ -39,9 +39,9 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     folder, argv, status = asteroid
     out = folder / "out"
     assert status == EXIT_DONE
-    found = json.loads((out / "summary.json").read_text())
-    assert found["trusted"]
-    best = found["solutions"][0]
+    result = json.loads((out / "summary.json").read_text())
+    assert result["trusted"]
+    best = result["solutions"][0]
     assert best["period_h"] == pytest.approx(PERIOD, abs=2e-4)
     pole = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
     near = POLE @ [
@@ -56,13 +56,13 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     assert best["period_resolution_h"] == pytest.approx(best["period_h"] ** 2 / span_h)
     assert f"period {best['period_h']:.4f} h" in (out / "report.html").read_text()
     assert np.linalg.norm(omega) == pytest.approx(2 * np.pi / (3600 * best["period_h"]))
-    assert found["n_periods"] == 3
-    assert found["n_hypotheses"] == 10 * (3 + 2)  # and twice and half the best
-    chi2 = [s["chi2"] for s in found["solutions"]]
+    assert result["n_periods"] == 3
+    assert result["n_hypotheses"] == 10 * (3 + 2)  # and twice and half the best
+    chi2 = [s["chi2"] for s in result["solutions"]]
     assert chi2 == sorted(chi2)
     with (out / "tables" / "hypotheses.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == found["n_hypotheses"]
+    assert len(rows) == result["n_hypotheses"]
     assert min(float(r["chi2"]) for r in rows) > 0
     look(out / "report.html")
     page = (out / "report.html").read_text()
@@ -82,8 +82,8 @@ def test_a_spin_from_file_to_page(asteroid, capsys, look):
     # the same command gives the same numbers
     again = [*argv, "-o", str(folder / "again"), "--json", "--no-report"]
     assert main.main(again) == EXIT_DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["solutions"] == found["solutions"]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["solutions"] == result["solutions"]
 
 
 def test_a_fit_starts_from_a_scan(asteroid):
@@ -161,8 +161,8 @@ def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
 def test_a_scan_is_loaded_and_reported_again_from_its_folder_alone(asteroid, tmp_path):
     """Every array that a page draws comes back, and so does the page."""
     folder = shutil.copytree(asteroid[0] / "out", tmp_path / "elsewhere")
-    found = lcbayes.load(folder)
-    assert isinstance(found, lcbayes.Scan)
+    result = lcbayes.load(folder)
+    assert isinstance(result, lcbayes.Scan)
     page = (folder / "report.html").read_text()
     drawn = {p.name: p.read_bytes() for p in (folder / "figures").iterdir()}
     (folder / "report.html").unlink()
@@ -170,7 +170,7 @@ def test_a_scan_is_loaded_and_reported_again_from_its_folder_alone(asteroid, tmp
     assert main.main(["report", str(folder)]) == EXIT_DONE
     assert (folder / "report.html").read_text() == page
     assert {p.name: p.read_bytes() for p in (folder / "figures").iterdir()} == drawn
-    table = found.summary()
-    assert float(table["sidereal_period_h"].iloc[0]) == found.solutions[0].get("period_h")
-    for draw in (found.plot_sky, found.plot_periods, found.plot_light_curve, found.plot_body):
+    table = result.summary()
+    assert float(table["sidereal_period_h"].iloc[0]) == result.solutions[0].get("period_h")
+    for draw in (result.plot_sky, result.plot_periods, result.plot_light_curve, result.plot_body):
         assert len(draw()) == 1

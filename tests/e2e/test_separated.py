@@ -51,11 +51,11 @@ def test_attitude_test(files, tmp_path, capsys, look):
         "polar-spin:period_s=40",
     ]
     assert main.main(argv) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "lvlh" in told.splitlines()[1]
-    assert "consistent" in told.splitlines()[1]
-    found = json.loads((out / "summary.json").read_text())
-    assert found["laws"][0]["name"] == "lvlh"
+    output = capsys.readouterr().out
+    assert "lvlh" in output.splitlines()[1]
+    assert "consistent" in output.splitlines()[1]
+    result = json.loads((out / "summary.json").read_text())
+    assert result["laws"][0]["name"] == "lvlh"
     assert figures(out) == {"laws", "pairs"}
     look(out / "report.html", turning=1)
     assert main.main(["attitude-test", "--list"]) == EXIT_DONE
@@ -68,11 +68,11 @@ def test_single_facet(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["single-facet", str(files / "pass.csv"), "-o", str(out), "--json"]
     assert main.main(argv) == EXIT_DONE
-    found = json.loads(capsys.readouterr().out)
-    assert found["trusted"]
-    assert found["law"] == "lvlh"
-    assert found["kind"]["visibility"] + found["kind"]["illumination"] > 0.0
-    assert len(found["region"]["normals"]) >= 150
+    result = json.loads(capsys.readouterr().out)
+    assert result["trusted"]
+    assert result["law"] == "lvlh"
+    assert result["kind"]["visibility"] + result["kind"]["illumination"] > 0.0
+    assert len(result["region"]["normals"]) >= 150
     assert figures(out) == {"edge", "normal"}
     look(out / "report.html", turning=1)
 
@@ -81,9 +81,9 @@ def test_shape_match_of_a_stabilised_object(files, tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["shape-match", str(files / "weeks.csv"), "-o", str(out), "--shape", "cube"]
     assert main.main(argv) == EXIT_NOT_TRUSTED
-    told = capsys.readouterr().out
-    assert told.startswith(f"{DO_NOT_TRUST}\n  - ")
-    assert "looks stabilised" in told or "independent" in told
+    output = capsys.readouterr().out
+    assert output.startswith(f"{DO_NOT_TRUST}\n  - ")
+    assert "looks stabilised" in output or "independent" in output
     assert (out / "figures" / "distributions.svg").exists()
     look(out / "report.html", turning=1)
     assert main.main([*argv[:-1], "pyramid"]) == EXIT_BAD_INPUT

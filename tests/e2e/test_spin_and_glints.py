@@ -33,16 +33,16 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     out = tmp_path / "out"
     argv = ["spin", str(tmp_path / "passes.csv"), "-o", str(out)]
     assert main.main(argv) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "sidereal period" in told
+    output = capsys.readouterr().out
+    assert "sidereal period" in output
     curve_file, onward = str(tmp_path / "passes.csv"), f"{out}-fit"
-    assert f"lcbayes fit {curve_file} --n-facets 3 --start-from {out} -o {onward}" in told
+    assert f"lcbayes fit {curve_file} --n-facets 3 --start-from {out} -o {onward}" in output
     start = read_start(out, lcbayes.read(tmp_path / "passes.csv"))
     ranges = [Period.of(text) for text in start.periods.split(",")]
     assert any(p.low < truth["period"] < p.high for p in ranges)
-    found = json.loads((out / "summary.json").read_text())
-    assert (found["schema"], found["task"], found["trusted"]) == (2, "spin", True)
-    best = found["solutions"][0]
+    result = json.loads((out / "summary.json").read_text())
+    assert (result["schema"], result["task"], result["trusted"]) == (2, "spin", True)
+    best = result["solutions"][0]
     assert best["period_s"] == pytest.approx(truth["period"], rel=1e-3)
     assert best["period_h"] == pytest.approx(best["period_s"] / 3600)
     lon, lat = np.radians([best["pole_lon_deg"], best["pole_lat_deg"]])
@@ -59,12 +59,12 @@ def test_no_pole_where_there_is_none(tmp_path, capsys):
     lcbayes.write(steady(1, 50.0, spinning=False), tmp_path / "noise.csv")
     argv = ["spin", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "out"), "--json"]
     assert main.main(argv) == EXIT_NOT_TRUSTED
-    found = json.loads(capsys.readouterr().out)
-    assert not found["trusted"]
-    assert found["solutions"] == []
-    assert found["photometric_period_s"] is None
-    assert found["reasons"][0]["code"] == "no-period"
-    assert "no period is seen" in found["reasons"][0]["text"]
+    result = json.loads(capsys.readouterr().out)
+    assert not result["trusted"]
+    assert result["solutions"] == []
+    assert result["photometric_period_s"] is None
+    assert result["reasons"][0]["code"] == "no-period"
+    assert "no period is seen" in result["reasons"][0]["text"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "No pole and no sidereal period.</h2>" in page
 
@@ -76,12 +76,12 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     assert isinstance(attitude, ConstantRate)
     omega = ["--omega", ",".join(map(str, attitude.omega_rad_s))]
     assert main.main(["glints", str(tmp_path / "wire.csv"), *omega, "-o", str(out)]) == EXIT_DONE
-    told = capsys.readouterr().out
-    assert "cylinder: axis" in told
-    assert max(map(len, told.splitlines()[:-2])) <= 100
-    found = json.loads((out / "summary.json").read_text())
-    assert abs(np.dot(found["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
-    assert found["glints"][0]["sharp_and_small"] in (True, False)
+    output = capsys.readouterr().out
+    assert "cylinder: axis" in output
+    assert max(map(len, output.splitlines()[:-2])) <= 100
+    result = json.loads((out / "summary.json").read_text())
+    assert abs(np.dot(result["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
+    assert result["glints"][0]["sharp_and_small"] in (True, False)
     assert figures(out) == {"glints", "directions"}
     look(out / "report.html", turning=1)
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
@@ -95,10 +95,10 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
 
 def test_glints_are_listed_by_utc_and_pass():
     curve, attitude, _ = wire_flashes(3, 50.0)
-    found = analyse(curve, attitude)
+    result = analyse(curve, attitude)
     dated = replace(curve, epoch_jd=2456658.5)  # 2014-01-01
-    row = glints_report.words(found, dated)[2]
-    first = found.glints[0]
+    row = glints_report.words(result, dated)[2]
+    first = result.glints[0]
     moment = datetime(2014, 1, 1) + timedelta(seconds=first.t)
     assert row.startswith(f"  1: {moment:%Y-%m-%dT%H:%M}:")
     seconds, number = row.split()[1:3]

@@ -41,13 +41,13 @@ def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        found = driver.chromium.launch(
+        started = driver.chromium.launch(
             executable_path=executable(), args=["--no-sandbox", "--disable-gpu"]
         )
         try:
-            yield found
+            yield started
         finally:
-            found.close()
+            started.close()
 
 
 def look(

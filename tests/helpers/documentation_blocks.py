@@ -45,13 +45,13 @@ class Block:
 def blocks(page: Path) -> list[Block]:
     text = page.read_text(encoding="utf-8")
     name = str(page.relative_to(ROOT))
-    found = []
+    result = []
     for match in _BLOCK.finditer(text):
         indent = match["indent"]
         inside = "".join(x.removeprefix(indent) for x in match["text"].splitlines(keepends=True))
         line = text.count("\n", 0, match.start()) + 1
-        found.append(Block(name, line, match["language"], inside, match["why"]))
-    return found
+        result.append(Block(name, line, match["language"], inside, match["why"]))
+    return result
 
 
 def simulate(scenario: Path | str, to: Path, seed: int = 1) -> None:

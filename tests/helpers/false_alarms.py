@@ -48,7 +48,7 @@ def total(items: Iterable[pytest.Item]) -> float:
     pytest.UsageError
         Where a test declares none, or one that is not between 0 and 1 in 10,000.
     """
-    found = 0.0
+    result = 0.0
     for item in items:
         mark = item.get_closest_marker("statistical")
         if mark is None:
@@ -58,16 +58,16 @@ def total(items: Iterable[pytest.Item]) -> float:
             raise pytest.UsageError(
                 f"{item.nodeid}: statistical(false_alarm={rate!r}); give a probability up to 1e-4"
             )
-        found += rate
-    return found
+        result += rate
+    return result
 
 
 def check(items: Iterable[pytest.Item]) -> float:
     """`total`; a UsageError where it is more than `MOST`."""
-    found = total(items)
-    if found > MOST:
+    result = total(items)
+    if result > MOST:
         raise pytest.UsageError(
-            f"one of the tests would fail by chance in {found:.1e} of all runs, more than "
+            f"one of the tests would fail by chance in {result:.1e} of all runs, more than "
             f"{MOST:g}; see tests/helpers/false_alarms.py"
         )
-    return found
+    return result

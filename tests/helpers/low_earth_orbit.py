@@ -95,9 +95,9 @@ def campaign(rng: np.random.Generator, count: int) -> tuple[Orbit, list[tuple[fl
     """A random orbit with ``count`` of its passes."""
     while True:
         orbit = Orbit.random(rng)
-        found = orbit.passes()
-        if len(found) >= count:
-            return orbit, [found[i] for i in sorted(rng.permutation(len(found))[:count])]
+        result = orbit.passes()
+        if len(result) >= count:
+            return orbit, [result[i] for i in sorted(rng.permutation(len(result))[:count])]
 
 
 def triad(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -27,11 +27,11 @@ def sites(u: jax.Array, n_facets: int, spin: bool) -> Sites:
     """Sites of `lcbayes.models.faceted` with its default priors at a standard Gaussian vector."""
     direction, log_area, omega = jnp.split(u, [3 * n_facets, 4 * n_facets])
     rows = direction.reshape(n_facets, 3)
-    found = {
+    result = {
         "normals_base": rows / jnp.linalg.norm(rows, axis=1, keepdims=True),
         "log_albedo_area": log_area,
     }
-    return found | ({"omega_unit": omega} if spin else {})
+    return result | ({"omega_unit": omega} if spin else {})
 
 
 def log_evidence(

@@ -16,7 +16,7 @@ def load(name: str) -> Any:
     while it is loaded."""
     sys.path.insert(0, str(FOLDER))
     try:
-        found: ModuleType = import_module(name)
+        result: ModuleType = import_module(name)
     finally:
         sys.path.remove(str(FOLDER))
-    return found
+    return result

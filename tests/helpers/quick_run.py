@@ -1,4 +1,4 @@
-"""The tests that `make test` leaves to `make test-all` because others execute the same lines.
+"""The tests that `make test` leaves to `make test-all` because others execute their lines.
 
     python -m tests.helpers.quick_run COVERAGE_FILE JUNIT_FILE
 
@@ -7,8 +7,10 @@ Both files are of one run:
     python -m pytest -m "not slow" --cov --cov-context=test --junitxml=JUNIT_FILE
 
 From the longest to the shortest, a test is listed if every line of the package that it executes is
-executed by a test that is not listed. The quick run therefore covers the same lines. The tests that
-are listed already, which do not take part in the run, stay listed; to choose anew, empty the list.
+executed by a test that is not listed. The quick run therefore covers the same lines. A long test is
+also listed if it takes more than `SECONDS_PER_LINE` for each line that no other test executes. The
+tests that are listed already do not take part in the run and stay listed; empty the list to start
+again.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ import pytest
 from coverage import CoverageData
 
 LIST = Path(__file__).parents[1] / "long_tests.txt"
-LEAST_S = 0.5  # shorter tests are not worth a line
+LEAST_S = 0.3  # shorter tests are not worth an entry
+LONG_S, SECONDS_PER_LINE = 2.0, 0.7
 # What these test is no line of the package: what is installed, and what imports what.
 KEPT = ("tests/e2e/test_packaging.py", "tests/contract/test_imports.py")
 
@@ -54,16 +57,16 @@ def seconds(junit: Path) -> dict[str, float]:
 
 def lines(data: CoverageData) -> dict[str, set[tuple[str, int]]]:
     """Lines of the package by the node id of the test that executes them."""
-    found: dict[str, set[tuple[str, int]]] = {}
+    result: dict[str, set[tuple[str, int]]] = {}
     for path in data.measured_files():
         for number, contexts in data.contexts_by_lineno(path).items():
             for context in contexts:
-                found.setdefault(context.partition("|")[0], set()).add((path, number))
-    return found
+                result.setdefault(context.partition("|")[0], set()).add((path, number))
+    return result
 
 
 def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -> list[str]:
-    """Node ids of tests without which the same lines are executed, the longest first."""
+    """Node ids of tests that the quick run can do without, the longest first."""
     imported = executed.get("", set())
     left = Counter(line for name, some in executed.items() if name for line in some - imported)
     long = []
@@ -71,7 +74,8 @@ def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -
         if times[name] < LEAST_S or name.startswith(KEPT) or name not in executed:
             continue
         own = executed[name] - imported
-        if all(left[line] > 1 for line in own):
+        alone = sum(left[line] == 1 for line in own)
+        if alone * SECONDS_PER_LINE <= (times[name] if times[name] >= LONG_S else 0.0):
             left.subtract(own)
             long.append(name)
     return long

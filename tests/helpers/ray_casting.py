@@ -64,7 +64,7 @@ class Rectangle:
 
 def box_faces(centre, sides) -> list[Rectangle]:
     c, h = np.array(centre, float), 0.5 * np.array(sides, float)
-    found = []
+    result = []
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         for sign in (1.0, -1.0):
@@ -72,8 +72,8 @@ def box_faces(centre, sides) -> list[Rectangle]:
             a[i], b[j] = 2 * h[i], 2 * h[j]
             corner = c - h
             corner[k] = c[k] + sign * h[k]
-            found.append(Rectangle(corner, *((a, b) if sign > 0 else (b, a))))  # pyright: ignore[reportArgumentType]
-    return found
+            result.append(Rectangle(corner, *((a, b) if sign > 0 else (b, a))))  # pyright: ignore[reportArgumentType]
+    return result
 
 
 @dataclass
@@ -212,7 +212,7 @@ def flux(shining, stopping, sun: Floats, obs: Floats, n: int) -> Floats:
     shining : list of (surface, reflectance ρ, share of n); stopping : surfaces
     """
     made = [(*surface.points(max(1, int(n * share))), rho) for surface, rho, share in shining]
-    found = np.zeros(len(sun))
+    result = np.zeros(len(sun))
     for k, (s, o) in enumerate(zip(sun, obs, strict=True)):
         for at, normals, area, rho in made:
             mu0, mu = normals @ s, normals @ o
@@ -221,5 +221,5 @@ def flux(shining, stopping, sun: Floats, obs: Floats, n: int) -> Floats:
                 for surface in stopping:
                     if len(mine):
                         mine = mine[~surface.stops(at[mine], d)]
-            found[k] += rho / np.pi * area / len(at) * float(mu0[mine] @ mu[mine])
-    return found
+            result[k] += rho / np.pi * area / len(at) * float(mu0[mine] @ mu[mine])
+    return result

@@ -145,15 +145,15 @@ def scenario(name: str, folder: Path, tolerance: float = 1e-3) -> Scenario:
     return load(path)
 
 
-def flux(found: Scenario, sun: Floats, obs: Floats, shaded: bool = True) -> Floats:
+def flux(result: Scenario, sun: Floats, obs: Floats, shaded: bool = True) -> Floats:
     """m², (T,)."""
-    assert found.parts is not None
-    parts = found.parts if shaded else replace(found.parts, shaded=False)
+    assert result.parts is not None
+    parts = result.parts if shaded else replace(result.parts, shaded=False)
 
     @jax.jit
     def of(sun, obs):
         visible = parts.lit_and_seen(sun, obs)
-        return body_flux(found.body, found.materials, sun, obs, None, visible)
+        return body_flux(result.body, result.materials, sun, obs, None, visible)
 
     return np.asarray(of(jnp.asarray(sun), jnp.asarray(obs)))
 

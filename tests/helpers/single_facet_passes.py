@@ -25,12 +25,12 @@ def one_pass(seed: int, step: float = 2.0) -> LightCurve:
         orbit = rng.uniform(450, 900), rng.uniform(50, 100), rng.uniform(0, 360)
         start = rng.uniform(0, 300) * DAY
         try:
-            found = passes(*orbit, 3.0, 20.0, (MAUI, KAUAI), least_altitude_deg=10.0, start=start)
+            result = passes(*orbit, 3.0, 20.0, (MAUI, KAUAI), least_altitude_deg=10.0, start=start)
         except InputError:  # nothing is seen in three days
             continue
-        for rows in np.split(np.arange(found.n_obs), np.flatnonzero(np.diff(found.t) > 600) + 1):
-            if min(np.sum(found.site[rows] == k) for k in "01") > 10:
-                begin, end = float(found.t[rows[0]]), float(found.t[rows[-1]])
+        for rows in np.split(np.arange(result.n_obs), np.flatnonzero(np.diff(result.t) > 600) + 1):
+            if min(np.sum(result.site[rows] == k) for k in "01") > 10:
+                begin, end = float(result.t[rows[0]]), float(result.t[rows[-1]])
                 return passes(
                     *orbit,
                     (end - begin) / DAY,

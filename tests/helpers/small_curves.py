@@ -16,7 +16,7 @@ from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
 
 # Options of short fits of one facet; tests that give the same ones share compiled programs.
-FEW = (
+SHORT_RUN = (
     *("--num-chains", "2", "--num-warmup", "10", "--num-samples", "20"),
     *("--num-starts", "16"),
 )

@@ -75,12 +75,12 @@ def flux(it: Body, t: np.ndarray, sun: np.ndarray, obs: np.ndarray, fault: Fault
         turn = Rotation.from_rotvec(np.radians(fault.nutation_deg) * tilt) * turn
     sun, obs = (turn.inv().apply(v) for v in (sun, obs))
     mu0, mu = sun @ it.normals.T, obs @ it.normals.T
-    found = diffuse(mu0, mu) @ it.areas
+    result = diffuse(mu0, mu) @ it.areas
     if fault.lobe:
         half = np.maximum(unit(sun + obs) @ it.normals[0], 0.0)
         seen = (mu0[:, 0] > 0) & (mu[:, 0] > 0)
-        found = found + fault.lobe * it.areas[0] / np.pi * half**30 * seen
-    return found
+        result = result + fault.lobe * it.areas[0] / np.pi * half**30 * seen
+    return result
 
 
 def light_curve(

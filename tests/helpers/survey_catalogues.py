@@ -18,15 +18,15 @@ EPOCH = 2455000.5
 
 def points(n_objects: int, seed: int = 1) -> dict[str, dict[str, np.ndarray]]:
     """Columns of sparse points of ellipsoids, with vectors in au, by object."""
-    found = {}
+    result = {}
     for k in range(n_objects):
         curve = sparse_surveys.observed(seed=seed + k)
-        found[f"A{k}"] = {"jd": EPOCH + curve.t / 86400.0, "flux": curve.brightness} | {
+        result[f"A{k}"] = {"jd": EPOCH + curve.t / 86400.0, "flux": curve.brightness} | {
             f"{name}_{axis}": scale * getattr(curve, name)[:, i]
             for name, scale in (("sun", 2.6), ("obs", 1.9))
             for i, axis in enumerate("xyz")
         }
-    return found
+    return result
 
 
 def write_csv(objects: Mapping[str, dict[str, np.ndarray]], path: Path, name: str = "object"):

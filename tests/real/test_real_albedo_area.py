@@ -23,12 +23,12 @@ def test_ariadne_fits_as_well_as_least_squares_over_harmonics(data_dir):
         attitude = PrincipalAxis(*pole, 5.76198 * HOUR_S, t0_s=0.5 * float(np.ptp(curve.t)))
         seen = Observed.of(curve, attitude)
         normals, which = grid(300, materials)
-        found = solve(seen, normals, which, columns(seen, normals, which, materials))
+        result = solve(seen, normals, which, columns(seen, normals, which, materials))
         # each curve is given with mean 1
-        misfit[pole] = float(np.sum((seen.flux - found.flux) ** 2))
+        misfit[pole] = float(np.sum((seen.flux - result.flux) ** 2))
         if pole[0] == 253.2:
-            assert closure(normals, found.areas) < 0.05
-            extent = np.sort(minkowski(normals, close(normals, found.areas)).dimensions)
+            assert closure(normals, result.areas) < 0.05
+            extent = np.sort(minkowski(normals, close(normals, result.areas)).dimensions)
             assert 1.2 < extent[2] / extent[1] < 2.0
     # the published solution, with 300 facets of harmonics to degree 6, has 0.3533
     assert misfit[253.2, -17.2] < 0.3533

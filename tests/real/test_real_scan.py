@@ -19,21 +19,21 @@ def off(solution, lon, lat):
 def test_ariadne(data_dir):
     """Published (253.2, −17.2), 5.761980 h, Σ r² = 0.3533; mirror (70.3, −16.1)."""
     curve = read(data_dir / "damit" / "43_Ariadne_rel.lcs")
-    found = lcbayes.scan(curve, period=5.762, common_noise=True, n_sky=0)
-    best, mirror = found.solutions[:2]
+    result = lcbayes.scan(curve, period=5.762, common_noise=True, n_sky=0)
+    best, mirror = result.solutions[:2]
     assert off(best, 253.2, -17.2) < 1.5
     assert best.get("period_h") == pytest.approx(5.761980, abs=2e-6)
     assert best["rms"] ** 2 * curve.n_obs < 0.353
     assert mirror["relation"] == "mirror"
     assert off(mirror, 70.3, -16.1) < 1.5
-    assert {"period-alias"} <= {s["relation"] for s in found.solutions}
+    assert {"period-alias"} <= {s["relation"] for s in result.solutions}
 
 
 def test_hertha(data_dir):
     """Published (272, +52.2), 8.400599 h, mirror near 88–96, +53–58; two curves are sparse."""
     curve = read(data_dir / "damit" / "135_Hertha.lcs")
-    found = lcbayes.scan(curve, period=8.4006, n_sky=0)
-    near = [s for s in found.solutions if s["near_equal"]]
+    result = lcbayes.scan(curve, period=8.4006, n_sky=0)
+    near = [s for s in result.solutions if s["near_equal"]]
     assert len(near) == 2
     one, other = sorted(near, key=lambda s: s.get("pole_lon_deg", np.nan))
     assert off(other, 272.0, 52.0) < 5.0

@@ -22,8 +22,8 @@ def test_the_ariane_stage_repeats_with_44_33_s(data_dir, stretch, binned):
     t, flux = (x[:n].reshape(-1, binned).mean(axis=1) for x in (t, 10 ** (-0.4 * mag)))
     still = np.tile([0.6, 0.0, 0.8], (t.size, 1))
     curve = LightCurve(t=t, brightness=flux, error=None, sun=still, obs=still[:, ::-1])
-    found = estimate(curve, n_shuffles=99)
-    assert {r.code for r in found.reasons} <= {"constant-synodic-period", "unsteady-harmonics"}
-    assert found.mean is not None
-    assert found.mean.period == pytest.approx(44.33, abs=0.03)
-    assert 0.002 < found.mean.period_error < 0.02
+    result = estimate(curve, n_shuffles=99)
+    assert {r.code for r in result.reasons} <= {"constant-synodic-period", "unsteady-harmonics"}
+    assert result.mean is not None
+    assert result.mean.period == pytest.approx(44.33, abs=0.03)
+    assert 0.002 < result.mean.period_error < 0.02

@@ -33,9 +33,9 @@ def test_one_half_of_pomenis_predicts_the_other(data_dir):
     are within 90 %."""
     curve = read(data_dir / FILE)
     first = np.random.default_rng(4).permutation(curve.n_obs) < curve.n_obs // 2
-    found = lcbayes.fit(curve.select(first), model="stabilised", n_facets=2, seed=4)
+    result = lcbayes.fit(curve.select(first), model="stabilised", n_facets=2, seed=4)
     other = curve.select(~first)
-    columns, _ = predicted(found.posterior, curve.select(first), other, "stabilised", {})
+    columns, _ = predicted(result.posterior, curve.select(first), other, "stabilised", {})
     assert np.std(other.brightness - columns["mag_mean"]) < 0.64
     inside = (other.brightness > columns["mag_q05"]) & (other.brightness < columns["mag_q95"])
     low, high = counts(inside.size, 0.9)

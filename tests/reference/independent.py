@@ -80,14 +80,14 @@ def quadrature(density: Density, n: int) -> Moments:
     for some in batched(product(*axes), CHUNK):
         z = np.array(some)
         log_w.append(-density(z))
-        found = density.quantities(z)
-        values.append(np.stack(list(found.values()), axis=1))
+        result = density.quantities(z)
+        values.append(np.stack(list(result.values()), axis=1))
     weights = np.exp(np.concatenate(log_w) - np.max(np.concatenate(log_w)))
     every = np.concatenate(values)
     mean = weights @ every / weights.sum()
     sd = np.sqrt(weights @ (every - mean) ** 2 / weights.sum())
     zero = np.zeros(len(mean))
-    return Moments(tuple(found), mean, sd, zero, zero)
+    return Moments(tuple(result), mean, sd, zero, zero)
 
 
 def one_facets(one: Reference, n: int) -> Moments:
@@ -120,8 +120,8 @@ def importance(density: Density, n: int, seed: int) -> tuple[Moments, float]:
     log_w, values = [], []
     for some in np.split(z, range(CHUNK, n, CHUNK)):
         log_w.append(-density(some) - _log_mixture(some, centres, factor))
-        found = density.quantities(some)
-        values.append(np.stack(list(found.values()), axis=1))
+        result = density.quantities(some)
+        values.append(np.stack(list(result.values()), axis=1))
     joined = np.concatenate(log_w)
     weights = np.exp(joined - logsumexp(joined))
     every = np.concatenate(values)
@@ -131,7 +131,7 @@ def importance(density: Density, n: int, seed: int) -> tuple[Moments, float]:
     mean_se = np.sqrt(weights**2 @ away**2)
     log_sd_se = 0.5 * np.sqrt(weights**2 @ (away**2 - variance) ** 2) / variance
     worth = float(1.0 / np.sum(weights**2))
-    return Moments(tuple(found), mean, np.sqrt(variance), mean_se, log_sd_se), worth
+    return Moments(tuple(result), mean, np.sqrt(variance), mean_se, log_sd_se), worth
 
 
 def _log_mixture(z: Floats, centres: Floats, factor: Floats) -> Floats:
@@ -139,5 +139,5 @@ def _log_mixture(z: Floats, centres: Floats, factor: Floats) -> Floats:
     whiten = np.linalg.inv(factor).T
     a, b = z @ whiten, centres @ whiten
     square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * a @ b.T
-    found = logsumexp(-0.5 * (TAIL + z.shape[1]) * np.log1p(square / TAIL), axis=1)
-    return np.asarray(found)
+    result = logsumexp(-0.5 * (TAIL + z.shape[1]) * np.log1p(square / TAIL), axis=1)
+    return np.asarray(result)

@@ -38,22 +38,22 @@ FALSE_ALARM = 1e-4
 
 def main() -> None:
     problems = {one.name: record(one) for one in ALL}
-    told = {
+    moments = {
         "command": COMMAND,
         "date": datetime.now(UTC).date().isoformat(),
         "problems": problems,
     }
-    text = json.dumps(told, indent=1) + "\n"
+    text = json.dumps(moments, indent=1) + "\n"
     write_atomic(WRITTEN, lambda path: path.write_text(text, encoding="utf-8"))
 
 
 def record(one: Reference) -> dict[str, Any]:
     """Both computations of one posterior, which must agree."""
     begun, length = time.process_time(), LONGER.get(one.name, LENGTH)
-    found = lcbayes.fit(
+    result = lcbayes.fit(
         one.curve, model=one.model, seed=SEED, num_samples=length, num_chains=CHAINS, **one.options
     )
-    names, draws, sites = one.draws(found)
+    names, draws, sites = one.draws(result)
     density = independent.Density(one, {k: v[:: len(v) // 4000] for k, v in sites.items()})
     method, known = exact(one, density)
     assert known.names == names
@@ -100,12 +100,12 @@ def exact(one: Reference, density: independent.Density) -> tuple[str, Moments]:
     return f"quadrature, {POINTS[one.name][1]} points along each axis", fine
 
 
-def row(told: Moments, i: int, prefix: str) -> dict[str, float]:
+def row(moments: Moments, i: int, prefix: str) -> dict[str, float]:
     values = {
-        "mean": told.mean[i],
-        "mean_se": told.mean_se[i],
-        "sd": told.sd[i],
-        "sd_se": told.sd[i] * told.log_sd_se[i],
+        "mean": moments.mean[i],
+        "mean_se": moments.mean_se[i],
+        "sd": moments.sd[i],
+        "sd_se": moments.sd[i] * moments.log_sd_se[i],
     }
     return {prefix + k: round(float(f"{v:.9g}"), 12) for k, v in values.items()}
 

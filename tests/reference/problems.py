@@ -62,12 +62,12 @@ class Reference:
     def entry(self) -> Entry:
         return registry.find(self.model)
 
-    def draws(self, found: Fit) -> tuple[tuple[str, ...], Floats, Sites]:
+    def draws(self, result: Fit) -> tuple[tuple[str, ...], Floats, Sites]:
         """Names, the quantities (C, S, Q) of a fit's draws, and its sites (C S, …)."""
-        drawn = weighted_draws(found.tree, seed=found.content["seed"])["posterior"]
+        drawn = weighted_draws(result.tree, seed=result.content["seed"])["posterior"]
         sites = {str(k): np.asarray(v)[0] for k, v in drawn.data_vars.items()}
         values = self.quantities(sites)
-        chains = int(np.unique(found.posterior["solution"], return_counts=True)[1].max())
+        chains = int(np.unique(result.posterior["solution"], return_counts=True)[1].max())
         shape = (chains, drawn.sizes["draw"] // chains)
         return tuple(values), np.stack([v.reshape(shape) for v in values.values()], -1), sites
 

@@ -33,10 +33,12 @@ def identity(one: Reference) -> dict[str, Any]:
 
 def _digest(one: Reference) -> str:
     """Of the numbers that the posterior rests on, to nine digits."""
-    curve, found = one.curve, hashlib.sha256()
+    curve, result = one.curve, hashlib.sha256()
     for values in (curve.t, curve.brightness, curve.error, curve.sun, curve.obs):
-        found.update(b"-" if values is None else str([f"{x:.9g}" for x in values.ravel()]).encode())
-    return found.hexdigest()[:16]
+        result.update(
+            b"-" if values is None else str([f"{x:.9g}" for x in values.ravel()]).encode()
+        )
+    return result.hexdigest()[:16]
 
 
 def moments(name: str, of: str = "") -> Moments:

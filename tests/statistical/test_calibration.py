@@ -21,24 +21,26 @@ SHORT: dict[str, Any] = {"num_warmup": 100, "num_samples": 250, "num_chains": 2,
 @pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.parametrize("n", [3, pytest.param(12, marks=pytest.mark.slow)])
 def test_fits_hold_the_truth_as_often_as_they_say(n):
-    found = calibrate(small_curves.curve(20, noise=0.1), "faceted", n=n, seed=2, **OPTIONS, **SHORT)
-    assert found.names == ("albedo_area[0]", "g[0]", "phi[0]", "log_likelihood")
-    assert found.places.shape == (n, 4)
-    assert found.p_values().min() > EACH / 4
+    result = calibrate(
+        small_curves.curve(20, noise=0.1), "faceted", n=n, seed=2, **OPTIONS, **SHORT
+    )
+    assert result.names == ("albedo_area[0]", "g[0]", "phi[0]", "log_likelihood")
+    assert result.places.shape == (n, 4)
+    assert result.p_values().min() > EACH / 4
 
 
 @pytest.mark.slow
 def test_narrow_draws_are_found_out():
     """Posteriors half as wide as they are: the same machinery must notice."""
-    told = calibration.scalars
+    scalars = calibration.scalars
 
     def narrowed(sites):
         return {
             k: np.median(v) + 0.3 * (v - np.median(v)) if v.size > 1 else v
-            for k, v in told(sites).items()
+            for k, v in scalars(sites).items()
         }
 
-    found = calibrate(
+    result = calibrate(
         small_curves.curve(20, noise=0.1),
         "faceted",
         n=80,
@@ -47,18 +49,18 @@ def test_narrow_draws_are_found_out():
         **OPTIONS,
         **SHORT,
     )
-    assert found.p_values()[:-1].min() < EACH / 4
-    assert found.coverage(0.9)[:-1].max() < 0.8
+    assert result.p_values()[:-1].min() < EACH / 4
+    assert result.coverage(0.9)[:-1].max() < 0.8
 
 
 def test_coverage_counts_central_intervals():
     places = np.array([[0.04, 0.5], [0.3, 0.96], [0.5, 0.5], [0.8, 0.2]])
-    found = Calibration(("a", "b"), places, np.ones(4, bool))
-    np.testing.assert_array_equal(found.coverage(0.9), [0.75, 0.75])
-    np.testing.assert_array_equal(found.coverage(0.5), [0.5, 0.5])
+    result = Calibration(("a", "b"), places, np.ones(4, bool))
+    np.testing.assert_array_equal(result.coverage(0.9), [0.75, 0.75])
+    np.testing.assert_array_equal(result.coverage(0.5), [0.5, 0.5])
 
 
-def test_scales_that_are_told_from_the_data_have_no_prior_to_draw_from():
+def test_scales_that_depend_on_the_data_have_no_prior_to_draw_from():
     curve = small_curves.curve(20)
     with pytest.raises(InputError, match="known scale"):
         calibrate(replace(curve, free_scale=np.array([True])), "faceted", n=1, **OPTIONS)

@@ -108,7 +108,7 @@ def test_central_intervals_hold_the_truth(exact, name):
 
 def test_the_truth_is_the_scenarios():
     """The numbers above are those of the bundled scenario, and of its facet alone."""
-    told = simulate(scenario.load("one-facet"))[1]["facets"]
-    assert len(told) == 1
-    found = (np.log(told[0]["albedo_area_m2"]), told[0]["phi"], told[0]["g"])
-    np.testing.assert_allclose(found, tuple(TRUTH.values()), rtol=1e-12)
+    true_facets = simulate(scenario.load("one-facet"))[1]["facets"]
+    assert len(true_facets) == 1
+    result = (np.log(true_facets[0]["albedo_area_m2"]), true_facets[0]["phi"], true_facets[0]["g"])
+    np.testing.assert_allclose(result, tuple(TRUTH.values()), rtol=1e-12)

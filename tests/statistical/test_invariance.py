@@ -59,9 +59,9 @@ def moments_of(target: target_densities.Target, cls, settings, draws: int, burn:
     )
 
 
-def far(found: many_chains.Moments) -> bool:
+def far(result: many_chains.Moments) -> bool:
     """Whether any pull passes what Student's t of so many chains allows."""
-    return bool(np.max(np.abs(found.z)) > limit(found.z.size, len(found.first) - 1))
+    return bool(np.max(np.abs(result.z)) > limit(result.z.size, len(result.first) - 1))
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -70,9 +70,9 @@ def far(found: many_chains.Moments) -> bool:
 )
 def test_exact_kernels_agree_with_quadrature(target, cls):
     settings, draws = EXACT[target.name, cls]
-    found = moments_of(target, cls, settings, draws)
-    assert found.effective_draws >= 1e5
-    assert not far(found)
+    result = moments_of(target, cls, settings, draws)
+    assert result.effective_draws >= 1e5
+    assert not far(result)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -82,9 +82,9 @@ def test_exact_kernels_agree_with_quadrature(target, cls):
 def test_rmhmc_in_brief(target):
     """Its implicit steps cost a hundred Fisher matrices each: 10⁴ draws in the quick suite."""
     settings, draws = EXACT[target.name, RMHMC]
-    found = moments_of(target, RMHMC, settings, draws // 8)
-    assert found.effective_draws >= 1e4
-    assert not far(found)
+    result = moments_of(target, RMHMC, settings, draws // 8)
+    assert result.effective_draws >= 1e4
+    assert not far(result)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -92,14 +92,14 @@ def test_published_rule_does_not(target):
     """By tens of standard errors, except where the metric is the same everywhere."""
     settings, draws = PUBLISHED
     with pytest.warns(UserWarning, match="does not leave the posterior"):
-        found = moments_of(target, AHMC, {**settings, "exact": False}, draws, burn=40)
-    assert found.effective_draws >= 1e5
-    assert found.accept_prob > 0.9  # nothing that a sampler reports shows it
+        result = moments_of(target, AHMC, {**settings, "exact": False}, draws, burn=40)
+    assert result.effective_draws >= 1e5
+    assert result.accept_prob > 0.9  # nothing that a sampler reports shows it
     if target.name == "gaussian":
-        assert not far(found)
+        assert not far(result)
     else:
-        assert np.max(np.abs(found.z)) > 30
-        assert np.max(np.abs(found.bias)) > 0.05
+        assert np.max(np.abs(result.z)) > 30
+        assert np.max(np.abs(result.bias)) > 0.05
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -120,11 +120,11 @@ def test_small_steps_of_the_published_rule_sample_another_density():
         )
     start = np.random.default_rng(0).standard_normal((4000, 1))
     exact = (np.zeros(1), np.ones(1))
-    found = many_chains.run(kernel, start, lambda x: x, exact, draws=2000, burn=1000, seed=1)
-    assert found.accept_prob > 0.99
-    error = found.second.std(ddof=1) / np.sqrt(len(found.second))
+    result = many_chains.run(kernel, start, lambda x: x, exact, draws=2000, burn=1000, seed=1)
+    assert result.accept_prob > 0.99
+    error = result.second.std(ddof=1) / np.sqrt(len(result.second))
     assert limit() * error < 0.1
-    assert np.mean(found.second) == pytest.approx(2.0, abs=0.1)
+    assert np.mean(result.second) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -149,9 +149,9 @@ def test_exact_kernels_with_their_own_warmup(cls):
     away = (
         np.stack([np.asarray(sites[k])[..., 0] for k in one_facet_posterior.NAMES], axis=-1) - mean
     )
-    found = many_chains.Moments(mean, sd, away.mean(axis=1), (away**2).mean(axis=1), np.nan)
-    assert found.effective_draws >= 5e4
-    assert not far(found)
+    result = many_chains.Moments(mean, sd, away.mean(axis=1), (away**2).mean(axis=1), np.nan)
+    assert result.effective_draws >= 5e4
+    assert not far(result)
 
 
 @pytest.mark.parametrize("make", [target_densities.gaussian, target_densities.banana])

@@ -27,12 +27,12 @@ def test_evidence_agrees_with_nested_sampling(n_facets):
     problem, data = small_curves.posterior(
         small_curves.curve(30, n_facets), n_facets=n_facets, spin="none"
     )
-    found = smc.replicate(problem, data, jax.random.key(0), 500, RUNS)
+    result = smc.replicate(problem, data, jax.random.key(0), 500, RUNS)
     runs = [
         nested_sampling.log_evidence(problem, data, key, n_facets, False, 500)[0]
         for key in jax.random.split(jax.random.key(1), 4)
     ]
     value, error = nested_sampling.pooled(runs)
-    most = limit(2, RUNS - 1) * found.se + limit(2) * error
+    most = limit(2, RUNS - 1) * result.se + limit(2) * error
     assert most < 1.2
-    assert abs(found.log_evidence - value) < most
+    assert abs(result.log_evidence - value) < most

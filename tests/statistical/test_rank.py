@@ -38,7 +38,7 @@ from tests.helpers.false_alarms import EACH, limit
 
 STATES = 8
 REPEATS = 16_000
-FEW = 250  # of a kernel whose transitions are dear, and for the quick run
+FEW_REPEATS = 250  # of a kernel whose transitions are dear, and for the quick run
 STATISTICS = ("log_albedo_area", "phi", "g", "radius", "potential")
 
 
@@ -57,7 +57,7 @@ KERNELS = {
 
 
 @pytest.fixture(scope="module")
-def posed() -> tuple[Problem, Epochs]:
+def case() -> tuple[Problem, Epochs]:
     """One facet in two passes of 11 points, noise as large as the peak of a square metre."""
     what = one_facet_posterior.experiment(2, sigma=0.3, step=10.0)
     data = Epochs.of(simulate(what, 0)[0])
@@ -128,17 +128,17 @@ def ranks(problem: Problem, data: Epochs, name: str, repeats: int, key: jax.Arra
         ties = jax.random.randint(key_ties, below.shape, 0, jnp.sum(same) + 1)
         return below + ties, accept.mean()
 
-    found, accept = jax.lax.map(one, jax.random.split(key, repeats), batch_size=500)
-    return found, accept.mean()
+    result, accept = jax.lax.map(one, jax.random.split(key, repeats), batch_size=500)
+    return result, accept.mean()
 
 
-def p_values(posed: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -> np.ndarray:
+def p_values(case: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -> np.ndarray:
     """χ² test of uniformity for each of `STATISTICS`."""
-    problem, data = posed
+    problem, data = case
     run = jax.jit(partial(ranks, problem, name=name, repeats=repeats))
-    found, accept = run(data=data, key=jax.random.key(7))
+    result, accept = run(data=data, key=jax.random.key(7))
     assert 0.3 < accept < 0.99  # a kernel that never moves, or hardly ever rejects, shows little
-    counts = [np.bincount(column, minlength=STATES) for column in np.asarray(found).T]
+    counts = [np.bincount(column, minlength=STATES) for column in np.asarray(result).T]
     return np.array([stats.chisquare(count).pvalue for count in counts])
 
 
@@ -148,34 +148,34 @@ def p_values(posed: tuple[Problem, Epochs], name: str, repeats: int = REPEATS) -
     [
         pytest.param("mh", REPEATS, marks=pytest.mark.slow),
         pytest.param("hmc", REPEATS, marks=pytest.mark.slow),
-        ("ahmc", FEW),
+        ("ahmc", FEW_REPEATS),
         pytest.param("ahmc", REPEATS, marks=pytest.mark.slow),
-        pytest.param("rmhmc", FEW, marks=pytest.mark.slow),
+        pytest.param("rmhmc", FEW_REPEATS, marks=pytest.mark.slow),
         pytest.param("rmhmc", REPEATS, marks=pytest.mark.slow),
     ],
 )
-def test_ranks_are_uniform(posed, name, repeats):
-    assert p_values(posed, name, repeats).min() > EACH / len(STATISTICS)
+def test_ranks_are_uniform(case, name, repeats):
+    assert p_values(case, name, repeats).min() > EACH / len(STATISTICS)
 
 
 @pytest.mark.slow
-def test_few_repeats_suffice_to_find_out_the_published_rule(posed):
+def test_few_repeats_suffice_to_find_out_the_published_rule(case):
     """So that those granted to RMHMC mean something."""
-    assert p_values(posed, "ahmc-paper", FEW).min() < 1e-8
+    assert p_values(case, "ahmc-paper", FEW_REPEATS).min() < 1e-8
 
 
 @pytest.mark.slow
-def test_ranks_under_the_published_rule_are_not(posed):
-    assert p_values(posed, "ahmc-paper").min() < 1e-20
+def test_ranks_under_the_published_rule_are_not(case):
+    assert p_values(case, "ahmc-paper").min() < 1e-20
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_prior_draws_are_of_the_models_prior(posed):
+def test_prior_draws_are_of_the_models_prior(case):
     """Directions against sums over a fine grid of the sphere, weighted by the visibility prior.
 
     Five comparisons.
     """
-    problem, data = posed
+    problem, data = case
     keys = jax.random.split(jax.random.key(0), 20_000)
     z = jax.jit(jax.vmap(partial(prior_draw, problem, data)))(keys)
     sites = jax.vmap(lambda z: problem.constrain(z, data))(z)

@@ -51,7 +51,7 @@ PAIRS = [
 def drawn(name: str, sampler: str) -> tuple[tuple[str, ...], np.ndarray]:
     one = problems.BY_NAME[name]
     chains, length, _ = DRAWS[sampler]
-    found = fit_with_kernel(
+    result = fit_with_kernel(
         one.curve,
         sampler,
         model=one.model,
@@ -60,7 +60,7 @@ def drawn(name: str, sampler: str) -> tuple[tuple[str, ...], np.ndarray]:
         num_samples=LONGER.get((name, sampler), length),
         **one.options,
     )
-    names, draws, _ = one.draws(found)
+    names, draws, _ = one.draws(result)
     return names, draws
 
 
@@ -74,11 +74,11 @@ def compared(name: str, sampler: str, change=lambda draws: draws) -> agreement.A
 @pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.parametrize(("name", "sampler"), PAIRS)
 def test_draws_agree(name, sampler):
-    found = compared(name, sampler)
-    shift, narrow = found.finds()
+    result = compared(name, sampler)
+    shift, narrow = result.finds()
     assert shift < SHIFT
     assert narrow < NARROW
-    assert np.max(np.abs(found.pulls)) < found.limit()
+    assert np.max(np.abs(result.pulls)) < result.limit()
 
 
 @pytest.mark.parametrize(
@@ -88,9 +88,9 @@ def test_draws_agree(name, sampler):
 )
 def test_wrong_draws_are_found_out(change):
     """In every quantity, not in the worst alone."""
-    found = compared("banana", "ahmc", change)
-    pulls = np.abs(found.pulls).reshape(2, -1).max(axis=0)
-    assert np.all(pulls > found.limit())
+    result = compared("banana", "ahmc", change)
+    pulls = np.abs(result.pulls).reshape(2, -1).max(axis=0)
+    assert np.all(pulls > result.limit())
 
 
 def test_every_sampler_offered_is_tested():
@@ -101,8 +101,8 @@ def test_every_sampler_offered_is_tested():
 @pytest.mark.parametrize("one", problems.ALL, ids=lambda one: one.name)
 def test_the_numbers_are_of_these_problems(one):
     """Else run the command that the file names; and its two computations agree."""
-    told = stored.everything()["problems"][one.name]
-    assert {k: told[k] for k in stored.identity(one)} == stored.identity(one), (
+    recorded = stored.everything()["problems"][one.name]
+    assert {k: recorded[k] for k in stored.identity(one)} == stored.identity(one), (
         f"run {stored.everything()['command']}"
     )
     known, chains = stored.moments(one.name), stored.moments(one.name, "nuts_")

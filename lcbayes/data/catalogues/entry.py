@@ -83,13 +83,13 @@ def id_column(labels: Sequence[str], asked: str | None, where: str) -> str:
             f"has: {', '.join(labels[:12])}"
         )
     simple = {re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_"): label for label in labels}
-    found = next((simple[name] for name in IDS if name in simple), None)
-    if found is None:
+    column = next((simple[name] for name in IDS if name in simple), None)
+    if column is None:
         raise InputError(
             f"{where} has no column that names the objects (it has: {', '.join(labels[:12])}); "
             "name it object, or give --object COLUMN"
         )
-    return found
+    return column
 
 
 def once(names: Iterable[str], where: str) -> int:

@@ -46,13 +46,13 @@ class Folder:
             There is none.
         """
         chosen = not Path(self.path).is_dir()
-        found = [p for p in self._every if chosen or _is_curve(p)]
-        if not found:
+        files = [p for p in self._every if chosen or _is_curve(p)]
+        if not files:
             raise InputError(
                 f"{printable(self.path)} holds no light curve; give a folder of DAMIT files or "
                 "inputs of Asteroids@home, or a table with the rows of all objects"
             )
-        return found
+        return files
 
     def count(self) -> int:
         """The number of objects."""

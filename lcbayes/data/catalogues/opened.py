@@ -60,11 +60,11 @@ def catalogue(path: str | Path, object_column: str | None = None) -> Catalogue:
     if is_parquet(where):
         return Parquet(str(path), object_column)
     if where.is_dir() or where.suffix.lower() == ".lcs":
-        found = Folder(str(path))
+        folder = Folder(str(path))
     else:
         return Rows(str(path), object_column)
     if object_column is not None:
         raise InputError(
             f"{printable(path)} has one file for each object; leave out --object {object_column}"
         )
-    return found
+    return folder

@@ -94,13 +94,13 @@ def source_of(table: Table, file_format: str, notes: tuple[str, ...]) -> dict[st
 
 
 def _one_column(table: Table, names: tuple[str, ...], what: str) -> str | None:
-    found = [name for name in names if name in table]
-    if len(found) > 1:
+    given = [name for name in names if name in table]
+    if len(given) > 1:
         raise InputError(
-            f"{table.file.name} gives {what} more than once ({', '.join(found)}); keep one of "
+            f"{table.file.name} gives {what} more than once ({', '.join(given)}); keep one of "
             "these columns"
         )
-    return found[0] if found else None
+    return given[0] if given else None
 
 
 def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
@@ -187,11 +187,11 @@ def _curves(table: Table, used: set[str]) -> tuple[NDArray[np.int64], tuple[str,
         return np.zeros(len(table), np.int64), ("0",)
     column = table.texts["curve"]
     table.reject("curve", column == "", "empty", "name the curve of each row")
-    found, first, inverse = np.unique(column, return_index=True, return_inverse=True)
+    labels, first, inverse = np.unique(column, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)
-    return rank[inverse], tuple(found[order].tolist())
+    return rank[inverse], tuple(labels[order].tolist())
 
 
 def _free_scale(
@@ -312,9 +312,9 @@ def _geometry(
         if options.site is not None:
             raise InputError(f"{name} has directions of its own; leave out --site")
         used |= {*VECTORS, "range_km"}
-        found = {name: _directions(table, name) for name in ("sun", "obs")}
-        found |= {"range_km": table.numbers.get("range_km"), "frame": frame or "inertial"}
-        return found | _given_orbit(table, used), (), {}
+        geometry = {name: _directions(table, name) for name in ("sun", "obs")}
+        geometry |= {"range_km": table.numbers.get("range_km"), "frame": frame or "inertial"}
+        return geometry | _given_orbit(table, used), (), {}
     if frame not in (None, "icrs"):
         raise InputError(
             f"{name} says its frame is {frame!r}, but directions computed from {given[0]} are in "
@@ -332,13 +332,13 @@ def _geometry(
 
 def _given_orbit(table: Table, used: set[str]) -> dict[str, Floats]:
     """Position and velocity of the satellite, if the file contains them."""
-    found = {}
+    orbit = {}
     for field, names in (("position_km", PLACE), ("velocity_km_s", VELOCITY)):
         if any(name in table for name in names):
             need(table, names)
             used |= {*names}
-            found[field] = np.stack([table.number(name) for name in names], axis=1)
-    return found
+            orbit[field] = np.stack([table.number(name) for name in names], axis=1)
+    return orbit
 
 
 def _declared_frame(table: Table, used: set[str]) -> str | None:

@@ -98,10 +98,10 @@ def read_occultations(path: str | os.PathLike[str]) -> list[Occultation]:
     ]
     lines = iter(rows)
     events = _count(file, lines, "the number of events")
-    found = [_event(file, lines) for _ in range(events)]
+    parsed = [_event(file, lines) for _ in range(events)]
     if (extra := next(lines, None)) is not None:
         _fail(file, extra[0], "a line follows the last chord", "check the numbers of chords")
-    return found
+    return parsed
 
 
 type Lines = Iterator[tuple[int, list[str]]]
@@ -148,10 +148,10 @@ def _check_chord(file: TextFile, number: int, row: Floats) -> None:
 
 
 def _next(file: TextFile, lines: Lines, what: str) -> tuple[int, list[str]]:
-    found = next(lines, None)
-    if found is None:
+    line = next(lines, None)
+    if line is None:
         raise InputError(f"{file.name} ends before {what}; the file is cut short")
-    return found
+    return line
 
 
 def _count(file: TextFile, lines: Lines, what: str) -> int:

@@ -167,8 +167,8 @@ def _averaged(points: Points, rows: NDArray, window: float) -> Points:
         return np.bincount(group, weight * values) / total
 
     t, sun, obs, flux = (mean(x[rows]) for x in (points.t, points.sun, points.obs, points.flux))
-    found = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), points.series[rows][first])
-    return found.at(np.argsort(t, kind="stable"))
+    averaged = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), points.series[rows][first])
+    return averaged.at(np.argsort(t, kind="stable"))
 
 
 def _growing(middle: list[float]) -> list[int]:

@@ -86,9 +86,9 @@ def improved(
     def some(rows: NDArray[np.int64]) -> States:
         padded = np.resize(rows, BATCH)
         at = (jnp.asarray(x[padded]) for x in motion)
-        found = _improved(law, grid, arcs, *at, area_sd, steps)
+        columns = _improved(law, grid, arcs, *at, area_sd, steps)
         report(rows.size)
-        return States(*(np.asarray(x)[: rows.size] for x in found))
+        return States(*(np.asarray(x)[: rows.size] for x in columns))
 
     rows = np.arange(len(motion[1]))
     with threads(workers) as pool:

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 POLE_GRID = 500  # poles over the sphere, 9° apart
 POLE_STEP = np.radians(9.0)
-STEP = 1.0  # rad: spacing of rates times the duration they are told apart by
+STEP = 1.0  # rad: spacing of rates times the duration by which they are distinguished
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 BUDGET = 150_000  # cells evaluated at each level after the first
@@ -219,7 +219,7 @@ class Grid:
             for start in range(0, rows.size, BLOCK):
                 part = rows[start : start + BLOCK]
                 padded = np.resize(part, BLOCK if rows.size > 64 else 64)
-                found = _scores(
+                scored = _scores(
                     self.series,
                     tables,
                     self.prior,
@@ -228,7 +228,7 @@ class Grid:
                     self.arcs.middle - reference,
                     n_arcs,
                 )
-                scores[part] = np.asarray(found)[: part.size]
+                scores[part] = np.asarray(scored)[: part.size]
             bar.advance(rows.size)
 
         with threads(workers) as pool:
@@ -250,23 +250,23 @@ class Grid:
             if stored is not None:
                 level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
                 width = float(stored["width"])
-                found = Cells(stored["pole"], stored["rate"], width, stored["score"])
+                cells = Cells(stored["pole"], stored["rate"], width, stored["score"])
             else:
                 pole = np.repeat(np.arange(len(self.poles)), rate.size)
                 rate = np.tile(rate, len(self.poles))
                 level = min(2, self.n_arcs)
                 score = self.score(pole, rate, level, workers, bar)
-                found = self.with_aliases(Cells(pole, rate, width, score))
-                kept.save(CELLS, found.stored(level, evaluated))
+                cells = self.with_aliases(Cells(pole, rate, width, score))
+                kept.save(CELLS, cells.stored(level, evaluated))
             for n_arcs in range(level + 1, self.n_arcs + 1):
-                found = self.divided(found, n_arcs)
-                bar.more(found.rate.size)
-                evaluated += found.rate.size
-                score = self.score(found.pole, found.rate, n_arcs, workers, bar)
-                found = found._replace(score=score)
-                kept.save(CELLS, found.stored(n_arcs, evaluated))
-        found = found.kept(most)
-        return found, self.coverage(evaluated, found.rate.size)
+                cells = self.divided(cells, n_arcs)
+                bar.more(cells.rate.size)
+                evaluated += cells.rate.size
+                score = self.score(cells.pole, cells.rate, n_arcs, workers, bar)
+                cells = cells._replace(score=score)
+                kept.save(CELLS, cells.stored(n_arcs, evaluated))
+        cells = cells.kept(most)
+        return cells, self.coverage(evaluated, cells.rate.size)
 
     def coverage(self, evaluated: int, survivors: int) -> Coverage:
         """What the cells cover."""
@@ -292,8 +292,8 @@ class Grid:
         offset = ((np.arange(number) + 0.5) / number - 0.5) * cells.width
         rate = (cells.rate[:, None] + offset).ravel()
         score = np.repeat(cells.score, number)
-        found = Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
-        return found.at(self.allowed.rates(rate, 0.5 * found.width))
+        divided = Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
+        return divided.at(self.allowed.rates(rate, 0.5 * divided.width))
 
 
 @jax.jit

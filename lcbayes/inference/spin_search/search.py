@@ -116,13 +116,13 @@ class Spins:
     Attributes
     ----------
     run : _Refinement
-    found : States
+    states : States
         The best first.
     coverage : Coverage
     """
 
     run: _Refinement
-    found: States
+    states: States
     coverage: Coverage
 
 
@@ -147,8 +147,8 @@ def find_spins(
     with progress.stage("improving spins", sum(STATES), "spins") as bar:
         motions = run.constant([cells, slow_cells], run.free(cells, bar, kept))
     with progress.stage("trying spins", motions.rate.size, "spins") as bar:
-        found = kept.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
-    return Spins(run, found, coverage)
+        spins = kept.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
+    return Spins(run, spins, coverage)
 
 
 def with_bodies(
@@ -162,7 +162,7 @@ def with_bodies(
 ) -> SearchState:
     """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
     run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
-    starts = run.bodies(problem, data, spins.found, n, omega_sd)
+    starts = run.bodies(problem, data, spins.states, n, omega_sd)
     if further is not None:
         starts = np.concatenate([starts, further])
     ends = search.successive_halving(
@@ -214,15 +214,15 @@ class _Refinement:
         phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
         at = _Motions(self.grid.poles[cells.pole[rows]], rate, phase)
         for i, stage in enumerate(FREE):
-            found = kept.once(
+            improved = kept.once(
                 f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar, free=True)
             )
             most = STATES[min(i + 1, len(FREE) - 1)]
-            found = found.at(states.distinct(found, self.grid.arcs.duration, most))
-            at = _Motions(found.pole, found.rate, found.phase)
-        return found
+            improved = improved.at(states.distinct(improved, self.grid.arcs.duration, most))
+            at = _Motions(improved.pole, improved.rate, improved.phase)
+        return improved
 
-    def constant(self, cells: Sequence[Cells | None], found: States) -> _Motions:
+    def constant(self, cells: Sequence[Cells | None], free: States) -> _Motions:
         """Constant spins of the best cells, and those that fit the phases of states.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
@@ -233,27 +233,27 @@ class _Refinement:
         for some in (c for c in cells if c is not None):
             rows = states.representatives(self.grid, some, CELLS, span)
             parts.append((self.grid.poles[some.pole[rows]], some.rate[rows], np.zeros(len(rows))))
-        for i in range(found.rate.size):
-            rate, origin = states.spins(self.grid, found, i, ALIASES)
+        for i in range(free.rate.size):
+            rate, origin = states.spins(self.grid, free, i, ALIASES)
             inside = self.grid.allowed.rates(rate, STRAY / max(span, 1e-9))
             rate, origin = rate[inside], origin[inside]
-            pole = np.broadcast_to(found.pole[i], (rate.size, 3))
+            pole = np.broadcast_to(free.pole[i], (rate.size, 3))
             parts.append((pole, rate, origin + rate * self._middle))
         pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
         return _Motions(pole, rate, phase[:, None])
 
     def bodies(
-        self, problem: Problem, data: Epochs, found: States, n_facets: int, omega_sd: float
+        self, problem: Problem, data: Epochs, spins: States, n_facets: int, omega_sd: float
     ) -> Floats:
         """Unconstrained vectors (n, D) of bodies of N facets, `DRAWS` at each constant spin."""
         normals = facets.grid(CONSTANT.normals)
         rng = np.random.default_rng(0)
         parts = []
-        for i, rate in enumerate(found.rate):
-            angle = found.phase[i, 0] - rate * self._middle  # at t = 0
-            axes = np.asarray(frame(jnp.asarray(found.pole[i]))) @ _about_z(angle)
-            free = normals @ axes.T, found.areas[i]
-            omega = found.pole[i] * rate
+        for i, rate in enumerate(spins.rate):
+            angle = spins.phase[i, 0] - rate * self._middle  # at t = 0
+            axes = np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)
+            free = normals @ axes.T, spins.areas[i]
+            omega = spins.pole[i] * rate
             parts += [(omega, *bodies.clustered(*free, n_facets, rng)) for _ in range(DRAWS)]
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
@@ -267,7 +267,7 @@ class _Refinement:
             if free
             else Arcs.whole(self.points, stage.error)
         )
-        found = bodies.improved(
+        improved = bodies.improved(
             arcs,
             motions,
             self.law,
@@ -277,7 +277,7 @@ class _Refinement:
             workers=self.workers,
             report=bar.advance,
         )
-        return found.at(np.argsort(found.chi2, kind="stable"))
+        return improved.at(np.argsort(improved.chi2, kind="stable"))
 
     @property
     def _middle(self) -> float:

@@ -125,9 +125,9 @@ def precision(series: Series, total: float) -> Floats:
 
     A field of shot noise has the variance `SHOT_NOISE` A²/4π in every harmonic.
     """
-    found = np.full(series.size, 4 * np.pi / (SHOT_NOISE * total**2))
-    found[0] *= MEAN_PRECISION
-    return found
+    precision_of_terms = np.full(series.size, 4 * np.pi / (SHOT_NOISE * total**2))
+    precision_of_terms[0] *= MEAN_PRECISION
+    return precision_of_terms
 
 
 def _rotated(cosine, sine, cos, sin) -> jax.Array:

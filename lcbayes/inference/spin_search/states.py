@@ -22,7 +22,7 @@ def representatives(
 ) -> NDArray[np.int64]:
     """Rows of cells, best first, no two of which belong to one state.
 
-    Rates are told apart over a time span (s), by default that of an arc.
+    Rates are distinguished over a time span (s), by default that of an arc.
     """
     span = grid.arcs.duration if span is None else span
     middle = np.asarray(grid.arcs.middle)
@@ -43,25 +43,25 @@ def representatives(
     return np.array(chosen)
 
 
-def distinct(found: States, span: float, most: int) -> NDArray[np.int64]:
+def distinct(states: States, span: float, most: int) -> NDArray[np.int64]:
     """Rows of states, best first, none of which has pole, rate and phases of a better one.
 
     Parameters
     ----------
-    found : States
+    states : States
         The best first.
     span : float
-        Time (s) over which rates are told apart.
+        Time (s) over which rates are distinguished.
     most : int
     """
     chosen: list[int] = []
-    for i in range(found.rate.size):
+    for i in range(states.rate.size):
         if len(chosen) == most:
             break
         kept = np.array(chosen, int)
-        near = found.pole[kept] @ found.pole[i] > np.cos(np.radians(2.0))
-        near &= np.abs(found.rate[kept] - found.rate[i]) * span < 0.3
-        gap = found.phase[kept] - found.phase[i]
+        near = states.pole[kept] @ states.pole[i] > np.cos(np.radians(2.0))
+        near &= np.abs(states.rate[kept] - states.rate[i]) * span < 0.3
+        gap = states.phase[kept] - states.phase[i]
         gap = np.abs(np.angle(np.exp(1j * (gap - gap[:, :1]))))
         if not np.any(near & (gap.max(axis=1, initial=0.0) < 0.2)):
             chosen.append(i)

@@ -20,7 +20,7 @@ from lcbayes.physics.bodies.minkowski import minkowski
 
 Floats = NDArray[np.float64]
 
-ENOUGH_CURVES = 10  # with fewer, blocks within curves are resampled instead
+MIN_CURVES = 10  # with fewer, blocks within curves are resampled instead
 CHUNK_BYTES = 2**28
 
 
@@ -38,7 +38,7 @@ def weights(seen: Observed, n: int, seed: int) -> Floats:
     """
     rng = np.random.default_rng(seed)
     count = len(seen.free)
-    if count >= ENOUGH_CURVES:
+    if count >= MIN_CURVES:
         drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=n)
         return drawn[:, seen.curve].astype(float)
     out = np.zeros((n, len(seen.flux)))
@@ -53,7 +53,7 @@ def weights(seen: Observed, n: int, seed: int) -> Floats:
 
 def distributions(
     seen: Observed,
-    found: Distribution,
+    best: Distribution,
     matrix: Floats,
     weight: Floats,
     penalties: Sequence[Rows] = (),
@@ -65,16 +65,16 @@ def distributions(
     a confidence interval.
     """
     extra = Rows(
-        np.concatenate([p.matrix for p in penalties] or [np.zeros((0, len(found.areas)))]),
+        np.concatenate([p.matrix for p in penalties] or [np.zeros((0, len(best.areas)))]),
         np.concatenate([p.target for p in penalties] or [np.zeros(0)]),
     )
-    rows, target = linearised(seen, matrix, found, extra)
+    rows, target = linearised(seen, matrix, best, extra)
     always = np.ones((len(weight), len(target) - len(seen.flux)))
     chunk = max(1, int(CHUNK_BYTES // (8 * rows.shape[1] ** 2)))
     draws = nnls.weighted(
         jnp.asarray(rows), jnp.asarray(target), jnp.asarray(np.hstack([weight, always])), chunk
     )
-    return np.asarray(draws)[:, : len(found.areas)]
+    return np.asarray(draws)[:, : len(best.areas)]
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class FacetDraws:
 
 def facets(
     seen: Observed,
-    found: Facets,
+    best: Facets,
     materials: Sequence[Material],
     weight: Floats,
     albedo: float = 1.0,
@@ -106,9 +106,9 @@ def facets(
 
     The number of facets is fixed, as is the ``albedo`` by which areas are divided to form bodies.
     """
-    n = len(found.areas)
-    vectors = found.areas[:, None] * found.normals
-    _, jacobian, residual = linear(seen, vectors, found.which, found.scale, materials)
+    n = len(best.areas)
+    vectors = best.areas[:, None] * best.normals
+    _, jacobian, residual = linear(seen, vectors, best.which, best.scale, materials)
     row = held(seen, jacobian.shape[1])
     draws = np.empty((len(weight), n, 3))
     for b, w in enumerate(weight):

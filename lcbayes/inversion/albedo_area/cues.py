@@ -62,9 +62,9 @@ class Cue:
 
 def find(
     seen: Observed,
-    found: Distribution,
+    distribution: Distribution,
     matrix: Floats,
-    few: Facets,
+    facets: Facets,
     materials: Sequence[Material],
     n_null: int = 199,
     seed: int = 0,
@@ -74,11 +74,11 @@ def find(
 
     Parameters
     ----------
-    found : Distribution
+    distribution : Distribution
         On an equal-area grid, once per material, without penalties; materials are summed.
     matrix : (T, N)
         Kernel columns of the distribution.
-    few : Facets
+    facets : Facets
         The few facets of the same light curve.
     n_null : int
         Simulated bodies for each of the two null hypotheses, with 2 n_null solutions in total.
@@ -90,45 +90,47 @@ def find(
     if track is None:
         with Silent().stage("", 2 * n_null, "") as silent:
             track = silent
-    count = int(np.sum(found.which == 0))
-    maps = Maps(found.normals[:count])
+    count = int(np.sum(distribution.which == 0))
+    maps = Maps(distribution.normals[:count])
 
     def total(areas: Floats) -> Floats:
         return areas.reshape(-1, count).sum(axis=0)
 
-    smooth = nulls.smooth_bodies(seen, found, matrix, n_null, seed, track)
-    scattered = nulls.scattered_facets(seen, found, matrix, few, materials, n_null, seed + 1, track)
+    smooth = nulls.smooth_bodies(seen, distribution, matrix, n_null, seed, track)
+    scattered = nulls.scattered_facets(
+        seen, distribution, matrix, facets, materials, n_null, seed + 1, track
+    )
     smooth = np.array([total(a) for a in smooth])
     scattered = np.array([total(a) for a in scattered])
-    areas = total(found.areas)
-    arc = _arc(maps, areas, smooth, scattered, few)
+    areas = total(distribution.areas)
+    arc = _arc(maps, areas, smooth, scattered, facets)
     clusters = _clusters(maps, areas, smooth, arc)
     stand_out = np.array([c["direction"] for c in clusters.details["clusters"]]).reshape(-1, 3)
-    near = np.any(few.normals @ stand_out.T > np.cos(np.radians(CAP)), axis=1)
-    if faceted(seen, found, matrix, few):
-        near |= few.areas > WELL_MEASURED * few.area_sd
+    near = np.any(facets.normals @ stand_out.T > np.cos(np.radians(CAP)), axis=1)
+    if faceted(seen, distribution, matrix, facets):
+        near |= facets.areas > WELL_MEASURED * facets.area_sd
     return [
         clusters,
-        *angles(few.normals[near], few.areas[near] / few.areas.sum(), seed + 2),
+        *angles(facets.normals[near], facets.areas[near] / facets.areas.sum(), seed + 2),
         arc,
         _uniform(maps, areas, scattered),
     ]
 
 
-def faceted(seen: Observed, found: Distribution, matrix: Floats, few: Facets) -> bool:
+def faceted(seen: Observed, distribution: Distribution, matrix: Floats, facets: Facets) -> bool:
     """Whether few flat facets explain the light curve better than a smooth body.
 
     There must be at most `DISTINCT` facets, and their χ² + 3 n ln T must lie below χ² + 6 ln T of
     the best-fitting ellipsoid (Bayesian information criterion). Some two dozen facets approximate a
     smooth surface, and their mutual angles are those of an even covering of the sphere.
     """
-    count = len(few.areas)
+    count = len(facets.areas)
     if count > DISTINCT:
         return False
-    model = found.scale[seen.curve] * (matrix @ nulls.ellipsoid(seen, found, matrix))
+    model = distribution.scale[seen.curve] * (matrix @ nulls.ellipsoid(seen, distribution, matrix))
     smooth = float(np.sum(((seen.flux - model) / seen.error) ** 2))
     penalty = float(np.log(len(seen.flux)))
-    return few.chi2 + 3 * count * penalty < smooth + 6 * penalty
+    return facets.chi2 + 3 * count * penalty < smooth + 6 * penalty
 
 
 def _p(statistic: float, null: Sequence[float] | Floats) -> float:
@@ -145,19 +147,20 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
     for c in all_:
         near = np.argsort(-(maps.normals @ c["direction"]))[:4]  # between grid normals
         c["p_value"] = _p(float(excess[near].max()), null)
-    found = [c for c in all_ if c["p_value"] <= SIGNIFICANT]
-    flat = found
+    significant = [c for c in all_ if c["p_value"] <= SIGNIFICANT]
+    flat = significant
     if arc.significant:  # a cluster on an arc belongs to the arc, unless it is distinct
         off = np.sin(np.radians(CAP))
         pole = arc.details["pole"]
-        flat = [c for c in found if abs(c["direction"] @ pole) > off or c["share"] > HEAVY]
-    for c in found:
+        flat = [c for c in significant if abs(c["direction"] @ pole) > off or c["share"] > HEAVY]
+    for c in significant:
         c["flat"] = any(c is f for f in flat)
     largest = float(np.max(excess))
-    if not found:
+    if not significant:
         words = "no direction stands out on the grid from what a smooth body gives"
-    elif len(flat) < len(found):
-        words = f"{len(flat)} flat facets at least, besides {len(found) - len(flat)} along the arc"
+    elif len(flat) < len(significant):
+        others = len(significant) - len(flat)
+        words = f"{len(flat)} flat facets at least, besides {others} along the arc"
     else:
         words = f"{len(flat)} flat facet{'s' * (len(flat) != 1)} at least"
     return Cue(
@@ -166,17 +169,17 @@ def _clusters(maps: Maps, areas: Floats, smooth: Floats, arc: Cue) -> Cue:
         _p(largest, null),
         "the ellipsoid that fits best",
         words,
-        {"clusters": found, "n_flat": len(flat)},
+        {"clusters": significant, "n_flat": len(flat)},
     )
 
 
-def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, few: Distribution) -> Cue:
+def _arc(maps: Maps, areas: Floats, smooth: Floats, scattered: Floats, facets: Distribution) -> Cue:
     statistic, pole = maps.arc(areas)
     p = max(_p(statistic, [maps.arc(a)[0] for a in null]) for null in (smooth, scattered))
     near = np.abs(maps.normals @ pole) < np.sin(np.radians(BAND))
     tensor = np.einsum("n,ni,nj->ij", areas * near, maps.normals, maps.normals)
     pole = np.linalg.eigh(tensor)[1][:, 0]  # off the grid: plane of the arc
-    along = int(np.sum(np.abs(few.normals @ pole) < np.sin(np.radians(BAND))))
+    along = int(np.sum(np.abs(facets.normals @ pole) < np.sin(np.radians(BAND))))
     words = "no great circle along which the area lies evenly"
     if p <= SIGNIFICANT:
         words = (

@@ -139,8 +139,8 @@ def solve(
             model = matrix @ areas
         fitted = scale[seen.curve] * model
         chi2 = float(np.sum(((flux - fitted) / error) ** 2))
-        found = Distribution(normals, which, areas, scale, fitted, chi2)
-        return found, chi2 + float(np.sum((extra.matrix @ areas - extra.target) ** 2))
+        distribution = Distribution(normals, which, areas, scale, fitted, chi2)
+        return distribution, chi2 + float(np.sum((extra.matrix @ areas - extra.target) ** 2))
 
     if not np.any(free):
         rows = np.vstack([matrix / error[:, None], extra.matrix])

@@ -197,7 +197,7 @@ def _inverted(
     if settings.smoothness > 0:
         penalties = [smooth(normals, which, settings.smoothness, typical(seen, matrix))]
         on_grid = solve(seen, normals, which, matrix, penalties, start=plain)
-    fine, facets, found_cues = _facets(seen, plain, matrix, materials, settings, progress)
+    fine, facets, all_cues = _facets(seen, plain, matrix, materials, settings, progress)
     grid_sd = draws = None
     if settings.n_bootstrap > 0:
         progress.say(f"resampling the data {settings.n_bootstrap} times")
@@ -218,7 +218,7 @@ def _inverted(
         grid_sd,
         facets,
         draws,
-        found_cues,
+        all_cues,
         closure(best.normals, best.areas),
         changed,
         shape,
@@ -259,14 +259,14 @@ def _facets(
         return None, None, []
     progress.say("refining the grid to few facets")
     fine, facets = explain(seen, plain, matrix, materials, settings.cost)
-    found_cues: list[cues.Cue] = []
+    all_cues: list[cues.Cue] = []
     if settings.n_null > 0:
         n_null, seed = settings.n_null, settings.seed
         with progress.stage("shape cues", 2 * n_null, "bodies") as track:
-            found_cues = cues.find(seen, plain, matrix, facets, materials, n_null, seed, track)
+            all_cues = cues.find(seen, plain, matrix, facets, materials, n_null, seed, track)
     if settings.smoothness > 0:
-        return None, None, found_cues
-    return fine, facets, found_cues
+        return None, None, all_cues
+    return fine, facets, all_cues
 
 
 def _check_lit(plain: Distribution) -> None:

@@ -163,15 +163,15 @@ def _padded(function, seen: Observed, normals: Floats, material: Material):
     n = len(normals)
     full = np.tile([0.0, 0.0, 1.0], (-(-max(n, 1) // _PAD) * _PAD, 1))
     full[:n] = normals
-    found = function(material.law, material.unit, seen.sun, seen.obs, seen.weight, full)
-    return jax.tree.map(lambda x: np.asarray(x)[:, :n], found)
+    values = function(material.law, material.unit, seen.sun, seen.obs, seen.weight, full)
+    return jax.tree.map(lambda x: np.asarray(x)[:, :n], values)
 
 
 @partial(jax.jit, static_argnums=0)
 def _kernel(law, parameters, sun, obs, weight, normals):
     def instant(sun, obs):
-        found, lit = geometry(sun, obs, normals)
-        return jnp.where(lit, LAWS[law].brdf(found, parameters) * found.mu0 * found.mu, 0.0)
+        angles, lit = geometry(sun, obs, normals)
+        return jnp.where(lit, LAWS[law].brdf(angles, parameters) * angles.mu0 * angles.mu, 0.0)
 
     return jnp.tensordot(weight, jax.vmap(instant)(sun, obs), axes=1)
 

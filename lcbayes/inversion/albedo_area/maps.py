@@ -46,8 +46,8 @@ class Maps:
 
     def clusters(self, areas: Floats, least: float = 0.0, most: int = 20) -> list[dict[str, Any]]:
         """Heaviest caps in sequence: mean direction and share of the total area."""
-        left, total, found = areas.copy(), areas.sum(), []
-        while len(found) < most and total > 0:
+        left, total, clusters = areas.copy(), areas.sum(), []
+        while len(clusters) < most and total > 0:
             heaviest = int(np.argmax(self.cap @ left))
             inside = self.cap[heaviest] * left
             share = float(inside.sum() / total)
@@ -55,9 +55,9 @@ class Maps:
                 break
             mean = inside @ self.normals
             mean /= np.linalg.norm(mean)
-            found.append({"direction": mean, "share": share})
+            clusters.append({"direction": mean, "share": share})
             left = np.where(self.normals @ mean > np.cos(np.radians(APART)), 0.0, left)
-        return found
+        return clusters
 
     def shares(self, areas: Floats) -> Floats:
         """Share of the total area in the cap about each normal, (N,)."""

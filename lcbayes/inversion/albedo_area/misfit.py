@@ -51,9 +51,9 @@ def geometry_p_value(seen: Observed, model: Floats, seed: int = 0) -> float:
     return float((1 + np.sum(null >= own)) / (1 + PERMUTATIONS))
 
 
-def doubtful(found: Facets, dof: int, cost: float) -> NDArray[np.intp]:
+def doubtful(facets: Facets, dof: int, cost: float) -> NDArray[np.intp]:
     """Facets that are insignificant once errors are scaled to the misfit.
 
     These facets lower χ² by less than ``cost`` × max(1, χ²/dof).
     """
-    return np.flatnonzero(worth(found) < cost * max(1.0, found.chi2 / dof))
+    return np.flatnonzero(worth(facets) < cost * max(1.0, facets.chi2 / dof))

@@ -20,13 +20,13 @@ from lcbayes.inversion.albedo_area.observed import Observed
 Floats = NDArray[np.float64]
 
 
-def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
+def ellipsoid(seen: Observed, distribution: Distribution, matrix: Floats) -> Floats:
     """Albedo-areas (n,) of the best-fitting ellipsoid of uniform albedo, on the same normals.
 
     An ellipsoid {x: |D⁻¹x| = 1} has the area (det D)² |D n|⁻⁴ per solid angle of normals. Hence
     α ∝ (nᵀ Q n)⁻² with Q = L Lᵀ positive definite. The six parameters are fitted by
     Levenberg-Marquardt. Each material of the distribution keeps its share. Scales are those of
-    ``found``.
+    ``distribution``.
 
     References
     ----------
@@ -34,11 +34,11 @@ def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
     """
     from scipy.optimize import least_squares
 
-    total = found.areas.sum() or 1.0
-    share = np.bincount(found.which, found.areas / total)[found.which]
-    rows = found.scale[seen.curve][:, None] * matrix * share / seen.error[:, None]
+    total = distribution.areas.sum() or 1.0
+    share = np.bincount(distribution.which, distribution.areas / total)[distribution.which]
+    rows = distribution.scale[seen.curve][:, None] * matrix * share / seen.error[:, None]
     target = seen.flux / seen.error
-    n, lower = found.normals, np.tril_indices(3)
+    n, lower = distribution.normals, np.tril_indices(3)
 
     def factors(parameters: Floats) -> tuple[Floats, Floats]:
         half = np.zeros((3, 3))
@@ -56,27 +56,27 @@ def ellipsoid(seen: Observed, found: Distribution, matrix: Floats) -> Floats:
             [by * across[:, j] * n[:, i] for i, j in zip(*lower, strict=True)], axis=1
         )
 
-    unit = typical(seen, matrix) * len(np.unique(found.which))
+    unit = typical(seen, matrix) * len(np.unique(distribution.which))
     start = unit**-0.25 * np.eye(3)[lower]
     best = least_squares(residual, start, jac=jacobian, x_scale=unit**-0.25, max_nfev=200)  # pyright: ignore[reportArgumentType]
     return share * factors(best.x)[1]
 
 
 def smooth_bodies(
-    seen: Observed, found: Distribution, matrix: Floats, n: int, seed: int, track: Track
+    seen: Observed, distribution: Distribution, matrix: Floats, n: int, seed: int, track: Track
 ) -> Floats:
     """Areas (n, N) inverted from n noisy light curves of the best-fitting ellipsoid."""
-    areas = ellipsoid(seen, found, matrix)
+    areas = ellipsoid(seen, distribution, matrix)
     flux = matrix @ areas
     rng = np.random.default_rng(seed)
-    return np.array([_again(seen, found, matrix, flux, rng, track) for _ in range(n)])
+    return np.array([_again(seen, distribution, matrix, flux, rng, track) for _ in range(n)])
 
 
 def scattered_facets(
     seen: Observed,
-    found: Distribution,
+    distribution: Distribution,
     matrix: Floats,
-    few: Distribution,
+    facets: Distribution,
     materials: Sequence[Material],
     n: int,
     seed: int,
@@ -86,25 +86,32 @@ def scattered_facets(
     rng = np.random.default_rng(seed)
     out = []
     for _ in range(n):
-        normals = rng.normal(size=few.normals.shape)
+        normals = rng.normal(size=facets.normals.shape)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        flux = columns(seen, normals, few.which, materials) @ few.areas
-        out.append(_again(seen, found, matrix, flux, rng, track))
+        flux = columns(seen, normals, facets.which, materials) @ facets.areas
+        out.append(_again(seen, distribution, matrix, flux, rng, track))
     return np.array(out)
 
 
 def _again(
     seen: Observed,
-    found: Distribution,
+    distribution: Distribution,
     matrix: Floats,
     model: Floats,
     rng: np.random.Generator,
     track: Track,
 ) -> Floats:
     """Areas inverted from a light curve with this unscaled flux and new noise."""
-    flux = found.scale[seen.curve] * model
+    flux = distribution.scale[seen.curve] * model
     simulated = seen.with_flux(flux + seen.error * rng.normal(size=len(flux)))
-    about = Distribution(found.normals, found.which, found.areas, found.scale, flux, np.inf)
-    again = solve(simulated, found.normals, found.which, matrix, start=about)
+    about = Distribution(
+        distribution.normals,
+        distribution.which,
+        distribution.areas,
+        distribution.scale,
+        flux,
+        np.inf,
+    )
+    again = solve(simulated, distribution.normals, distribution.which, matrix, start=about)
     track.advance(1)
     return again.areas

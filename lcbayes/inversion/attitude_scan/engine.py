@@ -192,24 +192,24 @@ def _sparse_spins(
 
     Returns the points without the phase law of the most probable spin.
     """
-    few = SparsePoints.of(curve)
+    sparse_points = SparsePoints.of(curve)
     assert settings.period_range_h is not None
     with _timed(scan, "screen_s"), progress.stage("periodogram", 1, "object") as track:
-        found = sparse.search(few, settings.period_range_h, 0.5 * settings.period_step)
+        periods = sparse.search(sparse_points, settings.period_range_h, 0.5 * settings.period_step)
         track.advance(1)
-    scan.n_periods, scan.n_ranked = len(found.frequencies), found.n_ranked
-    scan.period_probability = found.period_probability
-    scan.screened = sparse.table(found, curve.n_obs)
+    scan.n_periods, scan.n_ranked = len(periods.frequencies), periods.n_ranked
+    scan.period_probability = periods.period_probability
+    scan.screened = sparse.table(periods, curve.n_obs)
     if further is not None:
         with _timed(scan, "nights_s"), progress.stage("nights", 1, "file") as track:
-            scan.nights = nights.outlook(few, found, curve, further)
+            scan.nights = nights.outlook(sparse_points, periods, curve, further)
             track.advance(1)
-    spins = found.spins[: settings.keep]
+    spins = periods.spins[: settings.keep]
     with (
         _timed(scan, "refine_s"),
         progress.stage("refining", len(spins), "solutions") as track,
     ):
-        points, ends = refined(points, few, spins, settings, scan, run, checkpoint, track)
+        points, ends = refined(points, sparse_points, spins, settings, scan, run, checkpoint, track)
     scan.flux = np.asarray(points.flux)
     if settings.n_sky > 0:
         first = Ends(*(x[:1] for x in ends))
@@ -219,7 +219,7 @@ def _sparse_spins(
 
 def refined(
     points: Points,
-    few: SparsePoints,
+    sparse_points: SparsePoints,
     spins: list[sparse.Spin],
     settings: Settings,
     scan: AttitudeScan,
@@ -232,7 +232,7 @@ def refined(
     Returns the points without the phase law of the first spin, and the end points.
     """
     fine = SmoothBody.of(settings.n_facets, settings.degree, settings.reflectance)
-    points = sparse.without_phase_law(points, few, fine, spins[0])
+    points = sparse.without_phase_law(points, sparse_points, fine, spins[0])
     ends = search.refine(points, fine, sparse.ends(spins), run, checkpoint, "refine", track)
     bodies = _smooth_solutions(points, fine, ends, np.ones(len(spins), int))
     for body, spin in zip(bodies, spins, strict=True):

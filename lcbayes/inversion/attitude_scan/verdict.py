@@ -169,8 +169,8 @@ def _fit_as_well(names: Iterable[str]) -> str:
     """The distinct names, with only the first few listed."""
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    few = ", ".join(names[:NAMED])
-    return f"{few}{more} {'fit' if len(names) > 1 else 'fits'} as well"
+    selected = ", ".join(names[:NAMED])
+    return f"{selected}{more} {'fit' if len(names) > 1 else 'fits'} as well"
 
 
 def _end_of_range(frequency: float, scan: AttitudeScan) -> str:

@@ -190,25 +190,25 @@ def _cylinder(seen: list[Sighting], notes: list[str]) -> Direction | None:
         return None
     least = max(3, int(np.ceil(0.75 * len(seen))))
     while True:
-        found = cylinder(seen, members)
-        if found is None:
+        fit = cylinder(seen, members)
+        if fit is None:
             notes.append("no cylinder: the bisectors lie too close together to fix an axis")
             return None
-        if found.p_value >= MIN_FIT or len(members) == least:
+        if fit.p_value >= MIN_FIT or len(members) == least:
             break
         tries = [[m for m in members if m != out] for out in members]
         fits = [np.inf if (one := cylinder(seen, t)) is None else one.chi2 for t in tries]
         members = tries[int(np.argmin(fits))]
-    if found.p_value < MIN_FIT:
+    if fit.p_value < MIN_FIT:
         notes.append(
-            f"no cylinder: chi2 of c·b = 0 is {found.chi2:.1f} for {found.freedom} degrees of "
+            f"no cylinder: chi2 of c·b = 0 is {fit.chi2:.1f} for {fit.freedom} degrees of "
             "freedom, the worst quarter of the glints left out"
         )
         return None
-    if found.ellipse[0] > NARROW:
+    if fit.ellipse[0] > NARROW:
         notes.append("no cylinder: its axis is left open by more than half a radian")
         return None
-    return found
+    return fit
 
 
 def _panel(
@@ -221,7 +221,7 @@ def _panel(
     reasons: list[Finding],
 ) -> Tracking | None:
     at = [_at(t, sun, parts[g.stretch], g.t) for g in glints]
-    found = tracking(
+    fit = tracking(
         seen,
         np.array([p for p, _ in at]),
         np.array([r for _, r in at]),
@@ -230,8 +230,8 @@ def _panel(
     if len(glints) < 2:
         reasons.append(Finding("one-glint-no-offset"))
         return None
-    if found.p_value < MIN_FIT:
-        values = {"chi2": found.chi2, "dof": found.freedom}
+    if fit.p_value < MIN_FIT:
+        values = {"chi2": fit.chi2, "dof": fit.freedom}
         reasons.append(Finding("no-common-offset", values))
         return None
-    return found
+    return fit

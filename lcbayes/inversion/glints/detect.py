@@ -165,7 +165,7 @@ def detect(
     ]
     widths = [[2**k for k in range(int(np.log2(n)) + 1)] for n in longest]
     trials = sum(rows.size * len(w) for rows, w in zip(parts, widths, strict=True))
-    found: list[Glint] = []
+    glints: list[Glint] = []
     for i, (rows, sizes) in enumerate(zip(parts, widths, strict=True)):
         z = excess[rows]
         candidates = []
@@ -182,8 +182,8 @@ def detect(
             one = _measure(t, flux, level, peak)
             taken |= np.abs(t[rows] - one.t) < 2.0 * one.fwhm  # including its wings
             if one.fwhm <= limits[i]:
-                found.append(one)
-    return sorted(found, key=lambda g: g.t), level
+                glints.append(one)
+    return sorted(glints, key=lambda g: g.t), level
 
 
 def _calm(total: Floats) -> Floats:

@@ -115,8 +115,8 @@ class Verdict:
     @property
     def sparse(self) -> bool:
         """Whether too few measurements match under the law."""
-        few = self.n_pairs < MIN_PAIRS or self.n_points < MIN_POINTS
-        return self.pairs is not None and few
+        too_few = self.n_pairs < MIN_PAIRS or self.n_points < MIN_POINTS
+        return self.pairs is not None and too_few
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def attitude_test(
     glint = glints(seen)
     seen = seen.at(np.flatnonzero(~glint))
     eph = ephemeris(curve)
-    found: list[Verdict] = []
+    verdicts: list[Verdict] = []
     axes: dict[str, Floats] = {}
     named = by_unique_name(laws)
     with progress.stage("testing laws", len(named), "laws") as track:
@@ -194,21 +194,21 @@ def attitude_test(
                 parts = turns(law, eph, seen)
             except InputError as fault:
                 reason = str(fault).removeprefix(f"the law {law.name!r} ")
-                found.append(Verdict(name, law.settings(), False, reason))
+                verdicts.append(Verdict(name, law.settings(), False, reason))
                 track.advance(1, name)
                 continue
             axes[name] = np.stack(parts, axis=1)
             verdict = _test(law, parts, seen, np.deg2rad(separation_deg), n_bodies, level, seed)
-            found.append(replace(verdict, name=name))
+            verdicts.append(replace(verdict, name=name))
             track.advance(1, name)
-    tested = [v for v in found if v.tested]
-    found = [_with_same(v, axes) for v in found]
-    found.sort(key=lambda v: (not v.tested, -v.p_value if v.tested else 0.0, v.statistic))
-    reasons = [] if tested else _untested(found, separation_deg)
-    return AttitudeTest(tuple(found), level, int(glint.sum()), len(seen.t), seen, reasons)
+    tested = [v for v in verdicts if v.tested]
+    verdicts = [_with_same(v, axes) for v in verdicts]
+    verdicts.sort(key=lambda v: (not v.tested, -v.p_value if v.tested else 0.0, v.statistic))
+    reasons = [] if tested else _untested(verdicts, separation_deg)
+    return AttitudeTest(tuple(verdicts), level, int(glint.sum()), len(seen.t), seen, reasons)
 
 
-def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Finding]:
+def _untested(verdicts: Sequence[Verdict], separation_deg: float) -> list[Finding]:
     """Findings why no law could be tested, the most frequent first."""
     pairs = {"pairs": MIN_PAIRS, "points": MIN_POINTS, "separation_deg": separation_deg}
     each = Counter(
@@ -217,10 +217,10 @@ def _untested(found: Sequence[Verdict], separation_deg: float) -> list[Finding]:
         else ("no-power", "")
         if v.powerless
         else ("law-not-applicable", v.reason)
-        for v in found
+        for v in verdicts
     )
     return [
-        Finding(code, {"count": n, "laws": len(found), "why": why, **pairs})
+        Finding(code, {"count": n, "laws": len(verdicts), "why": why, **pairs})
         for (code, why), n in each.most_common()
     ]
 
@@ -279,17 +279,17 @@ def _test(
 ) -> Verdict:
     """Test one law."""
     parts = in_body(axes, seen)
-    found = alike(parts, seen, reach)
-    if len(found.i) < MIN_PAIRS or found.n_points < MIN_POINTS:
+    pairs = alike(parts, seen, reach)
+    if len(pairs.i) < MIN_PAIRS or pairs.n_points < MIN_POINTS:
         return Verdict(
             law.name,
             law.settings(),
             False,
-            f"{len(found.i)} pairs among {found.n_points} points are alike; "
+            f"{len(pairs.i)} pairs among {pairs.n_points} points are alike; "
             f"{MIN_PAIRS} pairs among {MIN_POINTS} points are needed",
-            n_pairs=len(found.i),
-            n_points=found.n_points,
-            pairs=found,
+            n_pairs=len(pairs.i),
+            n_points=pairs.n_points,
+            pairs=pairs,
         )
     rng = np.random.default_rng(seed)
     bodies = ensemble.draw(n_bodies, rng, articulated=len(parts) > 1)
@@ -302,28 +302,28 @@ def _test(
             law.settings(),
             False,
             f"only {np.sum(usable)} of {n_bodies} bodies are lit and seen; give more --bodies",
-            n_pairs=len(found.i),
-            n_points=found.n_points,
-            pairs=found,
+            n_pairs=len(pairs.i),
+            n_points=pairs.n_points,
+            pairs=pairs,
         )
     flux = flux[usable] * (seen.flux.mean() / mean[usable])[:, None]
     flux = flux + seen.error * rng.standard_normal(flux.shape)
-    null = statistic(flux, seen.error, found)
-    mine = float(statistic(seen.flux[None], seen.error, found)[0])
+    null = statistic(flux, seen.error, pairs)
+    mine = float(statistic(seen.flux[None], seen.error, pairs)[0])
     p = (1 + np.sum(null >= mine)) / (1 + len(null))
-    powerless = bool(p >= level) and not _has_power(seen, found, null, level, rng)
+    powerless = bool(p >= level) and not _has_power(seen, pairs, null, level, rng)
     return Verdict(
         law.name,
         law.settings(),
         not powerless,
-        _without_power(seen, found) if powerless else "",
+        _without_power(seen, pairs) if powerless else "",
         np.nan if powerless else float(p),
         mine,
         float(np.median(null)),
-        len(found.i),
-        found.n_points,
+        len(pairs.i),
+        pairs.n_points,
         powerless,
-        pairs=found,
+        pairs=pairs,
     )
 
 

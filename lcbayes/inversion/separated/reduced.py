@@ -61,8 +61,8 @@ def reduce(curve: LightCurve) -> Reduced:
     """
     if curve.error is None:
         raise InputError(
-            "the light curve gives no errors, so that noise cannot be told from a change; give "
-            "flux_err or mag_err, or one for all points with --error"
+            "the light curve gives no errors, so that noise cannot be distinguished from a "
+            "change; give flux_err or mag_err, or one for all points with --error"
         )
     seen = Observed.of(curve, Fixed())
     label = _numbered(curve.curve, curve.site, curve.band)

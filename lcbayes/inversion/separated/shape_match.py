@@ -215,15 +215,24 @@ def shape_match(
     reasons = _reasons(curve, seen, phase, magnitude, rng)
     observations = Observations(seen, phase, magnitude, curve.kind, n_nulls, n_draws)
     bodies = candidates() if bodies is None else bodies
-    found = []
+    matches = []
     with progress.stage("matching shapes", len(bodies), "shapes") as track:
         for name, body in bodies.items():
             rng = np.random.default_rng(seed)
-            found.append(_match(name, body, surface, observations, rng))
+            matches.append(_match(name, body, surface, observations, rng))
             track.advance(1, name)
-    found.sort(key=lambda m: (-min(m.p_value, level), m.excess))
+    matches.sort(key=lambda m: (-min(m.p_value, level), m.excess))
     return ShapeMatch(
-        tuple(found), level, surface, phase, magnitude, n_obs, n_faint, stride, correlation, reasons
+        tuple(matches),
+        level,
+        surface,
+        phase,
+        magnitude,
+        n_obs,
+        n_faint,
+        stride,
+        correlation,
+        reasons,
     )
 
 

@@ -34,7 +34,7 @@ CELLS = (288, 224)  # of the sphere in azimuth and cosine, equal areas; spacing 
 COARSE = (144, 112)  # grid for the false-alarm probability
 MOST_CELLS, LEVELS, CHUNK = 2500, 7, 4000  # cells subdivided at once, levels; rows at a time
 KEPT = (0.3, 0.8, 0.95, 0.99)  # fraction of the largest D for subdivision, by level
-ENOUGH = 150  # cells in the region that end the refinement
+MIN_REGION_CELLS = 150  # cells in the region that end the refinement
 REGION = 0.9
 NO_EDGE, MISFIT, KNOWN, SURE, LEAST_SHARE = 0.01, 1e-3, 0.15, 0.95, 0.1
 LEAST_SWEEP_DEG, MIN_POINTS = 20.0, 20
@@ -207,7 +207,7 @@ def single_facet(
     k = np.argmax(own)  # elsewhere the total may be near zero, and the ratio meaningless
     share = min(1.0, float(own[k] / max(model[k], seen.error[k])))
     area = alpha if not np.any(curve.free_scale) else np.nan
-    found = SingleFacet(
+    result = SingleFacet(
         law.name,
         best,
         area,
@@ -226,31 +226,31 @@ def single_facet(
         seen,
         [],
     )
-    found.reasons.extend(_reasons(found, obs))
-    return found
+    result.reasons.extend(_reasons(result, obs))
+    return result
 
 
-def _reasons(found: SingleFacet, obs: Floats) -> list[Finding]:
+def _reasons(result: SingleFacet, obs: Floats) -> list[Finding]:
     """Conditions that are not met."""
     out = []
-    if found.p_value > NO_EDGE:
-        out.append(Finding("no-edge", {"p_value": found.p_value}))
+    if result.p_value > NO_EDGE:
+        out.append(Finding("no-edge", {"p_value": result.p_value}))
     sweep = max(
         np.degrees(np.arccos(np.clip((obs[rows] @ obs[rows].T).min(), -1.0, 1.0)))
-        for i in np.unique(found.seen.one_pass)
-        for rows in [np.flatnonzero(found.seen.one_pass == i)]
+        for i in np.unique(result.seen.one_pass)
+        for rows in [np.flatnonzero(result.seen.one_pass == i)]
     )
     if sweep < LEAST_SWEEP_DEG:
         values = {"sweep_deg": float(sweep), "least_deg": LEAST_SWEEP_DEG}
         out.append(Finding("narrow-sweep", values))
-    if stats.chi2.sf(found.chi2, found.dof) < MISFIT:
-        out.append(Finding("one-facet-misfit", {"chi2": found.chi2, "dof": found.dof}))
-    if found.share < LEAST_SHARE:
-        out.append(Finding("small-share", {"share": found.share}))
-    if found.area_sr > KNOWN * 4.0 * np.pi:
-        out.append(Finding("normal-unconstrained", {"part": found.area_sr / (4 * np.pi)}))
-    if found.kind["none"] > 1.0 - SURE:
-        out.append(Finding("always-seen", {"probability": found.kind["none"]}))
+    if stats.chi2.sf(result.chi2, result.dof) < MISFIT:
+        out.append(Finding("one-facet-misfit", {"chi2": result.chi2, "dof": result.dof}))
+    if result.share < LEAST_SHARE:
+        out.append(Finding("small-share", {"share": result.share}))
+    if result.area_sr > KNOWN * 4.0 * np.pi:
+        out.append(Finding("normal-unconstrained", {"part": result.area_sr / (4 * np.pi)}))
+    if result.kind["none"] > 1.0 - SURE:
+        out.append(Finding("always-seen", {"probability": result.kind["none"]}))
     return out
 
 
@@ -300,7 +300,7 @@ def _refined(problem: _Problem) -> tuple[Floats, Floats, float]:
     target = problem.target[:, None]
     fall = problem.scores(normals, target)[:, 0]
     level = 0
-    while level < LEVELS and np.sum(fall >= fall.max() - 4.6) < ENOUGH:
+    while level < LEVELS and np.sum(fall >= fall.max() - 4.6) < MIN_REGION_CELLS:
         # D over its maximum is a squared correlation of kernels, independent of the noise
         share = KEPT[min(level, len(KEPT) - 1)]
         kept = np.argsort(-fall)[:MOST_CELLS]

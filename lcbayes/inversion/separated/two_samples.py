@@ -57,14 +57,14 @@ class Reference:
         for i, sample in enumerate(samples):
             points[i, : len(sample)] = np.clip(sample, self.low, self.high)
             weight[i, : len(sample)] = 1.0 / len(sample)
-        found = _distances(
+        distances = _distances(
             *map(
                 jnp.asarray,
                 (points, weight, self._potential, self._below, self._origins, self.low, self.high),
             ),
             self._own,
         )
-        return np.asarray(found[0]), np.asarray(found[1])
+        return np.asarray(distances[0]), np.asarray(distances[1])
 
 
 @jax.jit

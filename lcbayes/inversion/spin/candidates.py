@@ -119,23 +119,23 @@ def candidate_periods(
         The curve has no brightness.
     """
     progress = progress or Silent()
-    found: list[Candidates] = []
+    results: list[Candidates] = []
     for joined in (False, True):
         passes, notes = within(_season(curve) if joined else _passes(curve), work)
-        if not passes or (found and passes[0].length < NIGHTS * _longest(found[0])):
+        if not passes or (results and passes[0].length < NIGHTS * _longest(results[0])):
             continue
         spin = periodicity(
             passes, curve.error is not None, n_shuffles=n_shuffles, seed=seed, progress=progress
         )
         listed = _series(spin) if joined else _listed(spin)
-        found.append(Candidates(spin, joined, listed, [*spin.notes, *notes]))
-        if found[-1].significant and listed and listed[0].cycles >= MIN_CYCLES:
-            return found[-1]
-    return max(found, key=lambda one: one.significant, default=None)
+        results.append(Candidates(spin, joined, listed, [*spin.notes, *notes]))
+        if results[-1].significant and listed and listed[0].cycles >= MIN_CYCLES:
+            return results[-1]
+    return max(results, key=lambda one: one.significant, default=None)
 
 
-def _longest(found: Candidates) -> float:
-    return max(one.length for one in found.spin.passes)
+def _longest(candidates: Candidates) -> float:
+    return max(one.length for one in candidates.spin.passes)
 
 
 def _passes(curve: LightCurve) -> list[Pass]:

@@ -99,8 +99,8 @@ def _fall(x: Floats, w: Floats, wy: Floats, grid: Floats) -> Floats:
     if wy.ndim > 1:
         cc, ss, cs = cc[:, None], ss[:, None], cs[:, None]
     d = cc * ss - cs**2
-    found = ss * yc**2 + cc * ys**2 - 2 * cs * yc * ys
-    return np.where(d > 1e-6, found / np.maximum(d, 1e-6), 0.0)  # no phase at the Nyquist limit
+    numerator = ss * yc**2 + cc * ys**2 - 2 * cs * yc * ys
+    return np.where(d > 1e-6, numerator / np.maximum(d, 1e-6), 0.0)  # no phase at the Nyquist limit
 
 
 def shuffled_peaks(
@@ -118,7 +118,7 @@ def shuffled_peaks(
     return np.max(peaks, axis=0)
 
 
-def chance(passes: Sequence[Pass], grid: Floats, found: Floats) -> float:
+def chance(passes: Sequence[Pass], grid: Floats, fall: Floats) -> float:
     """Probability that noise with the errors of the passes produces the peak of a power spectrum.
 
     A sinusoid reduces χ² by an amount with two degrees of freedom per pass. Any frequency of the
@@ -129,7 +129,7 @@ def chance(passes: Sequence[Pass], grid: Floats, found: Floats) -> float:
         weight = one.error**-2
         whole += float(np.sum(weight * (one.y - np.average(one.y, weights=weight)) ** 2))
     counting = np.sum([grid <= one.nyquist for one in passes], axis=0)
-    p = stats.chi2.sf(whole * found, 2 * np.maximum(counting, 1))
+    p = stats.chi2.sf(whole * fall, 2 * np.maximum(counting, 1))
     return min(1.0, len(grid) * float(p.min()))
 
 

@@ -197,18 +197,18 @@ def posterior(seen: Phases) -> Sky:
     from lcbayes.physics.bodies.facets import grid  # here, so that periods alone need no JAX
 
     coarse = grid(COARSE)
-    found = _evaluate(coarse, seen)
-    total = _log_sum(found[0], axis=(1, 2, 3))
+    evaluated = _evaluate(coarse, seen)
+    total = _log_sum(evaluated[0], axis=(1, 2, 3))
     kept = total > total.max() - DEEP
     if kept.sum() < 0.5 * COARSE:
         fine = grid(FINE)
         spacing = np.sqrt(4 * np.pi / COARSE)
         near = KDTree(coarse[kept]).query(fine, distance_upper_bound=1.2 * spacing)[0]
         poles, cell = fine[np.isfinite(near)], 4 * np.pi / FINE
-        found = _evaluate(poles, seen)
+        evaluated = _evaluate(poles, seen)
     else:
         poles, cell = coarse, 4 * np.pi / COARSE
-    log_w, slope, variance, chi2 = found
+    log_w, slope, variance, chi2 = evaluated
     worth = POWER / len(np.unique(seen.which))
     w = np.exp(worth * (log_w - log_w.max()))
     w /= w.sum()

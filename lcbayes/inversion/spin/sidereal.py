@@ -285,9 +285,9 @@ def _solve_pole(result: Spin) -> None:
     )
     if not (stable and several and measured):
         return
-    result.solutions = found = solutions(sky)
+    result.solutions = poles = solutions(sky)
     likeliest = float(sky.weight.sum(axis=0).max())
-    turn = [1.0 / s.frequency for s in found]
+    turn = [1.0 / s.frequency for s in poles]
     result.require(
         UNIQUE,
         likeliest >= MIN_MULTIPLE,
@@ -297,7 +297,7 @@ def _solve_pole(result: Spin) -> None:
         probability=likeliest,
         least=MIN_MULTIPLE,
     )
-    result.require(UNIQUE, len(found) <= MAX_POLES, "many-poles", count=len(found), most=MAX_POLES)
+    result.require(UNIQUE, len(poles) <= MAX_POLES, "many-poles", count=len(poles), most=MAX_POLES)
 
 
 def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:
@@ -309,7 +309,7 @@ def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:
     chosen[order[:count]] = True
     chosen = chosen.reshape(sky.weight.shape)
     reach = 2.2 * np.sqrt(sky.cell)
-    found = []
+    poles = []
     for j, multiple in enumerate(MULTIPLES):
         at = np.flatnonzero(chosen[:, j])
         if at.size == 0:
@@ -326,7 +326,7 @@ def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:
             apart = np.arccos(np.clip(sky.poles[rows] @ pole, -1.0, 1.0))
             f = float(w @ sky.frequency[rows, j] / total)
             second = w @ (sky.error[rows, j] ** 2 + sky.frequency[rows, j] ** 2) / total
-            found.append(
+            poles.append(
                 Solution(
                     pole,
                     float(np.sqrt(w @ apart**2 / total + sky.cell / (2 * np.pi))),
@@ -336,4 +336,4 @@ def solutions(sky: Sky, probability: float = 0.9) -> list[Solution]:
                     total,
                 )
             )
-    return sorted(found, key=lambda s: -s.weight)
+    return sorted(poles, key=lambda s: -s.weight)

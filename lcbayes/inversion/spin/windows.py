@@ -103,24 +103,24 @@ def frequency(one: Pass, rows: Rows, start: float, harmonics: Sequence[int]) -> 
     """
     x = one.t[rows] - one.t[rows].mean()
     span = float(np.ptp(x))
-    found, error = start, np.nan
+    estimate, error = start, np.nan
     fixed = np.column_stack([np.ones_like(x), x / span])
     k = np.repeat(np.asarray(harmonics, float), 2)
     for _ in range(25):
-        waves = design(2 * np.pi * found * x, harmonics)
+        waves = design(2 * np.pi * estimate * x, harmonics)
         solution, covariance = _solve(one, rows, np.column_stack([fixed, waves]))
         c, s = solution[2::2], solution[3::2]
         crossed = np.stack([s, -c], axis=1).ravel()  # phase derivative of each pair
         slope = 2 * np.pi * x * (waves @ (k * crossed))
         solution, covariance = _solve(one, rows, np.column_stack([fixed, waves, slope]))
         step = float(np.clip(solution[-1], -0.25 / span, 0.25 / span))
-        found += step
+        estimate += step
         error = float(np.sqrt(covariance[-1, -1]))
-        if abs(found - start) > 1.0 / span:
+        if abs(estimate - start) > 1.0 / span:
             return np.nan, np.nan
         if abs(step) < 1e-3 * error:
             break
-    return found, error
+    return estimate, error
 
 
 def synodic(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Synodic:
@@ -130,14 +130,14 @@ def synodic(passes: Sequence[Pass], base: float, harmonics: Sequence[int]) -> Sy
         cycles = one.length * base
         if cycles < MIN_CYCLES:
             continue
-        few = list(harmonics)
+        selected = list(harmonics)
         length = max(2.0 / base, one.length / 6.0)
         count = max(1, round(2.0 * (one.length - length) / length))
         for begin in np.linspace(one.t[0], one.t[-1] - length, count + 1):
             rows = np.flatnonzero((one.t >= begin) & (one.t <= begin + length))
-            if rows.size < 2 * (2 * len(few) + 3) or np.ptp(one.t[rows]) < 0.7 * length:
+            if rows.size < 2 * (2 * len(selected) + 3) or np.ptp(one.t[rows]) < 0.7 * length:
                 continue
-            f, error = frequency(one, rows, base, few)
+            f, error = frequency(one, rows, base, selected)
             if np.isfinite(f) and error < 0.5 * base:
                 out.append((float(one.t[rows].mean()), f, error, i))
     table = np.array(out).reshape(-1, 4)

@@ -246,12 +246,12 @@ def find(name: str) -> Law:
     InputError
         There is no such law; the message lists the available ones.
     """
-    found = _NAMES.get(" ".join(name.lower().split()))
-    if found is None:
+    law = _NAMES.get(" ".join(name.lower().split()))
+    if law is None:
         raise InputError(
             f"unknown attitude law {name!r}{closest(name, LAWS)}; available: {', '.join(LAWS)}"
         )
-    return found
+    return law
 
 
 def parse(text: str) -> Attitude:

@@ -168,13 +168,13 @@ def _share(level: jax.Array, cells: Cells, slope: jax.Array) -> jax.Array:
 
 def _within(level: jax.Array, limit: jax.Array, cells: Cells, slope: jax.Array) -> jax.Array:
     """Share of cells between two parallel lines, |level| < limit."""
-    found = _share(level - limit, cells, slope) + _share(-level - limit, cells, slope) - 1.0
-    return jnp.maximum(found, 0.0)
+    fraction = _share(level - limit, cells, slope) + _share(-level - limit, cells, slope) - 1.0
+    return jnp.maximum(fraction, 0.0)
 
 
 def _behind_box(half: jax.Array, flat: bool, cells: Cells, d: jax.Array) -> jax.Array:
     """A hexagon: |d × x| < |d| × h in each of the three components."""
-    found = jnp.ones(())
+    fraction = jnp.ones(())
     size = jnp.abs(d)
     for k in (0, 1) if flat else (0, 1, 2):
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -182,8 +182,8 @@ def _behind_box(half: jax.Array, flat: bool, cells: Cells, d: jax.Array) -> jax.
         slope = slope.at[:, 0, i].set(-d[:, j]).at[:, 0, j].set(d[:, i])
         level = jnp.sum(cells.centre * slope, axis=-1)
         limit = half[i] * size[:, j] + half[j] * size[:, i]
-        found = found * _within(level, limit[:, None], cells, slope)
-    return found
+        fraction = fraction * _within(level, limit[:, None], cells, slope)
+    return fraction
 
 
 def _behind_ellipsoid(scale: jax.Array, cells: Cells, d: jax.Array) -> jax.Array:
@@ -235,7 +235,7 @@ def _behind_discs(ends: tuple[jax.Array, ...], cells: Cells, d: jax.Array) -> ja
     touching = jnp.where(apart, jnp.abs(x) * ratio, widest)  # radius of that disc
     between = low + (touching - radius) / jnp.where(taper == 0.0, 1.0, taper)
     between = jnp.clip(between, low, high)
-    found = _within(x, widest, cells, e_x)
+    fraction = _within(x, widest, cells, e_x)
     wide = [jnp.abs(jnp.sum(edge * e_x, axis=-1)) for edge in (cells.first, cells.second)]
     reach = 0.5 * (wide[0] + wide[1])
     for sign, narrows in ((1.0, taper < 0.0), (-1.0, taper > 0.0)):
@@ -243,8 +243,8 @@ def _behind_discs(ends: tuple[jax.Array, ...], cells: Cells, d: jax.Array) -> ja
         r = radius + taper * (s - low)
         height, steep = _arc_over(jnp.abs(x), reach, r)
         slope = sign * e_y + (kappa * jnp.sign(x) * steep)[..., None] * e_x
-        found = found * _share(sign * (y - s * sigma) - kappa * height, cells, slope)
-    return found
+        fraction = fraction * _share(sign * (y - s * sigma) - kappa * height, cells, slope)
+    return fraction
 
 
 def _arc_over(x: jax.Array, reach: jax.Array, r: jax.Array) -> tuple[jax.Array, jax.Array]:

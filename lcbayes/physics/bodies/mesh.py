@@ -245,9 +245,9 @@ def to_stl(polygons: Sequence[Floats], header: str = "") -> bytes:
 
 def triangles(polygons: Sequence[Floats]) -> tuple[Floats, NDArray[np.integer]]:
     """Fans of triangles of convex polygons, (F, 3, 3), and the polygon each is from, (F,)."""
-    found, source = [], []
+    corners, source = [], []
     for i, polygon in enumerate(polygons):
         for k in range(1, len(polygon) - 1):
-            found.append(polygon[[0, k, k + 1]])
+            corners.append(polygon[[0, k, k + 1]])
             source.append(i)
-    return np.array(found).reshape(-1, 3, 3), np.array(source, int)
+    return np.array(corners).reshape(-1, 3, 3), np.array(source, int)

@@ -78,11 +78,11 @@ def minkowski(normals: ArrayLike, areas: ArrayLike) -> Polyhedron:
     body = _solve(n, target / total)
     vertices, faces = _faces(n, body)
     back = back * np.sqrt(total / body.areas.sum())
-    found = np.linalg.norm((n * body.areas[:, None]) @ _cofactor(back).T, axis=1)
+    kept_areas = np.linalg.norm((n * body.areas[:, None]) @ _cofactor(back).T, axis=1)
     kept_faces = [i for i, f in enumerate(faces) if len(f)]
     first = np.array([np.flatnonzero(group == k)[0] for k in kept])
     face_area = np.zeros(len(merged))
-    face_area[kept] = found
+    face_area[kept] = kept_areas
     return Polyhedron(
         vertices=(vertices - body.centroid) @ back.T,
         faces=[faces[i] for i in kept_faces],

@@ -160,23 +160,23 @@ class Assembly:
         lone = len(self.parts) == 1 and self.parts[0].panels.convex
         if not self.shaded or lone or self.groups:
             return None, 0.0
-        found = points_on(self.polygons, *self._blocking)
-        if found is None:
+        points = points_on(self.polygons, *self._blocking)
+        if points is None:
             return None, 0.0
         directions = np.random.default_rng(20261123).standard_normal((2, _PROBES, 3))
         directions[1] += directions[0]  # most phase angles are below 90 deg
         sun, obs = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         normals, areas = self.body.normals, self.body.areas
         kernel = np.clip(sun @ normals.T, 0.0, None) * np.clip(obs @ normals.T, 0.0, None)
-        flux, count = (kernel * found.lit_and_seen(sun, obs)) @ areas, POINTS
+        flux, count = (kernel * points.lit_and_seen(sun, obs)) @ areas, POINTS
         while True:
             finer = points_on(self.polygons, *self._blocking, 4 * count)
             assert finer is not None
             right = (kernel * finer.lit_and_seen(sun, obs)) @ areas
             error = float(np.max(np.abs(flux - right)) / np.max(right))
             if error <= self.tolerance or 4 * count > MOST_POINTS:
-                return found, error
-            found, flux, count = finer, right, 4 * count
+                return points, error
+            points, flux, count = finer, right, 4 * count
 
     def lit_and_seen(self, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array | None:
         """Fraction of each panel that is both lit and seen, (T, N); None where all are whole.

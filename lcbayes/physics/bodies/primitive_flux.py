@@ -276,15 +276,15 @@ def _rectangular_cells(sides: Sequence[jax.Array], count: int, sun: jax.Array) -
     """On the lit faces across x, y, z of a box, (T, 3 count², 3), or on a plate, (1, count², 3)."""
     at = (np.arange(count) + 0.5) / count - 0.5
     x, y = (a.ravel()[:, None] for a in np.meshgrid(at, at))
-    zero, found = np.zeros((1, count**2, 3)), []
+    zero, cells = np.zeros((1, count**2, 3)), []
     for k in (0, 1, 2) if len(sides) == 3 else (2,):
         a, b = (sides[i] * _AXES[i] for i in range(3) if i != k)
         centre = (x * a + y * b)[None]
         if len(sides) == 3:
             out = 0.5 * jnp.where(sun[:, k] > 0.0, sides[k], -sides[k])
             centre = centre + out[:, None, None] * _AXES[k]
-        found.append((centre, zero + a / count, zero + b / count))
-    return Cells(*(jnp.concatenate(edges, axis=1) for edges in zip(*found, strict=True)))
+        cells.append((centre, zero + a / count, zero + b / count))
+    return Cells(*(jnp.concatenate(edges, axis=1) for edges in zip(*cells, strict=True)))
 
 
 def _round_cells(kind: str, sizes: Sequence[jax.Array], count: int, sun: jax.Array) -> Cells:
@@ -325,8 +325,8 @@ def _curved(
             top = sizes[1] if kind == "frustum" else 0.0 * radius
             slant = norm(jnp.stack([length, radius - top]))
             tilt = length / slant, (radius - top) / slant
-            found = around_axis(law, parameters, sun, obs, tilt, count, shade)
-            return 0.5 * (radius + top) * slant * found
+            integral = around_axis(law, parameters, sun, obs, tilt, count, shade)
+            return 0.5 * (radius + top) * slant * integral
         case "sphere":
             if shade is None and "nv" not in parameters:
                 return sizes[0] ** 2 * over_lune(law, parameters, sun, obs, None, count)

@@ -65,15 +65,15 @@ def flat(polygons: list[Floats], sides: tuple[str, ...]) -> Panels:
 
 def _longest_edges(polygons: list[Floats], normals: Floats) -> Floats:
     """A unit vector along the longest edge of each polygon."""
-    found = []
+    axes = []
     for polygon, normal in zip(polygons, normals, strict=True):
         edges = np.roll(polygon, -1, axis=0) - polygon
         longest = edges[
             np.argmax(np.linalg.norm(edges, axis=1) * (1 + 1e-9 * -np.arange(len(edges))))
         ]
         longest = longest - normal * (longest @ normal)
-        found.append(longest / np.linalg.norm(longest))
-    return np.array(found)
+        axes.append(longest / np.linalg.norm(longest))
+    return np.array(axes)
 
 
 def box(x: float, y: float, z: float) -> Panels:
@@ -197,12 +197,12 @@ def _zone(rim: Floats, count: int, begin: float) -> tuple[list[Floats], Floats]:
     edge = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     circle = [np.column_stack([r[i] * edge, np.full(count + 1, z[i])]) for i in (0, 1)]
     tiny = 1e-12 * r.max()
-    found = []
+    polygons = []
     for i in range(count):
         upper = [circle[0][i + 1], circle[0][i]] if r[0] > tiny else [circle[0][i]]
         lower = [circle[1][i], circle[1][i + 1]] if r[1] > tiny else [circle[1][i]]
-        found.append(np.array(upper + lower))
-    return found, azimuth[:-1] + 0.5 * step
+        polygons.append(np.array(upper + lower))
+    return polygons, azimuth[:-1] + 0.5 * step
 
 
 def _ellipsoid(scale: Floats) -> Solid:

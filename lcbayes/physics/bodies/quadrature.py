@@ -96,8 +96,8 @@ def lobe_exponent(law: str, p: Parameters) -> jax.Array | None:
         return None
     if "m" in p:
         return 2.0 / jnp.square(jnp.asarray(p["m"]))
-    found = [jnp.asarray(p[name]) for name in ("n", "nu", "nv") if name in p]
-    return jnp.max(jnp.stack(found))
+    exponents = [jnp.asarray(p[name]) for name in ("n", "nu", "nv") if name in p]
+    return jnp.max(jnp.stack(exponents))
 
 
 def reach(curvature: jax.Array) -> jax.Array:

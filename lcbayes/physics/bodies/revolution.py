@@ -110,15 +110,15 @@ def _azimuths(law, parameters, sun, obs, tilt, tilted, count) -> Rule:
     d = _wrapped(other - centre, 2.0 * jnp.pi)
     turns = (0.0, -2.0 * jnp.pi * jnp.where(d >= 0.0, 1.0, -1.0)) if tilted else (0.0,)
     special = _special_azimuths(law, parameters, sun, obs, tilt, tilted)
-    found = []
+    parts = []
     for turn in turns:
         low, high = jnp.maximum(-a, d + turn - b), jnp.minimum(a, d + turn + b)
         low = jnp.minimum(low, high)
         middle = jax.lax.stop_gradient(0.5 * (low + high))
         about = jax.lax.stop_gradient(centre) + middle
         inner = [middle + _wrapped(x - about, period) for x, period in special]
-        found.append(nodes_between(low, high, inner, count))
-    x, weights, cells = (jnp.concatenate(part, axis=1) for part in zip(*found, strict=True))
+        parts.append(nodes_between(low, high, inner, count))
+    x, weights, cells = (jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     phi, cells = centre[:, None] + x, centre[:, None] + cells
     points = [jnp.cos(phi), jnp.sin(phi), jnp.cos(cells), jnp.sin(cells), weights]
     return Rule(jnp.stack(points, axis=-1), weights)
@@ -157,11 +157,11 @@ def _special_azimuths(law, parameters, sun, obs, tilt, tilted):
     amplitude, constant = tilt[0] * length(bisector[:, :2]), tilt[1] * bisector[:, 2]
     # ln(n·h) = ln(A + B) − (φ − φ*)² A/(A + B)/2 + …
     width = reach(exponent * amplitude / jnp.maximum(amplitude + constant, 0.5))
-    found = [(azimuth - width, 2.0 * jnp.pi), (azimuth + width, 2.0 * jnp.pi)]
+    special = [(azimuth - width, 2.0 * jnp.pi), (azimuth + width, 2.0 * jnp.pi)]
     if law in KINKED:
         azimuth, half = _arc(sun - obs, tilt)
         if tilted:
-            found += [(azimuth - half, 2.0 * jnp.pi), (azimuth + half, 2.0 * jnp.pi)]
+            special += [(azimuth - half, 2.0 * jnp.pi), (azimuth + half, 2.0 * jnp.pi)]
         else:
-            found += [(azimuth + 0.5 * jnp.pi, jnp.pi)]
-    return found
+            special += [(azimuth + 0.5 * jnp.pi, jnp.pi)]
+    return special

@@ -202,13 +202,13 @@ def _lattice(polygon: Floats, count: int, seed: int) -> Floats:
     areas = 0.5 * np.linalg.norm(np.cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0]), axis=1)
     edges = np.round(count * np.concatenate([[0.0], np.cumsum(areas)]) / areas.sum()).astype(int)
     plastic = 1.32471795724474602596
-    found = []
+    points = []
     for triangle, begin, end, (right, up) in zip(fan, edges[:-1], edges[1:], shift, strict=True):
         i = np.arange(1, end - begin + 1)
         x, y = np.mod(right + i / plastic, 1.0), np.mod(up + i / plastic**2, 1.0)
         beyond = x + y > 1.0
         x, y = np.where(beyond, 1.0 - x, x)[:, None], np.where(beyond, 1.0 - y, y)[:, None]
-        found.append(
+        points.append(
             triangle[0] + x * (triangle[1] - triangle[0]) + y * (triangle[2] - triangle[0])
         )
-    return np.concatenate(found)
+    return np.concatenate(points)

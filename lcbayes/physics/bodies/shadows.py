@@ -133,10 +133,10 @@ def shadows(
             tests += _tests(*_size(receivers[-1]))
             if tests > 2 * most:  # opposite polygons count as one
                 return None
-    found: dict[tuple[Any, ...], list[list[_Receiver]]] = {}
+    by_shape: dict[tuple[Any, ...], list[list[_Receiver]]] = {}
     for sides in _paired(receivers):
-        found.setdefault((_size(sides[0]), len(sides)), []).append(sides)
-    groups = tuple(_group(key[0], members) for key, members in sorted(found.items()))
+        by_shape.setdefault((_size(sides[0]), len(sides)), []).append(sides)
+    groups = tuple(_group(key[0], members) for key, members in sorted(by_shape.items()))
     return groups if tests_per_epoch(groups) <= most else None
 
 
@@ -163,7 +163,7 @@ def _rectangle(polygon: Floats) -> bool:
 
 def _paired(receivers: list[_Receiver]) -> list[list[_Receiver]]:
     """Two and two with opposite normals, where their groups are of one size."""
-    found: list[list[_Receiver]] = []
+    pairs: list[list[_Receiver]] = []
     alone: dict[tuple[Any, ...], list[list[_Receiver]]] = {}
     for one in receivers:
         vector = vector_area(one.polygon)
@@ -172,9 +172,9 @@ def _paired(receivers: list[_Receiver]) -> list[list[_Receiver]]:
         if waiting:
             waiting.pop().append(one)
         else:
-            found.append([one])
-            alone.setdefault((_size(one), *normal.tolist()), []).append(found[-1])
-    return found
+            pairs.append([one])
+            alone.setdefault((_size(one), *normal.tolist()), []).append(pairs[-1])
+    return pairs
 
 
 def _group(size: tuple[int, int, int, bool], members: list[list[_Receiver]]) -> Group:
@@ -261,8 +261,8 @@ def lit_and_seen(
     """
     fraction = jnp.ones((count, sun_body.shape[0]))
     for group in groups:
-        found = _in_blocks(group, sun_body, obs_body)
-        fraction = fraction.at[group.index.T].set(found)
+        fractions = _in_blocks(group, sun_body, obs_body)
+        fraction = fraction.at[group.index.T].set(fractions)
     return fraction.T
 
 
@@ -275,8 +275,8 @@ def _in_blocks(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     blocks = -(-epochs // block)
     padded = [jnp.pad(x, ((0, blocks * block - epochs), (0, 0)), mode="edge") for x in (sun, obs)]
     cut = tuple(x.reshape(blocks, block, 3) for x in padded)
-    found = jax.lax.map(lambda both: _fraction(group, *both), cut)
-    return jnp.moveaxis(found, 0, 2).reshape(*group.index.T.shape, -1)[..., :epochs]
+    fractions = jax.lax.map(lambda both: _fraction(group, *both), cut)
+    return jnp.moveaxis(fractions, 0, 2).reshape(*group.index.T.shape, -1)[..., :epochs]
 
 
 type Points = tuple[jax.Array, jax.Array]  # x and y
@@ -318,7 +318,7 @@ def _outlines(first, second, normal_a, normal_b, directions: Sequence[jax.Array]
     Ends
         Arrays (R, 2J, E, T): the solids along the first direction, then along the second.
     """
-    found = []
+    edges = []
     for d in directions:
         toward = d[:, None, None]
         facing = [jnp.sum(n * toward, axis=3) > 0.0 for n in (normal_a, normal_b)]
@@ -330,8 +330,8 @@ def _outlines(first, second, normal_a, normal_b, directions: Sequence[jax.Array]
         fallen = (x - h * (d[:, 0] / d[:, 2]), y - h * (d[:, 1] / d[:, 2]))
         start = tuple(jnp.where(facing[0], p[..., 0, :], p[..., 1, :]) for p in fallen)
         end = tuple(jnp.where(facing[0], p[..., 1, :], p[..., 0, :]) for p in fallen)
-        found.append((*start, *end))
-    ax, ay, bx, by = (jnp.concatenate(x, axis=1) for x in zip(*found, strict=True))
+        edges.append((*start, *end))
+    ax, ay, bx, by = (jnp.concatenate(x, axis=1) for x in zip(*edges, strict=True))
     return (ax, ay), (bx, by)
 
 
@@ -456,17 +456,17 @@ def _intervals(edges_: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
     half_planes = [z[:, :, None] for z in (dx, dy, level_at)]  # (R, A, 1, J, E, T)
     count = px.shape[3]
     if count <= UNROLLED:
-        found = jnp.zeros(()), jnp.ones(())
+        ends = jnp.zeros(()), jnp.ones(())
         for e in range(count):
-            found = halved(found, tuple(z[..., e, :] for z in half_planes))
+            ends = halved(ends, tuple(z[..., e, :] for z in half_planes))
     else:
         shape = jnp.broadcast_shapes(sx.shape, half_planes[0][..., 0, :].shape)
-        found, _ = jax.lax.scan(
+        ends, _ = jax.lax.scan(
             lambda interval, half_plane: (halved(interval, half_plane), None),
             (jnp.zeros(shape), jnp.ones(shape)),
             tuple(jnp.moveaxis(z, 4, 0) for z in half_planes),
         )
-    return jax.lax.optimization_barrier(found)  # else computed again by each that needs it
+    return jax.lax.optimization_barrier(ends)  # else computed again by each that needs it
 
 
 def _parts(

@@ -65,8 +65,8 @@ def flat_solid(polygon: ArrayLike) -> Solid:
 
 def normals(solid: Solid) -> Floats:
     """Outward unit normals of the faces, (F, 3)."""
-    found = np.array([vector_area(solid.vertices[face]) for face in solid.faces])
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    vectors = np.array([vector_area(solid.vertices[face]) for face in solid.faces])
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def above(solid: Solid, point: ArrayLike, normal: ArrayLike) -> Solid | None:
@@ -96,16 +96,16 @@ def above(solid: Solid, point: ArrayLike, normal: ArrayLike) -> Solid | None:
 
 def _cut(polygon: Floats, height: Floats) -> Floats:
     """The part of a convex polygon whose heights are not negative."""
-    found = []
+    corners = []
     for i in range(len(polygon)):
         j = (i + 1) % len(polygon)
         if height[i] >= 0.0:
-            found.append(polygon[i])
+            corners.append(polygon[i])
         if height[i] * height[j] < 0.0:
-            found.append(
+            corners.append(
                 polygon[i] + height[i] / (height[i] - height[j]) * (polygon[j] - polygon[i])
             )
-    return np.array(found).reshape(-1, 3)
+    return np.array(corners).reshape(-1, 3)
 
 
 def _hull_in_plane(points: Floats, normal: Floats, tolerance: float) -> Floats:

@@ -118,8 +118,8 @@ def generalised_leapfrog(
         def once(half):
             return p - 0.5 * step_size * force(geometry, grad, half)
 
-        half, found, _ = _fixed_point(once, p, lambda d: geometry.root.T @ d)
-        return half, found
+        half, converged, _ = _fixed_point(once, p, lambda d: geometry.root.T @ d)
+        return half, converged
 
     def drift(geometry, z, half, step_size):
         """z′, whether the iteration converged, and the number of Fisher matrices computed."""

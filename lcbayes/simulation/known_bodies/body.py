@@ -100,7 +100,7 @@ class KnownBody:
 
     def _surfaces(self, values: Values) -> dict[str, Material]:
         """The materials with these values of their parameters."""
-        found = {}
+        surfaces = {}
         for name, material in self.materials.items():
             parameters = {**material.parameters, **values.get(name, {})}
             if self._isotropic([name]):  # nv is nu, which may be unknown
@@ -109,8 +109,8 @@ class KnownBody:
                     m for m, x in self.materials.items() if x.law == material.law
                 ):
                     parameters["nv"] = parameters["nu"]
-            found[name] = Material(material.law, parameters)
-        return found
+            surfaces[name] = Material(material.law, parameters)
+        return surfaces
 
     def _isotropic(self, names: Iterable[str]) -> bool:
         """Whether the lobes of some materials, if any, are as wide along v as along u."""
@@ -232,8 +232,8 @@ def symmetry_of(body: KnownBody) -> Symmetry:
             for i, k in body.free_sizes
         }
         directions = (v.reshape(-1, 3) for v in (sun @ every, obs @ every))
-        found = np.asarray(flux(*directions, values, sizes=sizes)).reshape(len(every), PROBES)
-        apart = np.maximum(apart, np.abs(found - found[0]).max(axis=1) / found.max())
+        brightness = np.asarray(flux(*directions, values, sizes=sizes)).reshape(len(every), PROBES)
+        apart = np.maximum(apart, np.abs(brightness - brightness[0]).max(axis=1) / brightness.max())
     curved = any(part.error > 0.0 for part in body.assembly.parts)
     same = apart < (SLACK * body.assembly.tolerance if curved else EXACT)
     if body.assembly.shaded and len(body.assembly.parts) > 1:
@@ -248,14 +248,14 @@ def symmetry_of(body: KnownBody) -> Symmetry:
 
 def _others(material: Material, rng: np.random.Generator) -> dict[str, float]:
     """Other values of the parameters of a material; an isotropic lobe remains so."""
-    found = {}
+    changed_values = {}
     for key, value in material.parameters.items():
         allowed = LAWS[material.law].parameters[key]
         changed = value * rng.uniform(0.6, 1.0)
-        found[key] = float(np.clip(changed, allowed.lower, allowed.upper))
-    if material.parameters.get("nv") == material.parameters.get("nu") and "nv" in found:
-        found["nv"] = found["nu"]
-    return found
+        changed_values[key] = float(np.clip(changed, allowed.lower, allowed.upper))
+    if material.parameters.get("nv") == material.parameters.get("nu") and "nv" in changed_values:
+        changed_values["nv"] = changed_values["nu"]
+    return changed_values
 
 
 def _on_themselves(assembly: Assembly, move: Floats) -> bool:
@@ -281,6 +281,6 @@ def _about(axis: Floats, angle: float) -> Floats:
 def _signed_permutations() -> Iterator[Floats]:
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
-            found = np.zeros((3, 3))
-            found[range(3), order] = signs
-            yield found
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            yield matrix

@@ -163,7 +163,7 @@ def with_shadows(
 
 def _sizes(table: Table) -> tuple[dict[tuple[int, str], Prior], tuple[str, ...]]:
     """Priors of lengths, which are put at their medians, and a name for each part."""
-    found: dict[tuple[int, str], Prior] = {}
+    sizes: dict[tuple[int, str], Prior] = {}
     names: list[str] = []
     parts = table.tables("parts")
     kinds = [part.text("kind", "") for part in parts]
@@ -181,26 +181,26 @@ def _sizes(table: Table) -> tuple[dict[tuple[int, str], Prior], tuple[str, ...]]
         for key in primitive_flux.KINDS[kind].sizes if kind in primitive_flux.KINDS else ():
             if isinstance(part.values.get(key), dict):
                 prior = read_prior(part, key, Parameter(SMALLEST_M, LARGEST_M, "length"))
-                found[i, key] = prior
+                sizes[i, key] = prior
                 part.put(key, prior.centre)
     if len(set(names)) < len(names):
         raise table.fault("parts", f"has parts of one name among {', '.join(names)}")
-    return found, tuple(names)
+    return sizes, tuple(names)
 
 
 def _sides(table: Table, materials: Mapping[str, Material]) -> tuple[dict[str, str], ...]:
     """The material of each side of each part, as `scenarios.parts` reads them."""
     only = next(iter(materials)) if len(materials) == 1 else ""
     default = table.text("material", only)
-    found = []
+    listed = []
     for part in table.tables("parts"):
         kind = primitive_flux.KINDS.get(part.text("kind", ""))
         own = part.text("material", default)
         sides = () if kind is None else kind.sides
-        found.append(
+        listed.append(
             {s: own if i == 0 else part.text(f"{s}_material", own) for i, s in enumerate(sides)}
         )
-    return tuple(found)
+    return tuple(listed)
 
 
 def _materials(root: Table) -> tuple[dict[str, Material], dict[str, dict[str, Prior]]]:
@@ -267,6 +267,6 @@ def _check_sum(table: Table, values: Mapping[str, float], unknown: Mapping[str, 
 def described(file: BodyFile) -> str:
     """A body in a line: its title and what is unknown of it."""
     names = [f"{file.body.names[i]} {k}" for i, k in file.sizes]
-    names += [f"{m} {k}" for m, found in file.priors.items() for k in found]
+    names += [f"{m} {k}" for m, priors in file.priors.items() for k in priors]
     unknown = f"; unknown: {', '.join(names)}" if names else ""
     return printable(f"{file.title}{unknown}")

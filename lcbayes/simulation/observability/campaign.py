@@ -71,8 +71,8 @@ def bound(jacobian: Floats) -> Floats:
     null = kept**2 <= NOTHING * max(kept[0] ** 2, 1e-300)
     open_share = np.sum(rows[null] ** 2, axis=0)
     inverse = np.where(null, 0.0, 1.0 / np.where(null, 1.0, kept))
-    found = np.sqrt(np.sum((rows * inverse[:, None]) ** 2, axis=0))
-    return np.where(open_share > 1e-9, np.inf, found / scale)
+    norms = np.sqrt(np.sum((rows * inverse[:, None]) ** 2, axis=0))
+    return np.where(open_share > 1e-9, np.inf, norms / scale)
 
 
 def campaign(unknowns: Unknowns, measured: Measurements) -> Campaign:

@@ -75,9 +75,11 @@ def visits(curve: LightCurve, length_s: float) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(group == g) for g in range(group.max() + 1)]
 
 
-def from_prior(found: Campaign, target: str) -> tuple[Floats, Target]:
+def from_prior(campaign: Campaign, target: str) -> tuple[Floats, Target]:
     """Factors of the measurements (1, T, S) and of the target, given only the prior."""
-    return (found.jacobian * found.unknowns.prior_sd)[None], of_unknowns(found.unknowns, target)
+    return (campaign.jacobian * campaign.unknowns.prior_sd)[None], of_unknowns(
+        campaign.unknowns, target
+    )
 
 
 def plan(

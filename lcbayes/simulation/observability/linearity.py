@@ -17,7 +17,7 @@ _FAR = 1e4  # χ² beyond which no linearised step is taken
 _ROUNDS = 4  # of Gauss-Newton steps; strongly nonlinear cases need more
 
 
-def nonlinearity(found: Campaign, measured: Measurements) -> Floats:
+def nonlinearity(campaign: Campaign, measured: Measurements) -> Floats:
     """Relative error of the two-sigma interval for each unknown, (P,).
 
     Each unknown is shifted by two standard deviations (`Campaign.bound_with_prior`) to either side.
@@ -34,9 +34,9 @@ def nonlinearity(found: Campaign, measured: Measurements) -> Floats:
     ----------
     Bates & Watts 1988, Nonlinear Regression Analysis and Its Applications, sec. 6.1 (profile t).
     """
-    unknowns = found.unknowns
+    unknowns = campaign.unknowns
     sd, curve = unknowns.prior_sd, measured.curve
-    seen = found.jacobian * sd
+    seen = campaign.jacobian * sd
     _, values, rows = np.linalg.svd(seen, full_matrices=True)
     information = np.zeros(len(sd))
     information[: len(values)] = values**2

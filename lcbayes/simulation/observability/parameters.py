@@ -82,13 +82,13 @@ class Unknowns:
                 raise InputError(
                     f"unknown group of parameters {group!r}; available: {', '.join(GROUPS)}"
                 )
-        found = [p for p in _all(scenario) if p.group in groups]
-        if not found:
+        parameters = [p for p in _all(scenario) if p.group in groups]
+        if not parameters:
             raise InputError(
                 f"scenario {scenario.name!r} has nothing unknown in {', '.join(groups)}; "
                 f"name other groups: {', '.join(GROUPS)}"
             )
-        return cls(scenario, tuple(found))
+        return cls(scenario, tuple(parameters))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ class Unknowns:
 
 
 def _all(scenario: Scenario) -> list[Parameter]:
-    found = [
+    parameters = [
         Parameter(f"attitude_{a}", "attitude", "rad", f"attitude about body {a}", DIRECTION_SD)
         for a in "xyz"
     ]
@@ -189,7 +189,7 @@ def _all(scenario: Scenario) -> list[Parameter]:
         # prior: rate known to an order of magnitude, direction unknown; wider is not linear
         rate = float(np.linalg.norm(scenario.attitude.omega_rad_s))
         wide = DIRECTION_SD * rate if rate > 0.0 else SLOW
-        found += [Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"]
+        parameters += [Parameter(f"omega_{a}", "spin", "rad/s", f"ω_{a}", wide) for a in "xyz"]
     elif isinstance(scenario.attitude, TorqueFree):
         raise InputError(
             f"scenario {scenario.name!r}: observability does not count the unknowns of a "
@@ -197,7 +197,7 @@ def _all(scenario: Scenario) -> list[Parameter]:
             "'constant-rate' or 'principal-axis', or simulate and fit"
         )
     elif isinstance(scenario.attitude, PrincipalAxis):
-        found += [
+        parameters += [
             Parameter("pole_east", "spin", "rad", "eastward tilt of the pole", DIRECTION_SD),
             Parameter("pole_north", "spin", "rad", "northward tilt of the pole", DIRECTION_SD),
             Parameter("log_period", "spin", "1", "period", 1.0),
@@ -209,17 +209,17 @@ def _all(scenario: Scenario) -> list[Parameter]:
         p = material.parameters
         anisotropic.append("nv" in p and p["nv"] != p["nu"])
         axes = "uvn" if anisotropic[-1] else "uv"
-        found += [
+        parameters += [
             Parameter(f"normal_{i}_{k}", "normals", "rad", _tilt_words(i, k), DIRECTION_SD, i)
             for k in axes
         ]
     for i, label in enumerate(body.labels):
         diffuse = LAWS[scenario.materials[label].law].diffuse
         name, word = ("log_albedo_area", "albedo-area") if diffuse else ("log_area", "area")
-        found.append(Parameter(f"{name}_{i}", "areas", "1", f"{word} of facet {i}", 1.0, i))
+        parameters.append(Parameter(f"{name}_{i}", "areas", "1", f"{word} of facet {i}", 1.0, i))
     for name in dict.fromkeys(body.labels):
-        found += _surface(name, scenario)
-    return found
+        parameters += _surface(name, scenario)
+    return parameters
 
 
 def _tilt_words(facet: int, axis: str) -> str:
@@ -232,16 +232,18 @@ def _surface(name: str, scenario: Scenario) -> list[Parameter]:
     """Parameters of one material; albedo-areas include the reflectance of a diffuse law."""
     material = scenario.materials[name]
     law = LAWS[material.law]
-    found = []
+    parameters = []
     for key, allowed in law.parameters.items():
         isotropic = key == "nv" and material.parameters["nv"] == material.parameters["nu"]
         if isotropic or (law.diffuse and key in ("r_diff", "w")):
             continue
         value = material.parameters[key]
         if key in _LOGARITHMIC and value > 0.0:
-            found.append(Parameter(f"{name}.log_{key}", "surface", "1", f"{key} of {name}", 1.0))
+            parameters.append(
+                Parameter(f"{name}.log_{key}", "surface", "1", f"{key} of {name}", 1.0)
+            )
         else:
             wide = (allowed.upper - allowed.lower) / np.sqrt(12.0)
             words = f"{key} of {name}"
-            found.append(Parameter(f"{name}.{key}", "surface", "1", words, float(wide)))
-    return found
+            parameters.append(Parameter(f"{name}.{key}", "surface", "1", words, float(wide)))
+    return parameters

@@ -297,7 +297,7 @@ def pole_bound(c: Campaign) -> dict[str, float | None] | None:
     law, names = c.unknowns.scenario.attitude, c.unknowns.names
     if not isinstance(law, PrincipalAxis) or "pole_east" not in names:
         return None
-    east, north = (c.bound[names.index(f"pole_{way}")] for way in ("east", "north"))
+    east, north = (c.bound[names.index(f"pole_{direction}")] for direction in ("east", "north"))
     circle = np.cos(np.radians(law.pole_lat_deg))
     return {
         "longitude": float(np.degrees(east / circle)) if east < circle else None,

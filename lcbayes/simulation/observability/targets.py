@@ -132,9 +132,9 @@ def of_sites(sites: Mapping[str, jax.Array], name: str) -> tuple[jax.Array, str]
         return jnp.log(areas), "1"
     if name == "all":
         parts = ("spin" if spin is not None else "pole", "normals", "areas")
-        found = [x for part in parts if (x := _try(sites, part)) is not None]
-        if found:
-            return jnp.concatenate(found), ""
+        values = [x for part in parts if (x := _try(sites, part)) is not None]
+        if values:
+            return jnp.concatenate(values), ""
     if name in sites and name not in ("normals", "omega"):
         return jnp.ravel(sites[name]), ""
     raise InputError(

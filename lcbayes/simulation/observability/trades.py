@@ -47,11 +47,11 @@ class Trade:
     exact: bool
 
 
-def trades(found: Campaign, measured: Measurements) -> list[Trade]:
+def trades(campaign: Campaign, measured: Measurements) -> list[Trade]:
     """Open combinations: first those without any influence, then by increasing information."""
-    unknowns = found.unknowns
+    unknowns = campaign.unknowns
     sd = unknowns.prior_sd
-    scaled = found.jacobian * sd
+    scaled = campaign.jacobian * sd
     _, values, rows = np.linalg.svd(scaled, full_matrices=True)
     information = np.zeros(len(sd))
     information[: len(values)] = values**2
@@ -161,7 +161,7 @@ def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
     reflected = by_facet(unknowns.scenario, measured.sun_body, measured.obs_body)
     half = measured.sun_body + measured.obs_body
     half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
-    found = {}
+    paths = {}
     for i, (n, u) in enumerate(zip(body.normals, body.u_axes, strict=True)):
         weight = reflected[:, i]
         if weight.sum() <= 0.0:
@@ -169,8 +169,8 @@ def _paths(unknowns: Unknowns, measured: Measurements) -> dict[int, Floats]:
         plane = np.stack([u, np.cross(n, u)])
         values, vectors = np.linalg.eigh(np.cov(plane @ half.T, aweights=weight, ddof=0))
         if values[1] > 0.0 and np.sqrt(max(values[0], 0.0) / values[1]) < MAX_PATH_WIDTH:
-            found[i] = vectors[:, 1] @ plane
-    return found
+            paths[i] = vectors[:, 1] @ plane
+    return paths
 
 
 def _sentence(

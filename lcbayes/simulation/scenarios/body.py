@@ -27,10 +27,10 @@ class Material:
 def read_materials(root: Table) -> dict[str, Material]:
     """The tables [materials.NAME], every parameter within its law's bounds."""
     outer = root.table("materials")
-    found = {name: _material(outer.table(name)) for name in outer.keys()}  # noqa: SIM118
-    if not found:
+    materials = {name: _material(outer.table(name)) for name in outer.keys()}  # noqa: SIM118
+    if not materials:
         raise outer.fault(None, "is empty; describe at least one material as [materials.NAME]")
-    return found
+    return materials
 
 
 def _material(table: Table) -> Material:
@@ -67,9 +67,9 @@ def read_body(
     A facet without a material of its own takes that of its part's name (shapes and files), else
     ``body.material``, else the only one there is.
     """
-    ways = [key for key in ("facets", "shape", "file") if key in table]
-    if len(ways) != 1:
-        given = " and ".join(map(repr, ways)) or "none of them"
+    kinds = [key for key in ("facets", "shape", "file") if key in table]
+    if len(kinds) != 1:
+        given = " and ".join(map(repr, kinds)) or "none of them"
         raise table.fault(
             None, f"needs one of 'facets', 'parts', 'shape' and 'file'; it has {given}"
         )
@@ -78,9 +78,9 @@ def read_body(
     only = next(iter(materials)) if len(materials) == 1 else None
     default = table.text("material", only, tuple(materials))
     on_arrays: list[bool | None] = []
-    if ways == ["facets"]:
+    if kinds == ["facets"]:
         body, on_arrays = _facets(table, default, materials)
-    elif ways == ["shape"]:
+    elif kinds == ["shape"]:
         name = table.text("shape", choices=tuple(shapes.SHAPES))
         body = shapes.shape(name, **_sizes(table, name))
     else:

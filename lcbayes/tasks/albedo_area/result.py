@@ -135,13 +135,13 @@ class AlbedoAreaResult(DeterministicResult[Inversion, AlbedoAreaContent]):
 
     task = "albedo-area"
 
-    def __init__(self, found: Inversion, curve: LightCurve, options: AlbedoAreaOptions) -> None:
+    def __init__(self, inversion: Inversion, curve: LightCurve, options: AlbedoAreaOptions) -> None:
         asked: Asked = {
             "attitude": options.attitude_settings(),
             "options": {name: getattr(options, name) for name in OPTIONS},
         }
-        content = {**about(curve), **asked, **_numbers(found, curve)}
-        super().__init__(found, content, found.reasons)
+        content = {**about(curve), **asked, **_numbers(inversion, curve)}
+        super().__init__(inversion, content, inversion.reasons)
         self._curve = curve
 
     @property
@@ -203,7 +203,7 @@ class AlbedoAreaResult(DeterministicResult[Inversion, AlbedoAreaContent]):
 
 def _numbers(result: Inversion, curve: LightCurve) -> Numbers:
     """Content of ``summary.json``: m², m³, m and degrees, body frame."""
-    seen, best, found = result.seen, result.best, result.on_grid
+    seen, best, on_grid = result.seen, result.best, result.on_grid
     calibrated = not np.all(seen.free)
     return {
         "n_obs": len(seen.flux),
@@ -239,35 +239,35 @@ def _numbers(result: Inversion, curve: LightCurve) -> Numbers:
         "shape": _body(result, bool(calibrated)),
         "no_shape": result.no_shape or None,
         "distribution": {
-            "normals": found.normals,
-            "material": found.which,
-            "albedo_area": found.areas,
+            "normals": on_grid.normals,
+            "material": on_grid.which,
+            "albedo_area": on_grid.areas,
             "albedo_area_sd": result.grid_sd,
         },
     }
 
 
 def _facets(result: Inversion) -> list[FacetContent]:
-    few = result.facets
-    if few is None:
+    facets = result.facets
+    if facets is None:
         return []
-    spread: Sequence[float | None] = [None] * len(few.areas)
+    spread: Sequence[float | None] = [None] * len(facets.areas)
     if result.draws is not None:
         spread = np.linalg.norm(result.draws.vectors, axis=2).std(axis=0).tolist()
-    lon, lat = lon_lat_deg(few.normals)
+    lon, lat = lon_lat_deg(facets.normals)
     return [
         {
-            "normal": few.normals[i],
+            "normal": facets.normals[i],
             "lon_deg": float(lon[i]),
             "lat_deg": float(lat[i]),
-            "direction_sd_deg": float(np.degrees(few.direction_sd[i])),
-            "material": int(few.which[i]),
-            "albedo_area": few.areas[i],
-            "share": few.areas[i] / few.areas.sum(),
-            "sd": few.area_sd[i],
+            "direction_sd_deg": float(np.degrees(facets.direction_sd[i])),
+            "material": int(facets.which[i]),
+            "albedo_area": facets.areas[i],
+            "share": facets.areas[i] / facets.areas.sum(),
+            "sd": facets.area_sd[i],
             "sd_bootstrap": spread[i],
         }
-        for i in map(int, np.argsort(-few.areas))
+        for i in map(int, np.argsort(-facets.areas))
     ]
 
 

@@ -48,7 +48,7 @@ def albedo_area(
     >>> result.summary()["albedo_area_m2"].round(1).tolist()
     [6.0, 3.5]
     """
-    found = invert(
+    inversion = invert(
         curve,
         options.known_attitude(curve),
         [Material.parse(text) for text in options.material],
@@ -63,4 +63,4 @@ def albedo_area(
         ),
         progress=context.progress,
     )
-    return AlbedoAreaResult(found, curve, options)
+    return AlbedoAreaResult(inversion, curve, options)

@@ -84,15 +84,15 @@ class AttitudeTestResult(DeterministicResult[AttitudeTest, AttitudeTestContent])
     task = "attitude-test"
 
     def __init__(
-        self, found: AttitudeTest, curve: LightCurve, options: AttitudeTestOptions
+        self, tested: AttitudeTest, curve: LightCurve, options: AttitudeTestOptions
     ) -> None:
         asked: Asked = {
             "separation_deg": options.separation,
             "n_bodies": options.bodies,
             "seed": options.seed,
         }
-        content = {**about(curve), **asked, **_numbers(found)}
-        super().__init__(found, content, found.reasons)
+        content = {**about(curve), **asked, **_numbers(tested)}
+        super().__init__(tested, content, tested.reasons)
 
     def summary(self) -> pd.DataFrame:
         """One row per law, highest p-value first."""

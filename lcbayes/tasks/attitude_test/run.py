@@ -46,7 +46,7 @@ def attitude_test(
     ['inertial', 'lvlh']
     """
     laws = [catalogue.parse(text) for text in options.law]
-    found = method.attitude_test(
+    tested = method.attitude_test(
         curve,
         laws or [law for law in catalogue.distinct() if not law.spins],
         level=options.level,
@@ -55,4 +55,4 @@ def attitude_test(
         seed=options.seed,
         progress=context.progress,
     )
-    return AttitudeTestResult(found, curve, options)
+    return AttitudeTestResult(tested, curve, options)

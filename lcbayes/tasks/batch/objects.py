@@ -59,13 +59,13 @@ def objects(catalogue: str | Path, common: Mapping[str, Any] | None = None) -> l
         missing = f"{path} names no object"
     if not rows:
         raise InputError(f"{missing}; give a catalogue, a folder or a pattern")
-    found: dict[str, Object] = {}
+    by_name: dict[str, Object] = {}
     for where, row in rows:
         one = _object(where, dict(common or {}) | row)
-        if one.name in found:
+        if one.name in by_name:
             raise InputError(f"{where}: two objects have the name {one.name!r}; give each its own")
-        found[one.name] = one
-    return list(found.values())
+        by_name[one.name] = one
+    return list(by_name.values())
 
 
 def _csv(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:

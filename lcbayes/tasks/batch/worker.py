@@ -13,7 +13,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
 from lcbayes.core.version import installed_version
 from lcbayes.modelling.variables import SPIN
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.draws import weighted_draws
 from lcbayes.tasks.batch.objects import Object
 from lcbayes.tasks.fit.options import TASK
@@ -39,10 +39,10 @@ def identity(one: Object) -> str:
     """The identity of everything that determines an object's result."""
     named = {**one.reading.files(), **one.options.files()}
     given = [{k: str(v) for k, v in o.as_dict().items()} for o in (one.reading, one.options)]
-    found = hashlib.sha256(json.dumps([*given, installed_version()], sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([*given, installed_version()], sort_keys=True).encode())
     for path in (Path(one.curve), *named.values()):
-        found.update(path.read_bytes())
-    return found.hexdigest()
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
     begun = time.monotonic()
     try:
         curve = read(one.curve, **one.reading.as_dict())
-        found = execute(TASK, fit.__wrapped__, curve, one.options, folder, with_report)
+        result = execute(TASK, fit.__wrapped__, curve, one.options, folder, with_report)
     except InputError as fault:
         return failed(one, str(fault), time.monotonic() - begun)
     except Exception as fault:  # a fault in one object must not stop the others
@@ -63,7 +63,7 @@ def fit_object(shared: tuple[str, bool], one: Object) -> dict[str, Any]:
         (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
         message = ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         return failed(one, f"{message}; see {folder / 'error.txt'}", time.monotonic() - begun)
-    row = _row(one, found, time.monotonic() - begun)
+    row = _row(one, result, time.monotonic() - begun)
     row["page"] = f"objects/{one.name}/report.html" if with_report else None
     write_json({"identity": identity(one), "row": row}, folder / MARK)
     return row
@@ -80,14 +80,14 @@ def failed(one: Object, reason: str, seconds: float | None = None) -> dict[str, 
     }
 
 
-def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
+def _row(one: Object, result: Fit, seconds: float) -> dict[str, Any]:
     """The row of a fit, with numbers of its heaviest solution."""
-    summary = found.content
+    summary = result.content
     parameters = summary["parameters"]
     row = {
         "name": one.name,
         "curve": one.curve,
-        "status": TRUSTED if found.trusted else DOUBTED,
+        "status": TRUSTED if result.trusted else NOT_TRUSTED,
         "reasons": summary["reasons"],
         "seconds": seconds,
         "model": summary["model"],
@@ -105,8 +105,8 @@ def _row(one: Object, found: Fit, seconds: float) -> dict[str, Any]:
     for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
-    if "albedo_area" in found.posterior:
-        area = weighted_draws(found.posterior, seed=summary["seed"])["albedo_area"]
+    if "albedo_area" in result.posterior:
+        area = weighted_draws(result.posterior, seed=summary["seed"])["albedo_area"]
         total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
         row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row

@@ -116,11 +116,11 @@ def calibrate(
     entry = registry.find(model)
     options = {k: v for k, v in asked.items() if k not in SETTINGS}
     data = Epochs.of(curve)
-    told_by_flux = curve.kind == "flux" and bool(np.any(np.isnan(data.error)))
-    if np.any(curve.free_scale) or told_by_flux:
+    scaled_by_flux = curve.kind == "flux" and bool(np.any(np.isnan(data.error)))
+    if np.any(curve.free_scale) or scaled_by_flux:
         raise InputError(
-            "calibration draws scales and errors from their priors, and those of this curve are "
-            "told from its brightness; give a curve of known scale, with errors if it holds fluxes"
+            "calibration draws scales and errors from their priors, and those of this curve "
+            "depend on its brightness; give a curve of known scale, with errors if it holds fluxes"
         )
     plain, _ = build_problem(entry, entry.check(options), data)
     rest = dict(asked)
@@ -134,8 +134,8 @@ def calibrate(
             drawn = np.asarray(compiled(plain.replicate)(truth, data, key_data))
             seen = replace(curve, brightness=drawn)
             _check_noise(plain, truth, data, Epochs.of(seen))
-            found = fit_with_kernel(seen, kernel, model=model, seed=seed + i, **rest)
-            draws = weighted_draws(found.tree, seed=seed + i)
+            fitted = fit_with_kernel(seen, kernel, model=model, seed=seed + i, **rest)
+            draws = weighted_draws(fitted.tree, seed=seed + i)
             sites = {str(k): np.asarray(v)[0] for k, v in draws["posterior"].data_vars.items()}
             true = constrain_draws(plain, np.asarray(truth)[None, None], data)
             true = {k: np.asarray(v)[0] for k, v in true.items()}
@@ -145,7 +145,7 @@ def calibrate(
             of_truth = quantities_of(true) | {LIKELIHOOD: np.array([np.sum(likelihood)])}
             kept = tuple(of_draws)
             places.append([_place(of_truth[k][0], of_draws[k]) for k in kept])
-            trusted.append(found.trusted)
+            trusted.append(fitted.trusted)
             track.advance(1)
     return Calibration(kept, np.array(places), np.array(trusted))
 

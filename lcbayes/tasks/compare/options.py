@@ -26,15 +26,15 @@ def numbers(text: str) -> tuple[int, ...]:
     ------
     InputError
     """
-    found: list[int] = []
+    counts: list[int] = []
     for part in text.split(","):
         ends = re.fullmatch(r"\s*(\d{1,4})(?:-(\d{1,4}))?\s*", part)
         if ends is None or int(ends[2] or ends[1]) < int(ends[1]):
             raise InputError(
                 f"--n-facets is {text!r}: {part!r} is no number or range; expected 1-8 or 1,2,4"
             )
-        found += range(int(ends[1]), int(ends[2] or ends[1]) + 1)
-    return tuple(found)
+        counts += range(int(ends[1]), int(ends[2] or ends[1]) + 1)
+    return tuple(counts)
 
 
 def kinds_of(bodies: Sequence[str]) -> list[tuple[str, int]]:
@@ -46,14 +46,14 @@ def kinds_of(bodies: Sequence[str]) -> list[tuple[str, int]]:
     ------
     InputError
     """
-    found: list[tuple[str, int]] = []
+    kinds: list[tuple[str, int]] = []
     for name in bodies:
         start, colon, listed = name.partition(":")
         if start == FACETS and colon:
-            found += [(f"{FACETS}:{n}", n) for n in numbers(listed)]
+            kinds += [(f"{FACETS}:{n}", n) for n in numbers(listed)]
         else:
-            found.append((name, 0))
-    return list(dict.fromkeys(found))
+            kinds.append((name, 0))
+    return list(dict.fromkeys(kinds))
 
 
 @dataclass(frozen=True)

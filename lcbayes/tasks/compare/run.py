@@ -89,10 +89,10 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
         identity |= {"chains": chains.as_dict()}
     checkpoint = context.checkpoint(identity)
     plan = engine.Plan(settings, chains, options.sparse)
-    found = engine.run(curve, entry, checked, counts, plan, checkpoint, context.progress)
-    content, reasons = summarise(found, identity, curve.n_obs, options.seed)
+    compared = engine.run(curve, entry, checked, counts, plan, checkpoint, context.progress)
+    content, reasons = summarise(compared, identity, curve.n_obs, options.seed)
     context.progress.say("checking the draws of each number: predicted brightness, leave-one-out")
-    return Comparison(content, reasons, {}, _fits(found, curve, entry, identity))
+    return Comparison(content, reasons, {}, _fits(compared, curve, entry, identity))
 
 
 def _compared_bodies(curve: LightCurve, options: CompareOptions, context: Context) -> Comparison:
@@ -104,14 +104,14 @@ def _compared_bodies(curve: LightCurve, options: CompareOptions, context: Contex
     named = {f"{k.name}.{key}": value for k in kinds for key, value in k.options.items()}
     identity = identity_of(curve, kinds[0].entry, named, settings, installed_version())
     checkpoint = context.checkpoint(identity)
-    found = body_kind.run(curve, kinds, settings, checkpoint, context.progress)
-    content, reasons = summarise(found, identity, curve.n_obs, options.seed)
+    compared = body_kind.run(curve, kinds, settings, checkpoint, context.progress)
+    content, reasons = summarise(compared, identity, curve.n_obs, options.seed)
     content["model"] = ", ".join(dict.fromkeys(k.entry.name for k in kinds))
     context.progress.say("checking the draws of each body: predicted brightness, leave-one-out")
     entries = {k.name: k.entry for k in kinds}
     fits: dict[int | str, Fit] = {
         c.body: _fit_of(c.posterior, curve, entries[c.body], c.options, identity)
-        for c in found.candidates
+        for c in compared.candidates
         if c.posterior is not None
     }
     return Comparison(content, reasons, {}, fits)
@@ -142,13 +142,13 @@ def _kinds(options: CompareOptions) -> list[Kind]:
 
 
 def _fits(
-    found: engine.Compared, curve: LightCurve, entry: Entry, identity: Mapping[str, Any]
+    compared: engine.Compared, curve: LightCurve, entry: Entry, identity: Mapping[str, Any]
 ) -> dict[int | str, Fit]:
     """The posterior of each number of facets, as the result of a fit."""
     fits: dict[int | str, Fit] = {}
-    for c in found.candidates:
+    for c in compared.candidates:
         if c.posterior is not None:
-            options = {**found.options, "n_facets": c.n_facets}
+            options = {**compared.options, "n_facets": c.n_facets}
             fits[c.n_facets] = _fit_of(c.posterior, curve, entry, options, identity)
     return fits
 

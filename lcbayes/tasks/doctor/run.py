@@ -107,7 +107,7 @@ def _jax() -> Iterator[Check]:
 def _cache(folder: Path | None) -> Check:
     name = "compilation cache"
     if folder is None:
-        return Check(name, "off (LCBAYES_CACHE=off): every run compiles anew")
+        return Check(name, "off (LCBAYES_CACHE=off): every run compiles again")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

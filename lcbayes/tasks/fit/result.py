@@ -110,24 +110,24 @@ class Fit(Result[FitContent]):
     def tables(self) -> dict[str, pd.DataFrame]:
         import pandas as pd
 
-        found = {"parameters": self.summary()}
+        tables = {"parameters": self.summary()}
         if moved := self.content.get("rests_on"):
-            found["rests_on"] = pd.DataFrame(moved).rename_axis("parameter").reset_index()
+            tables["rests_on"] = pd.DataFrame(moved).rename_axis("parameter").reset_index()
         quality = self.content["fit"]
         if tests := quality.get("tests"):
-            found["residual_tests"] = pd.DataFrame(tests)
-            found["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
+            tables["residual_tests"] = pd.DataFrame(tests)
+            tables["alternatives"] = pd.DataFrame(quality.get("alternatives", []))
         if spins := self.content.get("spins"):
-            found["spins"] = pd.DataFrame(
+            tables["spins"] = pd.DataFrame(
                 {label("omega", (i,)): x for i, x in enumerate(s["omega_rad_s"])}
                 | {k: s[k] for k in ("period_s", "share", "sampled")}
                 for s in spins
             )
         if len(dimensions := self._dimensions()):
-            found["dimensions"] = dimensions
+            tables["dimensions"] = dimensions
         if (curves := self._model_curves()) is not None:
-            found["model_curves"] = curves
-        return found
+            tables["model_curves"] = curves
+        return tables
 
     def lines(self) -> list[str]:
         """Each solution: weight, residuals, mean, standard deviation and 90 % intervals."""
@@ -191,8 +191,8 @@ class Fit(Result[FitContent]):
         if not any("body" in mode for mode in self.content["modes"]):
             return None
         results = self._contents()
-        found = [asteroid_plots.model_curves(results, mode) for mode in results.modes]
-        parts = [pd.DataFrame(columns) for columns in found if columns is not None]
+        curves = [asteroid_plots.model_curves(results, mode) for mode in results.modes]
+        parts = [pd.DataFrame(columns) for columns in curves if columns is not None]
         return pd.concat(parts, ignore_index=True) if parts else None
 
     def _unit(self, name: str) -> str:
@@ -221,8 +221,8 @@ class Fit(Result[FitContent]):
         """Pairs of the most important quantities, one figure per solution."""
 
         def draw(gallery: style.Gallery) -> None:
-            for mode, few in self._important():
-                diagnostics_plots.draw_pairs(mode, few, gallery)
+            for mode, selected in self._important():
+                diagnostics_plots.draw_pairs(mode, selected, gallery)
 
         return style.figures(draw)
 
@@ -230,8 +230,8 @@ class Fit(Result[FitContent]):
         """Chains of the most important quantities, one figure per solution."""
 
         def draw(gallery: style.Gallery) -> None:
-            for mode, few in self._important():
-                diagnostics_plots.draw_traces(mode, few, gallery)
+            for mode, selected in self._important():
+                diagnostics_plots.draw_traces(mode, selected, gallery)
 
         return style.figures(draw)
 

@@ -134,15 +134,15 @@ class GlintsResult(DeterministicResult[Glints, GlintsContent]):
     task = "glints"
     refused = glints_report.REFUSED
 
-    def __init__(self, found: Glints, curve: LightCurve, options: GlintsOptions) -> None:
+    def __init__(self, analysed: Glints, curve: LightCurve, options: GlintsOptions) -> None:
         asked: Asked = {
             "attitude": options.attitude_settings(),
             "sun_tracking": options.sun_tracking,
             "alarm": options.alarm,
             "longest_s": options.longest,
         }
-        content = {**about(curve), **asked, **_numbers(found, curve)}
-        super().__init__(found, content, found.reasons)
+        content = {**about(curve), **asked, **_numbers(analysed, curve)}
+        super().__init__(analysed, content, analysed.reasons)
         self._curve = curve
 
     def summary(self) -> pd.DataFrame:
@@ -252,10 +252,10 @@ def _direction(d: Direction) -> DirectionContent:
 
 
 def _row(kind: str, d: Direction) -> dict[str, Any]:
-    found = _direction(d)
-    longer, shorter = found["semi_axes_90_deg"]
+    direction = _direction(d)
+    longer, shorter = direction["semi_axes_90_deg"]
     axes = {"semi_major_90_deg": longer, "semi_minor_90_deg": shorter}
-    return {"kind": kind, "n_glints": len(d.members), **found, **axes}
+    return {"kind": kind, "n_glints": len(d.members), **direction, **axes}
 
 
 def _panel_row(panel: Tracking) -> dict[str, Any]:

@@ -42,11 +42,11 @@ def glints(curve: LightCurve, options: GlintsOptions, context: Context) -> Glint
     >>> result.trusted, [reason.code for reason in result.reasons]
     (False, ['no-glint'])
     """
-    found = analyse(
+    analysed = analyse(
         curve,
         options.known_attitude(curve),
         axis=options.sun_tracking,
         alarm=options.alarm,
         longest_s=options.longest,
     )
-    return GlintsResult(found, curve, options)
+    return GlintsResult(analysed, curve, options)

@@ -68,9 +68,9 @@ class Known:
     sampled_passes: int
 
 
-def advise(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -> list[Advice]:
+def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | None) -> list[Advice]:
     """The commands for a light curve, those that suit first."""
-    known = _known(curve, facts, found)
+    known = _known(curve, facts, candidates)
     if curve.brightness_only:
         return [_geometry(known)]
     rules: tuple[Callable[[Known], Iterator[Advice]], ...] = (
@@ -87,27 +87,27 @@ def advise(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -
     return sorted(listed, key=lambda one: not one.suits)
 
 
-def _known(curve: LightCurve, facts: dict[str, Any], found: Candidates | None) -> Known:
+def _known(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | None) -> Known:
     ranges = curve.range_km
     asteroid = (
         not facts["orbit"]
         and (curve.frame == "ecliptic-j2000" or facts["span_s"] > 30 * DAY_S)
         and (ranges is None or bool(np.median(ranges) > ASTEROID_KM))
     )
-    period = found.best if found is not None else None
-    enough = 0
-    if found is not None and period is not None and not found.joined:
-        enough = sum(p.length / period >= MIN_CYCLES for p in found.spin.passes)
+    period = candidates.best if candidates is not None else None
+    long_passes = 0
+    if candidates is not None and period is not None and not candidates.joined:
+        long_passes = sum(p.length / period >= MIN_CYCLES for p in candidates.spin.passes)
     return Known(
         curve=curve,
         facts=facts,
         period=period,
-        cycles=0.0 if found is None or period is None else found.listed[0].cycles,
-        joined=found is not None and found.joined,
+        cycles=0.0 if candidates is None or period is None else candidates.listed[0].cycles,
+        joined=candidates is not None and candidates.joined,
         passes=facts["n_passes"],
         asteroid=asteroid,
         low=ranges is not None and bool(np.median(ranges) < LOW_KM),
-        sampled_passes=enough,
+        sampled_passes=long_passes,
     )
 
 

@@ -108,15 +108,15 @@ class LookResult(DeterministicResult[Candidates | None, LookContent]):
         self,
         curve: LightCurve,
         description: Description,
-        found: Candidates | None,
+        candidates: Candidates | None,
         advice: list[Advice],
     ) -> None:
         content: dict[str, Any] = {**about(curve), **description.facts}
         content["passes"] = rows_of_passes(curve, description.passes)
-        content["periods"] = _periods(found)
+        content["periods"] = _periods(candidates)
         content["commands"] = [asdict(one) for one in advice]
         content["cost_basis"] = COST
-        super().__init__(found, content)
+        super().__init__(candidates, content)
         self.curve = curve
         self._passes = description.passes
 
@@ -130,8 +130,8 @@ class LookResult(DeterministicResult[Candidates | None, LookContent]):
         """Commands, passes, and candidate periods."""
         import pandas as pd
 
-        found = self.content["periods"]
-        listed = [] if found is None else found["listed"]
+        periods = self.content["periods"]
+        listed = [] if periods is None else periods["listed"]
         return {
             "commands": self.summary(),
             "passes": pd.DataFrame(self.content["passes"]),
@@ -169,17 +169,17 @@ class LookResult(DeterministicResult[Candidates | None, LookContent]):
         return figure_of(look_report.draw_folded, self.data)
 
 
-def _periods(found: Candidates | None) -> dict[str, Any] | None:
+def _periods(candidates: Candidates | None) -> dict[str, Any] | None:
     """The content of ``summary.json`` about periods."""
-    if found is None:
+    if candidates is None:
         return None
     return {
-        "significant": found.significant,
-        "false_alarm_probability": found.spin.false_alarm,
-        "nights_joined": found.joined,
-        "longest_searched_s": 1.0 / float(found.spin.grid[0]),
-        "shortest_searched_s": 1.0 / float(found.spin.grid[-1]),
-        "listed": [asdict(one) for one in found.listed],
-        "conditions": [condition_content(c) for c in found.spin.conditions],
-        "notes": found.notes,
+        "significant": candidates.significant,
+        "false_alarm_probability": candidates.spin.false_alarm,
+        "nights_joined": candidates.joined,
+        "longest_searched_s": 1.0 / float(candidates.spin.grid[0]),
+        "shortest_searched_s": 1.0 / float(candidates.spin.grid[-1]),
+        "listed": [asdict(one) for one in candidates.listed],
+        "conditions": [condition_content(c) for c in candidates.spin.conditions],
+        "notes": candidates.notes,
     }

@@ -40,8 +40,8 @@ def look(curve: LightCurve, options: LookOptions, context: Context) -> LookResul
     >>> result.content["n_passes"]
     1
     """
-    found = candidate_periods(
+    candidates = candidate_periods(
         curve, n_shuffles=options.shuffles, seed=options.seed, progress=context.progress
     )
     description = describe(curve)
-    return LookResult(curve, description, found, advise(curve, description.facts, found))
+    return LookResult(curve, description, candidates, advise(curve, description.facts, candidates))

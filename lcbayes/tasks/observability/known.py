@@ -56,7 +56,7 @@ def from_fit(
     fit = load_fit(folder, model)
     fitted = fit.curve
     wanted = replace(measured.curve, kind=fitted.kind)
-    ready = predict.Foretold.of(fit.posterior, fitted, wanted, fit.model, fit.options, DRAWS)
+    ready = predict.Predictor.of(fit.posterior, fitted, wanted, fit.model, fit.options, DRAWS)
     if ready.own_level.any():
         raise InputError(
             f"the fit in {folder} has curves of unknown scale only, so the brightness to come is "
@@ -71,7 +71,7 @@ def from_fit(
 
 
 def at_draws(
-    ready: predict.Foretold, fitted: LightCurve, wanted: LightCurve, sd: Floats, target: str
+    ready: predict.Predictor, fitted: LightCurve, wanted: LightCurve, sd: Floats, target: str
 ) -> tuple[Floats, Floats, str]:
     """Factors Aₖ = (∂f/∂z/σ) Lₖ and Bₖ = (∂target/∂z) Lₖ at each draw, L Lᵀ = F⁻¹.
 

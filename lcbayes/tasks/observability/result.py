@@ -44,11 +44,11 @@ class Observability(Result[dict[str, Any]]):
 
     task = "observability"
 
-    def __init__(self, found: Findings) -> None:
-        self._numbers = summary.numbers(found)
+    def __init__(self, findings: Findings) -> None:
+        self._numbers = summary.numbers(findings)
         short = {k: v for k, v in self._numbers.items() if k != "measurements"}
         super().__init__(short, [], {})
-        self._found = found
+        self._found = findings
 
     @property
     def data(self) -> Findings:
@@ -85,10 +85,10 @@ class Observability(Result[dict[str, Any]]):
             rows = np.array([row[name] for row in m])
             for axis, values in zip("xyz", rows.T, strict=True):
                 measured[f"{name}_{axis}_{unit}"] = values
-        found = {"unknowns": self.summary(), "measurements": measured}
+        tables = {"unknowns": self.summary(), "measurements": measured}
         if self._numbers["plan"] is not None:
-            found["schedule"] = self._schedule()
-        return found
+            tables["schedule"] = self._schedule()
+        return tables
 
     def _schedule(self) -> pd.DataFrame:
         import pandas as pd

@@ -79,16 +79,16 @@ def _findings(scenario: Scenario, options: ObservabilityOptions, context: Contex
     with context.progress.stage("observability", steps, "steps") as track:
         measured = measure(scenario)
         track.advance(1, f"{measured.curve.n_obs} measurements")
-        found = campaign(Unknowns.of(scenario, options.unknown), measured)
-        track.advance(1, f"{len(found.unknowns.parameters)} unknowns")
-        left = trades(found, measured)
+        planned = campaign(Unknowns.of(scenario, options.unknown), measured)
+        track.advance(1, f"{len(planned.unknowns.parameters)} unknowns")
+        left = trades(planned, measured)
         track.advance(1, f"{len(left)} undetermined combinations")
-        bent = nonlinearity(found, measured)
+        bent = nonlinearity(planned, measured)
         track.advance(1, f"{int(np.sum(bent > MAX_NONLINEARITY))} nonlinear unknowns")
         plan = None
         if options.plan is not None:
             if options.posterior is None:
-                factor, wanted = campaign_plan.from_prior(found, options.target)
+                factor, wanted = campaign_plan.from_prior(planned, options.target)
             else:
                 factor, wanted, more = known.from_fit(
                     options.posterior, measured, options.target, options.model
@@ -103,4 +103,4 @@ def _findings(scenario: Scenario, options: ObservabilityOptions, context: Contex
                 visit_s=options.visit,
             )
             track.advance(1, f"{options.plan} visits of {len(plan.visits)}")
-    return Findings(scenario, measured, found, left, bent, plan, tuple(notes))
+    return Findings(scenario, measured, planned, left, bent, plan, tuple(notes))

@@ -131,7 +131,7 @@ def noise_free(
     """
     wanted = with_velocity(wanted)  # from neighbouring points, which may be in another chunk
     wanted = _in_band(wanted, fitted)
-    ready = Foretold.of(posterior, fitted, wanted, model, options)
+    ready = Predictor.of(posterior, fitted, wanted, model, options)
     scale, own_level = ready.scales(posterior), ready.own_level
     parts = []
     for start in range(0, wanted.n_obs, CHUNK):
@@ -152,7 +152,7 @@ def noise_free(
 
 
 @dataclass(frozen=True)
-class Foretold:
+class Predictor:
     """The quantities needed to predict brightness at other epochs.
 
     Attributes
@@ -186,7 +186,7 @@ class Foretold:
         model: str,
         options: Mapping[str, Any],
         most: int = MOST_DRAWS,
-    ) -> Foretold:
+    ) -> Predictor:
         """Arguments as for `predicted`; at most ``most`` draws, evenly spaced.
 
         Raises
@@ -294,7 +294,7 @@ def _in_band(wanted: LightCurve, fitted: LightCurve) -> LightCurve:
 def _sources(
     fitted: LightCurve, wanted: LightCurve
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_], list[str]]:
-    """`Foretold.source`, `own_level` and notes."""
+    """`Predictor.source`, `own_level` and notes."""
     source, own = np.full(wanted.n_curves, -1), np.zeros(wanted.n_curves, bool)
     if not np.any(fitted.free_scale):
         return source, own, []

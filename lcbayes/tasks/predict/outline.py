@@ -138,7 +138,7 @@ def outlines(
             "J2000; fit light curves with ecliptic directions, such as DAMIT files"
         )
     chords = Chords.of(events)
-    found: list[tuple[Asteroid, int, Placed, Floats]] = []
+    placed_outlines: list[tuple[Asteroid, int, Placed, Floats]] = []
     for number, asteroid in enumerate(asteroids, 1):
         progress.say(f"solution {number}: {num_bodies} bodies over {len(chords.ends) // 2} chords")
         bodies, failed = asteroid.bodies(num_bodies)
@@ -150,11 +150,13 @@ def outlines(
         each = [[occultations.support(b.body.vertices, b.spin, e) for e in events] for b in bodies]
         outline = np.stack([np.concatenate([o for o, _ in one]) for one in each])
         across = np.stack([np.concatenate([a for _, a in one]) for one in each])
-        found.append((asteroid, failed, occultations.place(outline, across, chords), outline))
+        placed_outlines.append(
+            (asteroid, failed, occultations.place(outline, across, chords), outline)
+        )
     evidence = np.array(
         [
             np.log(a.weight) + logsumexp(p.log_likelihood) - np.log(len(p.log_likelihood))
-            for a, _, p, _ in found
+            for a, _, p, _ in placed_outlines
         ]
     )
     posterior = np.exp(evidence - logsumexp(evidence))
@@ -169,13 +171,15 @@ def outlines(
             softmax(placed.log_likelihood),
             occultations.effective_number(placed.log_likelihood),
         )
-        for (asteroid, failed, placed, outline), weight in zip(found, posterior, strict=True)
+        for (asteroid, failed, placed, outline), weight in zip(
+            placed_outlines, posterior, strict=True
+        )
     ]
 
 
-def findings(found: Sequence[Outline]) -> list[Finding]:
+def findings(outlines: Sequence[Outline]) -> list[Finding]:
     """Reasons not to trust what light curves and chords give together."""
-    heavy = max(found, key=lambda o: o.posterior)
+    heavy = max(outlines, key=lambda o: o.posterior)
     if heavy.effective >= MIN_EFFECTIVE:
         return []
     values = {"effective": heavy.effective, "limit": MIN_EFFECTIVE, "bodies": len(heavy.joint)}
@@ -183,19 +187,21 @@ def findings(found: Sequence[Outline]) -> list[Finding]:
 
 
 def content(
-    found: Sequence[Outline], events: Sequence[Occultation], file: str, seed: int
+    outlines: Sequence[Outline], events: Sequence[Occultation], file: str, seed: int
 ) -> dict[str, Any]:
     """The content of ``summary.json``; without ``diameter_km`` if the chords choose too few."""
     joint: BodyRow | None = None
-    if not findings(found):
-        parts = [o.diameters(seed, joint=True) for o in found]
+    if not findings(outlines):
+        parts = [o.diameters(seed, joint=True) for o in outlines]
         drawn = np.concatenate([d for d, _ in parts])
-        weight = np.concatenate([o.posterior * w for o, (_, w) in zip(found, parts, strict=True)])
+        weight = np.concatenate(
+            [o.posterior * w for o, (_, w) in zip(outlines, parts, strict=True)]
+        )
         joint = weighted_row(drawn, weight)
     return {
         "occultation": file,
         "events": [_event(e) for e in events],
-        "solutions": [_solution(o, seed, joint is not None) for o in found],
+        "solutions": [_solution(o, seed, joint is not None) for o in outlines],
         "diameter_km": joint,
         "notes": list(NOTES),
     }
@@ -220,27 +226,27 @@ def _event(event: Occultation) -> dict[str, Any]:
     }
 
 
-def _solution(found: Outline, seed: int, joint: bool) -> dict[str, Any]:
-    spin = found.asteroid.mean_spin
-    inside, placed = found.inside(), found.placed
-    weight = found.joint
+def _solution(outline: Outline, seed: int, joint: bool) -> dict[str, Any]:
+    spin = outline.asteroid.mean_spin
+    inside, placed = outline.inside(), outline.placed
+    weight = outline.joint
     return {
         "pole_lon_deg": spin.pole_lon_deg,
         "pole_lat_deg": spin.pole_lat_deg,
-        "weight_before": found.asteroid.weight,
-        "weight": found.posterior if joint else None,
+        "weight_before": outline.asteroid.weight,
+        "weight": outline.posterior if joint else None,
         "n_bodies": len(weight),
-        "n_failed": found.n_failed,
-        "effective_bodies": found.effective,
+        "n_failed": outline.n_failed,
+        "effective_bodies": outline.effective,
         "ends": len(inside),
         "ends_inside_90": int(inside.sum()),
         "share_inside_90": float(inside.mean()),
         "rms_distance_km": float(np.sqrt(np.mean(placed.distance**2))),
         "limb_relief": float(placed.relief.mean()),
-        "log_evidence_chords": found.log_evidence,
+        "log_evidence_chords": outline.log_evidence,
         "negative_chords_crossed": float((placed.depth > 0).mean(axis=0).sum()),
-        "diameter_from_light_curves_km": found.diameter(seed, joint=False),
-        "diameter_km": found.diameter(seed, joint=True) if joint else None,
+        "diameter_from_light_curves_km": outline.diameter(seed, joint=False),
+        "diameter_km": outline.diameter(seed, joint=True) if joint else None,
         "rms_distance_joint_km": float(
             np.sqrt(np.sum(weight * np.mean(placed.distance**2, axis=1)))
         ),

@@ -78,13 +78,13 @@ class RotationPrediction(Result[RotationContent]):
         return {"rotation": self.summary()}
 
     def lines(self) -> list[str]:
-        found = ["rotation angle (as phi of spin.txt), deg; sd includes that of the shape"]
+        lines = ["rotation angle (as phi of spin.txt), deg; sd includes that of the shape"]
         for row in self.content["rotation"]:
-            found.append(
+            lines.append(
                 f"  JD {row['jd']:.5f}  solution {row['solution']:.0f} (weight "
                 f"{row['weight']:.2g}): {row['rotation_deg']:.1f} ± {row['rotation_sd_deg']:.1f}"
             )
-        return found
+        return lines
 
     def save(self, folder: str | Path) -> Path:
         """Write the table as a CSV file with this path."""

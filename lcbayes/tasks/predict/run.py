@@ -114,9 +114,11 @@ def _of_asteroid(
     against = stored(read_summary(folder))
     if options.occultation is None:
         return RotationPrediction(rotation.rotations(solutions, options.date), against)
-    found = outline.outlines(solutions, events, options.num_bodies, context.progress)
-    content = outline.content(found, events, str(options.occultation), options.seed)
-    return OutlinePrediction(found, events, content, [*against, *reasons(outline.findings(found))])
+    outlines = outline.outlines(solutions, events, options.num_bodies, context.progress)
+    content = outline.content(outlines, events, str(options.occultation), options.seed)
+    return OutlinePrediction(
+        outlines, events, content, [*against, *reasons(outline.findings(outlines))]
+    )
 
 
 def load_fit(folder: Path, model: str | None = None) -> Fitted:

@@ -86,10 +86,10 @@ class Scan(Result[ScanContent]):
         import pandas as pd
 
         heads, rows = self._scan.table()
-        found = {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
+        tables = {"solutions": self.summary(), "hypotheses": pd.DataFrame(rows, columns=heads)}
         if (ahead := self.content.get("nights")) is not None:
-            found["nights"] = pd.DataFrame(ahead["nights"])
-        return found
+            tables["nights"] = pd.DataFrame(ahead["nights"])
+        return tables
 
     def lines(self) -> list[str]:
         content = self.content

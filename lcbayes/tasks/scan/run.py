@@ -29,7 +29,7 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     refined by Levenberg-Marquardt over pole, period and a smooth convex body. Laws: each stabilised
     attitude of the catalogue is fitted with facets on a grid. Sparse points of asteroids: a
     periodogram ranks all poles and periods, solutions have probabilities, and the most probable are
-    refined; ``nights`` foretells how far further nights would settle the period. The scan is
+    refined; ``nights`` predicts how well further nights would determine the period. The scan is
     deterministic.
 
     {parameters}

@@ -79,10 +79,10 @@ class ShapeMatchResult(DeterministicResult[ShapeMatch, ShapeMatchContent]):
 
     task = "shape-match"
 
-    def __init__(self, found: ShapeMatch, curve: LightCurve, surface: Surface, seed: int) -> None:
+    def __init__(self, matched: ShapeMatch, curve: LightCurve, surface: Surface, seed: int) -> None:
         asked: Asked = {"seed": seed, "surface": vars(surface)}
-        content = {**about(curve), **asked, **_numbers(found)}
-        super().__init__(found, content, found.reasons)
+        content = {**about(curve), **asked, **_numbers(matched)}
+        super().__init__(matched, content, matched.reasons)
 
     def summary(self) -> pd.DataFrame:
         """One row per candidate, highest p-value first."""

@@ -55,7 +55,7 @@ def shape_match(
     """
     bodies, inputs = _candidates(options)
     surface = method.Surface(options.r_diff, options.r_spec, options.exponent)
-    found = method.shape_match(
+    matched = method.shape_match(
         curve,
         bodies,
         surface=surface,
@@ -63,7 +63,7 @@ def shape_match(
         seed=options.seed,
         progress=context.progress,
     )
-    result = ShapeMatchResult(found, curve, surface, options.seed)
+    result = ShapeMatchResult(matched, curve, surface, options.seed)
     result.record = inputs
     return result
 

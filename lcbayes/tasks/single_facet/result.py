@@ -93,8 +93,8 @@ class SingleFacetResult(DeterministicResult[SingleFacet, SingleFacetContent]):
 
     task = "single-facet"
 
-    def __init__(self, found: SingleFacet, curve: LightCurve) -> None:
-        super().__init__(found, {**about(curve), **_numbers(found)}, found.reasons)
+    def __init__(self, analysed: SingleFacet, curve: LightCurve) -> None:
+        super().__init__(analysed, {**about(curve), **_numbers(analysed)}, analysed.reasons)
 
     def summary(self) -> pd.DataFrame:
         """One row: normal (deg, body axes of the law), its region, albedo-area (m²)."""

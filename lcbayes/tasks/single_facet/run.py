@@ -49,5 +49,5 @@ def single_facet(
     False
     """
     name = options.law or ("inertial" if curve.velocity_km_s is None else "lvlh")
-    found = method.single_facet(curve, catalogue.parse(name), seed=options.seed)
-    return SingleFacetResult(found, curve)
+    analysed = method.single_facet(curve, catalogue.parse(name), seed=options.seed)
+    return SingleFacetResult(analysed, curve)

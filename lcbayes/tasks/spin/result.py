@@ -110,8 +110,8 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
     task = "spin"
     refused = spin_report.REFUSED
 
-    def __init__(self, found: Spin, curve: LightCurve) -> None:
-        super().__init__(found, {**about(curve), **_content(found, curve)}, found.reasons)
+    def __init__(self, spin: Spin, curve: LightCurve) -> None:
+        super().__init__(spin, {**about(curve), **_content(spin, curve)}, spin.reasons)
         self._curve = curve
 
     def summary(self) -> pd.DataFrame:
@@ -139,10 +139,10 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
 
     def candidates(self) -> list[tuple[str, float]]:
         base = self.content["photometric_period_s"]
-        found = [] if base is None else [("brightness repeats", base)]
+        periods = [] if base is None else [("brightness repeats", base)]
         for i, one in enumerate(self.content["solutions"][:MOST_CANDIDATES], 1):
-            found.append((f"sidereal period, solution {i}", one["period_s"]))
-        return found
+            periods.append((f"sidereal period, solution {i}", one["period_s"]))
+        return periods
 
     def plot_periodogram(self) -> Figure:
         """Power against period, with the base period and its harmonics."""

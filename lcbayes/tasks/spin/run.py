@@ -40,7 +40,7 @@ def spin(curve: LightCurve, options: SpinOptions, context: Context) -> SpinResul
     >>> result.trusted
     False
     """
-    found = estimate(
+    estimated = estimate(
         curve, n_shuffles=options.shuffles, seed=options.seed, progress=context.progress
     )
-    return SpinResult(found, curve)
+    return SpinResult(estimated, curve)

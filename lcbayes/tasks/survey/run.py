@@ -92,8 +92,8 @@ def survey(catalogue: str | Path, options: SurveyOptions, context: Context) -> S
             context.progress.stage("objects", len(run.places), "objects") as track,
         ):
             shared = options, str(context.folder.path.resolve())
-            for number, found in pool(worker.search_object, shared, run.tasks(track)):
-                run.keep(number, found, track)
+            for number, row in pool(worker.search_object, shared, run.tasks(track)):
+                run.keep(number, row, track)
     except BaseException:  # interrupted: finished objects are kept
         if any(place >= 0 for place in run.places):
             recorded(TASK, result(), options, catalogue).write(context.folder, report=False)
@@ -165,14 +165,14 @@ class _Run:
             number += 1
             yield (entry,)
 
-    def keep(self, number: int, found: dict[str, Any] | BaseException, track: Track) -> None:
+    def keep(self, number: int, row: dict[str, Any] | BaseException, track: Track) -> None:
         """Append the result of a task to the journal."""
         i, name, key = self._waiting.pop(number)
-        if isinstance(found, BaseException):
-            found = worker.failed(name, _reason(found)) | {"seconds": None}
-        retry = found.pop("retry")
-        self.places[i] = self.journal.add(key, found, final=not retry)
-        track.advance(1, f"{name} {found['status']}")
+        if isinstance(row, BaseException):
+            row = worker.failed(name, _reason(row)) | {"seconds": None}
+        retry = row.pop("retry")
+        self.places[i] = self.journal.add(key, row, final=not retry)
+        track.advance(1, f"{name} {row['status']}")
 
     def _needs_folder(self, name: str) -> bool:
         if name not in self.options.full:

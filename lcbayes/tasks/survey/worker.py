@@ -14,7 +14,7 @@ from lcbayes.core.time_limit import OutOfTime, check_time, time_limit
 from lcbayes.core.version import installed_version
 from lcbayes.data.catalogues.entry import Entry
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.results.catalogue import DOUBTED, FAILED, TRUSTED
+from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.survey_table import OBJECT, SOLUTION, folder_name
 from lcbayes.tasks.scan.options import PERIODOGRAM, ScanOptions
 from lcbayes.tasks.scan.options import TASK as SCAN
@@ -66,16 +66,16 @@ def search_object(shared: tuple[SurveyOptions, str], entry: Entry) -> dict[str, 
     begun = time.monotonic()
     try:
         with time_limit(options.time_limit):
-            found = _solutions(options, folder, entry)
+            row = _solutions(options, folder, entry)
     except InputError as fault:
-        found = failed(entry.name, str(fault), retry=False)
+        row = failed(entry.name, str(fault), retry=False)
     except OutOfTime as fault:
-        found = failed(entry.name, f"{fault} (--time-limit)")
+        row = failed(entry.name, f"{fault} (--time-limit)")
     except Exception as fault:  # a fault in one object must not stop the others
-        found = failed(
+        row = failed(
             entry.name, ": ".join([type(fault).__name__, *str(fault).strip().splitlines()[:1]])
         )
-    return found | {"seconds": round(time.monotonic() - begun, 3)}
+    return row | {"seconds": round(time.monotonic() - begun, 3)}
 
 
 def failed(name: str, reason: str, *, retry: bool = True) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def _solutions(options: SurveyOptions, folder: str, entry: Entry) -> dict[str, A
     page = _full(options, folder, entry.name, curve) if entry.name in options.full else None
     return {
         "name": entry.name,
-        "status": DOUBTED if against else TRUSTED,
+        "status": NOT_TRUSTED if against else TRUSTED,
         "reasons": [reason.content for reason in reasons(against)],
         "retry": False,
         **{name: _rounded(rows[0][name]) for name in OBJECT},

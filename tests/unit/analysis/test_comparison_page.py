@@ -68,17 +68,17 @@ def candidate(n: int, log_z: float, **changes) -> Candidate:
     )
 
 
-def found(*candidates: Candidate, **changes) -> Compared:
+def compared(*candidates: Candidate, **changes) -> Compared:
     return replace(Compared(list(candidates), [], [], 1.0, 3, None, 1.5), **changes)
 
 
 def summary(*candidates: Candidate, n_obs: int = T, **changes) -> dict:
-    content, against = comparison.summarise(found(*candidates, **changes), IDENTITY, n_obs, 0)
+    content, against = comparison.summarise(compared(*candidates, **changes), IDENTITY, n_obs, 0)
     return content | {"trusted": not against, "reasons": [reason.text for reason in against]}
 
 
 def result(*candidates: Candidate, **changes) -> Comparison:
-    content, against = comparison.summarise(found(*candidates, **changes), IDENTITY, T, 0)
+    content, against = comparison.summarise(compared(*candidates, **changes), IDENTITY, T, 0)
     return Comparison(content, against, RUN)
 
 
@@ -90,12 +90,16 @@ THREE = (candidate(2, -8.0), candidate(3, 1.0), candidate(4, -2.0))
 
 
 def test_numbers_and_conclusion():
-    told = summary(*THREE)
+    summary_content = summary(*THREE)
     p = np.exp([-8.0, 1.0, -2.0]) / np.exp([-8.0, 1.0, -2.0]).sum()
-    rows = told["candidates"]
+    rows = summary_content["candidates"]
     np.testing.assert_allclose([r["probability"] for r in rows], p)
-    assert told["conclusion"].startswith("3 facets are most probable (0.95); 4 (0.05)")
-    assert (told["trusted"], told["reasons"], told["most_probable"]) == (True, [], 3)
+    assert summary_content["conclusion"].startswith("3 facets are most probable (0.95); 4 (0.05)")
+    assert (
+        summary_content["trusted"],
+        summary_content["reasons"],
+        summary_content["most_probable"],
+    ) == (True, [], 3)
     assert rows[0]["log_evidence_spread"] == pytest.approx(np.std([-0.1, 0.1, 0, 0], ddof=1))
     elpd = THREE[0].loo.elpd
     assert rows[0]["elpd_loo"] == pytest.approx(elpd.sum())
@@ -152,9 +156,11 @@ def test_a_path_that_went_astray_does_not_decide():
     """The best particle of four facets has 54; half of it where points count half."""
     path = SparsePath(6, 0.1, {6: 1.0}, 6, 45.0)
     assert not summary(*THREE, path=path)["sparse"]["astray"]
-    told = summary(*THREE, path=replace(path, best=14.0))
-    assert (told["trusted"], told["reasons"]) == (True, [])
-    assert any("40 nats worse than the best number" in line for line in comparison.notes(told))
+    summary_content = summary(*THREE, path=replace(path, best=14.0))
+    assert (summary_content["trusted"], summary_content["reasons"]) == (True, [])
+    assert any(
+        "40 nats worse than the best number" in line for line in comparison.notes(summary_content)
+    )
     half = [replace(c, information=0.5) for c in THREE]
     assert not summary(*half, path=replace(path, best=20.0), information=0.5)["sparse"]["astray"]
     none = summary(*THREE, path_fault="no start")
@@ -167,8 +173,11 @@ def test_the_odds_under_other_priors_on_areas():
     prior = AreaPrior(np.log(4.0), 1.0, 0.0, True)
     at = [np.log([[4.0, 4.0]] * 150), np.log([[4.0, 4.0, 0.1]] * 150)]
     pair = [replace(candidate(n, 0.0), log_areas=x) for n, x in zip((2, 3), at, strict=True)]
-    told = summary(*pair, area_prior=prior)
-    scan = {round(row["median_m2"], 3): row["probability"] for row in told["area_prior"]["scan"]}
+    summary_content = summary(*pair, area_prior=prior)
+    scan = {
+        round(row["median_m2"], 3): row["probability"]
+        for row in summary_content["area_prior"]["scan"]
+    }
     assert list(scan) == [0.8, 1.0, 2.0, 4.0, 8.0, 20.0]
     np.testing.assert_allclose(scan[4.0], [0.5, 0.5])
     density = [
@@ -177,7 +186,7 @@ def test_the_odds_under_other_priors_on_areas():
     ]
     want = np.exp(density) / np.exp(density).sum()
     np.testing.assert_allclose(scan[8.0], want)
-    (note,) = comparison.notes(told)
+    (note,) = comparison.notes(summary_content)
     assert "has the median 4 m², that of the best fit" in note
     assert f"8 m² (2: {want[0]:.2f}, 3: {want[1]:.2f})" in note
     rng = np.random.default_rng(0)
@@ -209,17 +218,19 @@ def test_the_table():
 def test_a_number_that_is_ruled_out():
     """It has no probability, a bound in place of its evidence, and no particles."""
     out = RuledOut(1, 6, -1234.4, Misfit(2500.0, 34.0, "gaussian"))
-    told = summary(*THREE, ruled_out=[out])
-    assert [row["probability"] for row in told["candidates"]] == [
+    summary_content = summary(*THREE, ruled_out=[out])
+    assert [row["probability"] for row in summary_content["candidates"]] == [
         row["probability"] for row in summary(*THREE)["candidates"]
     ]
     assert result(*THREE, ruled_out=[out]).probability[1] == 0.0
-    lines = comparison.table(told)
+    lines = comparison.table(summary_content)
     assert lines[1].split()[:3] == ["1", "<", "-1234"]
     assert lines[1].rstrip().endswith("2500/34")
     assert "best fit alone, whose likelihood no evidence can exceed: 1 facet." in lines[5]
     figure = comparison_page.draw(
-        told["candidates"], comparison_page.style.Gallery(Path()), told["ruled_out"]
+        summary_content["candidates"],
+        comparison_page.style.Gallery(Path()),
+        summary_content["ruled_out"],
     )
     assert any("< −1235" in text.get_text() for text in figure.axes[1].texts)
     assert figure.axes[0].get_xticks().tolist() == [1, 2, 3, 4]
@@ -243,8 +254,8 @@ def test_what_python_gets(tmp_path):
 @pytest.mark.parametrize("good", [True, False])
 def test_the_page(tmp_path, good, look):
     failed = [] if good else [lost("5 facets: <lost>"), lost(browser_pages.EVIL_TEXT)]
-    told = result(*THREE, failed=failed).content
-    comparison_page.write_page(tmp_path, told, RUN, CompareOptions)
+    summary_content = result(*THREE, failed=failed).content
+    comparison_page.write_page(tmp_path, summary_content, RUN, CompareOptions)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert (tmp_path / "figures" / "compare.pdf").read_bytes().startswith(b"%PDF")
     assert ("Do not trust these numbers" in page) is not good
@@ -256,7 +267,7 @@ def test_the_page(tmp_path, good, look):
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert not list(Path(tmp_path).glob(".*"))
     evil = RUN | {"curve": browser_pages.EVIL_FILE}
-    comparison_page.write_page(tmp_path, told, evil, CompareOptions)
+    comparison_page.write_page(tmp_path, summary_content, evil, CompareOptions)
     look(tmp_path / "report.html")
 
 

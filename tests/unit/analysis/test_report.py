@@ -38,10 +38,10 @@ class Page(HTMLParser):
         self.text = re.sub(r"\s+", " ", " ".join(self.words))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = {k: v or "" for k, v in attrs}
-        self.addresses += [v for k, v in found.items() if k in ("src", "href", "srcset", "action")]
+        result = {k: v or "" for k, v in attrs}
+        self.addresses += [v for k, v in result.items() if k in ("src", "href", "srcset", "action")]
         if tag == "img":
-            self.images.append(found)
+            self.images.append(result)
 
     def handle_data(self, data: str) -> None:
         self.words.append(data)
@@ -68,11 +68,11 @@ def page(folder: Path) -> Page:
 
 
 def test_page_is_one_file_with_described_images(faceted):
-    found = page(faceted)
-    assert found.addresses
-    assert all(a.startswith("data:") for a in found.addresses)
-    assert len(found.images) >= 12
-    assert all(len(i["alt"]) > 10 for i in found.images)
+    result = page(faceted)
+    assert result.addresses
+    assert all(a.startswith("data:") for a in result.addresses)
+    assert len(result.images) >= 12
+    assert all(len(i["alt"]) > 10 for i in result.images)
     assert "url(" not in (faceted / "report.html").read_text(encoding="utf-8")
 
 
@@ -278,7 +278,7 @@ def test_dates_and_durations():
     assert duration(25 * 365.25 * 86400) == "25 years"
 
 
-def test_passes_are_told_apart_and_lone_points_are_not():
+def test_passes_are_distinguished_and_lone_points_are_not():
     def split(t, curve):
         results = SimpleNamespace(t=np.asarray(t, float), curve=np.asarray(curve), labels={})
         return [list(s.points) for s in light_curve_plots.segments(results)]  # pyright: ignore[reportArgumentType]

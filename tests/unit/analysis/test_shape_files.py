@@ -92,8 +92,8 @@ def test_triangles_give_the_brightness_of_the_model(tmp_path, pole, free_scale):
     shape_files.write_body(tmp_path, body, "", "a test", DamitModel(spin, scattering))
 
     model = damit_model.read(tmp_path)
-    found = model.flux(EPOCH + light.t / 86400.0, light.sun, light.obs)
-    np.testing.assert_allclose(found, flux, rtol=1e-6)
+    result = model.flux(EPOCH + light.t / 86400.0, light.sun, light.obs)
+    np.testing.assert_allclose(result, flux, rtol=1e-6)
     model.phi0 += 0.01  # a hundredth of a degree is seen
     wrong = model.flux(EPOCH + light.t / 86400.0, light.sun, light.obs)
     assert np.max(np.abs(wrong / flux - 1.0)) > 1e-5

@@ -75,7 +75,7 @@ def test_standard_output_that_is_closed_is_no_fault():
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_standard_output_that_is_full_is_told_of_in_a_line(unbuffered):
+def test_standard_output_that_is_full_is_reported_in_a_line(unbuffered):
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "lcbayes", "simulate", "--list"]
         env = os.environ | {"PYTHONUNBUFFERED": unbuffered}

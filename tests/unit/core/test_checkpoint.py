@@ -26,11 +26,11 @@ def test_arrays_come_back_bit_for_bit(tmp_path):
     Checkpoint(tmp_path / "c", IDENTITY).save("a", kept)
     again = Checkpoint(tmp_path / "c", IDENTITY)
     assert again.resumed
-    found = again.load("a")
-    assert found is not None
+    result = again.load("a")
+    assert result is not None
     for name, values in kept.items():
-        np.testing.assert_array_equal(found[name], values)
-        assert found[name].dtype == values.dtype
+        np.testing.assert_array_equal(result[name], values)
+        assert result[name].dtype == values.dtype
     assert again.load("b") is None
 
 
@@ -206,9 +206,9 @@ def test_toml_comes_back(tmp_path):
         "empty": {},
     }
     (tmp_path / "run.toml").write_text(to_toml(content))
-    found = read_toml(tmp_path / "run.toml").values
-    assert found == content
-    assert found["yes"] is True
+    result = read_toml(tmp_path / "run.toml").values
+    assert result == content
+    assert result["yes"] is True
 
 
 def test_digests_tell_light_curves_apart():

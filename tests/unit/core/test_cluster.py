@@ -22,7 +22,7 @@ def halve(shared: float, x: int) -> float:
     return shared * x
 
 
-def test_a_task_that_fails_is_raised_or_told_as_asked():
+def test_a_task_that_fails_is_raised_or_returned_as_asked():
     tasks = [(i,) for i in range(6)]
     with worker_pool(keep_going=True) as run:
         done = dict(run(halve, 0.5, tasks))
@@ -57,7 +57,7 @@ main([sys.argv[1], "--no-nanny", "--no-dashboard"])
 """
 
 
-def test_workers_without_lcbayes_are_told_of():
+def test_workers_without_lcbayes_are_reported():
     """They would wait for tasks that they cannot read, and the user for them."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as cluster:
@@ -66,8 +66,10 @@ def test_workers_without_lcbayes_are_told_of():
             [sys.executable, "-c", WITHOUT, address], stderr=subprocess.DEVNULL
         )
         try:
-            told = pytest.raises(InputError, match="1 of the 1 Dask workers cannot import lcbayes")
-            with told, worker_pool(scheduler=address):
+            refused = pytest.raises(
+                InputError, match="1 of the 1 Dask workers cannot import lcbayes"
+            )
+            with refused, worker_pool(scheduler=address):
                 pass
         finally:
             worker.kill()
@@ -91,7 +93,7 @@ def test_a_worker_of_a_cluster_writes_its_results(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_cluster_that_goes_is_told_of_in_a_line():
+def test_a_cluster_that_goes_is_reported_in_a_line():
     distributed = pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -144,7 +146,7 @@ def test_tasks_are_taken_as_they_are_needed(n_workers, monkeypatch):
             yield (i,)
 
     with worker_pool(n_workers=n_workers, ahead=5) as run:
-        for i, found in run(squared, 3, tasks()):
-            done.append((i, found))
+        for i, result in run(squared, 3, tasks()):
+            done.append((i, result))
             assert len(taken) <= len(done) + 5
     assert sorted(done) == [(i, 3 + i * i) for i in range(60)]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import sys
+
 import pytest
 
 from lcbayes.core.progress import Console, Parts
@@ -92,3 +95,22 @@ def test_the_rate_is_of_what_follows_the_first(capsys, monkeypatch):
         "searching: 20/100 steps, 1/s, 80 s left",
         "searching: 30/100 steps, 1/s, 70 s left",
     ]
+
+
+def test_a_bar_on_a_terminal_has_a_rate_and_grows(monkeypatch):
+    """The last state of the bar: done of the new total, and the note."""
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with Console().stage("sampling", 10, "draws") as bar:
+        bar.advance(4, "0 divergent")
+        bar.more(2)
+        bar.advance(8, "1 divergent")
+    shown = sys.stderr.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
+    assert "sampling" in shown
+    last = shown[shown.rindex("12/12") :]
+    assert "draws, " in last
+    assert "1 divergent" in last
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True

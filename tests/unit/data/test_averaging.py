@@ -27,8 +27,8 @@ def noisy(signal, seed=0):
     return signal + NOISE * np.random.default_rng(seed).standard_normal(signal.size)
 
 
-def group_size(found):
-    return round(float(np.median(np.diff(found.t))) / STEP)
+def group_size(result):
+    return round(float(np.median(np.diff(result.t))) / STEP)
 
 
 @pytest.mark.parametrize(("period", "expected"), [(30.0, 35), (10.0, 14), (3.0, 5)])
@@ -51,51 +51,53 @@ def test_number_of_points_follows_the_fastest_change(period, expected):
 def test_averages_are_wrong_by_less_than_half_their_error():
     t = STEP * np.arange(6000)
     signal = 3.0 + np.exp(8.0 * (np.cos(2.0 * np.pi * t / 20.0) - 1.0))
-    found = averaged(curve(noisy(signal)), "auto")
-    assert found.error is not None
-    n = group_size(found)
+    result = averaged(curve(noisy(signal)), "auto")
+    assert result.error is not None
+    n = group_size(result)
     m = 6000 // n
     middle = signal[: m * n].reshape(m, n)
     at = np.interp(middle.shape[1] / 2.0 - 0.5, np.arange(n), np.arange(n))
     exact = np.array([np.interp(at, np.arange(n), row) for row in middle])
     bias = np.sqrt(np.mean((middle.mean(axis=1) - exact) ** 2))
     assert n > 2
-    assert bias < 0.7 * found.error[0]
+    assert bias < 0.7 * result.error[0]
 
 
 def test_errors_without_errors_in_the_file_are_those_of_the_scatter():
-    found = averaged(curve(noisy(np.full(4000, 3.0))), "0.8")
-    assert found.error is not None
-    assert found.n_obs == 500
-    assert found.error == pytest.approx(NOISE / np.sqrt(8.0), rel=0.05)
-    assert np.std(found.brightness) == pytest.approx(found.error[0], rel=0.15)
+    result = averaged(curve(noisy(np.full(4000, 3.0))), "0.8")
+    assert result.error is not None
+    assert result.n_obs == 500
+    assert result.error == pytest.approx(NOISE / np.sqrt(8.0), rel=0.05)
+    assert np.std(result.brightness) == pytest.approx(result.error[0], rel=0.15)
 
 
 def test_given_errors_are_propagated():
     error = np.where(np.arange(12) < 6, 0.1, 0.3)
-    found = averaged(curve(np.arange(12.0) + 1.0, error), "0.4")
+    result = averaged(curve(np.arange(12.0) + 1.0, error), "0.4")
     one = np.sqrt(np.array([4 * 0.01, 2 * 0.01 + 2 * 0.09, 4 * 0.09])) / 4.0
-    assert found.error == pytest.approx(one)
-    assert found.brightness == pytest.approx([2.5, 6.5, 10.5])
-    assert found.t == pytest.approx([0.15, 0.55, 0.95])
+    assert result.error == pytest.approx(one)
+    assert result.brightness == pytest.approx([2.5, 6.5, 10.5])
+    assert result.t == pytest.approx([0.15, 0.55, 0.95])
 
 
 def test_magnitudes_are_averaged_as_fluxes():
     magnitude = np.tile([10.0, 11.0], 6)
-    found = averaged(curve(magnitude, np.full(12, 0.01), "mag", range_km=np.full(12, 500.0)), "0.2")
+    result = averaged(
+        curve(magnitude, np.full(12, 0.01), "mag", range_km=np.full(12, 500.0)), "0.2"
+    )
     flux = 0.5 * (1.0 + 10.0**-0.4)
-    assert found.brightness == pytest.approx(10.0 - 2.5 * np.log10(flux))
+    assert result.brightness == pytest.approx(10.0 - 2.5 * np.log10(flux))
     relative = np.sqrt(0.5 * (1.0 + 10.0**-0.8)) * 0.01 / np.sqrt(2.0) / flux
-    assert found.error == pytest.approx(relative)
-    assert found.range_km == pytest.approx(500.0)
+    assert result.error == pytest.approx(relative)
+    assert result.range_km == pytest.approx(500.0)
 
 
 def test_noise_of_magnitudes_is_relative_to_the_flux():
     rng = np.random.default_rng(1)
     level = 2.0 + np.sin(0.05 * np.arange(5000))
     flux = level * (1.0 + 0.1 * rng.standard_normal(5000))
-    found = noise_of(flux, [np.arange(5000)], relative=True)
-    assert found == pytest.approx(0.1 * 2.5 / np.log(10.0), rel=0.05)
+    result = noise_of(flux, [np.arange(5000)], relative=True)
+    assert result == pytest.approx(0.1 * 2.5 / np.log(10.0), rel=0.05)
 
 
 def test_gaps_curves_and_bands_are_not_bridged():
@@ -105,28 +107,28 @@ def test_gaps_curves_and_bands_are_not_bridged():
     light = LightCurve(
         t=t, brightness=one.brightness, error=one.error, sun=one.sun, obs=one.obs, curve=which
     )
-    found = averaged(light, "0.3")
-    assert found.brightness == pytest.approx([1.0, 3.0, 5.0, 8.0])
-    assert found.curve.tolist() == [0, 0, 0, 1]
+    result = averaged(light, "0.3")
+    assert result.brightness == pytest.approx([1.0, 3.0, 5.0, 8.0])
+    assert result.curve.tolist() == [0, 0, 0, 1]
 
 
 def test_directions_stay_of_unit_length():
-    found = averaged(curve(noisy(np.full(1000, 3.0))), "10")
-    assert np.linalg.norm(found.sun, axis=1) == pytest.approx(1.0, abs=1e-12)
-    assert np.linalg.norm(found.obs, axis=1) == pytest.approx(1.0, abs=1e-12)
+    result = averaged(curve(noisy(np.full(1000, 3.0))), "10")
+    assert np.linalg.norm(result.sun, axis=1) == pytest.approx(1.0, abs=1e-12)
+    assert np.linalg.norm(result.obs, axis=1) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_fast_changes_are_left_alone_and_reported():
     light = curve(noisy(100.0 * np.sin(np.pi / 6.0 * np.arange(300))))
-    found = averaged(light, "auto")
-    assert found.n_obs == 300
-    assert "points were not averaged" in found.source["notes"]
+    result = averaged(light, "auto")
+    assert result.n_obs == 300
+    assert "points were not averaged" in result.source["notes"]
 
 
 def test_note_states_the_rule():
-    found = averaged(curve(noisy(np.full(1000, 3.0))), "auto")
-    assert found.source["notes"].startswith("1000 points were averaged in groups of ")
-    assert "at most 0.5 of its random error" in found.source["notes"]
+    result = averaged(curve(noisy(np.full(1000, 3.0))), "auto")
+    assert result.source["notes"].startswith("1000 points were averaged in groups of ")
+    assert "at most 0.5 of its random error" in result.source["notes"]
 
 
 @pytest.mark.parametrize("given", ["slow", "-1", "nan", "0.1"])
@@ -137,7 +139,7 @@ def test_impossible_windows_are_refused(given):
 
 def test_read_averages_and_records_it(tmp_path):
     lcbayes.write(curve(np.arange(12.0) + 1.0, np.full(12, 0.1)), tmp_path / "fast.csv")
-    found = lcbayes.read(tmp_path / "fast.csv", average="0.4")
-    assert found.n_obs == 3
-    assert json.loads(found.source["reading"])["average"] == "0.4"
-    assert "12 points were averaged in groups of 4" in found.source["notes"]
+    result = lcbayes.read(tmp_path / "fast.csv", average="0.4")
+    assert result.n_obs == 3
+    assert json.loads(result.source["reading"])["average"] == "0.4"
+    assert "12 points were averaged in groups of 4" in result.source["notes"]

@@ -144,13 +144,13 @@ def test_a_folder_of_period_searches_and_damit_files(tmp_path):
     (inside / "44.lcs").write_text("1\n5 0\n2455000 1 1 0 0\n")
     source = catalogue(tmp_path)
     assert source.count() == 4
-    found = {entry.name: entry for entry in source.objects()}
-    assert list(found) == ["damit/43", "damit/44", "10537", "8"]
+    result = {entry.name: entry for entry in source.objects()}
+    assert list(result) == ["damit/43", "damit/44", "10537", "8"]
     for name in ("10537", "damit/43"):
-        assert read(found[name].file).n_obs == curve.n_obs
+        assert read(result[name].file).n_obs == curve.n_obs
     assert [path.name for path in source.left_out] == ["README"]  # type: ignore[attr-defined]
     with pytest.raises(InputError, match="5 points are announced"):
-        read(found["damit/44"].file)
+        read(result["damit/44"].file)
     with pytest.raises(InputError, match="leave out --object name"):
         catalogue(tmp_path, "name")
     assert catalogue(f"{tmp_path}/damit/*.lcs").count() == 2

@@ -51,10 +51,10 @@ def overlap(place: np.ndarray) -> float:
 def test_without_air_it_is_the_share_of_the_disc_that_is_seen():
     """The limb is taken for straight: the Earth is 250 times as wide as the Sun."""
     where = places(np.linspace(-15.0, 15.0, 13))
-    found = earth_shadow.sunlight(where, np.tile(SUN, (13, 1)), air=False)
-    np.testing.assert_allclose(found, [overlap(p) for p in where], atol=2e-3)
-    assert found[0] == 0.0
-    assert found[-1] == 1.0
+    result = earth_shadow.sunlight(where, np.tile(SUN, (13, 1)), air=False)
+    np.testing.assert_allclose(result, [overlap(p) for p in where], atol=2e-3)
+    assert result[0] == 0.0
+    assert result[-1] == 1.0
 
 
 def test_all_light_arrives_high_above_the_air_and_on_the_day_side():
@@ -94,9 +94,9 @@ def test_the_limb_is_that_of_the_ellipsoid():
     equator = places(np.array([20.0]))
     pole = equator[:, [0, 2, 1]]
     lower = pole * [1.0, 1.0, (EARTH_RADIUS_KM * (1 - EARTH_FLATTENING) + 20.0) / pole[0, 2]]
-    found = earth_shadow.sunlight(np.concatenate([equator, pole, lower]), np.tile(SUN, (3, 1)))
-    assert found[1] > found[0] + 0.3
-    assert found[2] == pytest.approx(found[0], abs=2e-3)
+    result = earth_shadow.sunlight(np.concatenate([equator, pole, lower]), np.tile(SUN, (3, 1)))
+    assert result[1] > result[0] + 0.3
+    assert result[2] == pytest.approx(result[0], abs=2e-3)
 
 
 def test_extinction_along_a_ray_by_quadrature():
@@ -124,9 +124,9 @@ def test_airmass_is_that_of_air_in_spherical_layers():
     for altitude in (90.0, 30.0, 10.0, 0.0):
         a = np.radians(altitude)
         site, toward = np.array([EARTH_RADIUS_KM, 0, 0]), np.array([np.sin(a), np.cos(a), 0.0])
-        found = airmass((site + 800.0 * toward)[None], -toward[None], np.array([800.0]))[0]
+        result = airmass((site + 800.0 * toward)[None], -toward[None], np.array([800.0]))[0]
         if altitude == 0.0:
-            assert found == pytest.approx(37.92, rel=1e-3)
+            assert result == pytest.approx(37.92, rel=1e-3)
             continue
 
         def above(s, a=a):
@@ -136,7 +136,7 @@ def test_airmass_is_that_of_air_in_spherical_layers():
             )
 
         slant = integrate.quad(lambda s: np.exp(-above(s) / 8.0), 0, 600, limit=200)[0]
-        assert found == pytest.approx(slant / 8.0, rel=0.01)
+        assert result == pytest.approx(slant / 8.0, rel=0.01)
 
 
 def irradiance(radius: float, sun_angle: float, nodes: tuple[int, int]) -> float:
@@ -199,9 +199,9 @@ def test_sunlight_follows_the_seasons():
     curve = seen(days, far)
     g = np.radians(357.528 + 0.9856003 * (2461041.5 - 2451545.0 + days))
     earth = 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
-    found = earth_shadow.irradiance(curve)
-    np.testing.assert_allclose(found, earth**-2, rtol=4e-4)  # 1e-4 and the Earth's centre, 5e-5
-    assert (found.min(), found.max()) == pytest.approx((0.967, 1.034), abs=1e-3)
+    result = earth_shadow.irradiance(curve)
+    np.testing.assert_allclose(result, earth**-2, rtol=4e-4)  # 1e-4 and the Earth's centre, 5e-5
+    assert (result.min(), result.max()) == pytest.approx((0.967, 1.034), abs=1e-3)
     # 1 au behind the observer as the Sun sees it, and where nothing is known
     beyond = earth_shadow.irradiance(seen(days, np.full(days.size, AU_KM)))
     np.testing.assert_allclose(beyond, (1 + earth) ** -2, rtol=4e-4)

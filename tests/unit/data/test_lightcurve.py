@@ -110,7 +110,7 @@ def test_says_what_is_wrong_in_one_line(changes, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_fault_can_be_told_in_the_words_of_a_file():
+def test_a_fault_can_be_put_in_the_words_of_a_file():
     with pytest.raises(RowError) as caught:
         LightCurve(**parts(error=[0.1, 0.0, -1.0, -2.0]))
     assert str(caught.value.located("flux_err", "pass.csv, line 43")) == (

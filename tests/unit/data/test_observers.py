@@ -32,17 +32,17 @@ def two_places(n: int = 20, gap_deg: float = 8.0) -> LightCurve:
 
 
 def test_named_sites_are_the_observers():
-    found = observers(curve(np.arange(4.0), site=np.array(["b", "a", "b", "a"])))
-    assert found.names == ("a", "b")
-    assert found.index.tolist() == [1, 0, 1, 0]
-    assert found.source == "site"
+    result = observers(curve(np.arange(4.0), site=np.array(["b", "a", "b", "a"])))
+    assert result.names == ("a", "b")
+    assert result.index.tolist() == [1, 0, 1, 0]
+    assert result.source == "site"
 
 
 def test_directions_that_one_observer_cannot_have_are_those_of_two():
-    found = observers(two_places())
-    assert found.source == "directions"
-    assert found.index.tolist() == [0, 1] * 20
-    assert found.names == ("observer 1", "observer 2")
+    result = observers(two_places())
+    assert result.source == "directions"
+    assert result.index.tolist() == [0, 1] * 20
+    assert result.names == ("observer 1", "observer 2")
 
 
 def test_one_observer_stays_one():
@@ -59,18 +59,18 @@ def test_one_observer_stays_one():
 def test_observers_of_two_passes_are_not_identified():
     both = two_places()
     light = curve(np.append(both.t, both.t + 5000.0), np.tile(both.obs, (2, 1)))
-    found = observers(light)
-    assert found.index.max() == 3
-    assert found.names[3] == "observer 2 of pass 2"
+    result = observers(light)
+    assert result.index.max() == 3
+    assert result.names[3] == "observer 2 of pass 2"
 
 
 def test_zero_points_are_of_one_curve_site_and_night():
     t = np.array([0.0, 1.0, 2.0, 3.0, DAY, DAY + 1])
     light = curve(t, site=np.array(["a", "b", "a", "b", "a", "a"]))
-    found = calibrations(light, observers(light))
-    assert found.index.tolist() == [0, 2, 0, 2, 1, 1]
-    assert found.names == ("a, night 1", "a, night 2", "b")
-    assert found.last.tolist() == [2.0, DAY + 1, 3.0]
+    result = calibrations(light, observers(light))
+    assert result.index.tolist() == [0, 2, 0, 2, 1, 1]
+    assert result.names == ("a, night 1", "a, night 2", "b")
+    assert result.last.tolist() == [2.0, DAY + 1, 3.0]
     same_night = calibrations(light.select([0, 2]), observers(light.select([0, 2])))
     assert same_night.index.tolist() == [-1, -1]
     assert same_night.names == ()
@@ -84,9 +84,9 @@ def test_an_unknown_scale_of_one_night_is_no_zero_point():
         free_scale=np.array([True, True, False]),
         curve_names=("own", "two nights", "known"),
     )
-    found = calibrations(light, observers(light))
-    assert found.index.tolist() == [-1, -1, 0, 1, 2, 2]
-    assert found.names[:2] == ("curve two nights, night 1", "curve two nights, night 2")
+    result = calibrations(light, observers(light))
+    assert result.index.tolist() == [-1, -1, 0, 1, 2, 2]
+    assert result.names[:2] == ("curve two nights, night 1", "curve two nights, night 2")
     free = replace(light.select([0, 1, 4, 5]), free_scale=np.ones(2, bool))
     assert calibrations(free, observers(free)).names == ()
 

@@ -148,8 +148,8 @@ def test_band_site_exposure_range(tmp_path):
 
 def test_errors_by_option(tmp_path):
     def errors(text, **options):
-        found = read_text(tmp_path, text, **options).error
-        return None if found is None else found.tolist()
+        result = read_text(tmp_path, text, **options).error
+        return None if result is None else result.tolist()
 
     bad = PLAIN.replace("1.6,0.1", "1.6,-1")
     assert errors(bad, error_floor=0.15) == [0.15, 0.15, 0.2]

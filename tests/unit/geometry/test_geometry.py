@@ -63,11 +63,11 @@ def test_positions_are_those_published_with_sgp4():
         tle = Tle("set", (satellite,), np.array([epoch]))
         utc = np.array([satellite.jdsatepoch]), np.array([satellite.jdsatepochF + minutes / 1440])
         try:
-            found = tle.teme(Times(utc, utc))
+            result = tle.teme(Times(utc, utc))
         except InputError:  # the set holds one object that must fail
             failed.append(satellite.satnum)
             continue
-        worst = max(worst, float(np.max(np.abs(found[0] - published))))
+        worst = max(worst, float(np.max(np.abs(result[0] - published))))
         count += 1
     assert count > 600
     assert failed == [33334]
@@ -98,8 +98,8 @@ def test_teme_to_gcrs_as_astropy_frames_do(time):
     teme = parse_tle(ISS, "iss").teme(time)
     when = astropy_time(time)
     frame: Any = TEME(CartesianRepresentation(teme.T * units.km), obstime=when)
-    found: Any = frame.transform_to(GCRS(obstime=when)).cartesian
-    theirs = found.xyz.to_value("km").T
+    result: Any = frame.transform_to(GCRS(obstime=when)).cartesian
+    theirs = result.xyz.to_value("km").T
     np.testing.assert_allclose(Earth(time).teme_to_gcrs(teme), theirs, atol=1e-4)
 
 
@@ -179,8 +179,8 @@ def test_sites_may_differ_from_time_to_time(time):
 
 def test_straight_up_the_range_is_the_height():
     time = Times.of(EPOCH, [0.0])
-    found = from_altaz(time, SITE, np.array([90.0]), np.array([0.0]), np.array([500.0]))
-    np.testing.assert_allclose(found.range_km, 500.0 - 2.03, atol=1e-9)
+    result = from_altaz(time, SITE, np.array([90.0]), np.array([0.0]), np.array([500.0]))
+    np.testing.assert_allclose(result.range_km, 500.0 - 2.03, atol=1e-9)
 
 
 def test_sunlit_by_a_drawing():

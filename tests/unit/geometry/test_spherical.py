@@ -14,9 +14,9 @@ def test_directions_and_back():
     vectors = unit_vector(np.radians(lon), np.radians(lat))
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=-1), 1.0)
     np.testing.assert_allclose(vectors[1], [-0.25 * 3**0.5, 0.75, -0.5])
-    found = lon_lat_deg(7.0 * vectors)
-    np.testing.assert_allclose(found[0][1:], lon[1:])
-    np.testing.assert_allclose(found[1], lat)
+    result = lon_lat_deg(7.0 * vectors)
+    np.testing.assert_allclose(result[0][1:], lon[1:])
+    np.testing.assert_allclose(result[1], lat)
 
 
 @pytest.mark.parametrize("turn", [2 * np.pi, 360.0])
@@ -24,10 +24,10 @@ def test_angles_are_cut_opposite_their_mean(turn):
     rng = np.random.default_rng(0)
     straight = 0.02 * turn * rng.standard_normal((4, 500, 2))
     straight += np.array([0.0, 0.4]) * turn  # the first at the seam
-    found = unwrapped(np.mod(straight, turn), turn, axis=(0, 1))
-    np.testing.assert_allclose(np.mod(found - straight + turn / 2, turn), turn / 2, atol=1e-9)
-    np.testing.assert_allclose(found.std((0, 1)), straight.std((0, 1)), rtol=1e-9)
-    assert np.all((found.mean((0, 1)) > -0.05 * turn) & (found.mean((0, 1)) < 1.05 * turn))
+    result = unwrapped(np.mod(straight, turn), turn, axis=(0, 1))
+    np.testing.assert_allclose(np.mod(result - straight + turn / 2, turn), turn / 2, atol=1e-9)
+    np.testing.assert_allclose(result.std((0, 1)), straight.std((0, 1)), rtol=1e-9)
+    assert np.all((result.mean((0, 1)) > -0.05 * turn) & (result.mean((0, 1)) < 1.05 * turn))
 
 
 def test_unwrapped_angles_stay_together():

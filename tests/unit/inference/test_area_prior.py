@@ -27,17 +27,17 @@ def test_the_median_is_the_typical_area():
     entry = registry.find("faceted")
     for areas in ([3.0, 5.0], [3.0, 5.0, 1e-4]):
         problem, z, data = at(areas)
-        found = area_prior_of(entry, {}, problem, z, data)
-        assert found is not None
-        assert np.exp(found.log_mean) == pytest.approx(4.25)
-        assert (found.log_sd, found.default, found.from_data) == (1.0, 0.0, True)
+        result = area_prior_of(entry, {}, problem, z, data)
+        assert result is not None
+        assert np.exp(result.log_mean) == pytest.approx(4.25)
+        assert (result.log_sd, result.default, result.from_data) == (1.0, 0.0, True)
 
 
 def test_a_median_that_is_given_stays():
     problem, z, data = at([3.0, 5.0])
     options = {"log_area_mean": 0.7, "log_area_sd": 2.0}
-    found = area_prior_of(registry.find("faceted"), options, problem, z, data)
-    assert found == (0.7, 2.0, 0.0, False)
+    result = area_prior_of(registry.find("faceted"), options, problem, z, data)
+    assert result == (0.7, 2.0, 0.0, False)
 
 
 def test_a_facet_divided_in_two_has_the_larger_criterion():

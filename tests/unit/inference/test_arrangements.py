@@ -74,7 +74,8 @@ def parts():
     shifted = normals + np.array([[0.0, 0.05, 0.0], [0.03, 0.0, 0.0], [0.0, 0.0, 0.0]])
     second = np.concatenate([later, shifted.ravel(), areas + np.array([0.1, -0.1, 0.0])])
     sd = np.concatenate([[1e-4, 1e-4, 1e-7], [0.02] * 6, [1.0] * 3, [0.05, 0.05, 1.0]])
-    return (first, second), (sd, 1.5 * sd)
+    wider = np.where(sd < 1.0, 1.5 * sd, sd)
+    return (first, second), (sd, wider)
 
 
 @pytest.fixture

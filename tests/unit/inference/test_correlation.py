@@ -25,12 +25,12 @@ def autoregressive(n: int, rho: float, seed: int) -> np.ndarray:
 def test_white_residuals_count_whole():
     """Each of 50 seeds gives less than 1 once in 740, binomial; less than 0.6 takes 6.7 sd."""
     group = np.repeat(np.arange(10), 40)
-    found = [
+    result = [
         correlation.information_per_point(np.random.default_rng(s).standard_normal(400), group)
         for s in range(50)
     ]
-    assert np.sum(np.array(found) < 1.0) <= counts(50, 1 / 740)[1]
-    assert min(found) > 0.6
+    assert np.sum(np.array(result) < 1.0) <= counts(50, 1 / 740)[1]
+    assert min(result) > 0.6
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -40,8 +40,8 @@ def test_an_autoregressive_sequence_has_its_known_correlation_time():
     for rho in (0.3, 0.6, 0.9):
         n, group = 200_000, np.zeros(200_000, int)
         of = correlation.information_per_point
-        found = [of(autoregressive(n, rho, s), group) for s in range(8)]
-        tau = 1 / np.array(found)
+        result = [of(autoregressive(n, rho, s), group) for s in range(8)]
+        tau = 1 / np.array(result)
         error = limit(3, len(tau) - 1) * tau.std(ddof=1) / np.sqrt(len(tau))
         want = (1 + rho) / (1 - rho)
         cut = 2 * 3 * np.sqrt(want / n) * rho / (1 - rho)

@@ -26,10 +26,10 @@ OUTLIERS = {"logit_outlier_share": jnp.array(-3.4), "log_outlier_excess": jnp.lo
 
 
 @lru_cache  # and with it the programs
-def linear(law: str, told: int = 6, held: int = 0, n: int = N, condition: bool = False):
+def linear(law: str, n_estimated: int = 6, held: int = 0, n: int = N, condition: bool = False):
     """A flux linear in some parameters that the data tell and some that the prior holds."""
-    basis = jnp.asarray(np.random.default_rng(8).standard_normal((n, told + held)))
-    sd = jnp.asarray(np.r_[np.full(told, 1.0), np.full(held, 1e-5)])
+    basis = jnp.asarray(np.random.default_rng(8).standard_normal((n, n_estimated + held)))
+    sd = jnp.asarray(np.r_[np.full(n_estimated, 1.0), np.full(held, 1e-5)])
 
     def model(data):
         c = jnp.asarray(numpyro.sample("c", dist.Normal(0.0, sd).to_event(1)))
@@ -53,20 +53,20 @@ def test_chi2_is_of_normal_quantiles(law):
     z = at_zero(problem)
     for r in (0.0, 0.3, -2.5, 7.0, -60.0, 400.0):
         far = jnp.asarray(np.r_[10.0 + 0.01 * r, np.full(N - 1, 10.0)])
-        found = goodness_of_fit.chi2(problem, z, replace(data, brightness=far))
+        result = goodness_of_fit.chi2(problem, z, replace(data, brightness=far))
         e = special.expit(-3.4)
         tail = {
             "gaussian": stats.norm.logsf(abs(r)),
             "student-t": stats.t.logsf(abs(r), 4),
             "mixture": special.logsumexp(stats.norm.logsf([abs(r), abs(r) / 5]), b=[1 - e, e]),
         }[law]
-        assert found == pytest.approx(special.ndtri_exp(tail) ** 2, rel=1e-6, abs=1e-12)
-    assert (found == pytest.approx(400.0**2, rel=1e-9)) is (law == "gaussian")
+        assert result == pytest.approx(special.ndtri_exp(tail) ** 2, rel=1e-6, abs=1e-12)
+    assert (result == pytest.approx(400.0**2, rel=1e-9)) is (law == "gaussian")
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_parameters_that_the_prior_holds_take_no_freedom(law):
-    problem, data = linear(law, told=4, held=30)
+    problem, data = linear(law, n_estimated=4, held=30)
     assert goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data) == pytest.approx(
         96, abs=0.01
     )
@@ -74,9 +74,9 @@ def test_parameters_that_the_prior_holds_take_no_freedom(law):
 
 def test_only_the_brightness_takes_freedom():
     """A sum of the parameters that is conditioned on leaves the data one fewer to set."""
-    problem, data = linear("gaussian", told=4, condition=True)
-    found = goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data)
-    assert found == pytest.approx(97, abs=0.01)
+    problem, data = linear("gaussian", n_estimated=4, condition=True)
+    result = goodness_of_fit.degrees_of_freedom(problem, at_zero(problem), data)
+    assert result == pytest.approx(97, abs=0.01)
 
 
 def test_a_direction_is_two_parameters_and_an_area_one():
@@ -89,7 +89,7 @@ def test_a_direction_is_two_parameters_and_an_area_one():
 
 
 def test_misfit_is_seen_where_no_freedom_is_left():
-    problem, data = linear("gaussian", told=12, n=8)
+    problem, data = linear("gaussian", n_estimated=12, n=8)
     z = at_zero(problem)
     assert goodness_of_fit.degrees_of_freedom(problem, z, data) == 8.0
     poor = replace(data, brightness=data.brightness.at[2].add(0.13))

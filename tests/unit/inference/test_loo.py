@@ -33,11 +33,11 @@ def test_mean_of_a_normal(power):
 
     mean, sd = posterior(y)
     draws = mean + sd * rng.standard_normal(200_000)
-    found = loo(normal(y[None], draws[:, None], SD), power)
+    result = loo(normal(y[None], draws[:, None], SD), power)
     for i in range(len(y)):
         centre, width = posterior(np.delete(y, i))
-        assert found.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.01)
-    assert np.all(found.khat < 0.5)
+        assert result.elpd[i] == pytest.approx(normal(y[i], centre, np.hypot(width, SD)), abs=0.01)
+    assert np.all(result.khat < 0.5)
 
 
 def test_dark_epochs_count_as_they_are():
@@ -45,25 +45,25 @@ def test_dark_epochs_count_as_they_are():
     log_likelihood = normal(0.0, 0.1 * rng.standard_normal((500, 4)), 1.0)
     log_likelihood[:, 1] = -3.25
     log_likelihood[:, 2] = 1.5 + 1e-14 * rng.standard_normal(500)  # the same but for rounding
-    found = loo(log_likelihood)
-    np.testing.assert_allclose(found.elpd[1:3], [-3.25, 1.5], rtol=1e-12)
-    assert np.isneginf(found.khat[1:3]).all()
-    assert np.isfinite(found.khat[[0, 3]]).all()
+    result = loo(log_likelihood)
+    np.testing.assert_allclose(result.elpd[1:3], [-3.25, 1.5], rtol=1e-12)
+    assert np.isneginf(result.khat[1:3]).all()
+    assert np.isfinite(result.khat[[0, 3]]).all()
 
 
 def test_nothing_but_dark_epochs():
-    found = loo(np.full((100, 3), -2.0))
-    np.testing.assert_allclose(found.elpd, -2.0)
-    assert np.isneginf(found.khat).all()
+    result = loo(np.full((100, 3), -2.0))
+    np.testing.assert_allclose(result.elpd, -2.0)
+    assert np.isneginf(result.khat).all()
 
 
 def test_an_epoch_dark_in_most_draws():
     """Dark, it has −4 in 400 of 500 draws, and −4 is the least: all tail weights are the same."""
     log_likelihood = np.r_[np.full(400, -4.0), np.linspace(-3.0, -1.0, 100)][:, None]
-    found = loo(log_likelihood)
+    result = loo(log_likelihood)
     by_hand = -np.log(np.mean(np.exp(-log_likelihood)))  # 1 / E[1/p]
-    assert found.elpd[0] == pytest.approx(by_hand, rel=1e-12)
-    assert np.isneginf(found.khat[0])
+    assert result.elpd[0] == pytest.approx(by_hand, rel=1e-12)
+    assert np.isneginf(result.khat[0])
 
 
 def test_an_epoch_dark_in_so_many_draws_that_they_reach_into_the_tail():
@@ -71,12 +71,12 @@ def test_an_epoch_dark_in_so_many_draws_that_they_reach_into_the_tail():
     it would be of 1,112 draws."""
     rng = np.random.default_rng(6)
     lit = -4.0 - rng.exponential(0.4, 100)
-    found = loo(np.r_[np.full(1900, -4.0), lit][:, None])
+    result = loo(np.r_[np.full(1900, -4.0), lit][:, None])
     fewer = loo(np.r_[np.full(1012, -4.0), lit][:, None])
-    np.testing.assert_allclose(found.khat, fewer.khat)
-    assert -0.5 < found.khat[0] < 0.7
+    np.testing.assert_allclose(result.khat, fewer.khat)
+    assert -0.5 < result.khat[0] < 0.7
     by_hand = np.log(2000) - np.log(1900 * np.exp(4.0) + np.exp(-lit).sum())
-    assert found.elpd[0] == pytest.approx(by_hand, abs=1e-3)
+    assert result.elpd[0] == pytest.approx(by_hand, abs=1e-3)
 
 
 def test_where_nothing_is_known_of_the_tail():
@@ -85,18 +85,18 @@ def test_where_nothing_is_known_of_the_tail():
     short = np.random.default_rng(7).standard_normal((20, 1))
     far = -1e4 * np.random.default_rng(8).random((500, 1))
     for given in (few, short, far):
-        found = loo(given)
-        assert found.khat == [np.inf]
+        result = loo(given)
+        assert result.khat == [np.inf]
         top = given.min()
         by_hand = top - np.log(np.mean(np.exp(top - given)))
-        assert found.elpd[0] == pytest.approx(by_hand, rel=1e-9)
+        assert result.elpd[0] == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_a_few_draws_of_little_weight_are_no_tail():
     light = np.r_[np.full(497, -4.0), -4.1, -4.1, -4.2][:, None]
-    found = loo(light)
-    assert np.isneginf(found.khat[0])
-    assert found.elpd[0] == pytest.approx(-np.log(np.mean(np.exp(-light))), rel=1e-12)
+    result = loo(light)
+    assert np.isneginf(result.khat[0])
+    assert result.elpd[0] == pytest.approx(-np.log(np.mean(np.exp(-light))), rel=1e-12)
 
 
 def made(elpd) -> Loo:
@@ -106,25 +106,25 @@ def made(elpd) -> Loo:
 def test_stacking_of_two_against_a_grid():
     rng = np.random.default_rng(2)
     a, b = normal(0.0, rng.standard_normal((2, 80)), 0.7)
-    found = stacking({3: made(a), 5: made(b)})
+    result = stacking({3: made(a), 5: made(b)})
     w = np.linspace(0.0, 1.0, 2001)
     score = np.log(w[:, None] * np.exp(a) + (1 - w[:, None]) * np.exp(b)).sum(axis=1)
-    assert found.weight[0] == pytest.approx(w[np.argmax(score)], abs=2e-3)
-    assert found.weight.sum() == pytest.approx(1.0, abs=1e-6)
+    assert result.weight[0] == pytest.approx(w[np.argmax(score)], abs=2e-3)
+    assert result.weight.sum() == pytest.approx(1.0, abs=1e-6)
     diff = a - b
-    assert found.diff[1 if diff.sum() > 0 else 0] == pytest.approx(-abs(diff.sum()))
-    assert found.diff_se.max() == pytest.approx(np.sqrt(80 * diff.var()))
+    assert result.diff[1 if diff.sum() > 0 else 0] == pytest.approx(-abs(diff.sum()))
+    assert result.diff_se.max() == pytest.approx(np.sqrt(80 * diff.var()))
 
 
 def test_stacking_of_three_against_a_grid():
     rng = np.random.default_rng(3)
     elpd = normal(0.0, rng.standard_normal((3, 60)), 0.6)
     elpd[2] -= 0.2
-    found = stacking(dict(enumerate(map(made, elpd))))
+    result = stacking(dict(enumerate(map(made, elpd))))
     u, v = np.meshgrid(np.linspace(0, 1, 201), np.linspace(0, 1, 201))
     w = np.stack([u, v, 1 - u - v])[:, u + v <= 1]
     best = w[:, np.argmax(np.log(np.exp(elpd).T @ w).sum(axis=0))]
-    np.testing.assert_allclose(found.weight, best, atol=0.02)
+    np.testing.assert_allclose(result.weight, best, atol=0.02)
 
 
 def test_stacking_where_exponentials_vanish():
@@ -144,14 +144,14 @@ def test_stacking_where_exponentials_vanish():
 def test_a_far_better_model_takes_all():
     rng = np.random.default_rng(5)
     a = normal(0.0, rng.standard_normal(50), 1.0)
-    found = stacking({1: made(a - 40.0), 2: made(a)})
-    np.testing.assert_allclose(found.weight, [0.0, 1.0], atol=1e-6)
-    np.testing.assert_allclose(found.diff, [-2000.0, 0.0])
+    result = stacking({1: made(a - 40.0), 2: made(a)})
+    np.testing.assert_allclose(result.weight, [0.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(result.diff, [-2000.0, 0.0])
 
 
 def test_one_model_has_all_the_weight():
-    found = stacking({4: made([-1.0, -2.0])})
-    assert [float(x[0]) for x in found] == [1.0, 0.0, 0.0]
+    result = stacking({4: made([-1.0, -2.0])})
+    assert [float(x[0]) for x in result] == [1.0, 0.0, 0.0]
 
 
 def test_weights_are_finite_however_chains_stay_where_they_are():

@@ -138,19 +138,19 @@ def best_fit(problem, light):
 def test_a_gross_fault_is_refused_and_named(faceted, fault, name, says):
     light = small_faults.light_curve(BODY, fault, n=120, seed=3)
     z, data = best_fit(faceted, light)
-    found = examine(faceted, z, data, light)
-    assert found.refused
-    assert found.cause is not None
-    assert found.cause.name == name
-    assert says in why(measure(faceted, data, z[None], found))
+    result = examine(faceted, z, data, light)
+    assert result.refused
+    assert result.cause is not None
+    assert result.cause.name == name
+    assert says in why(measure(faceted, data, z[None], result))
 
 
 def test_errors_that_are_too_small_are_named(faceted):
     light = small_faults.light_curve(BODY, Fault(error_factor=1.5), n=120, seed=3)
     z, data = best_fit(faceted, light)
-    found = examine(faceted, z, data, light)
-    assert found.cause is None
-    assert "the errors are 1.4 times too small" in why(measure(faceted, data, z[None], found))
+    result = examine(faceted, z, data, light)
+    assert result.cause is None
+    assert "the errors are 1.4 times too small" in why(measure(faceted, data, z[None], result))
 
 
 @pytest.mark.parametrize("factor", [3.0, 10.0])
@@ -159,25 +159,25 @@ def test_errors_that_are_far_too_small_are_named_before_an_alternative(faceted, 
     for seed in range(4):
         light = small_faults.light_curve(BODY, Fault(error_factor=factor), n=120, seed=seed)
         z, data = best_fit(faceted, light)
-        found = examine(faceted, z, data, light)
-        assert any(e.p_value < found.limit for e in found.explanations)
-        assert found.cause is None
-        says = why(measure(faceted, data, z[None], found))
+        result = examine(faceted, z, data, light)
+        assert any(e.p_value < result.limit for e in result.explanations)
+        assert result.cause is None
+        says = why(measure(faceted, data, z[None], result))
         named = re.search(r"the errors are ([0-9.]+) times too small", says)
         assert named is not None
         assert float(named[1]) == pytest.approx(factor, rel=0.25)
-        assert found.even == ("since the residuals are white" in says)
-    assert found.even
+        assert result.even == ("since the residuals are white" in says)
+    assert result.even
 
 
 def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
     fault = Fault(error_factor=3.0, clock=6.0)
     light = small_faults.light_curve(BODY, fault, n=120, seed=3)
     z, data = best_fit(faceted, light)
-    found = examine(faceted, z, data, light)
-    assert found.cause is not None
-    assert found.cause.name == "clock"
-    assert not found.even
+    result = examine(faceted, z, data, light)
+    assert result.cause is not None
+    assert result.cause.name == "clock"
+    assert not result.even
 
 
 @pytest.mark.slow
@@ -191,11 +191,11 @@ def test_a_model_with_the_nutation_that_the_residuals_show_explains_them(faceted
     with_it = Problem(registry.find("faceted").bind(options), data)
     begin = completed(faceted, with_it, data, z[None])[0]
     z_new, _ = optimum(with_it, data, begin, np.arange(with_it.dim))
-    found = with_it.constrain(jnp.asarray(z_new), data)
+    result = with_it.constrain(jnp.asarray(z_new), data)
     # 0.3 in body axes, but for whole turns of the phase between passes 900 s apart
-    phase = (float(found["nutation_ratio"]) - 0.3) * np.linalg.norm(BODY.omega) * 900.0
+    phase = (float(result["nutation_ratio"]) - 0.3) * np.linalg.norm(BODY.omega) * 900.0
     assert np.cos(phase) > 0.9
-    size = np.sqrt(0.5 * np.sum(np.asarray(found["nutation_mean"]) ** 2))
+    size = np.sqrt(0.5 * np.sum(np.asarray(result["nutation_mean"]) ** 2))
     assert size == pytest.approx(1.0, rel=0.3)
     assert not examine(with_it, z_new, data, light).refused
 
@@ -240,8 +240,8 @@ def test_columns_are_the_changes_of_another_simulator(fault, name, amount):
         return _clock_column(problem, z, data, light)
     assert light.error is not None
     effect = (with_fault.brightness - without.brightness) / light.error
-    found = [a for a in alternatives(problem, z, data, names_of(light)) if a.name == name]
-    chosen = next((a for a in found if a.about in ("B", "facet 0")), found[0])
+    result = [a for a in alternatives(problem, z, data, names_of(light)) if a.name == name]
+    chosen = next((a for a in result if a.about in ("B", "facet 0")), result[0])
     best = np.inf
     for columns in chosen.columns:
         fitted, left, *_ = np.linalg.lstsq(columns.T, effect, rcond=None)
@@ -254,7 +254,7 @@ def test_columns_are_the_changes_of_another_simulator(fault, name, amount):
 
 def _clock_column(problem, z, data, light):
     """The flux of the simulator at times and directions that differ by a second either way."""
-    found = next(
+    result = next(
         a
         for a in alternatives(problem, z, data, names_of(light))
         if (a.name, a.about) == ("clock", "B")
@@ -270,7 +270,7 @@ def _clock_column(problem, z, data, light):
         for step in (0.01, -0.01)
     ]
     want = np.where(light.site == "B", (change[0] - change[1]) / 0.02 / light.error, 0.0)
-    np.testing.assert_allclose(found.columns[0, 0], want, atol=1e-3 * np.abs(want).max())
+    np.testing.assert_allclose(result.columns[0, 0], want, atol=1e-3 * np.abs(want).max())
 
 
 def _unit(v):
@@ -281,8 +281,8 @@ def test_amounts_are_those_of_a_fit_with_the_alternative(faceted):
     """Least squares with the column as a further parameter, in NumPy."""
     light = small_faults.light_curve(BODY, Fault(clock=3.0), n=120, seed=3)
     z, data = best_fit(faceted, light)
-    found = examine(faceted, z, data, light)
-    one = next(e for e in found.explanations if (e.name, e.about) == ("clock", "B"))
+    result = examine(faceted, z, data, light)
+    one = next(e for e in result.explanations if (e.name, e.about) == ("clock", "B"))
     column = next(
         a.columns[0, 0]
         for a in alternatives(faceted, z, data, names_of(light))
@@ -303,25 +303,25 @@ def test_a_result_moves_as_far_as_stated(faceted):
     exact = small_faults.light_curve(BODY, n=120, seed=5)
     z, data = best_fit(faceted, exact)
     table = {"omega_x_rad_s": 1e-4, "albedo_area[0]": 0.01, "g[1]": 0.01}
-    found = robustness.shifts(faceted, z, data, exact, table)
-    before = np.array([_values(faceted, z, data)[k] for k in found.quantities])
-    unit = np.array([table[k] for k in found.quantities])
+    result = robustness.shifts(faceted, z, data, exact, table)
+    before = np.array([_values(faceted, z, data)[k] for k in result.quantities])
+    unit = np.array([table[k] for k in result.quantities])
     moved = []
     for site in "AB":
         fainter = np.where(exact.site == site, 10 ** (-0.4 * 0.03), 1.0)
         z_new, seen = best_fit(faceted, replace(exact, brightness=exact.brightness * fainter))
-        after = np.array([_values(faceted, z_new, seen)[k] for k in found.quantities])
+        after = np.array([_values(faceted, z_new, seen)[k] for k in result.quantities])
         moved.append(np.abs(after - before) / unit)
     want = np.max(moved, axis=0)
     # the best fit is within 0.01 nats of the optimum, 0.14 sd
-    np.testing.assert_allclose(found.by_fault["zero_point_0.03_mag"], want, rtol=0.1, atol=0.14)
-    assert set(found.by_fault) == {
+    np.testing.assert_allclose(result.by_fault["zero_point_0.03_mag"], want, rtol=0.1, atol=0.14)
+    assert set(result.by_fault) == {
         "clock_0.1_s",
         "zero_point_0.03_mag",
         "rate_drift_1_percent",
         "errors_1.4_times",
     }
-    assert np.all(found.by_fault["errors_1.4_times"] < 0.41)
+    assert np.all(result.by_fault["errors_1.4_times"] < 0.41)
 
 
 def _values(problem, z, data):

@@ -19,19 +19,19 @@ from tests.helpers.false_alarms import EACH
 
 
 def test_probabilities_are_shares_of_the_evidence():
-    found = probabilities(np.log([1.0, 3.0, 6.0]) - 4000.0, np.zeros(3), 4)
-    np.testing.assert_allclose(found.probability, [0.1, 0.3, 0.6])
-    np.testing.assert_allclose(found.low, found.probability)
-    np.testing.assert_allclose(found.high, found.probability)
+    result = probabilities(np.log([1.0, 3.0, 6.0]) - 4000.0, np.zeros(3), 4)
+    np.testing.assert_allclose(result.probability, [0.1, 0.3, 0.6])
+    np.testing.assert_allclose(result.low, result.probability)
+    np.testing.assert_allclose(result.high, result.probability)
 
 
 def test_the_interval_is_that_of_the_runs_errors():
     """One evidence known, one of error 0.3 from 5 runs: ln odds are Student-t with 8 degrees."""
-    found = probabilities(np.array([0.0, 0.5]), np.array([0.0, 0.3]), 5)
+    result = probabilities(np.array([0.0, 0.5]), np.array([0.0, 0.3]), 5)
     t = 0.3 * stats.t.ppf(0.95, 8)
     exact = 1.0 / (1.0 + np.exp(-0.5 + np.array([t, -t])))
-    np.testing.assert_allclose([found.low[1], found.high[1]], exact, atol=0.005)
-    np.testing.assert_allclose(found.low[0], 1.0 - found.high[1], atol=1e-9)
+    np.testing.assert_allclose([result.low[1], result.high[1]], exact, atol=0.005)
+    np.testing.assert_allclose(result.low[0], 1.0 - result.high[1], atol=1e-9)
 
 
 def test_few_runs_tell_less():
@@ -124,10 +124,10 @@ def test_the_runs_errors_enter_the_verdict():
     assert verdict(counts, odds(0.98, 0.02, 0.0, error=0.06)).possible == [2, 3]
 
 
-def test_runs_that_disagree_are_told():
+def test_runs_that_disagree_are_reported():
     assert undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.2)) == []
-    (found,) = undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.3))
-    reason = sentence(found).text
+    (result,) = undecided(("1 facet", "2 facets"), odds(0.6, 0.4, error=0.3))
+    reason = sentence(result).text
     assert "the probability of 1 facet may be anything from 0.30 to 0.90" in reason
     assert "--num-particles" in reason
 
@@ -147,6 +147,6 @@ BODIES = ("rocket-stage", "plate", "facets:3")
     ],
 )
 def test_the_sentence_about_bodies(given, says):
-    found = verdict_of_bodies(BODIES, given)
-    assert found.sentence.startswith(says)
-    assert found.best == BODIES[int(np.argmax(given.probability))]
+    result = verdict_of_bodies(BODIES, given)
+    assert result.sentence.startswith(says)
+    assert result.best == BODIES[int(np.argmax(given.probability))]

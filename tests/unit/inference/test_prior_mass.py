@@ -25,9 +25,9 @@ def test_a_constant_factor():
         likelihood.observe(data, x * jnp.ones_like(data.t))
 
     data = Epochs.of(small_curves.curve(10))
-    found = log_prior_mass(Problem(model, data), data, jax.random.key(0))
-    assert found.value == pytest.approx(-2.0, abs=1e-12)
-    assert found.se < 1e-12
+    result = log_prior_mass(Problem(model, data), data, jax.random.key(0))
+    assert result.value == pytest.approx(-2.0, abs=1e-12)
+    assert result.se < 1e-12
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -40,9 +40,9 @@ def test_a_gaussian_factor():
         likelihood.observe(data, x * jnp.ones_like(data.t))
 
     data = Epochs.of(small_curves.curve(10))
-    found = log_prior_mass(Problem(model, data), data, jax.random.key(0))
-    assert abs(found.value - np.log(1 / 3)) < limit() * found.se
-    assert found.se <= 0.01
+    result = log_prior_mass(Problem(model, data), data, jax.random.key(0))
+    assert abs(result.value - np.log(1 / 3)) < limit() * result.se
+    assert result.se <= 0.01
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -58,7 +58,7 @@ def test_facets_in_a_lune(n_facets):
     obs = np.tile([0.5, np.sqrt(0.75), 0.0], (n, 1))
     light = small_curves.curve(n, sun=sun, obs=obs)
     problem, data = small_curves.posterior(light, n_facets=n_facets, spin="none")
-    found = log_prior_mass(problem, data, jax.random.key(1))
+    result = log_prior_mass(problem, data, jax.random.key(1))
     seen = 1 / 3 + 2 * np.pi * EDGE / (4 * np.pi)
-    assert abs(found.value - n_facets * np.log(seen)) < limit() * found.se
-    assert found.se <= 0.01
+    assert abs(result.value - n_facets * np.log(seen)) < limit() * result.se
+    assert result.se <= 0.01

@@ -52,8 +52,8 @@ def test_same_structure_same_problem_other_structure_other_problem():
         ({"level": 0.0}, small_curves.curve(8, free_scale=np.array([True]))),
         ({"level": 0.0}, small_curves.curve(8, error=None)),
     ]
-    found = [build_problem(one, o, Epochs.of(c))[0] for o, c in others]
-    assert len({id(p) for p in [first, *found]}) == structures() == 5
+    result = [build_problem(one, o, Epochs.of(c))[0] for o, c in others]
+    assert len({id(p) for p in [first, *result]}) == structures() == 5
     forget()
     assert structures() == 0
     assert build_problem(one, {"level": 0.0}, Epochs.of(small_curves.curve(8)))[0] is not first
@@ -68,9 +68,9 @@ def test_a_second_light_curve_compiles_nothing_and_gives_its_own_numbers():
         assert same is problem  # no coordinates of its own
         before = len(TRACED)
         starts = jnp.linspace(-1.0, 1.0, 4)[:, None]
-        found = search.successive_halving(problem, data, starts, 1, Silent())
-        sd = compiled(problem.moments)(jnp.asarray(found.z[0]), data).sd
-        ends.append((float(found.z[0, 0]), float(sd[0])))
+        result = search.successive_halving(problem, data, starts, 1, Silent())
+        sd = compiled(problem.moments)(jnp.asarray(result.z[0]), data).sd
+        ends.append((float(result.z[0, 0]), float(sd[0])))
         assert (len(TRACED) > before) == (seed == 1)
     fresh = Epochs.of(small_curves.curve(8, seed=2))
     alone = search.successive_halving(Problem(one.bind({}), fresh), fresh, starts, 1, Silent())

@@ -82,8 +82,8 @@ def refit(problem, z, light):
 
 
 def values(problem, z, light):
-    found = robustness._quantities(problem, z, Epochs.of(light))
-    return np.array([found[k] for k in QUANTITIES])
+    result = robustness._quantities(problem, z, Epochs.of(light))
+    return np.array([result[k] for k in QUANTITIES])
 
 
 def shift(fitted, ahead_s=0.0, site_km=(0.0, 0.0, 0.0)):
@@ -103,8 +103,8 @@ def test_the_shift_is_that_of_a_fit_to_what_is_seen_from_elsewhere(fitted, fault
     problem, light, z = fitted
     assert light.error is not None
     wider = replace(light, error=100.0 * light.error)  # the derivatives are less exact otherwise
-    found = robustness.shifts(problem, z, Epochs.of(wider), wider, dict.fromkeys(QUANTITIES, 1.0))
-    stated = found.by_fault[fault][[found.quantities.index(k) for k in QUANTITIES]]
+    result = robustness.shifts(problem, z, Epochs.of(wider), wider, dict.fromkeys(QUANTITIES, 1.0))
+    stated = result.by_fault[fault][[result.quantities.index(k) for k in QUANTITIES]]
     if fault == "site_100_m":
         want = np.max([shift(fitted, site_km=0.1 * axis) for axis in np.eye(3)], axis=0)
     else:

@@ -17,14 +17,14 @@ from tests.helpers import small_curves
 SITES = registry.find("faceted").facet_sites
 
 
-def posed(n: int) -> tuple[Problem, Epochs]:
+def problem_of(n: int) -> tuple[Problem, Epochs]:
     data = Epochs.of(small_curves.curve(16))
     return Problem(registry.find("faceted").bind({"n_facets": n, "spin": "none"}), data), data
 
 
 @pytest.fixture(scope="module")
 def one() -> tuple[Problem, Epochs]:
-    return posed(1)
+    return problem_of(1)
 
 
 def test_no_evidence_and_no_body_exceeds_the_largest_likelihood(one):
@@ -61,7 +61,7 @@ def test_half_the_information_halves_it(one):
 
 def test_facets_left_out(one):
     """Each of two bodies of one facet; the flux of both together is that of the whole."""
-    (smaller, data), (larger, _) = one, posed(2)
+    (smaller, data), (larger, _) = one, problem_of(2)
     z = np.asarray(prior_draws(larger, jax.random.key(7)[None], data))[0]
     rows = screening.with_fewer(larger, z, smaller, SITES, data)
     assert rows.shape == (2, smaller.dim)
@@ -84,12 +84,12 @@ def test_problems_of_other_sites_give_no_bodies(one):
     )
 
 
-def test_more_facets_that_fit_worse_have_lost_their_way():
+def test_more_facets_that_fit_worse_are_at_a_local_optimum():
     """Their particles are elsewhere; likelihoods count as much as the points do."""
-    found = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
-    told = screening.lost(found, 1.0)
-    assert list(told) == [4, 6]
-    assert "fit 50 nats worse than with 3; increase" in sentence(told[4]).text
-    assert "42 nats worse than with 5" in sentence(told[6]).text
-    assert list(screening.lost(found, 0.7)) == [4]
+    result = {4: -80.0, 2: -400.0, 3: -30.0, 5: -20.0, 6: -62.0}
+    lost = screening.lost(result, 1.0)
+    assert list(lost) == [4, 6]
+    assert "fit 50 nats worse than with 3; increase" in sentence(lost[4]).text
+    assert "42 nats worse than with 5" in sentence(lost[6]).text
+    assert list(screening.lost(result, 0.7)) == [4]
     assert screening.lost({2: -400.0, 3: -30.0}, 1.0) == {}

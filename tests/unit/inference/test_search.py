@@ -45,13 +45,13 @@ def two():
 def test_finds_the_optimum_that_scipy_finds(one):
     problem, data, _, ends = one
     f = jax.jit(lambda z: problem.potential(z, data))
-    found = minimize(
+    result = minimize(
         f, small_curves.truth(problem, data, 1), jac=jax.jit(jax.grad(f)), method="BFGS"
     )
     # A step that gains less than 0.01 nats counts as stalled; three of them are the end.
-    np.testing.assert_allclose(ends.potential[0], found.fun, atol=0.02)
-    step = ends.z[0] - found.x
-    assert step @ jax.jit(problem.fisher)(jnp.asarray(found.x), data) @ step < 0.04
+    np.testing.assert_allclose(ends.potential[0], result.fun, atol=0.02)
+    step = ends.z[0] - result.x
+    assert step @ jax.jit(problem.fisher)(jnp.asarray(result.x), data) @ step < 0.04
 
 
 def test_ends_are_sorted_and_never_worse_than_their_starts(one):
@@ -133,9 +133,9 @@ def test_far_and_much_worse_ends_are_dropped(two):
     z = np.asarray(small_curves.truth(problem, data, 2))
     worse = z + 0.7
     ends = ends_at(problem, data, z, worse)
-    found = solutions.distinct(problem, data, ends, order, 4)
-    assert len(found) == 2
-    kept = solutions.select_for_sampling(problem, data, found)
+    result = solutions.distinct(problem, data, ends, order, 4)
+    assert len(result) == 2
+    kept = solutions.select_for_sampling(problem, data, result)
     assert len(kept) == 1
     np.testing.assert_array_equal(kept[0].z, z)
 
@@ -151,11 +151,11 @@ def test_residuals_are_relative_to_each_curve(one):
     problem, data, *_ = one
     z = small_curves.truth(problem, data, 1)
     ends = ends_at(problem, data, z)
-    (found,) = solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4)
+    (result,) = solutions.distinct(problem, data, ends, FacetOrder(problem, SITES), 4)
     y = np.asarray(data.brightness)
     mean = np.asarray(jax.jit(problem.moments)(z, data).mean)
     want = np.sqrt(np.mean(((y - mean) / np.abs(y).mean()) ** 2))
-    np.testing.assert_allclose(found.rms, want)
+    np.testing.assert_allclose(result.rms, want)
 
 
 def test_points_of_less_weight_move_the_optimum_towards_the_prior(one):
@@ -165,15 +165,15 @@ def test_points_of_less_weight_move_the_optimum_towards_the_prior(one):
     order = FacetOrder(problem, SITES)
     z = small_curves.truth(problem, data, 1)
     best = search.polish(problem, data, np.asarray(z)[None], 1).z[0]
-    (found,) = solutions.distinct(problem, data, ends_at(problem, data, best), order, 4)
+    (result,) = solutions.distinct(problem, data, ends_at(problem, data, best), order, 4)
     little = replace(data, information=jnp.asarray(0.01))
-    (moved,) = solutions.polished(problem, little, [found], 1)
+    (moved,) = solutions.polished(problem, little, [result], 1)
     slope = jax.jit(jax.grad(problem.potential))
     scale = np.sqrt(np.diag(jax.jit(problem.fisher)(jnp.asarray(moved.z), little)))
     assert np.all(np.abs(slope(jnp.asarray(moved.z), little)) < 0.02 * scale)
     assert np.any(np.abs(slope(jnp.asarray(best), little)) > 0.02 * scale)
-    assert moved.rms == found.rms
-    assert moved.log_evidence != found.log_evidence
+    assert moved.rms == result.rms
+    assert moved.log_evidence != result.log_evidence
 
 
 @pytest.mark.slow
@@ -186,14 +186,14 @@ def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_so
     assert way is not None
     ends = {}
     for path in (None, way):
-        found = [
+        result = [
             search.successive_halving(
                 problem, data, prior_draws(problem, keys, data), 2, Silent(), path
             )
             for keys in jax.random.split(jax.random.key(3), (6, 120))
         ]
-        ends[path is way] = np.concatenate([f.potential for f in found])
-        best = found[0]
+        ends[path is way] = np.concatenate([f.potential for f in result])
+        best = result[0]
         of_all_data = potentials(problem)(best.z[:3], data)
         np.testing.assert_allclose(best.potential[:3], of_all_data, rtol=1e-12)
     lowest = min(x.min() for x in ends.values())

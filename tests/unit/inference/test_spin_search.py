@@ -182,11 +182,11 @@ def test_every_rate_lies_within_half_a_width_of_a_cell(grid: Grid):
 
 
 def test_the_true_cell_is_among_the_best(grid: Grid, truth: Truth):
-    found, coverage = grid.search(1, Silent(), 60_000)
+    result, coverage = grid.search(1, Silent(), 60_000)
     rate = np.linalg.norm(truth.omega)
-    near = grid.poles[found.pole] @ truth.omega / rate > np.cos(np.radians(9.0))
-    near &= np.abs(found.rate - rate) * GAP < 1.5
-    assert np.flatnonzero(near).min(initial=found.rate.size) < 0.02 * coverage.evaluated
+    near = grid.poles[result.pole] @ truth.omega / rate > np.cos(np.radians(9.0))
+    near &= np.abs(result.rate - rate) * GAP < 1.5
+    assert np.flatnonzero(near).min(initial=result.rate.size) < 0.02 * coverage.evaluated
     assert coverage.max_rate == pytest.approx(4 * OMEGA_SD)
     assert Coverage.restored(coverage.stored()) == coverage
 
@@ -218,10 +218,10 @@ TRUE_POLE = "308.66,39.79,15"  # of Truth.omega
 def test_a_search_visits_the_spins_that_are_known(grid: Grid, truth: Truth, period, pole, inside):
     """The truth is among the best cells if it is allowed; otherwise no cell is near it."""
     few = restricted(grid, period, pole)
-    found, coverage = few.search(1, Silent(), 60_000)
+    result, coverage = few.search(1, Silent(), 60_000)
     rate = np.linalg.norm(truth.omega)
-    near = np.abs(few.poles[found.pole] @ truth.omega) / rate > np.cos(np.radians(9.0))
-    near &= np.abs(found.rate - rate) * GAP < 1.5
+    near = np.abs(few.poles[result.pole] @ truth.omega) / rate > np.cos(np.radians(9.0))
+    near &= np.abs(result.rate - rate) * GAP < 1.5
     assert near.any() == inside
     if inside:
         assert np.flatnonzero(near).min() < 0.1 * coverage.evaluated
@@ -229,9 +229,9 @@ def test_a_search_visits_the_spins_that_are_known(grid: Grid, truth: Truth, peri
     assert Coverage.restored(coverage.stored()) == coverage
     if period:
         low, high = few.allowed.ranges[0]
-        assert np.all(found.rate + found.width >= low)
+        assert np.all(result.rate + result.width >= low)
         if len(few.allowed.ranges) == 1:
-            assert np.all(found.rate - found.width <= high)
+            assert np.all(result.rate - result.width <= high)
             said = searched(asdict(coverage))[0]
             assert f"with periods of {2 * np.pi / high:.5g} to {2 * np.pi / low:.5g} s" in said
     if pole:
@@ -280,9 +280,9 @@ def test_a_stopped_search_of_cells_goes_on(tmp_path, grid: Grid):
         with pytest.raises(KeyboardInterrupt):
             whole.search(1, Silent(), 500, Stopped(folder, n))
         Counted.evaluations = 0
-        resumed, told = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
+        resumed, covered = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
         assert Counted.evaluations == again
-        assert told == coverage
+        assert covered == coverage
         for a, b in zip(resumed, cells, strict=True):
             np.testing.assert_array_equal(a, b)
 
@@ -315,12 +315,12 @@ def test_a_stopped_search_ends_as_an_uninterrupted_one(tmp_path, truth: Truth, m
     while True:
         try:
             kept = Stopped(tmp_path / "kept", 1)
-            resumed, told = complete_search(problem, data, options, 1, Silent(), kept)
+            resumed, covered = complete_search(problem, data, options, 1, Silent(), kept)
             break
         except KeyboardInterrupt:
             stops += 1
     assert stops >= 4
-    assert told == coverage
+    assert covered == coverage
     for a, b in zip(resumed, ends, strict=True):
         np.testing.assert_array_equal(a, b)
 

@@ -26,10 +26,12 @@ def test_spins_and_shares_of_solutions():
     z = rng.standard_normal((4, problem.dim))
     log_z = np.log([0.6, 0.3, 0.095, 0.005])
     every = [Solution(a, 0.0, float(b), 1.0, 1) for a, b in zip(z, log_z, strict=True)]
-    found = spin_solutions(problem, data, every[1:2], [every[0], *every[2:]])
-    np.testing.assert_allclose([s.share for s in found], [0.6, 0.3, 0.095])  # without that of 0.5 %
-    assert [s.sampled for s in found] == [False, True, False]
-    for s, row in zip(found, z, strict=False):
+    result = spin_solutions(problem, data, every[1:2], [every[0], *every[2:]])
+    np.testing.assert_allclose(
+        [s.share for s in result], [0.6, 0.3, 0.095]
+    )  # without that of 0.5 %
+    assert [s.sampled for s in result] == [False, True, False]
+    for s, row in zip(result, z, strict=False):
         # ω/omega_sd is sampled in its components
         omega = 0.1 * row[problem.rows(["omega_unit"])]
         np.testing.assert_allclose(s.omega_rad_s, omega)
@@ -66,8 +68,8 @@ def test_a_spin_is_determined(spins, left):
     ],
 )
 def test_several_spins_of_which_one_was_not_sampled(other, axes):
-    (found,) = undetermined([spin(), other], 0.65)
-    text = reason(found).text
+    (result,) = undetermined([spin(), other], 0.65)
+    text = reason(result).text
     assert text.startswith("the data do not determine the spin: 2 solutions explain them")
     assert f"from 30 to {max(30.0, other.period_s):.5g} s" in text
     assert axes in text

@@ -95,22 +95,22 @@ def test_images_of_solutions_are_solutions_where_the_mirror_is_a_symmetry():
     mirror = symmetry.plane_mirror(problem, data)
     assert mirror is not None
     best = search.polish(problem, data, np.asarray(small_curves.truth(problem, data, 1))[None], 1)
-    (found,) = solutions.distinct(problem, data, best, order, 4)
+    (result,) = solutions.distinct(problem, data, best, order, 4)
 
     def images(matrix, *among):
         return solutions.with_images(problem, data, list(among), matrix, order)
 
-    both = images(mirror, found)
+    both = images(mirror, result)
     # Rounding decides which of the two comes first.
     assert sorted(s.z.tolist() for s in both) == sorted(
-        [found.z.tolist(), (mirror @ found.z).tolist()]
+        [result.z.tolist(), (mirror @ result.z).tolist()]
     )
     assert [s.hits for s in both] == [1, 1]
     assert len(images(mirror, *both)) == 2
-    assert len(images(-np.eye(problem.dim), found)) == 1
-    flat = 0.5 * (found.z + mirror @ found.z)
+    assert len(images(-np.eye(problem.dim), result)) == 1
+    flat = 0.5 * (result.z + mirror @ result.z)
     potential = float(problem.potential(jnp.asarray(flat), data))
-    assert len(images(mirror, replace(found, z=flat, potential=potential))) == 1
+    assert len(images(mirror, replace(result, z=flat, potential=potential))) == 1
 
 
 @pytest.mark.slow
@@ -120,10 +120,10 @@ def test_a_mirror_image_that_no_start_reached_is_sampled():
     sun, obs = in_plane(25)
     light = small_curves.curve(25, 1, noise=1e-3, sun=sun, obs=obs)
     for seed in range(3):
-        found = lcbayes.fit(
+        result = lcbayes.fit(
             light, n_facets=1, spin="none", num_starts=2, num_samples=300, seed=seed
         )
-        one, two = found.content["modes"]
+        one, two = result.content["modes"]
         assert one["weight"] + two["weight"] == pytest.approx(1.0)
         assert one["weight_sd"] < 0.08
         assert abs(one["weight"] - 0.5) < limit(3) * one["weight_sd"]
@@ -174,6 +174,6 @@ def test_mirror_images_weigh_the_same_with_the_move():
     problem, data = small_curves.posterior(light, n_facets=1, spin="none")
     mirror = symmetry.plane_mirror(problem, data)
     plan = smc.Plan(oversampling=1)
-    found = smc.run(problem, data, jax.random.key(0), 200, plan=plan, mirror=mirror)
-    up = jax.vmap(lambda z: problem.unravel(z)["normals_base"][0, 2])(found.z) > 0
+    result = smc.run(problem, data, jax.random.key(0), 200, plan=plan, mirror=mirror)
+    up = jax.vmap(lambda z: problem.unravel(z)["normals_base"][0, 2])(result.z) > 0
     assert abs(np.mean(up) - 0.5) < limit() * 0.5 / np.sqrt(200)

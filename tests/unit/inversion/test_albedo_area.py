@@ -39,7 +39,7 @@ def test_columns_are_the_flux_of_unit_facets(text):
     material, seen = Material.parse(text), seen_of()
     normals = facets.grid(130)  # more than one padded block
     areas = np.linspace(0.1, 1.0, 130)
-    found = columns(seen, normals, np.zeros(130, int), (material,)) @ areas
+    result = columns(seen, normals, np.zeros(130, int), (material,)) @ areas
     expected = brightness.flux_brdf(
         jnp.asarray(seen.sun[0]),
         jnp.asarray(seen.obs[0]),
@@ -48,13 +48,13 @@ def test_columns_are_the_flux_of_unit_facets(text):
         material.law,
         material.unit,
     )
-    assert found == pytest.approx(np.asarray(expected), rel=1e-12)
+    assert result == pytest.approx(np.asarray(expected), rel=1e-12)
 
 
 def test_a_lambertian_column_by_hand():
     seen = seen_of()
-    found = columns(seen, BRICK.normals, np.zeros(6, int)) @ BRICK.areas
-    assert found == pytest.approx(lambertian(seen.sun[0], seen.obs[0], BRICK), rel=1e-13)
+    result = columns(seen, BRICK.normals, np.zeros(6, int)) @ BRICK.areas
+    assert result == pytest.approx(lambertian(seen.sun[0], seen.obs[0], BRICK), rel=1e-13)
 
 
 @pytest.mark.parametrize("text", LAWS)
@@ -133,16 +133,16 @@ def test_attitudes_turn_directions_as_the_models_do():
     expected = np.asarray(rotations.to_body(turn, jnp.asarray(curve.sun)))
     assert Observed.of(curve, spin).sun[0] == pytest.approx(expected, abs=1e-12)
     omega = ConstantRate((0.0, 0.0, 0.01))
-    found = Observed.of(curve, omega).obs[0][30]
+    result = Observed.of(curve, omega).obs[0][30]
     c, s = np.cos(0.3), np.sin(0.3)
-    assert found == pytest.approx(np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ curve.obs[30])
+    assert result == pytest.approx(np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ curve.obs[30])
     assert np.array_equal(Observed.of(curve, Fixed()).sun[0], curve.sun)
 
 
 def test_exposures_are_averaged():
     curve = curve_of(BRICK, 20, exposure_s=np.full(20, 30.0))
     spin = ConstantRate((0.01, 0.0, 0.02))
-    found = columns(Observed.of(curve, spin), BRICK.normals, np.zeros(6, int))
+    result = columns(Observed.of(curve, spin), BRICK.normals, np.zeros(6, int))
     many = []
     for shift in (np.arange(200) + 0.5) / 200 - 0.5:
         turn = rotations.constant_rate(
@@ -153,7 +153,7 @@ def test_exposures_are_averaged():
         )
         many.append(np.maximum(sun @ BRICK.normals.T, 0) * np.maximum(obs @ BRICK.normals.T, 0))
     # facets that turn on or off within an exposure are not smooth, hence the tolerance
-    assert found == pytest.approx(np.mean(many, axis=0) / np.pi, abs=0.004)
+    assert result == pytest.approx(np.mean(many, axis=0) / np.pi, abs=0.004)
 
 
 def problems():
@@ -193,8 +193,8 @@ def test_least_squares_agree_and_are_optimal(index):
 def test_weighted_least_squares_are_those_of_repeated_rows():
     matrix, target = next(problems())
     count = np.random.default_rng(1).integers(0, 3, (4, len(target)))
-    found = nnls.weighted(jnp.asarray(matrix), jnp.asarray(target), jnp.asarray(count * 1.0), 2)
-    for w, x in zip(count, np.asarray(found), strict=True):
+    result = nnls.weighted(jnp.asarray(matrix), jnp.asarray(target), jnp.asarray(count * 1.0), 2)
+    for w, x in zip(count, np.asarray(result), strict=True):
         rows, values = np.repeat(matrix, w, axis=0), np.repeat(target, w)
         expected = nnls.exact(rows, values)
         best = np.sum((rows @ expected - values) ** 2)
@@ -208,9 +208,9 @@ def test_distribution_of_a_body_on_the_grid_is_found():
     seen = seen_of(300)
     matrix = columns(seen, normals, which)
     seen = seen.with_flux(matrix @ truth)
-    found = solve(seen, normals, which, matrix)
-    assert found.areas == pytest.approx(truth, abs=1e-8)
-    assert found.chi2 < 1e-8
+    result = solve(seen, normals, which, matrix)
+    assert result.areas == pytest.approx(truth, abs=1e-8)
+    assert result.chi2 < 1e-8
 
 
 def relative(n_curves: int = 6, n: int = 240, noise: float = 0.01) -> tuple[Observed, np.ndarray]:
@@ -226,25 +226,25 @@ def relative(n_curves: int = 6, n: int = 240, noise: float = 0.01) -> tuple[Obse
 def test_scales_of_curves_are_found_with_the_areas():
     seen, scale = relative(noise=1e-5)
     normals, which = BRICK.normals, np.zeros(6, int)
-    found = solve(seen, normals, which, columns(seen, normals, which))
-    assert found.scale.mean() == pytest.approx(1.0)
-    assert found.scale == pytest.approx(scale / scale.mean(), rel=1e-4)
-    assert found.areas == pytest.approx(BRICK.areas * scale.mean(), rel=1e-4)
+    result = solve(seen, normals, which, columns(seen, normals, which))
+    assert result.scale.mean() == pytest.approx(1.0)
+    assert result.scale == pytest.approx(scale / scale.mean(), rel=1e-4)
+    assert result.areas == pytest.approx(BRICK.areas * scale.mean(), rel=1e-4)
 
 
 def test_free_scales_are_at_a_minimum():
     seen, _ = relative(noise=0.1)
     normals, which = grid(80)
     matrix = columns(seen, normals, which)
-    found = solve(seen, normals, which, matrix)
+    result = solve(seen, normals, which, matrix)
     # from here, no change of scales followed by the best areas for them helps
     rng = np.random.default_rng(0)
     for _ in range(5):
-        scale = found.scale * np.exp(1e-3 * rng.normal(size=6))
+        scale = result.scale * np.exp(1e-3 * rng.normal(size=6))
         of = (scale[seen.curve] / seen.error)[:, None]
         areas = nnls.exact(of * matrix, seen.flux / seen.error)
         chi2 = np.sum((seen.flux / seen.error - (of * matrix) @ areas) ** 2)
-        assert chi2 > found.chi2
+        assert chi2 > result.chi2
 
 
 def test_a_calibrated_curve_among_free_ones_sets_the_size():
@@ -256,9 +256,9 @@ def test_a_calibrated_curve_among_free_ones_sets_the_size():
         seen.flux * factor, seen.error * factor, group, free, seen.sun, seen.obs, seen.weight, True
     )
     normals, which = BRICK.normals, np.zeros(6, int)
-    found = solve(seen, normals, which, columns(seen, normals, which))
-    assert found.areas == pytest.approx(BRICK.areas, rel=1e-4)
-    assert found.scale == pytest.approx([*scale[:5], 1.0], rel=1e-4)
+    result = solve(seen, normals, which, columns(seen, normals, which))
+    assert result.areas == pytest.approx(BRICK.areas, rel=1e-4)
+    assert result.scale == pytest.approx([*scale[:5], 1.0], rel=1e-4)
 
 
 def test_smoothing_is_the_penalty_it_says():

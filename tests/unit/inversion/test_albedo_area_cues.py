@@ -38,9 +38,9 @@ def on_grid(seen: Observed, n: int = 120) -> tuple[Distribution, np.ndarray]:
 
 def test_null_is_the_ellipsoid_itself_where_the_body_is_one():
     seen = Observed.of(curve_of(ellipsoid((2.0, 1.2, 0.8)), 200, noise=0.01), Fixed())
-    found, matrix = on_grid(seen, 800)
-    areas = nulls.ellipsoid(seen, found, matrix)
-    expected = np.linalg.norm(found.normals * [2.0, 1.2, 0.8], axis=1) ** -4.0
+    result, matrix = on_grid(seen, 800)
+    areas = nulls.ellipsoid(seen, result, matrix)
+    expected = np.linalg.norm(result.normals * [2.0, 1.2, 0.8], axis=1) ** -4.0
     assert areas / areas.sum() == pytest.approx(expected / expected.sum(), rel=0.1)
     assert np.sum(((matrix @ areas - seen.flux) / seen.error) ** 2) < 1.5 * len(seen.flux)
 
@@ -51,10 +51,10 @@ def test_clusters_raise_false_alarms_as_often_as_they_say(axes):
     maps, body, p = Maps(facets.grid(100)), ellipsoid(axes), []
     for seed in range(80):
         seen = Observed.of(curve_of(body, 120, 0.03, seed), Fixed())
-        found, matrix = on_grid(seen, 100)
+        result, matrix = on_grid(seen, 100)
         with Silent().stage("", 1, "") as track:
-            null = nulls.smooth_bodies(seen, found, matrix, 19, seed, track)
-        p.append(cues._clusters(maps, found.areas, null, NO_ARC).p_value)
+            null = nulls.smooth_bodies(seen, result, matrix, 19, seed, track)
+        p.append(cues._clusters(maps, result.areas, null, NO_ARC).p_value)
     assert np.sum(np.array(p) <= 0.05) <= counts(80, 0.05)[1]  # 4 expected
     # at every level no more often than said: the estimated null makes the test conservative
     jittered = np.array(p) - 0.05 * np.random.default_rng(0).uniform(size=80)
@@ -68,14 +68,14 @@ def test_arcs_and_even_regions_raise_few_false_alarms_on_facets_at_random():
     for seed in range(60):
         truth = shapes.body(directions(rng, 9), rng.exponential(size=9))
         seen = Observed.of(curve_of(truth, 120, 0.03, seed), Fixed())
-        found, matrix = on_grid(seen, 100)
+        result, matrix = on_grid(seen, 100)
         known = Distribution(
-            truth.normals, np.zeros(9, int), truth.areas, np.ones(1), found.flux, 0.0
+            truth.normals, np.zeros(9, int), truth.areas, np.ones(1), result.flux, 0.0
         )
         with Silent().stage("", 1, "") as track:
-            null = nulls.scattered_facets(seen, found, matrix, known, ONE, 19, seed, track)
-        arc.append(cues._p(maps.arc(found.areas)[0], [maps.arc(a)[0] for a in null]))
-        even.append(cues._p(maps.uniform(found.areas), [maps.uniform(a) for a in null]))
+            null = nulls.scattered_facets(seen, result, matrix, known, ONE, 19, seed, track)
+        arc.append(cues._p(maps.arc(result.areas)[0], [maps.arc(a)[0] for a in null]))
+        even.append(cues._p(maps.uniform(result.areas), [maps.uniform(a) for a in null]))
     most = counts(60, 0.05)[1]  # 3 expected; one side of two alike
     assert np.sum(np.array(arc) <= 0.05) <= most
     assert np.sum(np.array(even) <= 0.05) <= most
@@ -98,21 +98,21 @@ def test_angles_of_prisms():
     for sides, name in ((6, "angle-60"), (8, "angle-45")):
         prism = shapes.cylinder(1.0, 1.0, sides)
         share = prism.areas / prism.areas.sum()
-        found = {c.name: c for c in cues.angles(prism.normals, share, 0)}
-        assert found[name].significant
-        assert found["angle-90"].significant
+        result = {c.name: c for c in cues.angles(prism.normals, share, 0)}
+        assert result[name].significant
+        assert result["angle-90"].significant
     brick = shapes.box(2.0, 1.4, 0.8)
-    found = {c.name: c for c in cues.angles(brick.normals, brick.areas / brick.areas.sum(), 0)}
-    assert found["angle-90"].p_value < 0.002
-    assert found["angle-90"].statistic == pytest.approx(1.0)
-    assert not found["angle-60"].significant
-    assert not found["angle-45"].significant
+    result = {c.name: c for c in cues.angles(brick.normals, brick.areas / brick.areas.sum(), 0)}
+    assert result["angle-90"].p_value < 0.002
+    assert result["angle-90"].statistic == pytest.approx(1.0)
+    assert not result["angle-60"].significant
+    assert not result["angle-45"].significant
 
 
 def test_nothing_to_measure_is_no_alarm():
     for n in (0, 1):
-        found = cues.angles(np.eye(3)[:n], np.ones(n), 0)
-        assert [c.p_value for c in found] == [1.0, 1.0, 1.0]
+        result = cues.angles(np.eye(3)[:n], np.ones(n), 0)
+        assert [c.p_value for c in result] == [1.0, 1.0, 1.0]
 
 
 def test_statistics_of_ideal_maps():
@@ -139,31 +139,31 @@ def test_statistics_of_ideal_maps():
 
 def cues_of(body: shapes.Body, noise: float = 0.02, seed: int = 5) -> dict[str, Cue]:
     seen = Observed.of(curve_of(body, 250, noise, seed=seed), Fixed())
-    found, matrix = on_grid(seen, 250)
-    fewer = select_facets(seen, refine(seen, found, matrix, ONE), ONE)
-    return {c.name: c for c in cues.find(seen, found, matrix, fewer, ONE, n_null=19, seed=1)}
+    result, matrix = on_grid(seen, 250)
+    fewer = select_facets(seen, refine(seen, result, matrix, ONE), ONE)
+    return {c.name: c for c in cues.find(seen, result, matrix, fewer, ONE, n_null=19, seed=1)}
 
 
 def test_a_brick_shows_six_facets_at_right_angles():
-    found = cues_of(shapes.box(2.0, 1.4, 0.8))
-    assert found["clusters"].details["n_flat"] == 6
-    assert found["angle-90"].p_value < 0.005
+    result = cues_of(shapes.box(2.0, 1.4, 0.8))
+    assert result["clusters"].details["n_flat"] == 6
+    assert result["angle-90"].p_value < 0.005
     for name in ("angle-60", "angle-45", "arc", "uniform"):
-        assert not found[name].significant, name
+        assert not result[name].significant, name
 
 
 def test_a_cylinder_shows_two_facets_and_an_arc():
-    found = cues_of(shapes.cylinder(0.5, 2.0, 100))
-    assert found["arc"].significant
-    assert np.abs(found["arc"].details["pole"][2]) > 0.99
-    assert found["clusters"].details["n_flat"] == 2
-    assert not found["uniform"].significant
+    result = cues_of(shapes.cylinder(0.5, 2.0, 100))
+    assert result["arc"].significant
+    assert np.abs(result["arc"].details["pole"][2]) > 0.99
+    assert result["clusters"].details["n_flat"] == 2
+    assert not result["uniform"].significant
 
 
 def test_a_sphere_shows_an_even_region_alone():
-    found = cues_of(shapes.sphere(0.5, 1000))
-    assert found["uniform"].significant
-    assert found["uniform"].statistic > 0.8
+    result = cues_of(shapes.sphere(0.5, 1000))
+    assert result["uniform"].significant
+    assert result["uniform"].statistic > 0.8
     for name in ("clusters", "arc", "angle-90", "angle-60", "angle-45"):
-        assert not found[name].significant, name
-    assert found["clusters"].details["n_flat"] == 0
+        assert not result[name].significant, name
+    assert result["clusters"].details["n_flat"] == 0

@@ -30,7 +30,7 @@ BRICK = shapes.box(2.0, 1.4, 0.8)
 ONE = (LAMBERTIAN,)
 
 
-def found_in(seen: Observed, materials=ONE, n: int = 200) -> tuple[Distribution, Facets]:
+def facets_in(seen: Observed, materials=ONE, n: int = 200) -> tuple[Distribution, Facets]:
     normals, which = grid(n, materials)
     matrix = columns(seen, normals, which, materials)
     coarse = solve(seen, normals, which, matrix)
@@ -39,9 +39,9 @@ def found_in(seen: Observed, materials=ONE, n: int = 200) -> tuple[Distribution,
     return fine, select_facets(seen, fine, materials)
 
 
-def matched(found: Distribution, normals: np.ndarray) -> np.ndarray:
+def matched(estimate: Distribution, normals: np.ndarray) -> np.ndarray:
     """Index of the facet nearest to each of these normals; all different and within 3 degrees."""
-    cosine = normals @ found.normals.T
+    cosine = normals @ estimate.normals.T
     index = cosine.argmax(axis=1)
     assert len(set(index)) == len(normals)
     assert np.degrees(np.arccos(np.minimum(cosine.max(axis=1), 1.0))).max() < 3.0
@@ -51,26 +51,26 @@ def matched(found: Distribution, normals: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def brick() -> tuple[Observed, Distribution, Facets]:
     seen = Observed.of(curve_of(BRICK), Fixed())
-    return seen, *found_in(seen)
+    return seen, *facets_in(seen)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_a_brick_has_six_facets(brick):
-    seen, fine, found = brick
-    assert len(found.areas) == 6 < len(fine.areas)
-    index = matched(found, BRICK.normals)
-    assert found.areas[index] == pytest.approx(BRICK.areas, rel=0.02)
-    off = (found.areas[index] - BRICK.areas) / found.area_sd[index]
+    seen, fine, estimate = brick
+    assert len(estimate.areas) == 6 < len(fine.areas)
+    index = matched(estimate, BRICK.normals)
+    assert estimate.areas[index] == pytest.approx(BRICK.areas, rel=0.02)
+    off = (estimate.areas[index] - BRICK.areas) / estimate.area_sd[index]
     assert np.abs(off).max() < limit(7)
     low, high = squares(300 - 18, 7)
-    assert low < found.chi2 < high
-    assert np.sum(((seen.flux - found.flux) / seen.error) ** 2) == pytest.approx(found.chi2)
+    assert low < estimate.chi2 < high
+    assert np.sum(((seen.flux - estimate.flux) / seen.error) ** 2) == pytest.approx(estimate.chi2)
 
 
 def test_facets_are_at_a_minimum(brick):
-    seen, _, found = brick
-    vectors = found.areas[:, None] * found.normals
-    _, jacobian, residual = linear(seen, vectors, found.which, found.scale, ONE)
+    seen, _, estimate = brick
+    vectors = estimate.areas[:, None] * estimate.normals
+    _, jacobian, residual = linear(seen, vectors, estimate.which, estimate.scale, ONE)
     step = np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ residual)
     assert np.abs(step).max() < 1e-4
 
@@ -106,10 +106,10 @@ def test_jacobian_of_facets_is_that_of_differences(brick, free):
 
 
 def test_a_facet_costs_what_it_is_reported(brick):
-    seen, fine, found = brick
+    seen, fine, estimate = brick
     assert len(select_facets(seen, fine, ONE, cost=0.0).areas) > 6
     assert len(select_facets(seen, fine, ONE, cost=1e7).areas) < 6
-    assert len(select_facets(seen, fine, ONE, cost=3 * np.log(300)).areas) == len(found.areas)
+    assert len(select_facets(seen, fine, ONE, cost=3 * np.log(300)).areas) == len(estimate.areas)
 
 
 @pytest.mark.parametrize("seed", [1, 2])  # a phantom of 38,000 m²; a singular matrix
@@ -151,10 +151,10 @@ def test_a_dark_facet_takes_no_other_with_it():
     below = BRICK.normals[:, 2] < -0.9
     areas, which = np.where(below, 1e8, BRICK.areas), np.zeros(6, int)
     flux = columns(seen, BRICK.normals, which) @ areas
-    found = select_facets(seen, Distribution(BRICK.normals, which, areas, np.ones(1), flux, 0.0))
-    assert len(found.areas) == 5
-    index = matched(found, BRICK.normals[~below])
-    assert found.areas[index] == pytest.approx(BRICK.areas[~below], rel=0.02)
+    estimate = select_facets(seen, Distribution(BRICK.normals, which, areas, np.ones(1), flux, 0.0))
+    assert len(estimate.areas) == 5
+    index = matched(estimate, BRICK.normals[~below])
+    assert estimate.areas[index] == pytest.approx(BRICK.areas[~below], rel=0.02)
 
 
 def test_an_area_that_one_point_tells_is_in_doubt():
@@ -179,12 +179,17 @@ def test_a_shiny_panel_on_a_dull_brick():
     error = np.full(500, 0.01 * flux.mean())
     noise = np.random.default_rng(0).normal(size=500)
     seen = seen.with_error(error).with_flux(flux + error * noise)
-    _, found = found_in(seen, materials)
-    assert list(np.bincount(found.which)) == [6, 1]
+    _, estimate = facets_in(seen, materials)
+    assert list(np.bincount(estimate.which)) == [6, 1]
     for m in (0, 1):
-        here = found.which == m
+        here = estimate.which == m
         part = Distribution(
-            found.normals[here], found.which[here], found.areas[here], found.scale, found.flux, 0.0
+            estimate.normals[here],
+            estimate.which[here],
+            estimate.areas[here],
+            estimate.scale,
+            estimate.flux,
+            0.0,
         )
         index = matched(part, normals[which == m])
         assert part.areas[index] == pytest.approx(areas[which == m], rel=0.05)
@@ -202,10 +207,10 @@ def test_a_material_that_is_not_there_is_left_out(n_curves, least):
         seen = Observed.of(curve_of(BRICK, 70, seed=seed), Fixed())
         matrix = columns(seen, normals, which, materials)
         coarse = solve(seen, normals, which, matrix)
-        _, found = explain(seen, coarse, matrix, materials)
-        diffuse = found.which == 0
-        assert found.areas[~diffuse].sum() < 0.01 * found.areas.sum()
-        exact += len(found.areas) == 6
+        _, estimate = explain(seen, coarse, matrix, materials)
+        diffuse = estimate.which == 0
+        assert estimate.areas[~diffuse].sum() < 0.01 * estimate.areas.sum()
+        exact += len(estimate.areas) == 6
     assert exact >= least
 
 
@@ -215,11 +220,11 @@ def test_curves_of_unknown_scale_give_the_proportions():
     scale = np.linspace(0.5, 2.0, 10)
     seen = Observed.of(curve, Fixed())
     seen = seen.with_flux(scale[group] * seen.flux).with_error(scale[group] * seen.error)
-    _, found = found_in(seen)
-    assert found.scale.mean() == pytest.approx(1.0)
-    assert found.scale == pytest.approx(scale / scale.mean(), rel=0.01)
-    index = matched(found, BRICK.normals)
-    share = found.areas[index] / found.areas[index].sum()
+    _, estimate = facets_in(seen)
+    assert estimate.scale.mean() == pytest.approx(1.0)
+    assert estimate.scale == pytest.approx(scale / scale.mean(), rel=0.01)
+    index = matched(estimate, BRICK.normals)
+    share = estimate.areas[index] / estimate.areas[index].sum()
     assert share == pytest.approx(BRICK.areas / BRICK.areas.sum(), rel=0.03)
 
 
@@ -241,11 +246,11 @@ def test_blocks_are_drawn_where_there_are_few_curves():
 
 
 def test_spread_of_facets_agrees_with_the_curvature(brick):
-    seen, _, found = brick
+    seen, _, estimate = brick
     weight = bootstrap.weights(seen, 200, 0)
-    draws = bootstrap.facets(seen, found, ONE, weight)
+    draws = bootstrap.facets(seen, estimate, ONE, weight)
     spread = np.linalg.norm(draws.vectors, axis=2).std(axis=0)
-    assert np.mean(spread / found.area_sd) == pytest.approx(1.0, abs=0.2)
+    assert np.mean(spread / estimate.area_sd) == pytest.approx(1.0, abs=0.2)
     assert len(draws.volumes) == 200
     assert abs(draws.volumes.mean() - 2.24) < 5 * draws.volumes.std()
     assert draws.dimensions.mean(axis=0) == pytest.approx([2.0, 1.4, 0.8], rel=0.02)
@@ -255,9 +260,9 @@ def test_resampled_distributions_are_those_of_the_resampled_data(brick):
     seen = brick[0]
     normals, which = grid(60)
     matrix = columns(seen, normals, which)
-    found = solve(seen, normals, which, matrix)
+    estimate = solve(seen, normals, which, matrix)
     weight = bootstrap.weights(seen, 3, 0)
-    draws = bootstrap.distributions(seen, found, matrix, weight)
+    draws = bootstrap.distributions(seen, estimate, matrix, weight)
     for w, areas in zip(weight, draws, strict=True):
         here = w > 0
         part = Observed(
@@ -276,7 +281,7 @@ def test_resampled_distributions_are_those_of_the_resampled_data(brick):
         assert chi2 == pytest.approx(again.chi2, rel=1e-8)
     # a penalty counts once, whatever is drawn
     rows = [smooth(normals, which, 1e9, typical(seen, matrix))]
-    flat = bootstrap.distributions(seen, found, matrix, weight, rows)
+    flat = bootstrap.distributions(seen, estimate, matrix, weight, rows)
     assert np.ptp(flat, axis=1).max() < 0.1 * flat.mean()
 
 

@@ -47,8 +47,8 @@ def codes(curve: LightCurve) -> set[str]:
 @pytest.mark.parametrize(("arm", "with_errors"), [(0.15, True), (0.6, False)])
 def test_a_body_that_shades_itself_is_not_trusted(arm, with_errors):
     """By 1.5 % of its light with known errors, where χ² per degree of freedom is below 2."""
-    found = codes(l_shaped(arm, 40.0, with_errors))
-    assert found & {"misfit", "residuals-follow-geometry"}
+    estimate = codes(l_shaped(arm, 40.0, with_errors))
+    assert estimate & {"misfit", "residuals-follow-geometry"}
     assert not codes(l_shaped(0.0, 40.0, with_errors)) & {"misfit", "residuals-follow-geometry"}
 
 
@@ -80,18 +80,18 @@ def test_residuals_of_a_convex_body_follow_geometry_no_more_often_than_said():
 def on_grid(seen: Observed):
     normals, which = grid(200)
     matrix = columns(seen, normals, which)
-    found = solve(seen, normals, which, matrix)
-    return found, matrix, explain(seen, found, matrix, ONE)[1]
+    estimate = solve(seen, normals, which, matrix)
+    return estimate, matrix, explain(seen, estimate, matrix, ONE)[1]
 
 
 def test_right_angles_of_a_box_do_not_depend_on_whether_its_faces_stand_out(monkeypatch):
     """Facets found to 2° are tested for their angles though no cluster is significant."""
     seen = Observed.of(curve_of(shapes.box(1.0, 1.5, 1.5), 160, 0.02, seed=3), Fixed())
-    found, matrix, few = on_grid(seen)
+    estimate, matrix, few = on_grid(seen)
     assert len(few.areas) == 6
     none = cues.Cue("clusters", 0.0, 0.22, "", "", {"clusters": [], "n_flat": 0})
     monkeypatch.setattr(cues, "_clusters", lambda *_: none)
-    by_name = {c.name: c for c in cues.find(seen, found, matrix, few, ONE, n_null=1, seed=1)}
+    by_name = {c.name: c for c in cues.find(seen, estimate, matrix, few, ONE, n_null=1, seed=1)}
     assert by_name["angle-90"].p_value < 0.005
     assert not by_name["angle-60"].significant
 
@@ -103,6 +103,6 @@ def test_facets_that_stand_for_a_smooth_body_are_not_tested_for_angles():
         body = shapes.body(fine, close(fine, raw / raw.sum()))
         for n, noise in ((60, 0.05), (200, 0.02)):
             seen = Observed.of(curve_of(body, n, noise, seed=2), Fixed())
-            found, matrix, few = on_grid(seen)
+            estimate, matrix, few = on_grid(seen)
             assert isinstance(few, Facets)
-            assert not cues.faceted(seen, found, matrix, few)
+            assert not cues.faceted(seen, estimate, matrix, few)

@@ -69,9 +69,9 @@ def test_jacobian_is_that_of_automatic_differentiation(curve, law, exposure_s):
         return brightness(body, points, spin.moved(step, jnp.asarray(UNIT))).flux
 
     expected = jax.jit(jax.jacfwd(at))(jnp.zeros(3 + len(spin.coefficients)))
-    found = jax.jit(brightness)(body, points, spin).jacobian
-    found = found * jnp.ones(found.shape[1]).at[2].set(UNIT)
-    assert np.max(np.abs(found - expected)) < 1e-12 * np.max(np.abs(expected)) + 1e-14
+    result = jax.jit(brightness)(body, points, spin).jacobian
+    result = result * jnp.ones(result.shape[1]).at[2].set(UNIT)
+    assert np.max(np.abs(result - expected)) < 1e-12 * np.max(np.abs(expected)) + 1e-14
 
 
 def test_brightness_is_that_of_the_models(curve):
@@ -102,8 +102,8 @@ def test_gradient_is_that_of_automatic_differentiation(curve, known):
         return normal_equations(body, points, spin.moved(step, unit), unit).value
 
     expected = jax.jit(jax.grad(at))(jnp.zeros(3 + len(spin.coefficients)))
-    found = jax.jit(normal_equations)(body, points, spin, unit).gradient
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * float(np.abs(found).max()))
+    result = jax.jit(normal_equations)(body, points, spin, unit).gradient
+    np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-9 * float(np.abs(result).max()))
 
 
 def test_curvature_is_exact_where_nothing_is_left(curve):
@@ -117,10 +117,10 @@ def test_curvature_is_exact_where_nothing_is_left(curve):
 
     zero = jnp.zeros(3 + len(spin.coefficients))
     expected = np.asarray(jax.jit(jax.jacfwd(at))(zero))
-    found = np.asarray(jax.jit(normal_equations)(body, points, spin, unit).curvature)
+    result = np.asarray(jax.jit(normal_equations)(body, points, spin, unit).curvature)
     size = np.sqrt(np.diag(expected))
     # facets that turn away have no second derivative there, and none is counted: both sides agree
-    assert np.max(np.abs(found - expected) / size / size[:, None]) < 1e-9
+    assert np.max(np.abs(result - expected) / size / size[:, None]) < 1e-9
 
 
 def test_single_precision_finds_the_same_minimum():
@@ -179,12 +179,12 @@ def test_backward_spins_are_turned_over():
 def test_hypotheses_are_a_step_apart():
     """43 Ariadne's nine thousand days: as many periods as the usual program tries."""
     span = 9014.1 * 86400
-    found = grid.grid(10, span, None, (5.75, 5.775))
-    assert len(found.frequencies) == 408
-    step = np.diff(found.frequencies) * span
+    result = grid.grid(10, span, None, (5.75, 5.775))
+    assert len(result.frequencies) == 408
+    step = np.diff(result.frequencies) * span
     np.testing.assert_allclose(step, 0.4, rtol=1e-6)
-    assert found.frequencies[0] == pytest.approx(1.0 / (5.775 * 3600))
-    poles, frequencies = found.rows()
+    assert result.frequencies[0] == pytest.approx(1.0 / (5.775 * 3600))
+    poles, frequencies = result.rows()
     assert poles.shape == (4080, 3)
     assert len(np.unique(frequencies[:10])) == 1
 

@@ -73,32 +73,32 @@ def seen(curve: LightCurve, rotation, noise: float = 0.01, panel=None) -> LightC
     return replace(curve, brightness=noisy, error=error)
 
 
-def judged(curve: LightCurve):
+def verdict_of(curve: LightCurve):
     laws, left_out = stabilised.chosen(("all",), curve, None)
     with worker_pool() as run, Silent().stage("", 1, "") as track:
-        found, dark = stabilised.fit_laws(curve, laws, LAW, run, track)
-    return sorted(found, key=lambda s: s.chi2), left_out | dark
+        result, dark = stabilised.fit_laws(curve, laws, LAW, run, track)
+    return sorted(result, key=lambda s: s.chi2), left_out | dark
 
 
 def test_the_law_that_was_flown_comes_first():
     curve = passes()
     flown = frames(catalogue.find("earth-north").set(roll_deg=20.0, yaw_deg=10.0), curve)
-    found, left_out = judged(seen(curve, flown.body))
-    assert found[0].law == "earth-north"  # a constant turn is the body's
-    assert found[0].chi2 < 1.5 * curve.n_obs
-    assert found[1].chi2 > 5.0 * found[0].chi2
+    result, left_out = verdict_of(seen(curve, flown.body))
+    assert result[0].law == "earth-north"  # a constant turn is the body's
+    assert result[0].chi2 < 1.5 * curve.n_obs
+    assert result[1].chi2 > 5.0 * result[0].chi2
     assert "it spins, and no --period is given" in left_out["gravity-gradient"]
 
 
 def test_an_array_tells_laws_apart_and_a_dark_one_does_not():
     curve = passes()
     flown = frames(catalogue.find("nadir-sun-array"), curve)
-    found, left_out = judged(seen(curve, flown.body, panel=flown.array))
-    assert found[0].law == "nadir-sun-array"
-    assert found[0].areas[-2] > 0.2  # the front; the back turns away from the Sun
-    assert found[0].areas[-1] == 0.0
-    assert found[1].chi2 > 5.0 * found[0].chi2
-    bare, left_out = judged(seen(curve, flown.body))
+    result, left_out = verdict_of(seen(curve, flown.body, panel=flown.array))
+    assert result[0].law == "nadir-sun-array"
+    assert result[0].areas[-2] > 0.2  # the front; the back turns away from the Sun
+    assert result[0].areas[-1] == 0.0
+    assert result[1].chi2 > 5.0 * result[0].chi2
+    bare, left_out = verdict_of(seen(curve, flown.body))
     # on this orbit, which is nearly circular, other laws are lvlh with another constant rotation
     assert "lvlh" in {s.law for s in bare if s.chi2 < bare[0].chi2 + 1.0}
     assert left_out["nadir-sun-array"] == "its array sends no light, and without it is lvlh"
@@ -135,11 +135,11 @@ def test_free_facets_polish_a_tumblers_spin():
     start = faceted.moved(truth, np.array([0.05, -0.04, 0.05]), 600.0)
     material = Material.parse(LAW)
     before = faceted.best_body(given, start, material, 200)
-    found, body = faceted.polish(given, start, 600.0, material, 200)
-    off = [np.degrees(np.arccos(s.tilt[:, 2] @ pole)) for s in (start, found)]
+    result, body = faceted.polish(given, start, 600.0, material, 200)
+    off = [np.degrees(np.arccos(s.tilt[:, 2] @ pole)) for s in (start, result)]
     assert off[0] > 3.0
     assert off[1] < 1.0
-    assert abs(found.frequency - frequency) * 600.0 < 0.01
+    assert abs(result.frequency - frequency) * 600.0 < 0.01
     assert body.chi2 < 0.2 * before.chi2
 
 
@@ -189,8 +189,8 @@ def test_of_a_sphere_no_law_is_named():
     error = np.full(n, 0.1 * flux.mean())
     for seed in range(runs):
         noisy = flux + error * np.random.default_rng(seed).normal(size=n)
-        found = lcbayes.scan(replace(curve, brightness=noisy, error=error), law=LAWS)
-        named += sum(s["near_equal"] for s in found.solutions) == 1
+        result = lcbayes.scan(replace(curve, brightness=noisy, error=error), law=LAWS)
+        named += sum(s["near_equal"] for s in result.solutions) == 1
     assert named <= counts(runs, equivalence.MISSED)[1]
 
 
@@ -249,42 +249,42 @@ def test_more_numbers_than_points_and_too_good_a_fit_are_said():
     ],
 )
 def test_the_end_of_a_range_is_said_with_how_far_it_is(period_s, words):
-    found = scan_by_hand([100.0], [9], 120)
+    result = scan_by_hand([100.0], [9], 120)
     hours = 1.0 / 3600.0
-    settings = replace(found.settings, period_range_h=(40.0 * hours, 120.0 * hours))
-    law = found.solutions[0]
+    settings = replace(result.settings, period_range_h=(40.0 * hours, 120.0 * hours))
+    law = result.solutions[0]
     spin = replace(law, pole=np.array([0.0, 0.0, 1.0]), frequency=1.0 / period_s, hits=2)
-    spun = replace(found, settings=settings, solutions=[spin], t=np.linspace(0.0, 700.0, 120))
+    spun = replace(result, settings=settings, solutions=[spin], t=np.linspace(0.0, 700.0, 120))
     assert _reasons(spun) == ([f"the best period lies {words}: widen it"] if words else [])
 
 
-def _reasons(found):
-    return [reason.text for reason in reasons(summarise(found, passes(found.n_obs))[1])]
+def _reasons(result):
+    return [reason.text for reason in reasons(summarise(result, passes(result.n_obs))[1])]
 
 
 def test_the_law_that_was_flown_is_named_alone():
     curve = passes(200)
     flown = frames(catalogue.find("lvlh"), curve)
-    found = lcbayes.scan(
+    result = lcbayes.scan(
         seen(curve, flown.body, noise=0.02), law=(*LAWS, "earth-north"), reflectance=LAW
     )
-    assert found.trusted
-    assert [s["law"] for s in found.solutions if s["near_equal"]] == ["lvlh"]
-    fit = found.content["fit"]
+    assert result.trusted
+    assert [s["law"] for s in result.solutions if s["near_equal"]] == ["lvlh"]
+    fit = result.content["fit"]
     assert fit["chi2_near_equal"] - fit["chi2"] > 10.0  # of noise, not 5 % of residuals alone
 
 
 def test_periods_are_drawn_where_searches_ended_and_the_sky_has_its_lines(tmp_path, monkeypatch):
-    found = scan_by_hand([100.0], [9], 120)
+    result = scan_by_hand([100.0], [9], 120)
     hours = 1.0 / 3600.0
     tried, reached = 1.0 / np.linspace(120.0, 40.0, 9), np.full(9, 1.0 / 114.7)
     reached[-1] = 1.0 / 42.0
     poles = facets.grid(9)
-    settings = replace(found.settings, period_range_h=(40.0 * hours, 120.0 * hours))
-    spin = replace(found.solutions[0], pole=poles[0], frequency=reached[0], relation="best")
+    settings = replace(result.settings, period_range_h=(40.0 * hours, 120.0 * hours))
+    spin = replace(result.solutions[0], pole=poles[0], frequency=reached[0], relation="best")
     table = Table(poles, tried, poles, reached, np.linspace(100.0, 900.0, 9), np.ones(9, int))
     drawn = replace(
-        found,
+        result,
         settings=settings,
         solutions=[spin],
         n_periods=9,

@@ -39,7 +39,7 @@ def test_pairs_are_all_that_are_alike(geometry):
     seen = reduce(curve_of(geometry))
     ((sun, obs),) = in_body(turns(LVLH, ephemeris(geometry), seen), seen)
     reach = np.deg2rad(4.0)
-    found = module.alike([(sun, obs)], seen, reach)
+    result = module.alike([(sun, obs)], seen, reach)
     angle = np.maximum(*(np.arccos(np.clip(v @ v.T, -1, 1)) for v in (sun, obs)))
     expected = set()
     for i in range(len(seen.t)):
@@ -50,41 +50,41 @@ def test_pairs_are_all_that_are_alike(geometry):
             )
             if angle[i, j] <= reach and stray:
                 expected.add((i, j))
-    got = set(zip(found.i.tolist(), found.j.tolist(), strict=True))
+    got = set(zip(result.i.tolist(), result.j.tolist(), strict=True))
     assert got <= expected
     partners = np.bincount(np.array(sorted(expected)).ravel(), minlength=len(seen.t))
     few = {pair for pair in expected if max(partners[list(pair)]) <= module.PARTNERS}
     assert few <= got
     assert len(few) > 20
-    np.testing.assert_allclose(found.d, angle[found.i, found.j], atol=1e-6)
+    np.testing.assert_allclose(result.d, angle[result.i, result.j], atol=1e-6)
 
 
 def test_pairs_of_an_articulated_body_are_alike_in_both_frames(geometry):
     law = catalogue.find("nadir-sun-array")
     seen = reduce(curve_of(geometry, law))
     parts = in_body(turns(law, ephemeris(geometry), seen), seen)
-    found = module.alike(parts, seen, np.deg2rad(6.0))
-    assert len(found.i) > 5
+    result = module.alike(parts, seen, np.deg2rad(6.0))
+    assert len(result.i) > 5
     for part in parts:
         for v in part:
-            angle = np.arccos(np.clip(np.sum(v[found.i] * v[found.j], axis=1), -1, 1))
+            angle = np.arccos(np.clip(np.sum(v[result.i] * v[result.j], axis=1), -1, 1))
             assert np.degrees(angle.max()) <= 6.0 + 1e-6
 
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_the_true_law_is_kept_and_a_wrong_one_rejected(geometry):
     """Kept at 1 in 20 by the first of five bodies, or by the second...: by none in 3 million."""
-    found = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=1009)
-    by_name = {v.name: v for v in found.verdicts}
-    assert found.verdicts[0].name == "lvlh"
+    result = attitude_test(curve_of(geometry), [INERTIAL, LVLH, SUN], n_bodies=1009)
+    by_name = {v.name: v for v in result.verdicts}
+    assert result.verdicts[0].name == "lvlh"
     others = (
         attitude_test(curve_of(geometry, seed=s), [LVLH], n_bodies=1009).verdicts[0].p_value
         for s in range(1, 5)
     )
     assert by_name["lvlh"].p_value > 0.05 or any(p > 0.05 for p in others)
     assert by_name["sun-north"].p_value <= 0.01
-    assert found.rejected(by_name["sun-north"]) == (by_name["sun-north"].p_value < 0.01)
-    assert not found.reasons
+    assert result.rejected(by_name["sun-north"]) == (by_name["sun-north"].p_value < 0.01)
+    assert not result.reasons
     again = attitude_test(curve_of(geometry), [LVLH], n_bodies=1009)
     assert again.verdicts[0].p_value == by_name["lvlh"].p_value
 
@@ -106,19 +106,19 @@ def test_p_values_of_the_true_law_are_uniform(geometry, monkeypatch):
 
 def test_laws_that_the_data_cannot_tell_apart_are_named(geometry):
     """A circular orbit: the velocity is where LVLH has x."""
-    found = attitude_test(curve_of(geometry), [LVLH, catalogue.find("velocity")], n_bodies=100)
-    assert {v.same_as for v in found.verdicts} == {("velocity",), ("lvlh",)}
-    assert found.verdicts[0].p_value == pytest.approx(found.verdicts[1].p_value, abs=0.03)
+    result = attitude_test(curve_of(geometry), [LVLH, catalogue.find("velocity")], n_bodies=100)
+    assert {v.same_as for v in result.verdicts} == {("velocity",), ("lvlh",)}
+    assert result.verdicts[0].p_value == pytest.approx(result.verdicts[1].p_value, abs=0.03)
 
 
 def test_one_law_with_several_settings_is_several_laws(geometry):
     """Each told by its settings, and compared by its own axes."""
     laws = [LVLH, *(catalogue.parse(f"sun-spin:period_s={p}") for p in (300.0, 700.0))]
-    found = attitude_test(curve_of(geometry), [*laws, laws[1]], n_bodies=100)
+    result = attitude_test(curve_of(geometry), [*laws, laws[1]], n_bodies=100)
     names = {"lvlh", "sun-spin:period_s=300", "sun-spin:period_s=700"}
-    assert len(found.verdicts) == 3
-    assert {v.name for v in found.verdicts} == names
-    assert all(v.same_as == () for v in found.verdicts)
+    assert len(result.verdicts) == 3
+    assert {v.name for v in result.verdicts} == names
+    assert all(v.same_as == () for v in result.verdicts)
 
 
 def halves(geometry, seed: int):
@@ -159,8 +159,8 @@ def test_glints_are_left_out(geometry):
     flux[40:42] *= 2.5
     curve = replace(curve, t=t, site=np.full(100, "0"), brightness=flux, error=np.full(100, 0.01))
     np.testing.assert_array_equal(np.flatnonzero(glints(reduce(curve))), [40, 41])
-    found = attitude_test(curve, [INERTIAL], n_bodies=100)
-    assert (found.n_glints, found.n_obs) == (2, 98)
+    result = attitude_test(curve, [INERTIAL], n_bodies=100)
+    assert (result.n_glints, result.n_obs) == (2, 98)
 
 
 def spinning(geometry, seed: int, noise: float = 0.06):
@@ -194,10 +194,10 @@ def spinning(geometry, seed: int, noise: float = 0.06):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_stabilised_law_is_called_consistent_with_a_spinning_body(geometry, seed):
     """Brightness changes along passes by more than pairs can differ: rejected, or no power."""
-    found = attitude_test(spinning(geometry, seed), [INERTIAL, LVLH, SUN], n_bodies=199)
-    assert all(found.rejected(v) or not v.tested for v in found.verdicts)
-    if not any(v.tested for v in found.verdicts):
-        assert {r.code for r in found.reasons} <= {"no-power", "too-few-pairs"}
+    result = attitude_test(spinning(geometry, seed), [INERTIAL, LVLH, SUN], n_bodies=199)
+    assert all(result.rejected(v) or not v.tested for v in result.verdicts)
+    if not any(v.tested for v in result.verdicts):
+        assert {r.code for r in result.reasons} <= {"no-power", "too-few-pairs"}
 
 
 def test_roughness_is_what_brightness_changes_by_along_passes():
@@ -217,21 +217,21 @@ def test_roughness_is_what_brightness_changes_by_along_passes():
 
 def test_too_little_is_said(geometry):
     short = curve_of(geometry).select(np.arange(60))
-    found = attitude_test(short, [LVLH, INERTIAL], n_bodies=100)
-    assert not any(v.tested for v in found.verdicts)
+    result = attitude_test(short, [LVLH, INERTIAL], n_bodies=100)
+    assert not any(v.tested for v in result.verdicts)
     assert (
         "no law could be tested; 2 of 2: each has fewer than 60 pairs"
-        in sentence(found.reasons[0]).text
+        in sentence(result.reasons[0]).text
     )
-    assert all("pairs among" in v.reason for v in found.verdicts)
+    assert all("pairs among" in v.reason for v in result.verdicts)
     bare = replace(short, position_km=None, velocity_km_s=None)
     both = attitude_test(bare, [LVLH, SUN, INERTIAL, catalogue.find("velocity")], n_bodies=100)
     assert "2 of 4: each needs the satellite's orbit" in sentence(both.reasons[0]).text
     assert "observe more passes" in sentence(both.reasons[-1]).text
     assert not any("needs the satellite's orbit" in line for line in words(both))
     assert {"  lvlh, velocity", "2 laws not tested, as said above:"} < set(words(both))
-    told = attitude_test(bare, [LVLH], n_bodies=100).verdicts[0]
-    assert "needs the satellite's orbit" in told.reason
+    untested = attitude_test(bare, [LVLH], n_bodies=100).verdicts[0]
+    assert "needs the satellite's orbit" in untested.reason
     with pytest.raises(InputError, match=r"gives no errors.*--error"):
         attitude_test(replace(short, error=None), [LVLH])
     with pytest.raises(InputError, match=r"separation_deg is 40; expected"):
@@ -242,5 +242,5 @@ def test_a_level_that_no_rank_can_reach(geometry):
     """p = 1/(1 + n) at the least, and a law is rejected below the level."""
     with pytest.raises(InputError, match=r"no p-value among 99 bodies .* --bodies 199 or more"):
         attitude_test(curve_of(geometry), [SUN], n_bodies=99)
-    found = attitude_test(curve_of(geometry), [SUN], n_bodies=100)
-    assert found.rejected(found.verdicts[0])
+    result = attitude_test(curve_of(geometry), [SUN], n_bodies=100)
+    assert result.rejected(result.verdicts[0])

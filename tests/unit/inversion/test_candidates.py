@@ -27,36 +27,36 @@ def nights(period_h: float, count: int = 6, n: int = 40) -> LightCurve:
 
 def test_single_passes_give_the_period_of_the_brightness():
     curve = steady(3, 50.0, spinning=True)
-    found = candidate_periods(curve)
-    assert found is not None
-    assert found.significant
-    assert not found.joined
-    assert found.best is not None
-    assert found.spin.base is not None
-    assert found.best == found.listed[0].period_s == pytest.approx(1 / found.spin.base)
-    assert found.listed[0].of_base == 1
-    assert 7.0 < found.best < 41.0  # the body turns in 15 to 40 s
-    y = found.spin.passes[0]
-    folded = np.argsort(y.t % found.best)
+    result = candidate_periods(curve)
+    assert result is not None
+    assert result.significant
+    assert not result.joined
+    assert result.best is not None
+    assert result.spin.base is not None
+    assert result.best == result.listed[0].period_s == pytest.approx(1 / result.spin.base)
+    assert result.listed[0].of_base == 1
+    assert 7.0 < result.best < 41.0  # the body turns in 15 to 40 s
+    y = result.spin.passes[0]
+    folded = np.argsort(y.t % result.best)
     assert np.std(np.diff(y.y[folded])) < 0.5 * np.std(y.y)
 
 
 def test_nights_are_joined_where_one_is_shorter_than_the_period():
-    found = candidate_periods(nights(7.3))
-    assert found is not None
-    assert found.joined
-    assert found.significant
-    assert found.best == pytest.approx(7.3 * HOUR, rel=0.01)
-    assert [one.explained for one in found.listed] == sorted(
-        (one.explained for one in found.listed), reverse=True
+    result = candidate_periods(nights(7.3))
+    assert result is not None
+    assert result.joined
+    assert result.significant
+    assert result.best == pytest.approx(7.3 * HOUR, rel=0.01)
+    assert [one.explained for one in result.listed] == sorted(
+        (one.explained for one in result.listed), reverse=True
     )
 
 
 def test_noise_has_no_best_period():
-    found = candidate_periods(steady(1, 50.0, spinning=False))
-    assert found is not None
-    assert not found.significant
-    assert found.best is None
+    result = candidate_periods(steady(1, 50.0, spinning=False))
+    assert result is not None
+    assert not result.significant
+    assert result.best is None
 
 
 def test_a_few_points_are_not_searched():
@@ -73,8 +73,8 @@ def test_a_curve_without_brightness_is_refused():
 
 def test_work_is_bounded_and_what_is_left_out_is_said():
     curve = steady(3, 50.0, spinning=True)
-    found = candidate_periods(curve, work=WORK / 100)
-    assert found is not None
-    used = sum(one.t.size for one in found.spin.passes)
-    assert used * len(found.spin.grid) <= 1.1 * WORK / 100
-    assert any(f"is of {used} of {curve.n_obs} points" in note for note in found.notes)
+    result = candidate_periods(curve, work=WORK / 100)
+    assert result is not None
+    used = sum(one.t.size for one in result.spin.passes)
+    assert used * len(result.spin.grid) <= 1.1 * WORK / 100
+    assert any(f"is of {used} of {curve.n_obs} points" in note for note in result.notes)

@@ -62,13 +62,13 @@ def test_time_width_and_height_of_a_glint(fwhm):
     rng = np.random.default_rng(3)
     shape = np.exp(-4 * np.log(2) * ((T - 150.2) / fwhm) ** 2)
     flux = 2.0 + 0.002 * T + 3.0 * shape + 0.03 * rng.normal(size=T.size)
-    (found,), _ = detect(T, flux, np.full(T.size, 0.03), ONE, 8.0)
-    assert abs(found.t - 150.2) < limit() * found.t_error
-    assert found.t_error < 0.5
-    assert found.height == pytest.approx(3.0, rel=0.1 if fwhm > 1 else 0.5)
-    assert found.fwhm == pytest.approx(fwhm, rel=0.1 if fwhm > 1 else 0.5)
-    assert found.resolved == (fwhm > 1)
-    assert found.baseline == pytest.approx(2.3, rel=0.05)  # it rises where a glint is long
+    (result,), _ = detect(T, flux, np.full(T.size, 0.03), ONE, 8.0)
+    assert abs(result.t - 150.2) < limit() * result.t_error
+    assert result.t_error < 0.5
+    assert result.height == pytest.approx(3.0, rel=0.1 if fwhm > 1 else 0.5)
+    assert result.fwhm == pytest.approx(fwhm, rel=0.1 if fwhm > 1 else 0.5)
+    assert result.resolved == (fwhm > 1)
+    assert result.baseline == pytest.approx(2.3, rel=0.05)  # it rises where a glint is long
 
 
 def test_a_slow_brightening_is_no_glint():
@@ -101,16 +101,16 @@ def test_points_of_one_time_make_no_glints_and_hide_none(times):
     rng = np.random.default_rng(9)
     flux = 1.0 + sum(3.0 * np.exp(-0.5 * ((t - peak) / 2.0) ** 2) for peak in (200.0, 400.0))
     flux += 0.02 * rng.normal(size=t.size)
-    told = np.round(t) if times == "rounded" else t
+    recorded = np.round(t) if times == "rounded" else t
     unit = 1.0 if times == "rounded" else 0.4
-    found = analyse(turning(told, flux, np.full(t.size, 0.02)))
-    assert len(found.glints) == 2
-    for one, peak in zip(found.glints, (200.0, 400.0), strict=True):
+    result = analyse(turning(recorded, flux, np.full(t.size, 0.02)))
+    assert len(result.glints) == 2
+    for one, peak in zip(result.glints, (200.0, 400.0), strict=True):
         assert one.t_error == pytest.approx(unit)
         assert abs(one.t - peak) < unit
         assert one.fwhm == pytest.approx(2.0 * np.sqrt(8.0 * np.log(2.0)), rel=0.1)
-        assert abs(told[one.row] - one.t) <= unit  # a row of the light curve as it was given
-    assert found.facets == []  # of one normal they are not
+        assert abs(recorded[one.row] - one.t) <= unit  # a row of the light curve as it was given
+    assert result.facets == []  # of one normal they are not
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -166,9 +166,9 @@ def test_normals_of_facets_lie_in_their_regions_as_often_as_said():
     trials, held, chi2 = 400, 0, 0.0
     for _ in range(trials):
         n = random_unit(rng)
-        found = facet([sighted(rng, n) for _ in range(4)], range(4))
-        held += found.holds(n)
-        chi2 += found.chi2
+        result = facet([sighted(rng, n) for _ in range(4)], range(4))
+        held += result.holds(n)
+        chi2 += result.chi2
     low, high = counts(trials, 0.9, 2)
     assert low <= held <= high
     low, high = squares(6 * trials, 2)
@@ -190,21 +190,21 @@ def test_axes_of_cylinders_lie_in_their_regions_as_often_as_said():
             off = np.hypot(np.linalg.norm(rate) * 0.5, 0.5 * SUN_ANGULAR_RADIUS) * rng.normal()
             b = b + off * c
             seen.append(Sighting(b / np.linalg.norm(b), rate, 0.5, 2.0))
-        found = cylinder(seen, range(5))
-        held += found is not None and found.holds(c, axis=True)
+        result = cylinder(seen, range(5))
+        held += result is not None and result.holds(c, axis=True)
     low, high = counts(trials, 0.9)
     assert low <= held <= high
 
 
 def test_the_region_is_that_of_the_covariance():
     rng = np.random.default_rng(7)
-    found = facet([sighted(rng, random_unit(rng))], [0])
-    values, vectors = np.linalg.eigh(found.covariance)
+    result = facet([sighted(rng, random_unit(rng))], [0])
+    values, vectors = np.linalg.eigh(result.covariance)
     edge = np.sqrt(CHI2_90 * values[2]) * vectors[:, 2]
-    assert found.ellipse[0] == pytest.approx(np.linalg.norm(edge))
-    assert found.holds(found.vector + 0.98 * edge)
-    assert not found.holds(found.vector + 1.05 * edge)
-    assert not found.holds(-found.vector)
+    assert result.ellipse[0] == pytest.approx(np.linalg.norm(edge))
+    assert result.holds(result.vector + 0.98 * edge)
+    assert not result.holds(result.vector + 1.05 * edge)
+    assert not result.holds(-result.vector)
 
 
 def test_glints_of_two_facets_are_not_joined():
@@ -225,37 +225,37 @@ def test_the_offset_of_a_panel_is_an_angle_about_the_axis():
         sun = np.array([np.cos(0.4) * np.cos(0.2), np.sin(0.4) * np.cos(0.2), np.sin(0.2)])
         b = np.array([np.cos(0.4 + offset), np.sin(0.4 + offset), 0.05])
         seen = Sighting(b / np.linalg.norm(b), np.array([0.0, 0.0, 0.0]), 10.0, 60.0)
-        found = tracking([seen, seen], np.array([sun, sun]), np.zeros((2, 3)), axis)
-        assert found.offsets == pytest.approx([offset, offset])
-        assert found.mean == pytest.approx(offset)
-        assert found.sun == pytest.approx([0.2, 0.2])
+        result = tracking([seen, seen], np.array([sun, sun]), np.zeros((2, 3)), axis)
+        assert result.offsets == pytest.approx([offset, offset])
+        assert result.mean == pytest.approx(offset)
+        assert result.sun == pytest.approx([0.2, 0.2])
 
 
 def facet_found(seed: int) -> bool:
     """Whether the region of 90 % holds the normal."""
     curve, attitude, normal = facet_flashes(seed, 50.0)
-    found = analyse(curve, attitude)
-    assert found.cylinder is None
-    return found.facets[0].holds(normal)
+    result = analyse(curve, attitude)
+    assert result.cylinder is None
+    return result.facets[0].holds(normal)
 
 
 def wire_found(seed: int) -> bool:
     curve, attitude, axis = wire_flashes(seed, 50.0)
-    found = analyse(curve, attitude)
-    assert found.cylinder is not None
-    assert not found.reasons
-    return found.cylinder.holds(axis, axis=True)
+    result = analyse(curve, attitude)
+    assert result.cylinder is not None
+    assert not result.reasons
+    return result.cylinder.holds(axis, axis=True)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_a_facet_a_wire_and_a_panel_are_found_and_told_apart():
+def test_a_facet_a_wire_and_a_panel_are_found_and_distinguished():
     """Seven regions of 90 % in a row miss once in ten million times; the panel by its error."""
     assert any(facet_found(seed) for seed in range(3, 10))
     assert any(wire_found(seed) for seed in range(3, 10))
     curve, pole, offset = panel_flashes(3, 50.0)
-    found = analyse(curve, axis=pole)
-    assert found.panel is not None
-    assert abs(found.panel.mean - offset) < limit(2) * found.panel.error
+    result = analyse(curve, axis=pole)
+    assert result.panel is not None
+    assert abs(result.panel.mean - offset) < limit(2) * result.panel.error
 
 
 @pytest.mark.statistical(false_alarm=EACH)

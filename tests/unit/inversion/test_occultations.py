@@ -25,9 +25,9 @@ def bodies(*axes: np.ndarray) -> list[np.ndarray]:
 
 
 def placed(events: list[Occultation], shapes: list[np.ndarray], spin: SpinState = SPIN):
-    found = [[occultations.support(v, spin, e) for e in events] for v in shapes]
-    outline = np.stack([np.concatenate([o for o, _ in one]) for one in found])
-    across = np.stack([np.concatenate([a for _, a in one]) for one in found])
+    result = [[occultations.support(v, spin, e) for e in events] for v in shapes]
+    outline = np.stack([np.concatenate([o for o, _ in one]) for one in result])
+    across = np.stack([np.concatenate([a for _, a in one]) for one in result])
     return occultations.place(outline, across, occultations.Chords.of(events))
 
 
@@ -64,12 +64,12 @@ def test_support_of_an_ellipsoid_is_its_closed_form():
 
 def test_size_and_place_of_an_ellipsoid_are_found():
     one = event(np.array([-28.0, -15.0, -2.0, 9.0, 21.0, 30.0]))
-    found = placed([one], bodies(AXES))
-    assert found.size[0] == pytest.approx(2.0 * np.cbrt(np.prod(AXES)), rel=5e-4)
-    np.testing.assert_allclose(found.centre[0, 0], CENTRE, atol=0.03)
-    np.testing.assert_allclose(found.distance, 0.0, atol=0.03)
-    assert found.relief[0] < 0.01
-    assert found.depth.shape == (1, 0)
+    result = placed([one], bodies(AXES))
+    assert result.size[0] == pytest.approx(2.0 * np.cbrt(np.prod(AXES)), rel=5e-4)
+    np.testing.assert_allclose(result.centre[0, 0], CENTRE, atol=0.03)
+    np.testing.assert_allclose(result.distance, 0.0, atol=0.03)
+    assert result.relief[0] < 0.01
+    assert result.depth.shape == (1, 0)
 
 
 def test_distances_are_those_of_the_outline():
@@ -93,11 +93,11 @@ def test_errors_of_the_size_are_those_of_repeated_observations():
     """With timing errors alone, the stated sd is what the sizes of simulated events scatter by."""
     offsets = np.linspace(-28.0, 30.0, 9)
     shape = bodies(AXES)
-    found = [
+    result = [
         placed([event(offsets, error_s=0.3, rng=np.random.default_rng(k))], shape)
         for k in range(60)
     ]
-    sizes, sds = (np.array([getattr(p, name)[0] for p in found]) for name in ("size", "size_sd"))
+    sizes, sds = (np.array([getattr(p, name)[0] for p in result]) for name in ("size", "size_sd"))
     truth = 2.0 * np.cbrt(np.prod(AXES))
     scatter, dof = np.std(sizes, ddof=1), len(sizes) - 1
     error = scatter / np.sqrt(len(sizes))
@@ -124,9 +124,9 @@ def test_negative_chords_bound_the_body():
 def test_two_events_share_the_size():
     first = event(np.array([-28.0, 0.0, 25.0]))
     second = event(np.array([-18.0, 12.0]), centre=np.array([100.0, 50.0]), start=2454900.3)
-    found = placed([first, second], bodies(AXES))
-    assert found.size[0] == pytest.approx(2.0 * np.cbrt(np.prod(AXES)), rel=1e-3)
-    np.testing.assert_allclose(found.centre[0], np.array([CENTRE, [100.0, 50.0]]), atol=0.1)
+    result = placed([first, second], bodies(AXES))
+    assert result.size[0] == pytest.approx(2.0 * np.cbrt(np.prod(AXES)), rel=1e-3)
+    np.testing.assert_allclose(result.centre[0], np.array([CENTRE, [100.0, 50.0]]), atol=0.1)
 
 
 def test_a_wrong_shape_is_less_likely_than_the_right_one():

@@ -29,7 +29,7 @@ from lcbayes.results.reasons import reason as sentence
 from tests.helpers.false_alarms import EACH, counts, limit
 from tests.helpers.simulated_passes import measured, passes
 
-FEW = ("cube", "plate", "tetrahedron")
+FEW_SHAPES = ("cube", "plate", "tetrahedron")
 
 
 def seen(name: str, n: int = 200, noise: float = 0.02, seed: int = 0) -> LightCurve:
@@ -114,12 +114,12 @@ def test_the_mean_over_orientations_is_that_of_a_sphere():
 
 
 def test_the_true_shape_is_kept_and_others_rejected():
-    found = shape_match(seen("cube"), some(*FEW), n_nulls=99, n_draws=4000)
-    by_name = {m.name: m for m in found.matches}
+    result = shape_match(seen("cube"), some(*FEW_SHAPES), n_nulls=99, n_draws=4000)
+    by_name = {m.name: m for m in result.matches}
     assert by_name["cube"].p_value > by_name["plate"].p_value
     assert by_name["plate"].p_value < 0.05
-    assert found.matches[0].name == "cube"
-    assert not found.reasons
+    assert result.matches[0].name == "cube"
+    assert not result.reasons
     curve = seen("cube")
     assert curve.error is not None
     large = replace(curve, brightness=40.0 * curve.brightness, error=40.0 * curve.error)
@@ -133,11 +133,11 @@ def test_p_values_of_the_true_shape_are_uniform():
     """60 objects of three shapes; Kolmogorov-Smirnov on each of two p-values."""
     p = []
     for seed in range(60):
-        name = FEW[seed % 3]
-        found = shape_match(
+        name = FEW_SHAPES[seed % 3]
+        result = shape_match(
             seen(name, 150, seed=seed), some(name), n_nulls=79, n_draws=4000, seed=seed
         )
-        p.append((found.matches[0].p_kolmogorov, found.matches[0].p_energy))
+        p.append((result.matches[0].p_kolmogorov, result.matches[0].p_energy))
     for column in np.array(p).T:
         assert stats.kstest(column, "uniform").pvalue > EACH / 2
 
@@ -153,9 +153,9 @@ def test_points_that_follow_each_other_are_thinned():
         brightness=held.brightness
         + np.repeat(curve.error, 5) * np.random.default_rng(0).normal(size=1000),
     )
-    found = shape_match(held, some("plate"), n_nulls=40, n_draws=2000)
-    assert 3.0 < found.correlation < 8.0
-    assert len(found.phase) <= 1000 / 3.0
+    result = shape_match(held, some("plate"), n_nulls=40, n_draws=2000)
+    assert 3.0 < result.correlation < 8.0
+    assert len(result.phase) <= 1000 / 3.0
 
 
 def spinning_box(geometry: LightCurve, seed: int, noise: float = 0.05) -> LightCurve:
@@ -187,7 +187,7 @@ def test_a_body_that_spins_about_a_fixed_axis_is_kept_and_not_called_stabilised(
     box = {"box": shapes.box(1.0, 1.0, 3.0)}
     kept, stable = 0, 0
     for seed in range(12):
-        found = shape_match(
+        result = shape_match(
             spinning_box(geometry, seed),
             box,
             surface=Surface(0.3, 0.0),
@@ -195,8 +195,8 @@ def test_a_body_that_spins_about_a_fixed_axis_is_kept_and_not_called_stabilised(
             n_draws=2000,
             seed=seed,
         )
-        kept += bool(found.consistent)
-        stable += any(r.code == "stabilised" for r in found.reasons)
+        kept += bool(result.consistent)
+        stable += any(r.code == "stabilised" for r in result.reasons)
     assert kept >= 12 - counts(12, 0.05)[1]  # the level
     assert stable == 0
 
@@ -205,10 +205,10 @@ def test_a_stabilised_object_is_said_to_be_one():
     geometry = passes(550.0, 53.0, days=28, step=120.0)
     law = catalogue.find("lvlh")
     bodies = ensemble.draw(8, np.random.default_rng(0))
-    found = shape_match(
+    result = shape_match(
         measured(geometry, law, bodies, 0.05, 0), some("cube"), n_nulls=40, n_draws=2000
     )
-    assert any("looks stabilised" in sentence(reason).text for reason in found.reasons)
+    assert any("looks stabilised" in sentence(reason).text for reason in result.reasons)
 
 
 def test_conditions_that_are_not_met_are_said():
@@ -216,8 +216,8 @@ def test_conditions_that_are_not_met_are_said():
     assert [r.code for r in few.reasons] == ["too-few-independent-points"]
     narrow = seen("sphere", 150)
     keep = np.abs(narrow.phase_angle - 1.2) < 0.2
-    told = shape_match(narrow.select(keep), some("sphere"), n_nulls=40, n_draws=2000).reasons
-    assert any("phase angles span" in sentence(r).text for r in told)
+    reasons = shape_match(narrow.select(keep), some("sphere"), n_nulls=40, n_draws=2000).reasons
+    assert any("phase angles span" in sentence(r).text for r in reasons)
     curve = seen("cube", 60)
     mixed = replace(curve, band=np.where(np.arange(60) % 2, "V", "R"))
     with pytest.raises(InputError, match=r"has 2 scales .* needs one; give one of them"):
@@ -232,9 +232,9 @@ def test_conditions_that_are_not_met_are_said():
 
 def test_a_shape_can_be_rejected_at_any_level():
     """p = 2/(1 + n) at the least, and a shape is rejected below the level."""
-    found = shape_match(seen("cube"), some("plate"), level=0.005, n_draws=4000)
-    assert found.matches[0].p_value < 0.005
-    assert not found.consistent
+    result = shape_match(seen("cube"), some("plate"), level=0.005, n_draws=4000)
+    assert result.matches[0].p_value < 0.005
+    assert not result.consistent
 
 
 def test_a_last_point_that_no_draw_would_show():
@@ -244,8 +244,8 @@ def test_a_last_point_that_no_draw_would_show():
     assert curve.error is not None
     flux, error = curve.brightness.copy(), curve.error.copy()
     flux[-1], error[-1] = 60.0 * typical, 15.0 * typical
-    found = shape_match(
+    result = shape_match(
         replace(curve, brightness=flux, error=error), some("cube"), n_nulls=40, n_draws=2000
     )
-    assert found.n_obs == 200
-    assert 0.0 < found.matches[0].p_value <= 1.0
+    assert result.n_obs == 200
+    assert 0.0 < result.matches[0].p_value <= 1.0

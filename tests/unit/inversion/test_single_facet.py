@@ -42,13 +42,13 @@ def apart(a, b):
 @pytest.mark.statistical(false_alarm=EACH)
 def test_the_normal_is_found(case):
     curve, normal = case
-    found = single_facet(with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1), LVLH)
-    assert not found.reasons
-    assert apart(found.normal, normal) < 1.0
-    nearest = found.fall[np.argmax(found.normals @ normal)]
-    assert nearest > found.fall.max() + 2.0 * np.log(EACH)  # chi2 of 2
-    assert found.albedo_area == pytest.approx(0.3, rel=0.05)
-    assert sum(found.kind.values()) == pytest.approx(1.0)
+    result = single_facet(with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.01, 1), LVLH)
+    assert not result.reasons
+    assert apart(result.normal, normal) < 1.0
+    nearest = result.fall[np.argmax(result.normals @ normal)]
+    assert nearest > result.fall.max() + 2.0 * np.log(EACH)  # chi2 of 2
+    assert result.albedo_area == pytest.approx(0.3, rel=0.05)
+    assert sum(result.kind.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("kind", ["visibility", "illumination"])
@@ -66,15 +66,15 @@ def test_two_sites_tell_visibility_from_illumination(kind):
             break
     else:
         pytest.fail("no such normal")
-    found = single_facet(with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.005, 0), LVLH)
-    assert not found.reasons
-    assert found.kind[kind] > 0.95
-    for e in found.edges:
+    result = single_facet(with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.005, 0), LVLH)
+    assert not result.reasons
+    assert result.kind[kind] > 0.95
+    for e in result.edges:
         rows = np.flatnonzero(curve.site == e.site)
         k = rows[np.flatnonzero(np.diff(flag[rows]))[0]]
         assert abs(e.t - curve.t[k] - 2.0) < 2.5 + 4 * e.error
-    assert {e.site for e in found.edges} == {"0", "1"}
-    times = [e.t for e in found.edges]
+    assert {e.site for e in result.edges} == {"0", "1"}
+    times = [e.t for e in result.edges]
     assert (np.ptp(times) < 1e-6) == (kind == "illumination")
 
 
@@ -112,9 +112,9 @@ def test_without_an_edge_nothing_is_claimed(case):
     """Noise alone passes for an edge once in 20 times or less, five times running hardly ever."""
     curve, _ = case
     smooth = flux_of(curve, LVLH, np.array([1.0, 0, 0]), 0.0)
-    told = (single_facet(with_noise(curve, smooth, 0.02, s), LVLH).reasons for s in range(4, 9))
+    reasons = (single_facet(with_noise(curve, smooth, 0.02, s), LVLH).reasons for s in range(4, 9))
     assert any(
-        "no edge of a facet is seen" in sentence(reason).text for one in told for reason in one
+        "no edge of a facet is seen" in sentence(reason).text for one in reasons for reason in one
     )
 
 
@@ -132,7 +132,7 @@ def test_chance_edges_are_as_rare_as_they_should_be():
     assert stats.binomtest(hits, 100, 0.05).pvalue > EACH
 
 
-def test_the_share_is_told_where_the_facet_is_brightest(case):
+def test_the_share_is_reported_where_the_facet_is_brightest(case):
     """Where the whole flux is zero, or fitted below it, any facet has all of it and more."""
     curve, normal = case
     facet = flux_of(curve, LVLH, normal, 1.0) - flux_of(curve, LVLH, normal, 0.0)
@@ -143,10 +143,10 @@ def test_the_share_is_told_where_the_facet_is_brightest(case):
     t = (curve.t[site] - curve.t[site][dark]) / (curve.t[site][k] - curve.t[site][dark])
     flux = 0.05 * facet + t**2 - 0.06
     made = replace(curve.select(site), brightness=flux, error=np.full(len(flux), 1e-4))
-    found = single_facet(made, LVLH)
-    assert found.model[dark] <= 0.0 < found.model[dark] - found.smooth[dark]
-    assert found.share == pytest.approx(0.05 / flux[k], rel=0.1)
-    assert any("of the light at most" in sentence(reason).text for reason in found.reasons)
+    result = single_facet(made, LVLH)
+    assert result.model[dark] <= 0.0 < result.model[dark] - result.smooth[dark]
+    assert result.share == pytest.approx(0.05 / flux[k], rel=0.1)
+    assert any("of the light at most" in sentence(reason).text for reason in result.reasons)
 
 
 def test_conditions_that_are_not_met_are_said(case):
@@ -155,11 +155,11 @@ def test_conditions_that_are_not_met_are_said(case):
     with pytest.raises(InputError, match=r"no pass has 20 points \(the longest has 10\)"):
         single_facet(measured.select(np.flatnonzero(curve.site == "0")[:10]), LVLH)
     still = replace(measured, obs=np.broadcast_to(measured.obs[100], measured.obs.shape))
-    told = single_facet(still, catalogue.find("inertial")).reasons
-    assert any("passes of low orbits" in sentence(reason).text for reason in told)
+    reasons = single_facet(still, catalogue.find("inertial")).reasons
+    assert any("passes of low orbits" in sentence(reason).text for reason in reasons)
     bumpy = replace(measured, brightness=measured.brightness * (1 + 0.3 * np.sin(measured.t / 9.0)))
-    told = single_facet(bumpy, LVLH).reasons
-    assert any("does not explain the curve" in sentence(reason).text for reason in told)
+    reasons = single_facet(bumpy, LVLH).reasons
+    assert any("does not explain the curve" in sentence(reason).text for reason in reasons)
     with pytest.raises(InputError, match=r"needs the satellite's orbit"):
         single_facet(replace(measured, position_km=None, velocity_km_s=None), LVLH)
 
@@ -169,7 +169,7 @@ def test_the_figure_shows_the_data(case, tmp_path):
     curve, normal = case
     whole = with_noise(curve, flux_of(curve, LVLH, normal, 1.0), 0.05, 1)
     middle = np.median(whole.t)
-    found = single_facet(whole.select(np.abs(whole.t - middle) > 40.0), LVLH)
+    result = single_facet(whole.select(np.abs(whole.t - middle) > 40.0), LVLH)
 
     class Kept(Gallery):
         def add(self, figure, name, *args):
@@ -178,8 +178,8 @@ def test_the_figure_shows_the_data(case, tmp_path):
 
     drawn = {}
     with drawing():
-        draw(replace(found, smooth=found.smooth - 60.0), Kept(tmp_path))
-    axes, flux = drawn["edge"].axes[0], found.seen.flux
+        draw(replace(result, smooth=result.smooth - 60.0), Kept(tmp_path))
+    axes, flux = drawn["edge"].axes[0], result.seen.flux
     size = 10.0 ** np.floor(np.log10(flux.max()))
     assert np.ptp(axes.get_ylim()) == pytest.approx(1.2 * np.ptp(flux) / size)
     lines = [np.asarray(x.get_xdata(), float) for x in axes.lines if x.get_linestyle() == "-"]

@@ -63,9 +63,9 @@ def test_a_short_fast_pass_leaves_the_line_of_a_long_one():
     assert step[below].max() * made[0].length < 1.001 / periods.OVERSAMPLING
     assert step.max() * made[1].length < 1.001 / periods.OVERSAMPLING
     assert len(grid) < 1.1 * periods.OVERSAMPLING * made[0].length * made[0].nyquist
-    found = periods.power(made, grid)
-    assert 1.0 / grid[np.argmax(found)] == pytest.approx(125.7, rel=2e-3)
-    assert found.max() > 0.8
+    result = periods.power(made, grid)
+    assert 1.0 / grid[np.argmax(result)] == pytest.approx(125.7, rel=2e-3)
+    assert result.max() > 0.8
 
 
 def test_a_long_dense_pass_is_searched_finely_or_not_at_all():
@@ -80,10 +80,10 @@ def test_periods_that_were_not_looked_for_are_reported(monkeypatch):
     curve = steady(1, 50.0, spinning=False)
     assert estimate(curve, n_shuffles=99).notes == []
     monkeypatch.setattr(periods, "MAX_FREQUENCIES", 100)
-    found = estimate(curve, n_shuffles=99)
-    assert len(found.grid) == 100
-    (note,) = found.notes
-    assert note.startswith(f"periods below {1 / found.grid[-1]:.3g} s (sampled to ")
+    result = estimate(curve, n_shuffles=99)
+    assert len(result.grid) == 100
+    (note,) = result.notes
+    assert note.startswith(f"periods below {1 / result.grid[-1]:.3g} s (sampled to ")
 
 
 def test_peaks_of_shuffles_do_not_hang_on_how_many_frequencies_are_taken_at_a_time(monkeypatch):
@@ -117,16 +117,16 @@ def test_the_error_of_a_frequency_is_that_of_larsson_and_of_many_trials():
     amplitudes = {1: 0.5, 2: 0.8}
     clean = sum(a * np.cos(2 * np.pi * k * f * t + k) for k, a in amplitudes.items())
     rng = np.random.default_rng(3)
-    found, errors = [], []
+    result, errors = [], []
     for _ in range(300):
         one = one_pass(t, clean + sigma * rng.normal(size=n), sigma)
         value, error = windows.frequency(one, np.arange(n), f * 1.002, [1, 2])
-        found.append(value)
+        result.append(value)
         errors.append(error)
     strength = sum((k * a) ** 2 for k, a in amplitudes.items())
     larsson = np.sqrt(6 / n) * sigma / (np.pi * span * np.sqrt(strength))
     assert np.median(errors) == pytest.approx(larsson, rel=0.05)
-    z = (np.array(found) - f) / np.array(errors)
+    z = (np.array(result) - f) / np.array(errors)
     low, high = squares(300)
     assert low < np.sum(z**2) < high * 1.05
 
@@ -271,45 +271,45 @@ def cylinder():
 
 
 def test_pole_and_period_of_a_cylinder(cylinder):
-    found, truth = cylinder
-    assert not found.reasons
-    best = found.solutions[0]
+    result, truth = cylinder
+    assert not result.reasons
+    best = result.solutions[0]
     assert np.degrees(np.arccos(best.pole @ truth["pole"])) < 10.0
     assert 1 / best.frequency == pytest.approx(truth["period"], rel=1e-3)
-    near = np.argmax(found.sky.poles @ truth["pole"])
-    assert found.sky.region()[near]
+    near = np.argmax(result.sky.poles @ truth["pole"])
+    assert result.sky.region()[near]
     # the other sense of rotation is told apart
-    other = found.sky.poles @ truth["pole"] < -0.7
-    assert found.sky.weight[other].sum() < 0.02
+    other = result.sky.poles @ truth["pole"] < -0.7
+    assert result.sky.weight[other].sum() < 0.02
 
 
 def test_regions_hold_their_probability_and_solutions_their_weights(cylinder):
-    found, _ = cylinder
-    total = found.sky.weight.sum(axis=1)
+    result, _ = cylinder
+    total = result.sky.weight.sum(axis=1)
     assert total.sum() == pytest.approx(1.0)
-    inside = found.sky.region()
+    inside = result.sky.region()
     assert 0.9 <= total[inside].sum() < 0.9 + total[inside].min() + 1e-12
-    assert 0.9 <= sum(s.weight for s in found.solutions) < 0.93
+    assert 0.9 <= sum(s.weight for s in result.solutions) < 0.93
 
 
 def test_two_passes_give_no_pole():
     """In 5 of 15 simulated cylinders their 90 % region held the pole."""
-    found = estimate(spinner(100_001, 2, 100.0, "cylinder")[0], n_shuffles=99)
-    assert found.sky is not None
-    assert "too-few-passes" in {r.code for r in found.reasons}
-    assert not found.solutions
+    result = estimate(spinner(100_001, 2, 100.0, "cylinder")[0], n_shuffles=99)
+    assert result.sky is not None
+    assert "too-few-passes" in {r.code for r in result.reasons}
+    assert not result.solutions
 
 
 def test_many_solutions_over_a_factor_of_four_in_period_are_no_answer():
     """Candidates are listed, and the verdict says that they are no answer."""
-    found = estimate(spinner(102_006, 6, 20.0, "cylinder")[0], n_shuffles=99)
-    turn = [1 / s.frequency for s in found.solutions]
+    result = estimate(spinner(102_006, 6, 20.0, "cylinder")[0], n_shuffles=99)
+    turn = [1 / s.frequency for s in result.solutions]
     assert len(turn) > 4
     assert max(turn) > 3.5 * min(turn)
-    codes = {r.code for r in found.reasons}
+    codes = {r.code for r in result.reasons}
     assert codes
     assert codes <= {"ambiguous-period", "many-poles"}
-    assert {c.name for c in found.conditions if not c.met} == {UNIQUE}
+    assert {c.name for c in result.conditions if not c.met} == {UNIQUE}
 
 
 def failed(curve) -> set[str]:
@@ -333,10 +333,10 @@ def test_a_constant_has_no_period(value, error, ripple):
         sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)),
         obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
     )
-    found = estimate(curve, n_shuffles=99)
-    assert found.false_alarm == 1.0
-    assert found.reasons[0].code == "no-period"
-    assert "no period is seen" in sentence(found.reasons[0]).text
+    result = estimate(curve, n_shuffles=99)
+    assert result.false_alarm == 1.0
+    assert result.reasons[0].code == "no-period"
+    assert "no period is seen" in sentence(result.reasons[0]).text
 
 
 def test_where_nothing_moves_no_difference_is_measured():
@@ -378,7 +378,7 @@ def test_a_line_within_the_resolution_of_a_subharmonic_is_the_subharmonic():
 
 def test_a_period_too_long_for_the_pass_is_not_taken_for_tumbling():
     """Half of it repeats often enough; the whole of it five times only."""
-    found = estimate(
+    result = estimate(
         changed(
             lambda t: (
                 3
@@ -389,7 +389,7 @@ def test_a_period_too_long_for_the_pass_is_not_taken_for_tumbling():
         ),
         n_shuffles=99,
     )
-    (reason,) = found.reasons
+    (reason,) = result.reasons
     assert reason.code == "too-few-cycles"
     assert " 80" in sentence(reason).text or " 79." in sentence(reason).text
 

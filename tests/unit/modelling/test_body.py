@@ -116,17 +116,17 @@ def test_density_is_that_of_an_independent_simulator(body, spin):
     problem, data, _ = problem_of(light, body=body, spin=spin)
     free = problem.ravel({k: jnp.asarray(v) for k, v in sites_of(omega, body, spin).items()})
     assert free.size == problem.dim
-    found = compiled(problem.constrain)(free, data)
+    result = compiled(problem.constrain)(free, data)
     tolerance = 1e-11 if body == BOX else 2e-4
-    np.testing.assert_allclose(found["expected"], flux, atol=tolerance * flux.max())
-    np.testing.assert_allclose(found["omega"], omega, rtol=1e-12)
+    np.testing.assert_allclose(result["expected"], flux, atol=tolerance * flux.max())
+    np.testing.assert_allclose(result["omega"], omega, rtol=1e-12)
     np.testing.assert_allclose(
         sum(compiled(problem.log_likelihood)(free, data)),
         norm.logpdf(light.brightness, flux, light.error).sum(),
         atol=0.2 if body != BOX else 1e-7,
     )
     if spin == "flat":
-        np.testing.assert_allclose(found["attitude"], ATTITUDE, atol=1e-12)
+        np.testing.assert_allclose(result["attitude"], ATTITUDE, atol=1e-12)
 
 
 def test_sizes_may_be_unknown():
@@ -138,9 +138,9 @@ def test_sizes_may_be_unknown():
     problem, data, _ = problem_of(curve(flux), body=body)
     sites = sites_of(omega, body, "flat") | {"log_cylinder_length": np.log(3.0)}
     free = problem.ravel({k: jnp.asarray(v) for k, v in sites.items()})
-    found = compiled(problem.constrain)(free, data)
-    np.testing.assert_allclose(found["expected"], flux, atol=1e-6 * flux.max())
-    assert found["cylinder_length"] == pytest.approx(3.0)
+    result = compiled(problem.constrain)(free, data)
+    np.testing.assert_allclose(result["expected"], flux, atol=1e-6 * flux.max())
+    assert result["cylinder_length"] == pytest.approx(3.0)
     slope = compiled(problem.slope)(free, data)
     assert np.all(np.isfinite(slope))
     change = np.zeros(problem.dim)
@@ -365,10 +365,10 @@ def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
     assert len(directions) == 1  # half a turn brings its opposite
     data = Epochs.of(light)
     run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, 0.1)
-    found, coverage = run.run(1, Silent())
-    found = found.at(body_search.distinct(found, float(T[-1]), 30))
+    result, coverage = run.run(1, Silent())
+    result = result.at(body_search.distinct(result, float(T[-1]), 30))
     rate, pole = np.linalg.norm(omega), omega / np.linalg.norm(omega)
-    near = (found.pole @ pole > np.cos(np.radians(15.0))) & (np.abs(found.rate - rate) < 2e-3)
+    near = (result.pole @ pole > np.cos(np.radians(15.0))) & (np.abs(result.rate - rate) < 2e-3)
     assert near.any()
     middle = Rotation.from_rotvec(0.5 * T[-1] * omega).as_matrix() @ ATTITUDE
     apart = [
@@ -378,7 +378,7 @@ def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
             )
             for g in known.symmetry.rotations
         )
-        for a in body_search.attitudes(run, found.at(np.flatnonzero(near)))
+        for a in body_search.attitudes(run, result.at(np.flatnonzero(near)))
     ]
     assert min(apart) < 25.0
     assert coverage.max_rate == pytest.approx(0.1)
@@ -395,9 +395,9 @@ def test_dark_attitudes_do_not_fit():
     run = body_search.MotionSearch.of(Epochs.of(light), known.unshaded_flux, axis, 0.1)
     total = float(jnp.sum(run.arcs.white**2))
     for part in np.split(body_search.facets.grid(256), 16):
-        found = run.chunk(0, part, -np.inf)
-        assert np.all(found.gain < total)
-        assert np.all(np.abs(found.scale) < 1e3)
+        result = run.chunk(0, part, -np.inf)
+        assert np.all(result.gain < total)
+        assert np.all(np.abs(result.scale) < 1e3)
 
 
 def test_directions_of_a_symmetric_body_are_visited_once():

@@ -95,19 +95,19 @@ def curve(brightness: np.ndarray, snr: float) -> LightCurve:
 
 def left_out(problem, data, options, z):
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
-    found = body.shadows_left_out([sites], data, **options)
-    assert found is not None
-    return found, sites
+    result = body.shadows_left_out([sites], data, **options)
+    assert result is not None
+    return result, sites
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("length", [ARM, "{ median = 0.4, factor = 1.5 }"])
 def test_light_that_shadows_take_is_that_of_rays(length):
-    found, sites = left_out(*fitted(bar(length=length), curve(shaded_flux(), 30.0)))
+    result, sites = left_out(*fitted(bar(length=length), curve(shaded_flux(), 30.0)))
     expected = shaded_flux()
     # without shadows, the faces by which the parts touch are lit too
-    np.testing.assert_allclose(sites["flux"] + found[0], expected, atol=0.01 * expected.max())
-    assert np.abs(found).max() > 0.2 * expected.max()
+    np.testing.assert_allclose(sites["flux"] + result[0], expected, atol=0.01 * expected.max())
+    assert np.abs(result).max() > 0.2 * expected.max()
 
 
 def test_shadows_of_the_model_or_of_a_lone_part_are_not_left_out():
@@ -129,11 +129,11 @@ def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
     best, _ = optimum(problem, data, truth, rows)
     change, sites = left_out(problem, data, options, best)
     further = alternatives.shadows(problem, best, data, change[0])
-    found = examine(problem, best, data, light, further=further).cause
-    assert found is not None
-    assert found.name == "shadows"
-    assert found.amount == pytest.approx(1.0, abs=0.3)
-    assert "shade one another" in cause(found)
+    result = examine(problem, best, data, light, further=further).cause
+    assert result is not None
+    assert result.name == "shadows"
+    assert result.amount == pytest.approx(1.0, abs=0.3)
+    assert "shade one another" in cause(result)
 
     sd = {f"omega_{k}_rad_s": 1e-4 for k in "xyz"}
     moved = robustness.shifts(problem, best, data, light, sd, change)

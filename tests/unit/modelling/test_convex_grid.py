@@ -199,11 +199,11 @@ def test_search_finds_a_known_ellipsoid():
     rows = convex_grid.starts(data, jax.random.key(0), **SMALL)
     z = jnp.stack([built.ravel(row) for row in rows])
     best = search.successive_halving(built, data, z, 2, Silent()).z[0]
-    found = built.constrain(jnp.asarray(best), data)
-    pole = unit(float(found["pole_lon_deg"]), float(found["pole_lat_deg"]))
+    result = built.constrain(jnp.asarray(best), data)
+    pole = unit(float(result["pole_lon_deg"]), float(result["pole_lat_deg"]))
     assert np.degrees(np.arccos(pole @ unit(*POLE_DEG))) < 4.0
-    assert found["period_h"] == pytest.approx(PERIOD_H, abs=3e-4)
-    assert found["sigma"] == pytest.approx(0.005, rel=0.5)
+    assert result["period_h"] == pytest.approx(PERIOD_H, abs=3e-4)
+    assert result["sigma"] == pytest.approx(0.005, rel=0.5)
 
 
 @pytest.mark.parametrize(("size", "holds"), [(0.1, True), (60.0, False)])

@@ -94,11 +94,11 @@ def prior(spin: bool) -> Floats:
     if spin:
         blocks.append(np.eye(3))
     n = sum(len(b) for b in blocks)
-    found, at = np.zeros((n, n)), 0
+    result, at = np.zeros((n, n)), 0
     for b in blocks:
-        found[at : at + len(b), at : at + len(b)] = b
+        result[at : at + len(b), at : at + len(b)] = b
         at += len(b)
-    return found
+    return result
 
 
 CASES = {
@@ -136,11 +136,11 @@ def test_fisher_is_the_corrected_appendix(case):
 
     weighted = jacobian / error[:, None]
     want = weighted.T @ weighted + prior(spin)
-    found = np.asarray(jax.jit(problem.fisher)(z, data))
+    result = np.asarray(jax.jit(problem.fisher)(z, data))
     assert problem.names == tuple(sorted(problem.names))  # the order that `chained` keeps
     scale = np.sqrt(np.diag(want))
     np.testing.assert_allclose(
-        found / np.outer(scale, scale), want / np.outer(scale, scale), atol=1e-10, rtol=0
+        result / np.outer(scale, scale), want / np.outer(scale, scale), atol=1e-10, rtol=0
     )
     # The data say more than the prior of all but the radii: it is (A.1) that is tested.
     assert np.sum(np.diag(weighted.T @ weighted) > np.diag(prior(spin))) >= problem.dim - N

@@ -50,9 +50,9 @@ def prior_of(period: str, pole: str = "") -> SpinPrior:
     ],
 )
 def test_periods_are_read_with_their_units(text, low, high, sd):
-    found = Period.of(text)
-    assert (found.low, found.high) == pytest.approx((low, high))
-    assert found.sd == (None if sd is None else pytest.approx(sd))
+    result = Period.of(text)
+    assert (result.low, result.high) == pytest.approx((low, high))
+    assert result.sd == (None if sd is None else pytest.approx(sd))
 
 
 @pytest.mark.parametrize(

@@ -59,11 +59,11 @@ def test_magnitudes_are_those_of_photometry():
     )
     flux = jnp.linspace(0.1, 1.0, 6)
     want = photometry.magnitude(flux, jnp.asarray(1e3 * r), photometry.sun_magnitude("V"))
-    found = likelihood.expected(Epochs.of(light), flux, jnp.ones(1))
-    np.testing.assert_allclose(found, want, atol=1e-10)
+    result = likelihood.expected(Epochs.of(light), flux, jnp.ones(1))
+    np.testing.assert_allclose(result, want, atol=1e-10)
     dark = likelihood.expected(Epochs.of(light), jnp.zeros(6), jnp.ones(1))
     assert np.all(np.isfinite(dark))
-    assert np.all(dark - found > 20)
+    assert np.all(dark - result > 20)
 
 
 def test_scale_is_log_normal_about_the_level():
@@ -74,7 +74,7 @@ def test_scale_is_log_normal_about_the_level():
     """
     data, flux = two_curves(free=True)
     level = np.array([0.2, -0.4])
-    found = log_joint(data, flux, log_level=level)
+    result = log_joint(data, flux, log_level=level)
     observed = np.asarray(data.brightness).reshape(2, 4)
     predicted = flux.reshape(2, 4)
     scale = np.exp(level) * observed.mean(1) / predicted.mean(1)  # in the unit of the data
@@ -82,7 +82,7 @@ def test_scale_is_log_normal_about_the_level():
     want = stats.norm.logpdf(np.log(scale), centre, 1.0).sum()
     sd = np.asarray(data.error).reshape(2, 4)
     want += stats.norm.logpdf(observed, scale[:, None] * predicted, sd).sum()
-    np.testing.assert_allclose(found, want, rtol=1e-12)
+    np.testing.assert_allclose(result, want, rtol=1e-12)
 
 
 def test_a_common_factor_of_the_flux_does_not_matter_where_the_scale_is_free():

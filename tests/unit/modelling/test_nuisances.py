@@ -20,7 +20,7 @@ BODY = small_faults.body(1, 2)
 ALONE = {"zero_point_sd": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
 
 
-def posed(light, **options):
+def problem_of(light, **options):
     data = Epochs.of(light)
     return Problem(registry.find("faceted").bind({"n_facets": 2} | options), data), data
 
@@ -47,15 +47,15 @@ def test_zero_points_are_integrated_out(light, kind):
         m = -2.5 * np.log10(np.maximum(light.brightness, 0.02)) - 26.76
         error = np.full(32, 0.03)
         light = replace(light, kind="mag", brightness=m, error=error, range_km=np.full(32, 1e-3))
-    problem, data = posed(light, **(ALONE | {"zero_point_sd": 0.05}))
-    plain, _ = posed(light, **ALONE)
+    problem, data = problem_of(light, **(ALONE | {"zero_point_sd": 0.05}))
+    plain, _ = problem_of(light, **ALONE)
     z = at_truth(problem)
     mean, sd = (np.asarray(x) for x in plain.moments(z, data))
     h = np.ones(32) if kind == "mag" else -0.4 * np.log(10) * mean
     same = light.site[:, None] == light.site
     dense = multivariate_normal(mean, np.diag(sd**2) + 0.05**2 * np.outer(h, h) * same)
-    found = float(jnp.sum(problem.log_likelihood(z, data)))
-    assert found == pytest.approx(dense.logpdf(light.brightness), abs=1e-8)
+    result = float(jnp.sum(problem.log_likelihood(z, data)))
+    assert result == pytest.approx(dense.logpdf(light.brightness), abs=1e-8)
 
     sites = problem.constrain(z, data)
     for g, site in enumerate(("A", "B")):
@@ -71,8 +71,8 @@ def test_zero_points_are_integrated_out(light, kind):
 def test_correlated_noise_and_zero_points_are_those_of_the_dense_covariance(light):
     """D + a² exp(−|Δt|/τ) within a pass of a site, and s² h hᵀ within a site."""
     options = ALONE | {"zero_point_sd": 0.05, "correlated_noise": True}
-    problem, data = posed(light, **options)
-    plain, _ = posed(light, **ALONE)
+    problem, data = problem_of(light, **options)
+    plain, _ = problem_of(light, **ALONE)
     noise = {"log_correlated_sd": np.log(0.03), "log_correlated_time_s": np.log(40.0)}
     z = at_truth(problem, **noise)
     mean, sd = (np.asarray(x) for x in plain.moments(at_truth(plain), data))
@@ -86,8 +86,8 @@ def test_correlated_noise_and_zero_points_are_those_of_the_dense_covariance(ligh
     assert float(jnp.sum(problem.log_likelihood(z, data))) == pytest.approx(want, abs=1e-7)
 
     gain = 0.05**2 * (h * (light.site == "A")) @ np.linalg.inv(covariance)
-    found = problem.constrain(z, data)["zero_point_mean"][0]
-    assert float(found) == pytest.approx(gain @ (light.brightness - mean), abs=1e-9)
+    result = problem.constrain(z, data)["zero_point_mean"][0]
+    assert float(result) == pytest.approx(gain @ (light.brightness - mean), abs=1e-9)
 
     total = jax.jit(lambda z: problem.log_likelihood(z, data).sum())
     slope = jax.jit(jax.grad(total))(z)
@@ -101,24 +101,24 @@ def test_information_on_the_body_is_that_of_the_dense_covariance(light):
     m = -2.5 * np.log10(np.maximum(light.brightness, 0.02)) - 26.76
     error = np.full(32, 0.03)
     light = replace(light, kind="mag", brightness=m, error=error, range_km=np.full(32, 1e-3))
-    problem, data = posed(light, **(ALONE | {"zero_point_sd": 0.05}))
-    plain, _ = posed(light, **ALONE)
+    problem, data = problem_of(light, **(ALONE | {"zero_point_sd": 0.05}))
+    plain, _ = problem_of(light, **ALONE)
     z = at_truth(problem)
     jacobian = np.asarray(jax.jacfwd(lambda z: plain.moments(z, data).mean)(z))
     same = light.site[:, None] == light.site
     covariance = 0.03**2 * np.eye(32) + 0.05**2 * same
     want = jacobian.T @ np.linalg.solve(covariance, jacobian)
-    found = problem.fisher(z, data) - problem.prior_precision(z, data)
-    np.testing.assert_allclose(found, want, rtol=1e-7, atol=1e-6)
+    result = problem.fisher(z, data) - problem.prior_precision(z, data)
+    np.testing.assert_allclose(result, want, rtol=1e-7, atol=1e-6)
 
 
 def test_drawn_zero_points_have_their_mean_and_sd():
     rng = np.random.default_rng(0)
     mean, sd = np.full((2, 5000, 1), 0.1), np.full((2, 5000, 1), 0.02)
-    found = nuisances.drawn({"a": mean, "zero_point_mean": mean, "zero_point_sd": sd}, rng)
-    assert sorted(found) == ["a", "zero_point"]
-    assert found["zero_point"].mean() == pytest.approx(0.1, abs=1e-3)
-    assert found["zero_point"].std() == pytest.approx(0.02, rel=0.03)
+    result = nuisances.drawn({"a": mean, "zero_point_mean": mean, "zero_point_sd": sd}, rng)
+    assert sorted(result) == ["a", "zero_point"]
+    assert result["zero_point"].mean() == pytest.approx(0.1, abs=1e-3)
+    assert result["zero_point"].std() == pytest.approx(0.02, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -130,17 +130,17 @@ def test_drawn_zero_points_have_their_mean_and_sd():
 )
 def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
     light = small_faults.light_curve(BODY, fault, n=80, noise=1e-9)
-    problem, data = posed(light)
+    problem, data = problem_of(light)
     neutral = {"clock_offset_unit": np.zeros(3), "rate_drift_unit": 0.0}
     # the sd of the drift falls where the middle would move by a turn
     phase = 0.01 * np.linalg.norm(BODY.omega) * float(data.t_span) / 8.0
     scale = {"rate_drift_unit": np.sqrt(1.0 + phase**2)}
     shifted = {k: np.asarray(v) * scale.get(k, 1.0) for k, v in site.items()}
-    found, without = (
+    result, without = (
         np.asarray(problem.constrain(at_truth(problem, **(neutral | s)), data)["expected"])
         for s in (shifted, {})
     )
-    miss, effect = (np.abs(x - light.brightness).max() for x in (found, without))
+    miss, effect = (np.abs(x - light.brightness).max() for x in (result, without))
     # directions are moved linearly to the true times
     assert miss < (0.03 if fault.clock else 1e-6) * effect
     assert effect > 0.005 * light.brightness.max()
@@ -148,22 +148,22 @@ def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
 
 def test_there_is_no_fault_where_the_data_cannot_contain_it():
     light = small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=1)
-    alone, _ = posed(light, **ALONE)
-    default, _ = posed(light)
+    alone, _ = problem_of(light, **ALONE)
+    default, _ = problem_of(light)
     assert default.names == alone.names
     z = at_truth(alone)
     data = Epochs.of(light)
     assert float(default.potential(z, data)) == float(alone.potential(z, data))
-    two, _ = posed(small_faults.light_curve(BODY, n=40, n_sites=2, n_passes=1))
+    two, _ = problem_of(small_faults.light_curve(BODY, n=40, n_sites=2, n_passes=1))
     assert set(two.names) - set(alone.names) == {"clock_offset_unit", "rate_drift_unit"}
-    two, _ = posed(small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=2))
+    two, _ = problem_of(small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=2))
     assert set(two.names) - set(alone.names) == {"rate_drift_unit"}
 
 
 def test_replicates_follow_the_fitted_zero_points(light):
     """0.3 mag between the sites is in the replicates, although the body does not explain it."""
     fainter = light.brightness * np.where(light.site == "B", 10 ** (-0.4 * 0.3), 1.0)
-    problem, data = posed(
+    problem, data = problem_of(
         replace(light, brightness=fainter, error=light.error / 20),
         **(ALONE | {"zero_point_sd": 1.0}),
     )
@@ -177,4 +177,4 @@ def test_replicates_follow_the_fitted_zero_points(light):
 
 def test_a_negative_width_is_refused(light):
     with pytest.raises(InputError, match="clock_sd is -1"):
-        posed(light, clock_sd=-1.0)
+        problem_of(light, clock_sd=-1.0)

@@ -27,7 +27,7 @@ RATIO = 0.6
 MOMENTS = {"flat": (0.8, 1.1, 1.7), "long": (1.1, 0.9, 0.35)}  # the third is that of the spin
 
 
-def posed(light, **options):
+def problem_of(light, **options):
     data = Epochs.of(light)
     chosen = {"n_facets": 2, "nutation_ratio": RATIO} | options
     return Problem(registry.find("faceted").bind(chosen), data), data
@@ -46,7 +46,7 @@ def at_truth(problem, **more):
 @pytest.mark.parametrize("spin", ["none", "torque-free"])
 def test_nutation_without_a_constant_rate_is_refused(light, spin):
     with pytest.raises(InputError, match=f"nutation_ratio is 0.6, but --spin {spin} has no"):
-        posed(light, spin=spin)
+        problem_of(light, spin=spin)
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +75,8 @@ def exact(t, moments, axes, tilt_deg):
     # the shortest rotation that takes the angular momentum to the third axis
     upright = Rotation.from_quat([momentum[1], -momentum[0], 0.0, 1.0 + momentum[2]])
     begin = np.concatenate([upright.as_quat(), omega])
-    found = solve_ivp(motion, (0.0, t[-1]), begin, t_eval=t, rtol=1e-11, atol=1e-12)
-    return np.array([axes @ Rotation.from_quat(q).as_matrix() @ axes.T for q in found.y[:4].T])
+    result = solve_ivp(motion, (0.0, t[-1]), begin, t_eval=t, rtol=1e-11, atol=1e-12)
+    return np.array([axes @ Rotation.from_quat(q).as_matrix() @ axes.T for q in result.y[:4].T])
 
 
 def flux(attitude, light):
@@ -90,7 +90,7 @@ def test_the_response_is_that_of_the_exact_motion_to_first_order(kind):
     light = small_faults.light_curve(BODY, n=60, n_sites=1, n_passes=1)
     i1, i2, i3 = MOMENTS[kind]
     ratio = float(np.sqrt((i3 - i1) * (i3 - i2) / (i1 * i2)))
-    problem, data = posed(light, **ALONE, nutation_ratio=ratio)
+    problem, data = problem_of(light, **ALONE, nutation_ratio=ratio)
     pole = small_faults.unit(BODY.omega)
     first = small_faults.unit(np.cross(pole, [0.3, 0.5, 0.8]))
     axes = np.stack([first, np.cross(pole, first), pole], axis=1)
@@ -114,7 +114,7 @@ def test_the_response_is_that_of_the_exact_motion_to_first_order(kind):
 def test_the_response_is_averaged_over_the_exposures():
     """The mean of three instants with the weights of Gauss and Legendre, 5 : 8 : 5."""
     light = small_faults.light_curve(BODY, n=20, n_sites=1, n_passes=1)
-    exposed, data = posed(replace(light, exposure_s=np.full(20, 6.0)), **ALONE)
+    exposed, data = problem_of(replace(light, exposure_s=np.full(20, 6.0)), **ALONE)
     z = at_truth(exposed)
     sites = exposed.constrain(z, data)
     body = jnp.asarray(BODY.normals), jnp.asarray(BODY.areas)
@@ -139,8 +139,10 @@ def test_the_response_is_averaged_over_the_exposures():
 
 def dense(light, sd, zero_point_sd):
     """Plain moments, zero-point columns (G, T), nutation columns (nights · 4, T)."""
-    problem, data = posed(light, **(ALONE | {"zero_point_sd": zero_point_sd, "nutation_sd": sd}))
-    plain, _ = posed(light, **ALONE, nutation_sd=0.0)
+    problem, data = problem_of(
+        light, **(ALONE | {"zero_point_sd": zero_point_sd, "nutation_sd": sd})
+    )
+    plain, _ = problem_of(light, **ALONE, nutation_sd=0.0)
     z = at_truth(problem)
     mean, width = (np.asarray(x) for x in plain.moments(at_truth(plain), data))
     sites = problem.constrain(z, data)
@@ -165,7 +167,7 @@ def test_zero_points_and_nutation_are_integrated_out(light):
     expected = gain @ (light.brightness - mean)
     spread = np.diag(scale**2) - gain @ (columns * scale[:, None]).T
 
-    def found(name=None, index=()):
+    def result(name=None, index=()):
         """Zero points and nutation with zeros for the normal numbers, but for one of them."""
 
         def normal(site):
@@ -177,17 +179,17 @@ def test_zero_points_and_nutation_are_integrated_out(light):
         both = nuisances.jointly(sites, normal)
         return np.concatenate([np.ravel(both.zero_point), np.ravel(both.nutation)])
 
-    np.testing.assert_allclose(found(), expected, atol=1e-9)
+    np.testing.assert_allclose(result(), expected, atol=1e-9)
     numbers = [("zero_point_mean", (k,)) for k in range(4)]
     numbers += [("nutation_mean", (n, k)) for n in range(2) for k in range(4)]
-    root = np.array([found(*one) - found() for one in numbers])
+    root = np.array([result(*one) - result() for one in numbers])
     np.testing.assert_allclose(root.T @ root, spread, atol=1e-9)
 
 
 def test_correlated_noise_and_nutation_are_those_of_the_dense_covariance(light):
     """D + a² exp(−|Δt|/τ) within a pass of a site, and u² Cᵀ C within a night."""
     _, _, _, _, mean, width, groups, wobble = dense(light, 1.0, 0.05)
-    problem, data = posed(light, **(ALONE | {"zero_point_sd": 0.05, "correlated_noise": True}))
+    problem, data = problem_of(light, **(ALONE | {"zero_point_sd": 0.05, "correlated_noise": True}))
     noise = {"log_correlated_sd": np.log(0.03), "log_correlated_time_s": np.log(40.0)}
     z = at_truth(problem, **noise)
     columns = np.concatenate([0.05 * groups, wobble])
@@ -207,12 +209,12 @@ def test_correlated_noise_and_nutation_are_those_of_the_dense_covariance(light):
 )
 def test_values_that_no_body_has_are_refused(light, option, says):
     with pytest.raises(InputError, match=says):
-        posed(light, **option)
+        problem_of(light, **option)
 
 
 def test_without_a_ratio_there_is_no_nutation(light):
-    with_it, data = posed(light, nutation_ratio=0.0)
-    without, _ = posed(light, nutation_sd=0.0)
+    with_it, data = problem_of(light, nutation_ratio=0.0)
+    without, _ = problem_of(light, nutation_sd=0.0)
     assert with_it.names == without.names
     z = jnp.linspace(-1.0, 1.0, with_it.dim)
     assert float(with_it.potential(z, data)) == float(without.potential(z, data))
@@ -221,7 +223,7 @@ def test_without_a_ratio_there_is_no_nutation(light):
 def test_predictions_contain_the_drawn_nutation():
     fault = small_faults.Fault(nutation_deg=2.0)
     light = small_faults.light_curve(BODY, fault, n=40, n_sites=1, n_passes=1)
-    problem, data = posed(light, nutation_ratio=0.3)
+    problem, data = problem_of(light, nutation_ratio=0.3)
     z = np.tile(np.asarray(at_truth(problem)), (1, 4, 1))
     draws = nuisances.drawn(constrain_draws(problem, z, data), np.random.default_rng(0))
     posterior = dataset(draws)
@@ -230,6 +232,6 @@ def test_predictions_contain_the_drawn_nutation():
     chi2 = []
     assert light.error is not None
     for known in (posterior, posterior.drop_vars("nutation")):
-        found, _ = predicted(known, light, light, "faceted", options)
-        chi2.append(np.sum(((light.brightness - found["flux_mean"]) / light.error) ** 2))
+        result, _ = predicted(known, light, light, "faceted", options)
+        chi2.append(np.sum(((light.brightness - result["flux_mean"]) / light.error) ** 2))
     assert chi2[0] < 60.0 < 100.0 < chi2[1]

@@ -152,7 +152,7 @@ def test_what_passes_share_of_fluxes_is_relative_to_their_curve():
     light = replace(curve(), kind="flux", brightness=np.linspace(0.8, 1.2, 12))
     model = handlers.seed(likelihood.observe, 0)
 
-    def told(size: np.ndarray):
+    def moments(size: np.ndarray):
         each = size[light.curve]
         here = replace(light, brightness=each * light.brightness, error=0.1 * each)
         trace = handlers.trace(model).get_trace(
@@ -161,7 +161,7 @@ def test_what_passes_share_of_fluxes_is_relative_to_their_curve():
         fn = trace["brightness"]["fn"]
         return np.asarray(fn.loc) / each, np.asarray(fn.scale) / each
 
-    ordinary, faint = told(np.ones(2)), told(np.array([1e-10, 3e-12]))
+    ordinary, faint = moments(np.ones(2)), moments(np.array([1e-10, 3e-12]))
     np.testing.assert_allclose(faint[0], ordinary[0], rtol=1e-9)
     np.testing.assert_allclose(faint[1], ordinary[1], rtol=1e-9)
 

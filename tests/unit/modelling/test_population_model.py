@@ -55,7 +55,7 @@ def fleet(n: int, n_passes: int = 3, n_points: int = 5, seed: int = 0) -> LightC
         band=np.full(where.size, "V"),
         frame="icrs",
     )
-    problem, data = posed(light, individuals=False)
+    problem, data = problem_of(light, individuals=False)
     z = jnp.zeros(problem.dim)
     mean = np.asarray(problem.constrain(z, data)["expected"])
     return replace(
@@ -71,7 +71,7 @@ def offsets(n: int, seed: int) -> np.ndarray:
     return MEMBER_SD * np.random.default_rng([seed, 0]).standard_normal(n)
 
 
-def posed(light: LightCurve, **more):
+def problem_of(light: LightCurve, **more):
     data = Epochs.of(light)
     entry = registry.find("stabilised")
     return Problem(entry.bind(entry.check(OPTIONS | more)), data), data
@@ -80,25 +80,25 @@ def posed(light: LightCurve, **more):
 @pytest.fixture(scope="module")
 def refined():
     light = fleet(12)
-    whole, data = posed(light)
-    pooled, _ = posed(light, individuals=False)
+    whole, data = problem_of(light)
+    pooled, _ = problem_of(light, individuals=False)
     start = np.zeros(pooled.dim)
-    found = solutions.refined(pooled, whole, data, [Solution(start, 0.0, 0.0, 0.0, 3)])
-    return whole, data, found[0]
+    result = solutions.refined(pooled, whole, data, [Solution(start, 0.0, 0.0, 0.0, 3)])
+    return whole, data, result[0]
 
 
 def test_what_a_simpler_model_lacks_is_put_at_its_most_likely(refined):
     """The spread stays at the median of its prior; along all else the density is at its top."""
-    whole, data, found = refined
-    sites = whole.constrain(jnp.asarray(found.z), data)
+    whole, data, result = refined
+    sites = whole.constrain(jnp.asarray(result.z), data)
     assert float(sites["member_sd"]) == pytest.approx(0.2)
-    slope = np.asarray(compiled(whole.slope)(jnp.asarray(found.z), data))
-    metric = np.asarray(compiled(whole.fisher)(jnp.asarray(found.z), data))
+    slope = np.asarray(compiled(whole.slope)(jnp.asarray(result.z), data))
+    metric = np.asarray(compiled(whole.fisher)(jnp.asarray(result.z), data))
     free = np.setdiff1d(np.arange(whole.dim), whole.rows(["log_member_sd"]))
     gain = slope[free] @ np.linalg.solve(metric[np.ix_(free, free)], slope[free])
     assert gain < 0.05  # nats still to be had
     assert np.std(sites["member_offset"]) > 0.1
-    assert found.hits == 3
+    assert result.hits == 3
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -107,9 +107,9 @@ def test_spreads_and_individuals_are_those_that_were_put_in():
     """48 satellites: three spreads in their posterior sds, as many offsets as binomial within their
     90 % intervals, and the package trusts itself."""
     light = fleet(48, seed=3)
-    found = lcbayes.fit(light, model="stabilised", seed=2, **OPTIONS)
-    assert found.trusted, found.reasons
-    p = found.content["parameters"]
+    result = lcbayes.fit(light, model="stabilised", seed=2, **OPTIONS)
+    assert result.trusted, result.reasons
+    p = result.content["parameters"]
     for name, true in (("member_sd", MEMBER_SD), ("pass_sd", PASS_SD), ("sigma", SIGMA)):
         assert abs(p[name]["mean"] - true) < limit(4) * p[name]["sd"], name
     rows = [p[f"member_offset[{i}]"] for i in range(48)]

@@ -77,8 +77,8 @@ def test_albedo_area_is_log_normal():
 def test_reflectances_are_uniform_over_the_triangle():
     def draw(key):
         with handlers.seed(rng_seed=key):
-            found = priors.surface("blinn-phong", 1)
-        return found["r_diff"][0], found["r_spec"][0]
+            result = priors.surface("blinn-phong", 1)
+        return result["r_diff"][0], result["r_spec"][0]
 
     r_diff, r_spec = np.asarray(jax.vmap(draw)(jax.random.split(jax.random.key(5), 4000)))
     assert np.max(r_diff + r_spec) <= 1.0

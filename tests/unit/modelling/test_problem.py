@@ -56,8 +56,8 @@ def test_fisher_is_jacobian_and_prior(case):
         want = w * mean.T @ mean + 2 * v * log_sd.T @ log_sd + problem.prior_precision(z, data)
         return problem.fisher(z, data), want
 
-    found, want = both(z, data)
-    np.testing.assert_allclose(found, want, rtol=1e-9, atol=1e-6)
+    result, want = both(z, data)
+    np.testing.assert_allclose(result, want, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -79,27 +79,27 @@ def test_fisher_is_the_expected_curvature(name):
 
     n = 4000
     run = jax.jit(lambda keys: jax.lax.map(curvature, keys, batch_size=100))
-    found = np.asarray(run(jax.random.split(jax.random.key(2), n)))
+    result = np.asarray(run(jax.random.split(jax.random.key(2), n)))
     likelihood = jax.jit(lambda z, d: problem.fisher(z, d) - problem.prior_precision(z, d))
     want = np.asarray(likelihood(z, data))
-    error = found.std(axis=0) / np.sqrt(n)
-    assert np.all(np.abs(found.mean(axis=0) - want) < limit(want.size) * error + 1e-9)
+    error = result.std(axis=0) / np.sqrt(n)
+    assert np.all(np.abs(result.mean(axis=0) - want) < limit(want.size) * error + 1e-9)
 
 
 def test_prior_precision_of_gaussian_sites_is_theirs():
     problem, data = small_curves.posterior(small_curves.curve(12), n_facets=1, log_area_sd=0.5)
     z = small_curves.truth(problem, data, 1)
     index = problem.unravel(jnp.arange(float(problem.dim)))
-    found = np.asarray(jax.jit(problem.prior_precision)(z, data))
+    result = np.asarray(jax.jit(problem.prior_precision)(z, data))
     omega, area = (index[k].astype(int) for k in ("omega_unit", "log_albedo_area"))
-    np.testing.assert_allclose(found[np.ix_(omega, omega)], np.eye(3), atol=1e-8)
-    np.testing.assert_allclose(found[np.ix_(area, area)], [[4.0]], rtol=1e-8)
+    np.testing.assert_allclose(result[np.ix_(omega, omega)], np.eye(3), atol=1e-8)
+    np.testing.assert_allclose(result[np.ix_(area, area)], [[4.0]], rtol=1e-8)
     # 1/ρ² along the radius; across it the inverse of the variance of a uniform direction, which
     # is 1/3 for each component because they share the square of one.
     base = index["normals_base"].astype(int).ravel()
     u = small_curves.NORMALS[0]
     want = 3.0 * np.eye(3) + (100.0 - 3.0) * np.outer(u, u)
-    np.testing.assert_allclose(found[np.ix_(base, base)], want, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(result[np.ix_(base, base)], want, rtol=1e-9, atol=1e-9)
 
 
 def test_a_facet_that_no_epoch_sees_leaves_the_prior():
@@ -129,8 +129,8 @@ def test_prior_draws_have_finite_density(case):
 
         return jax.lax.map(one, keys)
 
-    for found in density(jax.random.split(jax.random.key(0), 50), data):
-        assert np.all(np.isfinite(found))
+    for result in density(jax.random.split(jax.random.key(0), 50), data):
+        assert np.all(np.isfinite(result))
 
 
 @pytest.mark.statistical(false_alarm=EACH)

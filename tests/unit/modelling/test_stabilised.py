@@ -95,7 +95,7 @@ def test_lists_that_are_none(text, says):
 def test_flux_is_the_sum_over_the_frames_of_its_facets():
     """Body, array and another law at once, by hand; the magnitude follows from range and band."""
     curve = sky()
-    found = traced(
+    result = traced(
         curve,
         law="nadir-sun-array",
         reflectance="lambertian",
@@ -111,17 +111,17 @@ def test_flux_is_the_sum_over_the_frames_of_its_facets():
         (made.array, [1.0, 0, 0], 11.0),
         (pointer, [1.0, 0, 0], 2.0),
     )
-    for (axes, normal, area), albedo in zip(seen, found["r_diff"], strict=True):
+    for (axes, normal, area), albedo in zip(seen, result["r_diff"], strict=True):
         sun, obs = (np.einsum("tji,tj->ti", axes, v) for v in (curve.sun, curve.obs))
         want += albedo * lambert(sun, obs, np.array(normal), area)
     assert np.all(want > 0)
     light = np.asarray(Epochs.of(curve).sunlight)
-    np.testing.assert_allclose(found["flux"], want * light, rtol=1e-10)
+    np.testing.assert_allclose(result["flux"], want * light, rtol=1e-10)
     assert curve.range_km is not None
     m = photometry.magnitude(
         jnp.asarray(want * light), jnp.asarray(1e3 * curve.range_km), photometry.sun_magnitude("V")
     )
-    np.testing.assert_allclose(found["expected"], m, atol=1e-6)
+    np.testing.assert_allclose(result["expected"], m, atol=1e-6)
 
 
 @pytest.mark.statistical(false_alarm=EACH)
@@ -135,14 +135,14 @@ def test_unlisted_facets_point_anywhere_and_partly_known_ones_about_where_they_a
         draw = lambda key: problem.constrain(problem.prior_draw(key, data), data)  # noqa: E731
         return jax.lax.map(lambda key: {k: draw(key)[k] for k in ("normals", "area")}, keys)
 
-    found = drawn(jax.random.split(jax.random.key(0), 200))
-    normals = np.asarray(found["normals"])
+    result = drawn(jax.random.split(jax.random.key(0), 200))
+    normals = np.asarray(result["normals"])
     np.testing.assert_array_equal(normals[:, 0], [[0.0, 0.0, 1.0]] * 200)
     tilt = np.degrees(np.arctan2(normals[:, 1, 1:], normals[:, 1, :1]))
     low, high = squares(400, 4)  # and three means of directions, of variance 1/3
     assert low < np.sum((tilt / 5.0) ** 2) < high
     assert np.abs(normals[:, 2].mean(axis=0)).max() < limit(4) / np.sqrt(3 * 200)
-    np.testing.assert_allclose(found["area"][:, 0], 1.0)
+    np.testing.assert_allclose(result["area"][:, 0], 1.0)
 
 
 def test_surfaces_are_shared_or_separate():
@@ -154,10 +154,10 @@ def test_surfaces_are_shared_or_separate():
 
 
 def test_areas_that_are_given_are_kept():
-    found = traced(sky(8), n_facets=3, facets="+x@2.5, +z", surface="separate")
-    assert found["area"][0] == pytest.approx(2.5, rel=1e-12)
-    total = found["r_diff"] + found["r_spec"]
-    np.testing.assert_allclose(found["albedo_area"], found["area"] * total, rtol=1e-12)
+    result = traced(sky(8), n_facets=3, facets="+x@2.5, +z", surface="separate")
+    assert result["area"][0] == pytest.approx(2.5, rel=1e-12)
+    total = result["r_diff"] + result["r_spec"]
+    np.testing.assert_allclose(result["albedo_area"], result["area"] * total, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -166,10 +166,12 @@ def test_areas_that_are_given_are_kept():
 )
 def test_given_areas_of_diffuse_facets_leave_their_albedo_open(reflectance, name, unit):
     """A white facet of 2.5 m² was fitted whatever its albedo; with `w` one of 4 pi times white."""
-    found = traced(sky(8), n_facets=3, facets="+x@2.5, +z", reflectance=reflectance)
-    assert np.all((found[name] > 0) & (found[name] < 1))
-    assert found["area"][0] == pytest.approx(2.5, rel=1e-12)
-    np.testing.assert_allclose(found["albedo_area"], found["area"] * found[name] / unit, rtol=1e-12)
+    result = traced(sky(8), n_facets=3, facets="+x@2.5, +z", reflectance=reflectance)
+    assert np.all((result[name] > 0) & (result[name] < 1))
+    assert result["area"][0] == pytest.approx(2.5, rel=1e-12)
+    np.testing.assert_allclose(
+        result["albedo_area"], result["area"] * result[name] / unit, rtol=1e-12
+    )
     unsaid = traced(sky(8), n_facets=3, facets="+x, +z", reflectance=reflectance)
     assert name not in unsaid
     np.testing.assert_allclose(unsaid["albedo_area"], unsaid["area"], rtol=1e-12)
@@ -236,7 +238,7 @@ def test_members_and_sites_are_known_again_at_other_epochs():
 
 
 def test_members_and_sites_shift_magnitudes():
-    found = traced(several(), reflectance="lambertian", facets="+z@3,+x@5")
+    result = traced(several(), reflectance="lambertian", facets="+z@3,+x@5")
     alone = traced(
         several(),
         reflectance="lambertian",
@@ -245,18 +247,18 @@ def test_members_and_sites_shift_magnitudes():
         site_offsets=False,
     )
     data = Epochs.of(several())
-    shift = found["member_offset"][data.member] + found["site_offset"][data.site]
-    assert found["member_unit"].shape == (4,)  # and one for a member not seen yet
-    np.testing.assert_allclose(found["expected"] - alone["expected"], shift, atol=1e-6)
+    shift = result["member_offset"][data.member] + result["site_offset"][data.site]
+    assert result["member_unit"].shape == (4,)  # and one for a member not seen yet
+    np.testing.assert_allclose(result["expected"] - alone["expected"], shift, atol=1e-6)
 
 
 def test_extinction_is_linear_in_airmass():
-    found = traced(sky(), extinction=True, facets="+z@3,+x@5", reflectance="lambertian")
+    result = traced(sky(), extinction=True, facets="+z@3,+x@5", reflectance="lambertian")
     plain = traced(sky(), facets="+z@3,+x@5", reflectance="lambertian")
     air = np.asarray(Epochs.of(sky()).airmass)
     assert air.min() >= 1.0 - 1e-3
-    fainter = found["expected"] - plain["expected"]
-    np.testing.assert_allclose(fainter, found["extinction"] * air, atol=1e-6)
+    fainter = result["expected"] - plain["expected"]
+    np.testing.assert_allclose(fainter, result["extinction"] * air, atol=1e-6)
 
 
 @pytest.mark.statistical(false_alarm=EACH)

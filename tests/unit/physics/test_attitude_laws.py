@@ -265,7 +265,7 @@ def seen(**changes) -> LightCurve:
     return LightCurve(**(given | changes))
 
 
-def test_a_curve_without_an_orbit_is_told_so():
+def test_a_curve_without_an_orbit_is_reported():
     with pytest.raises(InputError, match=r"'lvlh' needs the satellite's orbit.* has none; .*--tle"):
         frames(catalogue.find("lvlh"), seen())
     with pytest.raises(InputError, match=r"'sun-flight' needs the satellite's orbit.* has none; "):
@@ -303,9 +303,9 @@ def angles(a, b) -> np.ndarray:
 
 
 def velocities(t, place, curve=None) -> np.ndarray:
-    found = velocity_from_places(t, place, np.zeros(len(t), int) if curve is None else curve)
-    assert found is not None
-    return found
+    result = velocity_from_places(t, place, np.zeros(len(t), int) if curve is None else curve)
+    assert result is not None
+    return result
 
 
 @pytest.mark.parametrize("step", [0.1, 1.0, 10.0, 60.0])
@@ -355,8 +355,8 @@ def test_places_that_are_rounded_give_steady_directions(span, step, km, typical,
     t = np.arange(0.0, span + step / 2, step)
     place, motion = iss(t)
     seen = coarse(t, place, 1e-4, km)
-    found = velocities(t, seen)
-    for off in (angles(found, motion), angles(np.cross(seen, found), np.cross(place, motion))):
+    result = velocities(t, seen)
+    for off in (angles(result, motion), angles(np.cross(seen, result), np.cross(place, motion))):
         assert np.median(off) < typical
         assert np.max(off) < worst
 
@@ -365,14 +365,14 @@ def test_how_unsure_directions_are_is_known():
     """Noise of many draws: the sd that is told is the one of the components across."""
     t = np.concatenate([np.arange(0.0, 20.0, 0.5), 9000.0 + np.arange(2)])  # a pass of two points
     place, motion = iss(t)
-    found, told = [], []
+    errors, stated_sd = [], []
     for seed in range(60):
         noisy = place + 0.1 * np.random.default_rng(seed).standard_normal(place.shape)
         velocity, sd = _fitted(t, noisy, np.zeros(t.size, int))
-        found.append(angles(velocity, motion) / np.sqrt(2.0))
-        told.append(np.degrees(sd))
-    rms = np.sqrt(np.mean(np.square(found), axis=0))
-    ratio = rms / np.sqrt(np.mean(np.square(told), axis=0))
+        errors.append(angles(velocity, motion) / np.sqrt(2.0))
+        stated_sd.append(np.degrees(sd))
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    ratio = rms / np.sqrt(np.mean(np.square(stated_sd), axis=0))
     assert np.all((ratio > 0.7) & (ratio < 1.4))
     one = seen(position_km=place[:1].repeat(41, 0), t=np.arange(41.0))
     assert velocity_direction_sd_deg(one) is None

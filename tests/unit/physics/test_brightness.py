@@ -105,33 +105,33 @@ def test_every_kind_of_derivative_agrees_with_automatic_differentiation(law, fac
 
     which = (0, 1, 2, 3, 4)
     for mode in (jax.jacfwd, jax.jacrev):
-        for found, expected in zip(
+        for result, expected in zip(
             *(jax.jit(mode(f, which))(*args) for f in (ours, theirs)), strict=True
         ):
-            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-14)
     # a batch of chains, and second derivatives
 
     def misfit(f):
         return lambda normals, alpha: jnp.sum((f(*args[:2], normals, alpha, args[4]) - 0.4) ** 2)
 
     shifted = jnp.stack([args[3], 2.0 * args[3], args[3] ** 2])
-    for found, expected in zip(
+    for result, expected in zip(
         *(
             jax.jit(jax.vmap(jax.grad(misfit(f), (0, 1)), in_axes=(None, 0)))(args[2], shifted)
             for f in (ours, theirs)
         ),
         strict=True,
     ):
-        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(result, expected, rtol=1e-11, atol=1e-13)
     if facets == 5:
-        for found, expected in zip(
+        for result, expected in zip(
             *(
                 jax.tree.leaves(jax.jit(jax.hessian(misfit(f), (0, 1)))(args[2], args[3]))
                 for f in (ours, theirs)
             ),
             strict=True,
         ):
-            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
+            np.testing.assert_allclose(result, expected, rtol=1e-10, atol=1e-12)
 
 
 def test_long_curves_in_blocks_give_the_same(monkeypatch):
@@ -146,8 +146,8 @@ def test_long_curves_in_blocks_give_the_same(monkeypatch):
         monkeypatch.setattr(brightness, "_BLOCK_FEW", block)
         np.testing.assert_allclose(flux(*args), whole, rtol=1e-14)
         here = jax.jit(jax.grad(misfit, (0, 1, 2, 3)))(*args)
-        for found, expected in zip(here, slopes, strict=True):
-            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+        for result, expected in zip(here, slopes, strict=True):
+            np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-14)
         forward = jax.jit(jax.jacfwd(lambda alpha: flux(*args[:3], albedo_area=alpha)))(args[3])
         np.testing.assert_allclose(forward @ args[3], whole, rtol=1e-13)
 

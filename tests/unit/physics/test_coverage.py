@@ -69,8 +69,8 @@ def test_flux_is_that_of_rays(name):
     whole = np.asarray(jax.jit(_flux_of(parts, 0))(sun, obs))
     assert np.max(whole - rays) > 0.05 * rays.max()
     for cells, within in ((8, 6e-3), (16, 2e-3))[: 2 if name == "stage" else 1]:
-        found = jax.jit(_flux_of(parts, cells))(sun, obs)
-        np.testing.assert_allclose(found, rays, rtol=0, atol=within * rays.max())
+        result = jax.jit(_flux_of(parts, cells))(sun, obs)
+        np.testing.assert_allclose(result, rays, rtol=0, atol=within * rays.max())
 
 
 def test_what_hides_the_sun_is_what_a_solid_shades():
@@ -98,8 +98,8 @@ def test_what_hides_the_sun_is_what_a_solid_shades():
         side = "front" if kind == "disc" else "side"
         solid = Primitive(kind, own, {side: BLACK}, jnp.asarray(turn), jnp.array([0.3, -0.5, 9.0]))
         # the observer sees all of the square past the solid, which is high above it
-        found = float(jax.jit(_flux_of([square, solid], 24))(up, aside)[0])
-        lit = found / (0.8 / np.pi * 0.8)
+        result = float(jax.jit(_flux_of([square, solid], 24))(up, aside)[0])
+        lit = result / (0.8 / np.pi * 0.8)
         assert 16.0 - lit == pytest.approx(outline[kind], rel=0.01), kind
 
 

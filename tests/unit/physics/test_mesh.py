@@ -47,7 +47,7 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 {z}\n"
 
 def own_obj(text: str) -> list[tuple[str, np.ndarray]]:
     """Faces of an OBJ file: label and corners."""
-    vertices, found, label = [], [], ""
+    vertices, result, label = [], [], ""
     for line in text.splitlines():
         words = line.split()
         if words[:1] == ["v"]:
@@ -55,8 +55,10 @@ def own_obj(text: str) -> list[tuple[str, np.ndarray]]:
         elif words[:1] == ["usemtl"]:
             label = words[1]
         elif words[:1] == ["f"]:
-            found.append((label, np.array([vertices[int(w.split("/")[0]) - 1] for w in words[1:]])))
-    return found
+            result.append(
+                (label, np.array([vertices[int(w.split("/")[0]) - 1] for w in words[1:]]))
+            )
+    return result
 
 
 def own_stl(data: bytes) -> np.ndarray:

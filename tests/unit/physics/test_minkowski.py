@@ -213,7 +213,7 @@ def test_nearest_closed_areas_are_those_of_a_general_solver():
         areas = close(normals, raw)
         assert closure(normals, areas) < 1e-12
         assert (areas >= 0).all()
-        found = minimize(
+        result = minimize(
             lambda a, raw=raw: np.sum((a - raw) ** 2 / raw),
             raw,
             jac=lambda a, raw=raw: 2 * (a - raw) / raw,
@@ -222,7 +222,7 @@ def test_nearest_closed_areas_are_those_of_a_general_solver():
             method="SLSQP",
             options={"ftol": 1e-14, "maxiter": 500},
         )
-        assert areas == pytest.approx(found.x, abs=1e-5)
+        assert areas == pytest.approx(result.x, abs=1e-5)
 
 
 def test_closed_areas_are_left_alone():

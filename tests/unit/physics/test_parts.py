@@ -41,8 +41,8 @@ GLOSSY = ("ashikhmin-shirley", {"r_diff": 0.3, "r_spec": 0.4, "nu": 60.0, "nv": 
 
 
 def make(kind: str, n: int = 48) -> primitives.Panels:
-    found = primitives.KINDS[kind]
-    return found.make(*SIZES[kind], n) if found.curved else found.make(*SIZES[kind])
+    result = primitives.KINDS[kind]
+    return result.make(*SIZES[kind], n) if result.curved else result.make(*SIZES[kind])
 
 
 @pytest.mark.parametrize("kind", list(primitives.KINDS))

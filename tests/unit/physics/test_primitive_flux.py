@@ -77,8 +77,8 @@ def _summed(elements, surface, sun, obs):
         lit = (mu0 > 1e-12) & (mu > 1e-12)
         n, mu0, mu = normals[lit], mu0[lit], mu[lit]
         h = (s + o) / np.linalg.norm(s + o)
-        found = _brdf(law, p, mu0, mu, s @ h, n @ h, u[lit] @ h, np.cross(n, u[lit]) @ h)
-        total.append(np.sum(found * mu0 * mu * areas[lit]))
+        result = _brdf(law, p, mu0, mu, s @ h, n @ h, u[lit] @ h, np.cross(n, u[lit]) @ h)
+        total.append(np.sum(result * mu0 * mu * areas[lit]))
     return np.array(total)
 
 
@@ -162,11 +162,11 @@ def test_flux_is_the_sum_over_the_surface(kind, surface, within):
     expected = _summed(elements, surface, sun, obs)
     sides = KINDS[kind].sides
     surfaces = dict.fromkeys(sides, DARK) | {sides[0]: surface}
-    found = jax.jit(lambda s, o: primitive_flux(kind, sizes, surfaces, s, o, turn))(
+    result = jax.jit(lambda s, o: primitive_flux(kind, sizes, surfaces, s, o, turn))(
         sun @ turn.T, obs @ turn.T
     )
     assert expected.max() > 0.01
-    np.testing.assert_allclose(found, expected, rtol=0, atol=within * expected.max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=within * expected.max())
 
 
 @pytest.mark.parametrize("kind", ["plate", "disc", "cylinder", "cone", "frustum"])
@@ -182,8 +182,8 @@ def test_ends_and_backs_are_flat_faces(kind):
         area[1] = 0.0
     elements = _faces((-Z, area[0], X), (Z, area[1], X))
     sun, obs = _directions(8, 2, elements[0])
-    found = primitive_flux(kind, sizes, {first: DARK, other: PHONG}, sun, obs)
-    np.testing.assert_allclose(found, _summed(elements, PHONG, sun, obs), atol=1e-12)
+    result = primitive_flux(kind, sizes, {first: DARK, other: PHONG}, sun, obs)
+    np.testing.assert_allclose(result, _summed(elements, PHONG, sun, obs), atol=1e-12)
 
 
 def test_a_lambert_sphere_follows_the_textbook():
@@ -193,8 +193,8 @@ def test_a_lambert_sphere_follows_the_textbook():
     obs = jnp.stack([np.cos(phase), 0.6 * np.sin(phase), 0.8 * np.sin(phase)], axis=1)
     expected = 2 / (3 * np.pi) * 0.6 * 4 * (np.sin(phase) + (np.pi - phase) * np.cos(phase))
     for kind, sizes in (("sphere", {"radius": 2.0}), ("ellipsoid", dict.fromkeys("xyz", 2.0))):
-        found = primitive_flux(kind, sizes, {"side": LAMBERT}, sun, obs)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+        result = primitive_flux(kind, sizes, {"side": LAMBERT}, sun, obs)
+        np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12)
 
 
 def test_limits_join():

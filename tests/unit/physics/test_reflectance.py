@@ -44,8 +44,8 @@ def unit(rng, n):
 
 def f_r(law, params, sun, obs, u_axes=X):
     """f_r of one facet facing z, zero where it is not lit and seen."""
-    found, lit = geometry(jnp.asarray(sun), jnp.asarray(obs), jnp.asarray(Z), jnp.asarray(u_axes))
-    return np.asarray(jnp.where(lit, LAWS[law].brdf(found, params), 0.0))[:, 0]
+    result, lit = geometry(jnp.asarray(sun), jnp.asarray(obs), jnp.asarray(Z), jnp.asarray(u_axes))
+    return np.asarray(jnp.where(lit, LAWS[law].brdf(result, params), 0.0))[:, 0]
 
 
 def directional_albedo(brdf, incidence, n_mu=200, n_azimuth=400):
@@ -103,11 +103,11 @@ def test_cook_torrance_stays_below_its_normal_reflectance_face_on():
 def test_the_two_ashikhmin_shirley_forms_differ_at_60_degrees():
     # R_spec = R_diff = 0.5, n_u = n_v = 100: the pair of albedos quoted for the two forms
     params = {"r_diff": 0.5, "r_spec": 0.5, "nu": 100.0, "nv": 100.0}
-    found = [
+    result = [
         directional_albedo(lambda s, o, law=law: f_r(law, params, s, o), np.pi / 3)
         for law in ("ashikhmin-shirley", "ashikhmin-shirley-distribution")
     ]
-    np.testing.assert_allclose(found, [0.63, 0.36], atol=0.005)
+    np.testing.assert_allclose(result, [0.63, 0.36], atol=0.005)
     # A sharp lobe at 60°: F in one form, F/3 in the other.
     sharp = {"r_diff": 0.0, "r_spec": 0.4, "nu": 3000.0}
     full, third = (

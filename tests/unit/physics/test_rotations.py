@@ -22,9 +22,9 @@ def cross_matrix(w):
 )
 def test_constant_rate_is_the_rotation_vector_omega_t(omega):
     t = np.array([-50.0, 0.0, 1e-3, 1.0, 100.0, 4000.0])
-    found = rotations.constant_rate(jnp.asarray(t), jnp.asarray(omega))
+    result = rotations.constant_rate(jnp.asarray(t), jnp.asarray(omega))
     expected = Rotation.from_rotvec(t[:, None] * np.array(omega)).as_matrix()
-    np.testing.assert_allclose(found, expected, atol=2e-12)
+    np.testing.assert_allclose(result, expected, atol=2e-12)
 
 
 @pytest.mark.parametrize("omega", [(0.1, 0.0, 0.02), (-3.0, 2.0, 5.0), (1e-6, 2e-6, 0.0)])
@@ -65,9 +65,9 @@ def test_vectors_are_carried_into_the_turning_body_with_their_derivatives(omega)
     w = jnp.asarray(omega)
     (directly, by_matrices), *derivatives = carried()
     np.testing.assert_allclose(directly(w), by_matrices(w), atol=1e-13)
-    for found, expected in derivatives:
+    for result, expected in derivatives:
         want = expected(w)
-        np.testing.assert_allclose(found(w), want, atol=1e-9 * float(np.abs(want).max()))
+        np.testing.assert_allclose(result(w), want, atol=1e-9 * float(np.abs(want).max()))
 
 
 @pytest.mark.parametrize("kind", [jax.jacfwd, jax.jacrev])
@@ -83,8 +83,8 @@ def test_vectors_depend_on_time_and_on_their_inertial_components(kind):
         return rotations.to_body(rotations.constant_rate(t, w), v)
 
     for k in range(3):
-        found, want = (kind(f, argnums=k)(t, vectors, w) for f in (directly, by_matrices))
-        np.testing.assert_allclose(found, want, atol=1e-12)
+        result, want = (kind(f, argnums=k)(t, vectors, w) for f in (directly, by_matrices))
+        np.testing.assert_allclose(result, want, atol=1e-12)
 
 
 def test_constant_rate_is_smooth_at_rest_and_across_the_series():
@@ -113,7 +113,7 @@ def test_constant_rate_is_smooth_at_rest_and_across_the_series():
 def test_principal_axis_is_the_three_rotations():
     t = np.linspace(-1e5, 1e5, 11)
     lon, lat, period, phase0 = 1.2, -0.4, 20_744.0, 0.7
-    found = rotations.principal_axis(jnp.asarray(t), lon, lat, period, phase0)
+    result = rotations.principal_axis(jnp.asarray(t), lon, lat, period, phase0)
     expected = (
         Rotation.from_euler("z", lon)
         * Rotation.from_euler("y", np.pi / 2 - lat)
@@ -121,9 +121,9 @@ def test_principal_axis_is_the_three_rotations():
             (phase0 + 2 * np.pi * t / period)[:, None] * np.array([0.0, 0.0, 1.0])
         )
     ).as_matrix()
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(result, expected, atol=1e-12)
     pole = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
-    np.testing.assert_allclose(found[:, :, 2], np.tile(pole, (11, 1)), atol=1e-15)
+    np.testing.assert_allclose(result[:, :, 2], np.tile(pole, (11, 1)), atol=1e-15)
 
 
 def test_axes_are_brought_to_the_pole_by_the_least_turn():
@@ -137,9 +137,9 @@ def test_axes_are_brought_to_the_pole_by_the_least_turn():
         size = np.linalg.norm(about)
         angle = np.arctan2(size, pole[0])
         least = Rotation.from_rotvec(about * (angle / size if size else 0.0)).as_matrix()
-        found = np.asarray(rotations.brought_to(jnp.asarray(pole)))
-        np.testing.assert_allclose(found, least @ np.eye(3)[:, [1, 2, 0]], atol=1e-12)
-        np.testing.assert_allclose(found[:, 2], pole, atol=1e-15)
+        result = np.asarray(rotations.brought_to(jnp.asarray(pole)))
+        np.testing.assert_allclose(result, least @ np.eye(3)[:, [1, 2, 0]], atol=1e-12)
+        np.testing.assert_allclose(result[:, 2], pole, atol=1e-15)
     for pole in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
         slope = jax.jacfwd(rotations.brought_to)(jnp.asarray(pole))
         assert np.max(np.abs(slope)) < 3.0

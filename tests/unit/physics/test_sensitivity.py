@@ -84,19 +84,19 @@ def test_closed_forms_are_the_derivatives(law):
     def ours(sun, obs, normals, area, params, u):
         return closed_form(sun[None], obs[None], normals, area, law, params, u)
 
-    found = jax.jit(jax.vmap(ours))(*case)
+    result = jax.jit(jax.vmap(ours))(*case)
     value, turn, slopes = jax.jit(jax.vmap(lambda *c: by_autodiff(law, *c)))(*case)
     value, turn = np.asarray(value), np.asarray(turn)
     assert np.all(value > 0.0)
-    several = np.sum(np.asarray(found.flux[:, 0]) > 0.0, axis=1) > 1
+    several = np.sum(np.asarray(result.flux[:, 0]) > 0.0, axis=1) > 1
     assert several.sum() > 200
-    assert relative(found.flux.sum(axis=(1, 2))[:, None], value[:, None]).max() < 1e-12
-    assert relative(found.attitude[:, 0], turn).max() < 1e-9
+    assert relative(result.flux.sum(axis=(1, 2))[:, None], value[:, None]).max() < 1e-12
+    assert relative(result.attitude[:, 0], turn).max() < 1e-9
     for name, slope in slopes.items():
-        mine, theirs = np.asarray(found.parameters[name][:, 0]), np.asarray(slope)
+        mine, theirs = np.asarray(result.parameters[name][:, 0]), np.asarray(slope)
         assert np.max(np.abs(mine - theirs) / (np.abs(theirs) + 1e-300)) < 1e-9, name
     # and of the magnitude, (17) and (22)
-    mag = magnitude_gradient(jnp.asarray(value), found.attitude[:, 0])
+    mag = magnitude_gradient(jnp.asarray(value), result.attitude[:, 0])
     assert relative(mag, -MAGNITUDE_PER_NEPER * turn / value[:, None]).max() < 1e-9
     # rank one, and two axes that span what is not seen
     g = np.asarray(mag)
@@ -116,19 +116,19 @@ def test_isotropic_facets_without_axes():
     def ours(sun, obs, normals, area, params):
         return closed_form(sun[None], obs[None], normals, area, law, params)
 
-    found = jax.jit(jax.vmap(ours))(sun, obs, normals, area, params)
+    result = jax.jit(jax.vmap(ours))(sun, obs, normals, area, params)
     _, turn, slopes = jax.jit(
         jax.vmap(lambda s, o, n, a, p: by_autodiff(law, s, o, n, a, p, None))
     )(sun, obs, normals, area, params)
-    assert relative(found.attitude[:, 0], np.asarray(turn)).max() < 1e-9
-    np.testing.assert_allclose(found.parameters["nu"][:, 0], slopes["nu"], rtol=1e-9, atol=1e-300)
+    assert relative(result.attitude[:, 0], np.asarray(turn)).max() < 1e-9
+    np.testing.assert_allclose(result.parameters["nu"][:, 0], slopes["nu"], rtol=1e-9, atol=1e-300)
     both = params | {"nv": params["nu"]}
     split = jax.vmap(lambda s, o, n, a, p, u: closed_form(s[None], o[None], n, a, law, p, u))(
         sun, obs, normals, area, both, u
     )
-    np.testing.assert_allclose(split.attitude, found.attitude, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(split.attitude, result.attitude, rtol=1e-9, atol=1e-12)
     total = split.parameters["nu"] + split.parameters["nv"]
-    np.testing.assert_allclose(total, found.parameters["nu"], rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(total, result.parameters["nu"], rtol=1e-9, atol=1e-300)
 
 
 def test_rank_and_nullspace_of_one_isotropic_facet():

@@ -156,8 +156,8 @@ def test_shadows_of_several_solids_are_not_counted_twice():
     groups = shadows.shadows([SQUARE], [0], [flat_solid(w) for w in walls], [1, 2, 3])
     assert groups
     covered = 0.3 + 0.5 * 0.4 - 0.5 * 0.1 + 0.05
-    found = float(shadows.lit_and_seen(groups, 1, up, up)[0, 0])
-    assert found == pytest.approx(1.0 - covered, abs=1e-8)
+    result = float(shadows.lit_and_seen(groups, 1, up, up)[0, 0])
+    assert result == pytest.approx(1.0 - covered, abs=1e-8)
 
 
 def test_a_panel_seen_edge_on_hides_nothing():
@@ -178,8 +178,8 @@ def test_a_panel_seen_edge_on_hides_nothing():
     for (i, j), right in pairs.items():
         sun, obs = (np.array([[up, low, steep, away][k]]) for k in (i, j))
         sun, obs = (jnp.asarray(v / np.linalg.norm(v)) for v in (sun, obs))
-        found = float(shadows.lit_and_seen(groups, 1, sun, obs)[0, 0])
-        assert found == pytest.approx(right, abs=1e-8)
+        result = float(shadows.lit_and_seen(groups, 1, sun, obs)[0, 0])
+        assert result == pytest.approx(right, abs=1e-8)
 
 
 def test_a_solid_above_a_plane():
@@ -224,5 +224,5 @@ def test_blocks_of_epochs_give_the_same(tmp_path, monkeypatch):
     whole = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
     monkeypatch.setattr(shadows, "MOST_TESTS", 3000)  # blocks of 8 or 15 epochs
     monkeypatch.setattr(shadows, "UNROLLED", 2)  # loops that are not written out
-    found = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
-    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-12)
+    result = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
+    np.testing.assert_allclose(result, whole, rtol=0, atol=1e-12)

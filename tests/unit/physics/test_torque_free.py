@@ -54,8 +54,8 @@ def integrated(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarr
         return np.concatenate([np.cross(a, w).ravel(), inverse @ np.cross(tensor @ w, w)])
 
     begin = np.concatenate([np.eye(3).ravel(), omega])
-    found = solve_ivp(slope, (0.0, t[-1]), begin, "DOP853", t, rtol=1e-12, atol=1e-14)
-    return found.y[:9].T.reshape(-1, 3, 3)
+    result = solve_ivp(slope, (0.0, t[-1]), begin, "DOP853", t, rtol=1e-12, atol=1e-14)
+    return result.y[:9].T.reshape(-1, 3, 3)
 
 
 BITS = 140  # binary places of `exact`: 1e-42
@@ -82,9 +82,9 @@ def exact(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarray:
     inverse = np.array([[int(v / det * 2**BITS) for v in row] for row in minors], dtype=object)
     momentum = (fixed(tensor) @ fixed(omega)) >> BITS
     rows = np.vstack([fixed(np.eye(3)), momentum])  # each turns as ẋ = x × ω
-    found = []
+    result = []
     for _ in t:
-        found.append([[v / (1 << BITS) for v in row] for row in rows[:3]])
+        result.append([[v / (1 << BITS) for v in row] for row in rows[:3]])
         x, w = np.zeros((order + 1, 4, 3), dtype=object), np.zeros((order, 3), dtype=object)
         x[0] = rows
         for n in range(order):
@@ -92,7 +92,7 @@ def exact(t: np.ndarray, omega: np.ndarray, tensor: np.ndarray) -> np.ndarray:
             product = np.sum(np.cross(x[: n + 1], w[n::-1, None]), axis=0) >> BITS
             x[n + 1] = (product * half // (n + 1)) >> BITS
         rows = np.sum(x, axis=0)
-    return np.array(found)
+    return np.array(result)
 
 
 MOTIONS = {
@@ -113,9 +113,9 @@ MOTIONS = {
 def test_as_an_integrator_finds_it(name):
     t = TIMES
     omega, tensor = turned(*MOTIONS[name])
-    found = np.asarray(RUN(t, omega, tensor))
-    np.testing.assert_allclose(found, integrated(t, omega, tensor), atol=3e-11)
-    np.testing.assert_allclose(found[0], np.eye(3), atol=1e-13)
+    result = np.asarray(RUN(t, omega, tensor))
+    np.testing.assert_allclose(result, integrated(t, omega, tensor), atol=3e-11)
+    np.testing.assert_allclose(result[0], np.eye(3), atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -131,31 +131,31 @@ def test_flips_next_to_the_separatrix(e):
     """
     epsilon = np.finfo(float).eps
     omega, tensor = np.array([e, 1.0, 0.5 * e]), np.diag([1.0, 2.0, 3.0])
-    found = RUN(FLIPS, omega, tensor)
-    np.testing.assert_allclose(found, exact(FLIPS, omega, tensor), atol=20 * epsilon * FLIPS[-1])
+    result = RUN(FLIPS, omega, tensor)
+    np.testing.assert_allclose(result, exact(FLIPS, omega, tensor), atol=20 * epsilon * FLIPS[-1])
     omega, tensor = turned(np.diag([3.0, 2.0, 1.0]), -omega)
     tensor = 0.5 * (tensor + tensor.T)
-    found = RUN(FLIPS, omega, tensor)
+    result = RUN(FLIPS, omega, tensor)
     allowed = epsilon * (20 * FLIPS[-1] + 100 / e)
-    np.testing.assert_allclose(found, exact(FLIPS, omega, tensor), atol=allowed)
+    np.testing.assert_allclose(result, exact(FLIPS, omega, tensor), atol=allowed)
 
 
 def test_flat_spin_however_flat():
     for moments in ((1.0, 1.0, 2.0), (2.0, 2.0, 1.0)):
         for along in (1e-5, 1e-9, 1e-13):
             omega, tensor = np.array([0.0, 0.2, along]), np.diag(moments)
-            found = RUN(FLIPS[:41], omega, tensor)
-            np.testing.assert_allclose(found, exact(FLIPS[:41], omega, tensor), atol=1e-14)
+            result = RUN(FLIPS[:41], omega, tensor)
+            np.testing.assert_allclose(result, exact(FLIPS[:41], omega, tensor), atol=1e-14)
 
 
 @pytest.mark.parametrize("e", [1e-4, 1e-8])
 def test_slopes_next_to_the_separatrix(e):
     """By ω, against differences, for as long as the attitude hangs on e; and finite at rest."""
     omega, tensor, t = np.array([e, 1.0, 0.5 * e]), np.diag([1.0, 2.0, 3.0]), FLIPS
-    found = np.asarray(SLOPE(t, omega, tensor))
+    result = np.asarray(SLOPE(t, omega, tensor))
     for k, step in enumerate(np.diag([1e-5 * e, 1e-8, 1e-5 * e])):
         want = (RUN(t, omega + step, tensor) - RUN(t, omega - step, tensor)) / (2.0 * step[k])
-        np.testing.assert_allclose(found[..., k], want, atol=2e-6 * np.abs(want).max())
+        np.testing.assert_allclose(result[..., k], want, atol=2e-6 * np.abs(want).max())
     on_it = np.array([e, 1.0, e / np.sqrt(3.0)])  # to rounding
     assert np.all(np.isfinite(SLOPE(t, on_it, tensor)))
     assert np.all(np.isfinite(SLOPE(t, np.array([0.0, 1.0, 0.0]), tensor)))
@@ -165,16 +165,16 @@ def test_energy_and_angular_momentum_are_kept_for_ten_thousand_seconds():
     t = 50.0 * TIMES  # 10⁴ s
     for tensor, motion in MOTIONS.values():
         omega, tensor = turned(tensor, motion)
-        found = np.asarray(RUN(t, omega, tensor))
-        momentum = np.einsum("tji,j->ti", found, tensor @ omega)  # body
+        result = np.asarray(RUN(t, omega, tensor))
+        momentum = np.einsum("tji,j->ti", result, tensor @ omega)  # body
         rates = np.linalg.solve(tensor, momentum.T).T
         energy = np.sum(momentum * rates, axis=1)
         np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
-        product = found @ np.swapaxes(found, 1, 2)
+        product = result @ np.swapaxes(result, 1, 2)
         np.testing.assert_allclose(product - np.eye(3), 0.0, atol=1e-12)
         # ω of the body that the attitude itself has, from its derivative
         rate = RATE(t, omega, tensor)
-        own = np.swapaxes(found, 1, 2) @ np.asarray(rate)
+        own = np.swapaxes(result, 1, 2) @ np.asarray(rate)
         np.testing.assert_allclose(own[:, [2, 0, 1], [1, 2, 0]], rates, atol=1e-11)
 
 
@@ -203,10 +203,10 @@ def test_slopes_are_those_of_differences():
     def total(p, run=torque_free):
         return jnp.sum(weights * run(t, omega + p[:3], tensor + jnp.tensordot(p[3:], changes, 1)))
 
-    found = jax.jit(jax.grad(total))(np.zeros(5))
+    result = jax.jit(jax.grad(total))(np.zeros(5))
     for k, step in enumerate(1e-6 * np.eye(5)):
         want = (total(step, RUN) - total(-step, RUN)) / 2e-6
-        assert found[k] == pytest.approx(float(want), abs=2e-5 * np.abs(found).max())
+        assert result[k] == pytest.approx(float(want), abs=2e-5 * np.abs(result).max())
 
 
 def weighted(p, motion, vectors, weights):
@@ -361,10 +361,10 @@ def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
         "omega_unit": jnp.array(spin["omega_at_t_ref_rad_s"]) / 0.1,
         "inertia_base": jnp.einsum("kij,ij->k", priors.TRACELESS, log),
     }
-    found = compiled(problem.constrain)(problem.ravel(sites), data)
-    np.testing.assert_allclose(found["flux"], truth["flux"], atol=1e-8 * max(truth["flux"]))
-    np.testing.assert_allclose(found["inertia_ratio"], [1.0 / 2.1, 1.6 / 2.1], rtol=1e-9)
-    pole = np.radians([float(found["pole_lon_deg"]), float(found["pole_lat_deg"])])
+    result = compiled(problem.constrain)(problem.ravel(sites), data)
+    np.testing.assert_allclose(result["flux"], truth["flux"], atol=1e-8 * max(truth["flux"]))
+    np.testing.assert_allclose(result["inertia_ratio"], [1.0 / 2.1, 1.6 / 2.1], rtol=1e-9)
+    pole = np.radians([float(result["pole_lon_deg"]), float(result["pole_lat_deg"])])
     along = [np.cos(pole[1]) * np.cos(pole[0]), np.cos(pole[1]) * np.sin(pole[0]), np.sin(pole[1])]
     np.testing.assert_allclose(along, spin["angular_momentum"], atol=1e-9)
 

@@ -26,10 +26,10 @@ def tree() -> xr.DataTree:
 
 
 def test_solutions_of_a_fit(tree):
-    found = asteroids(tree)
-    assert [a.weight for a in found] == [0.5, 0.5]
-    assert found[0].middle_jd == pytest.approx(known.MIDDLE_JD, abs=1e-6)
-    spin = found[0].mean_spin
+    result = asteroids(tree)
+    assert [a.weight for a in result] == [0.5, 0.5]
+    assert result[0].middle_jd == pytest.approx(known.MIDDLE_JD, abs=1e-6)
+    spin = result[0].mean_spin
     assert (spin.pole_lon_deg, spin.pole_lat_deg) == pytest.approx(known.POLE, abs=0.5)
     without = tree.copy()
     without.attrs = {k: v for k, v in tree.attrs.items() if k != "epoch_jd"}
@@ -112,8 +112,8 @@ def test_turned_features_count_as_rotation():
         n = Rotation.from_euler("z", -angle, degrees=True).apply(normals)
         logs = -2.0 * np.log(np.sum((n * axes) ** 2, 1)) + 0.3 * n[:, 0]
         rows.append(np.linalg.lstsq(harmonics, logs, rcond=None)[0][1:])
-    found = turns_about_pole(np.array(rows))
-    assert found - found.mean() == pytest.approx(angles - angles.mean(), abs=0.1)
+    result = turns_about_pole(np.array(rows))
+    assert result - result.mean() == pytest.approx(angles - angles.mean(), abs=0.1)
     # degrees 5 and 6, which light curves do not determine, hardly matter
     noisy = np.repeat(np.array(rows), 40, axis=0)
     noisy[:, 24:] += np.random.default_rng(2).normal(size=noisy[:, 24:].shape)

@@ -65,7 +65,7 @@ def modes(problem: Problem, data: Epochs, n: int, apart: float) -> list[Mode]:
     z0 = np.asarray(small_curves.truth(problem, data, 1))
     factor = np.linalg.inv(np.linalg.cholesky(np.asarray(problem.fisher(jnp.asarray(z0), data)))).T
     rng = np.random.default_rng(1)
-    found = []
+    result = []
     for k in range(n):
         length = DRAWS + 50 * k  # the second went on for longer
         y = rng.standard_normal((CHAINS, length, problem.dim))
@@ -90,8 +90,8 @@ def modes(problem: Problem, data: Epochs, n: int, apart: float) -> list[Mode]:
             },
         )
         mode.weight = WEIGHTS[k] if n > 1 else 1.0
-        found.append(mode)
-    return found
+        result.append(mode)
+    return result
 
 
 PROBLEM = small_curves.posterior(lit(), **OPTIONS)[0]  # one, that what is compiled serves all
@@ -119,11 +119,11 @@ CASES = [
 @pytest.fixture(scope="module", params=CASES, ids=lambda c: f"{c[0]} solutions, {c[1]} dark")
 def written(request, tmp_path_factory) -> tuple[xr.DataTree, xr.DataTree, tuple[int, int]]:
     """A tree, the same read again from its file, and what it holds."""
-    found = made(*request.param)
+    result = made(*request.param)
     path: Path = tmp_path_factory.mktemp("file") / "posterior.nc"
-    save_tree(found, path)
+    save_tree(result, path)
     with xr.open_datatree(path, engine="h5netcdf") as lazy:
-        return found, lazy.load(), request.param
+        return result, lazy.load(), request.param
 
 
 PLAIN: dict[str, Any] = {"var_names": ["albedo_area", "g", "phi"]}
@@ -158,7 +158,7 @@ def test_arviz_reads_the_file(written, name):
 
 
 def test_chains_are_stacked_as_sampled_and_say_what_they_are_worth(written):
-    found, file, (n, _) = written
+    result, file, (n, _) = written
     posterior = file["posterior"]
     assert dict(posterior["g"].sizes) == {"chain": n * CHAINS, "draw": DRAWS, "facet": 1}
     for k in range(n):
@@ -174,20 +174,20 @@ def test_chains_are_stacked_as_sampled_and_say_what_they_are_worth(written):
     stats = file["sample_stats"]
     np.testing.assert_allclose(stats.attrs["step_size"], np.tile(np.linspace(0.4, 0.5, 4), n))
     np.testing.assert_allclose(stats.attrs["trajectory_length"], 7 * stats.attrs["step_size"])
-    assert found["posterior"].equals(posterior)
+    assert result["posterior"].equals(posterior)
 
 
 def test_weighted_draws_have_the_weights_and_belong_together(written):
-    found, _, (n, _) = written
-    draws = lcbayes.weighted_draws(found, seed=2)
+    result, _, (n, _) = written
+    draws = lcbayes.weighted_draws(result, seed=2)
     solution = draws["posterior"]["solution"].to_numpy()
     total = CHAINS * DRAWS
     assert np.bincount(solution).tolist() == ([total] if n == 1 else [480, 120])
-    alone = lcbayes.weighted_draws(found["posterior"].to_dataset(), 100, seed=2)
+    alone = lcbayes.weighted_draws(result["posterior"].to_dataset(), 100, seed=2)
     assert np.bincount(alone["solution"]).tolist() == ([100] if n == 1 else [80, 20])
     if n == 2:
         assert 0 < solution[:40].sum() < 40  # every stretch holds both
-    light = lcbayes.load_light_curve(found)
+    light = lcbayes.load_light_curve(result)
     problem, data = PROBLEM, Epochs.of(light)
     for i in (0, 77, total - 1):
         row = draws["posterior"].to_dataset().isel(chain=0, draw=i)
@@ -197,9 +197,9 @@ def test_weighted_draws_have_the_weights_and_belong_together(written):
 
 
 def test_loo_is_ours_with_and_without_dark_epochs(written):
-    found, file, (_, n_dark) = written
+    result, file, (_, n_dark) = written
     draws = lcbayes.weighted_draws(file, seed=0)
-    every = np.asarray(pointwise(lcbayes.weighted_draws(found)))[0]
+    every = np.asarray(pointwise(lcbayes.weighted_draws(result)))[0]
     ours = float(loo(every).elpd.sum())
     attrs = file["log_likelihood"].attrs
     assert attrs["elpd_loo"] == pytest.approx(ours, abs=1e-9)
@@ -237,15 +237,15 @@ def test_chains_that_disagree_look_bad():
 
 def test_log_prior_and_likelihood_are_those_of_numpyro(written):
     """Σ ln p over sites and factors, and the likelihood, make up NumPyro's joint density."""
-    found, _, _ = written
-    light = lcbayes.load_light_curve(found)
+    result, _, _ = written
+    light = lcbayes.load_light_curve(result)
     problem, data = PROBLEM, Epochs.of(light)
-    row = found["posterior"].to_dataset().isel(chain=0, draw=3)
+    row = result["posterior"].to_dataset().isel(chain=0, draw=3)
     sites = {k: jnp.asarray(row[k].to_numpy()) for k in problem.names}
     joint = log_density(problem.model, (data,), {}, sites)[0]
-    prior = found["log_prior"].to_dataset().isel(chain=0, draw=3)
+    prior = result["log_prior"].to_dataset().isel(chain=0, draw=3)
     assert set(prior.data_vars) == {*problem.names, "factors"}
-    total = sum(float(v) for v in prior.data_vars.values()) + float(pointwise(found)[0, 3].sum())
+    total = sum(float(v) for v in prior.data_vars.values()) + float(pointwise(result)[0, 3].sum())
     assert total == pytest.approx(float(joint), abs=1e-8)
 
 
@@ -281,12 +281,12 @@ def test_prior_draws_follow_the_factors_or_say_that_they_do_not(by, how):
 def test_the_prior_of_the_file_is_that_of_facets_that_are_seen(written):
     """All its draws are of a facet that the factor lets be seen; without it a third are not. Where
     epochs look at the body from opposite sides there is none that is not seen."""
-    found, _, (_, n_dark) = written
+    result, _, (_, n_dark) = written
     if n_dark:
-        assert found["prior"].attrs["factors"] == "none"
+        assert result["prior"].attrs["factors"] == "none"
         return
-    problem, data = PROBLEM, Epochs.of(lcbayes.load_light_curve(found))
-    prior = found["prior"]
+    problem, data = PROBLEM, Epochs.of(lcbayes.load_light_curve(result))
+    prior = result["prior"]
     assert prior.attrs["with_factors"] == 1
     assert "rejection" in prior.attrs["factors"]
     sites = {k: jnp.asarray(prior[k].to_numpy()[0]) for k in problem.names}
@@ -314,8 +314,8 @@ def test_inverse_mass_matrix_of_each_chain():
 def test_attributes_say_what_ahmc_settled_on():
     light = small_curves.curve(20)
     settings = {"num_warmup": 100, "num_samples": 50, "num_starts": 16, "num_chains": 2}
-    found = lcbayes.fit(light, sampler="ahmc", seed=1, **settings, **OPTIONS)
-    attrs = found.tree["sample_stats"].attrs
+    result = lcbayes.fit(light, sampler="ahmc", seed=1, **settings, **OPTIONS)
+    attrs = result.tree["sample_stats"].attrs
     assert attrs["sampler"] == "ahmc"
     assert set(np.atleast_1d(attrs["proposal_scale"])) <= {0.5, 1.0, np.inf}
     assert np.all(np.asarray(attrs["num_fallback"]) >= 0)
@@ -333,7 +333,7 @@ def test_every_variable_has_its_unit(written):
 
 
 def test_curves_without_noise_are_those_of_the_stored_draws(written):
-    found, file, (n_solutions, _) = written
+    result, file, (n_solutions, _) = written
     data = Epochs.of(lcbayes.load_light_curve(file))
     for k in range(n_solutions):
         curves = file[f"modes/{k}/curves"].to_dataset()
@@ -350,7 +350,7 @@ def test_curves_without_noise_are_those_of_the_stored_draws(written):
             model = numpyro.handlers.substitute(PROBLEM.model, sites)
             trace = numpyro.handlers.trace(numpyro.handlers.seed(model, 0)).get_trace(data)
             np.testing.assert_allclose(trace["expected"]["value"], at["expected"], rtol=1e-9)
-    assert found["modes/0/curves"].to_dataset().identical(file["modes/0/curves"].to_dataset())
+    assert result["modes/0/curves"].to_dataset().identical(file["modes/0/curves"].to_dataset())
 
 
 @pytest.mark.parametrize(

@@ -65,8 +65,10 @@ def test_conditions_of_a_spin():
     assert not spin.require("rapid", False, "too-few-passes", count=2, least=3)
     assert spin.require("unique", True, "many-poles", count=1, most=4)
     assert [finding.code for finding in spin.reasons] == ["too-few-passes"]
-    few, one = spin.conditions
-    assert condition(few.finding, met=few.met).startswith("2 pass(es) show steady harmonics, and 3")
+    rapid, one = spin.conditions
+    assert condition(rapid.finding, met=rapid.met).startswith(
+        "2 pass(es) show steady harmonics, and 3"
+    )
     assert condition(one.finding, met=one.met) == "1 pole(s)"
 
 
@@ -89,7 +91,7 @@ def test_reasons_are_named_once_with_the_part_concerned():
 
 
 def test_a_reason_that_concerns_several_solutions_is_given_once():
-    found = [
+    result = [
         Finding("chains-disagree", {"rhat": rhat, "limit": 1.01}, f"solution {i}")
         for i, rhat in ((1, 1.2), (2, 1.3), (4, 1.4))
     ]
@@ -97,11 +99,11 @@ def test_a_reason_that_concerns_several_solutions_is_given_once():
         Finding("few-effective-draws", {"ess": 90.0, "kind": kind, "limit": 400}, "solution 2")
         for kind in ("bulk", "tail")
     ]
-    one, bulk, tail = reasons([found[0], sizes[0], *found[1:], sizes[1]])
+    one, bulk, tail = reasons([result[0], sizes[0], *result[1:], sizes[1]])
     assert one.text.startswith("solution 1: the chains disagree (R-hat 1.200")
     assert one.text.endswith("; likewise solutions 2 and 4")
     assert ("(bulk" in bulk.text, "(tail" in tail.text) == (True, True)
-    (pair,) = reasons(found[:2])
+    (pair,) = reasons(result[:2])
     assert pair.text.endswith("; likewise solution 2")
 
 

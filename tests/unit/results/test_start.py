@@ -89,9 +89,9 @@ def test_the_doubt_about_the_period_of_a_scan(tmp_path, monkeypatch, probability
     for given, expected in (({}, doubt), ({"period": "300s"}, "")):
         posterior.reasons.clear()
         options = FitOptions.of({"n_facets": 1, "start_from": tmp_path, **given})
-        found: Any = run._fitted(curve, options, context)  # type: ignore[arg-type]
-        assert [f.values["why"] for f in found] == ([expected] if expected else [])
-        assert all(sentence(f).text.startswith("the period is that of the scan") for f in found)
+        result: Any = run._fitted(curve, options, context)  # type: ignore[arg-type]
+        assert [f.values["why"] for f in result] == ([expected] if expected else [])
+        assert all(sentence(f).text.startswith("the period is that of the scan") for f in result)
 
 
 def spin_folder(folder: Path, sha256: str, **content: Any) -> Path:
@@ -111,8 +111,8 @@ def test_candidate_periods_are_those_of_the_solutions():
         {"period_s": 40.0, "period_sd_s": 0.8},
         {"period_s": None, "period_sd_s": 0.1},
     ]
-    found = [Period.of(text) for text in candidate_periods({"solutions": solutions})]
-    assert [(p.low, p.high) for p in found] == [
+    result = [Period.of(text) for text in candidate_periods({"solutions": solutions})]
+    assert [(p.low, p.high) for p in result] == [
         pytest.approx((20.0 * np.exp(-0.01), 20.1 * np.exp(0.01))),
         pytest.approx((40.0 * np.exp(-0.1), 40.0 * np.exp(0.1))),
     ]

@@ -66,8 +66,8 @@ def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
     ]
     posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[], coverage=None)
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
-    found = summary._findings(posterior, entries, fit)  # type: ignore[arg-type]
-    return [sentence(one).text for one in found]
+    result = summary._findings(posterior, entries, fit)  # type: ignore[arg-type]
+    return [sentence(one).text for one in result]
 
 
 def test_good_chains_give_no_reason():
@@ -91,9 +91,9 @@ def test_good_chains_give_no_reason():
     ],
 )
 def test_each_fault_is_a_reason(change, says):
-    found = reasons(**change)
-    assert any(says in reason for reason in found)
-    assert all("\n" not in reason for reason in found)
+    result = reasons(**change)
+    assert any(says in reason for reason in result)
+    assert all("\n" not in reason for reason in result)
 
 
 @pytest.mark.parametrize(
@@ -103,11 +103,11 @@ def test_each_fault_is_a_reason(change, says):
 def test_a_rotation_on_which_chains_agree_is_named(rhat, ess, agrees):
     row = {"rhat": rhat, "ess_bulk": ess, "ess_tail": 900.0}
     good = {"rhat": 1.0, "ess_bulk": 900.0, "ess_tail": 900.0}
-    found = {"omega_x_rad_s": good, "omega_y_rad_s": row, "phi[0]": {**good, "rhat": 1.8}}
-    (text,) = reasons(max_rhat=1.8, parameters=found)
+    result = {"omega_x_rad_s": good, "omega_y_rad_s": row, "phi[0]": {**good, "rhat": 1.8}}
+    (text,) = reasons(max_rhat=1.8, parameters=result)
     assert ("only its rate and axis of rotation agree (R-hat 1.004)" in text) == agrees
     # of several solutions, one sentence joins all, whose rotations may differ in this
-    (text,) = reasons(2, weight=0.5, max_rhat=1.8, parameters=found)
+    (text,) = reasons(2, weight=0.5, max_rhat=1.8, parameters=result)
     assert "axis of rotation agree" not in text
 
 

@@ -48,7 +48,7 @@ def test_too_few_draws_ask_for_what_is_missing(memory):
     assert rhat_and_ess(autoregressive(memory, longer))[1] > MIN_ESS
 
 
-def test_hopeless_chains_cost_no_more():
+def test_chains_that_will_not_converge_cost_no_more():
     assert required_length(autoregressive(0.99), 3000) == 750  # worth 15
     z = autoregressive(0.9)
     separate = z + np.arange(4.0)[:, None, None]

@@ -66,9 +66,9 @@ def test_dual_averaging_reaches_its_target(target, first):
         steps, _ = jax.lax.scan(once, begin, jax.random.split(key, 1000))
         return curve(jnp.exp(steps.average[0]))
 
-    found = np.asarray(reached(jax.random.split(jax.random.key(1), 300)))
-    assert limit() * found.std() / np.sqrt(300) < 0.002
-    assert found.mean() == pytest.approx(target, abs=0.01)
+    result = np.asarray(reached(jax.random.split(jax.random.key(1), 300)))
+    assert limit() * result.std() / np.sqrt(300) < 0.002
+    assert result.mean() == pytest.approx(target, abs=0.01)
 
 
 # ----------------------------------------------------------------------- covariance
@@ -87,11 +87,11 @@ def test_running_covariance_is_numpys(offset):
     """Also far from the origin, where a sum of squares would leave nothing."""
     rng = np.random.default_rng(2)
     z = offset + rng.standard_normal((300, 4)) @ rng.standard_normal((4, 4))
-    found = accumulated(z)
-    np.testing.assert_allclose(found.mean, z.mean(axis=0), rtol=1e-12)
+    result = accumulated(z)
+    np.testing.assert_allclose(result.mean, z.mean(axis=0), rtol=1e-12)
     covariance = np.cov((z - offset).T)
     np.testing.assert_allclose(
-        found.scatter / (found.n - 1), covariance, rtol=1e-7 if offset else 1e-11
+        result.scatter / (result.n - 1), covariance, rtol=1e-7 if offset else 1e-11
     )
 
 
@@ -130,9 +130,9 @@ def test_correlation_length_is_that_of_the_slowest_direction(rho):
     n, each = 100_000, np.array([rho, 0.2])
     z = lfilter_rows(each, rng.standard_normal((n, 2))) @ np.array([[2.0, 0.0], [0.6, 0.1]])
     r = accumulated(z)
-    found = float(adaptation.correlation_length(r, jnp.asarray(np.cov(z.T))))
+    result = float(adaptation.correlation_length(r, jnp.asarray(np.cov(z.T))))
     slowest = max(each)
-    assert found == pytest.approx((1 + slowest) / (1 - slowest), rel=0.2)
+    assert result == pytest.approx((1 + slowest) / (1 - slowest), rel=0.2)
 
 
 def lfilter_rows(rho: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -153,12 +153,12 @@ def test_draws_that_have_hardly_moved_leave_the_guess():
     r = accumulated(z)
     for _ in range(5):
         r = adaptation.running_inform(r, jnp.eye(2))
-    found = adaptation.estimate(r, tuner().init(jnp.zeros(2), None).scale)
-    sd = np.sqrt(np.diag(found.root @ found.root.T))
+    result = adaptation.estimate(r, tuner().init(jnp.zeros(2), None).scale)
+    sd = np.sqrt(np.diag(result.root @ result.root.T))
     assert sd[0] > 0.9  # it was 0.2 where the draws were taken for independent ones
     still = accumulated(np.ones((20, 2)))
     still = adaptation.running_inform(still, jnp.eye(2))
-    assert np.all(np.isfinite(adaptation.estimate(still, found).root))
+    assert np.all(np.isfinite(adaptation.estimate(still, result).root))
 
 
 def covariance_of(t: Tuning) -> np.ndarray:
@@ -393,16 +393,16 @@ def test_efficiency_is_that_of_a_first_order_chain():
     rho = np.array([[[0.5, 0.9], [0.0, 0.2]], [[-0.5, -0.2], [0.8, 0.1]]])  # (δ, length, feature)
     variance = np.array([2.0, 5.0])
     cost = np.array([[1.0, 2.0], [4.0, 5.0]])
-    found = adaptation.efficiency(scored(2 * variance * (1 - rho), variance), jnp.asarray(cost))
+    result = adaptation.efficiency(scored(2 * variance * (1 - rho), variance), jnp.asarray(cost))
     want = np.min((1 - rho) / (1 + rho), axis=-1) / cost
-    np.testing.assert_allclose(found, want, rtol=1e-12)
+    np.testing.assert_allclose(result, want, rtol=1e-12)
 
 
 def test_a_chain_that_hardly_moves_is_not_thought_to_mix():
     """Jumps as large as its own spread, which is a thousandth of the posterior's."""
     tiny = np.array([1e-6, 1e-6])
-    found = adaptation.efficiency(scored(2 * tiny[None, None], tiny), jnp.ones((1, 1)))
-    assert float(found[0, 0]) < 1e-5
+    result = adaptation.efficiency(scored(2 * tiny[None, None], tiny), jnp.ones((1, 1)))
+    assert float(result[0, 0]) < 1e-5
 
 
 def gaussian_worth(step_size: float, lengths: np.ndarray) -> np.ndarray:
@@ -432,8 +432,8 @@ def test_length_on_a_gaussian(step_size):
     worth = gaussian_worth(step_size, lengths)
     assert worth[2 * np.argmax(worth) + 1] < 0.2 * worth.max()
     kernel = HMC(potential_fn=lambda z: 0.5 * z @ z, step_size=step_size, covariance=np.eye(2))
-    found = np.asarray(warmed_up(kernel, 8, 1000).num_steps)
-    assert np.all(worth[found - 1] > 0.6 * worth.max())
+    result = np.asarray(warmed_up(kernel, 8, 1000).num_steps)
+    assert np.all(worth[result - 1] > 0.6 * worth.max())
 
 
 def warmed_up(kernel, chains: int, num_warmup: int, start=(0.0, 0.0)) -> Tuning:

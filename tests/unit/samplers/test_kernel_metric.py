@@ -69,9 +69,9 @@ def test_chains_side_by_side_fall_back_one_by_one():
     batch = np.stack([m, *BAD.values(), m])
     root, good = jax.jit(jax.vmap(metric.inverse_root, (0, None)))(batch, fallback)
     np.testing.assert_array_equal(good, [True, *[False] * len(BAD), True])
-    found = np.asarray(root) @ np.swapaxes(root, 1, 2)
+    result = np.asarray(root) @ np.swapaxes(root, 1, 2)
     for i, want in enumerate([m, *[fallback] * len(BAD), m]):
-        np.testing.assert_allclose(found[i], np.linalg.inv(want), rtol=1e-9)
+        np.testing.assert_allclose(result[i], np.linalg.inv(want), rtol=1e-9)
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -121,6 +121,6 @@ def test_a_bad_covariance_leaves_the_old_scale(bad):
 
 def test_a_bad_mean_leaves_the_old_scale():
     old = metric.unit_scale(jnp.ones(2))
-    found = scale_of(np.array([0.0, np.nan]), mass(2), old)
-    for kept, was in zip(found, old, strict=True):
+    result = scale_of(np.array([0.0, np.nan]), mass(2), old)
+    for kept, was in zip(result, old, strict=True):
         np.testing.assert_array_equal(kept, was)

@@ -25,8 +25,8 @@ def test_scoring_reaches_the_optimum_of_least_squares():
         jacobian = jax.jacfwd(residuals)(z)
         return jacobian.T @ jacobian
 
-    found = jax.jit(lambda z: scoring.ascend(potential, information, z))(jnp.array([-1.2, 1.0]))
-    np.testing.assert_allclose(found, 1.0, atol=0.05)
+    result = jax.jit(lambda z: scoring.ascend(potential, information, z))(jnp.array([-1.2, 1.0]))
+    np.testing.assert_allclose(result, 1.0, atol=0.05)
 
 
 def test_scoring_stays_where_no_step_helps():
@@ -36,8 +36,8 @@ def test_scoring_stays_where_no_step_helps():
     def potential(z):
         return jnp.sum(jnp.abs(z - start))
 
-    found = scoring.ascend(potential, lambda _: jnp.full((2, 2), jnp.nan), start)
-    np.testing.assert_array_equal(found, start)
+    result = scoring.ascend(potential, lambda _: jnp.full((2, 2), jnp.nan), start)
+    np.testing.assert_array_equal(result, start)
 
 
 def test_chains_from_prior_draws_agree():

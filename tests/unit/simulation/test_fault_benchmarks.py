@@ -38,9 +38,9 @@ def draws(truth: scores.Truth, rng: np.random.Generator, off: float) -> scores.D
 def test_facets_are_matched_before_they_are_scored():
     rng = np.random.default_rng(0)
     truth = body(rng)
-    found = draws(truth, rng, 0.0)
-    assert scores.matched(found, truth)[0].tolist() == [1, 2, 0]
-    inside = scores.body_inside([found], truth)
+    result = draws(truth, rng, 0.0)
+    assert scores.matched(result, truth)[0].tolist() == [1, 2, 0]
+    inside = scores.body_inside([result], truth)
     assert len(inside) == 12  # rate, pole, and three quantities of each facet
     assert all(inside.values())
     wrong = scores.body_inside([draws(truth, rng, 3.0)], truth)

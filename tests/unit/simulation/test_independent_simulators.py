@@ -20,10 +20,10 @@ PHASES = np.radians([0.0, 20.0, 75.0, 120.0])
 @pytest.mark.parametrize("name", ["_satellites", "_asteroids", "_scores"])
 def test_no_code_of_the_package(name):
     tree = ast.parse((ROOT / "benchmarks" / f"{name}.py").read_text())
-    found = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
-    found |= {str(n.module) for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    result = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    result |= {str(n.module) for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
     allowed = ("__future__", "numpy", "scipy", "dataclasses", "itertools", "pathlib", "typing")
-    assert all(name.startswith((*allowed, "collections")) for name in found)
+    assert all(name.startswith((*allowed, "collections")) for name in result)
 
 
 def directions(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +39,9 @@ def test_a_plate_is_the_product_of_the_cosines():
     for tilt in (0.0, 0.4, 1.2):
         normal = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
         normals = np.tile(normal, (3, 1, 1))
-        found = satellites.facet_flux(normals, np.array([2.0]), sun, obs, 0.0)[:, 0]
+        result = satellites.facet_flux(normals, np.array([2.0]), sun, obs, 0.0)[:, 0]
         view = np.cos(np.radians([0.0, 30.0, 80.0]) - tilt)
-        np.testing.assert_allclose(found, 2.0 * np.cos(tilt) * np.maximum(view, 0) / np.pi)
+        np.testing.assert_allclose(result, 2.0 * np.cos(tilt) * np.maximum(view, 0) / np.pi)
     behind = np.tile([-1.0, 0.0, 0.0], (3, 1, 1))
     assert not satellites.facet_flux(behind, np.array([2.0]), sun, obs, 0.0).any()
 
@@ -56,8 +56,8 @@ def test_a_sphere_has_lamberts_phase_law():
     normals = asteroids.patches(20_000)
     areas = np.full(len(normals), 4.0 * np.pi / len(normals))
     whole = np.broadcast_to(normals, (PHASES.size, *normals.shape))
-    found = satellites.facet_flux(whole, areas, sun, obs, 0.0).sum(axis=1)
-    np.testing.assert_allclose(found, sphere_law(PHASES) / np.pi, rtol=2e-3)
+    result = satellites.facet_flux(whole, areas, sun, obs, 0.0).sum(axis=1)
+    np.testing.assert_allclose(result, sphere_law(PHASES) / np.pi, rtol=2e-3)
     ball = asteroids.ellipsoid(np.ones(3), 20_000)
     lambert = asteroids.flux(ball, sun, obs, 1.0) - asteroids.flux(ball, sun, obs, 0.0)
     np.testing.assert_allclose(lambert, sphere_law(PHASES), rtol=2e-3)
@@ -68,8 +68,8 @@ def test_lommel_and_seeligers_sphere():
     half = PHASES[1:] / 2
     want = np.pi / 2 * (1 - np.sin(half) * np.tan(half) * np.log(1 / np.tan(half / 2)))
     sun, obs = directions(PHASES[1:])
-    found = asteroids.flux(asteroids.ellipsoid(np.ones(3), 20_000), sun, obs, 0.0)
-    np.testing.assert_allclose(found, want, rtol=3e-3)
+    result = asteroids.flux(asteroids.ellipsoid(np.ones(3), 20_000), sun, obs, 0.0)
+    np.testing.assert_allclose(result, want, rtol=3e-3)
 
 
 def test_a_lobe_reflects_towards_the_mirror_direction():
@@ -77,17 +77,17 @@ def test_a_lobe_reflects_towards_the_mirror_direction():
     sun = np.array([[np.sin(0.5), 0.0, np.cos(0.5)]] * 2)
     obs = np.array([[-np.sin(0.5), 0.0, np.cos(0.5)], [np.sin(0.9), 0.0, np.cos(0.9)]])
     up = np.tile([0.0, 0.0, 1.0], (2, 1, 1))
-    found = satellites.facet_flux(up, np.array([1.0]), sun, obs, 0.1)[:, 0]
+    result = satellites.facet_flux(up, np.array([1.0]), sun, obs, 0.1)[:, 0]
     cosines = np.cos(0.5) * np.array([np.cos(0.5), np.cos(0.9)])
     lobe = 0.1 * 52.0 / (2 * np.pi)
-    np.testing.assert_allclose(found[0] / cosines[0], 0.9 / np.pi + lobe)
-    np.testing.assert_allclose(found[1] / cosines[1], 0.9 / np.pi, rtol=1e-3)
+    np.testing.assert_allclose(result[0] / cosines[0], 0.9 / np.pi + lobe)
+    np.testing.assert_allclose(result[1] / cosines[1], 0.9 / np.pi, rtol=1e-3)
 
 
 def test_magnitudes_of_a_square_metre_at_a_known_distance():
     """f = 1 m² at 1000 km and 1 au: m☉ + 30; at 2 au, 1.505 mag fainter."""
-    found = satellites.magnitudes(np.ones(2), np.full(2, 1000.0), np.array([1.0, 2.0]))
-    np.testing.assert_allclose(found, [3.24, 3.24 + 5 * np.log10(2.0)])
+    result = satellites.magnitudes(np.ones(2), np.full(2, 1000.0), np.array([1.0, 2.0]))
+    np.testing.assert_allclose(result, [3.24, 3.24 + 5 * np.log10(2.0)])
 
 
 # ----------------------------------------------------------------- asteroid bodies
@@ -117,10 +117,10 @@ def test_one_sphere_hides_the_other():
     """End-on only the nearer sphere is seen, from the side both; the overlap is left out."""
     apart = asteroids.binary((1.0, 0.7), 2.5, 20_000)
     ends = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    found = [projected(apart, d) for d in ends]
-    np.testing.assert_allclose(found[0], np.pi * 1.0, rtol=0.01)  # the smaller disc is inside
-    np.testing.assert_allclose(found[1], np.pi * 1.0, rtol=0.01)
-    np.testing.assert_allclose(found[2], np.pi * (1.0 + 0.49), rtol=0.01)
+    result = [projected(apart, d) for d in ends]
+    np.testing.assert_allclose(result[0], np.pi * 1.0, rtol=0.01)  # the smaller disc is inside
+    np.testing.assert_allclose(result[1], np.pi * 1.0, rtol=0.01)
+    np.testing.assert_allclose(result[2], np.pi * (1.0 + 0.49), rtol=0.01)
     touching = asteroids.binary((1.0, 1.0), 1.0, 20_000)
     caps = 2 * np.pi * 1.0 * 0.5  # area of the cap of one sphere inside the other
     assert touching.areas.sum() == pytest.approx(2 * (4 * np.pi - caps), rel=0.01)
@@ -152,9 +152,9 @@ def test_turning_about_the_pole():
         asteroids.to_body(np.tile(pole, (3, 1)), pole, angle), [[0, 0, 1.0]] * 3, atol=1e-15
     )
     v = np.tile(asteroids.unit(np.array([1.0, 0.2, -0.4])), (3, 1))
-    found = asteroids.to_body(v, pole, angle)
-    want = Rotation.from_rotvec(np.outer(-angle, [0, 0, 1.0])).apply(found[0])
-    np.testing.assert_allclose(found, want, atol=1e-14)
+    result = asteroids.to_body(v, pole, angle)
+    want = Rotation.from_rotvec(np.outer(-angle, [0, 0, 1.0])).apply(result[0])
+    np.testing.assert_allclose(result, want, atol=1e-14)
 
 
 def test_damit_files(tmp_path):

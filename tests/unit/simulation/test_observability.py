@@ -79,11 +79,11 @@ kind = "{kind}"
 def panel(tmp_path_factory):
     """Anisotropic panel and two sides, one of them dark throughout, by output kind."""
     folder = tmp_path_factory.mktemp("scenarios")
-    found = {}
+    result = {}
     for kind in ("mag", "flux"):
         (folder / f"{kind}.toml").write_text(PANEL.replace("{kind}", kind))
-        found[kind] = scenario.load(folder / f"{kind}.toml")
-    return found
+        result[kind] = scenario.load(folder / f"{kind}.toml")
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -175,21 +175,21 @@ def test_one_exponent_of_an_isotropic_facet_moves_both(panel, measured):
 
 
 def test_what_nothing_depends_on_and_the_body_axes_are_named(panel, measured, everything):
-    m, found = measured["flux"], everything
-    left = trades(found, m)
+    m, result = measured["flux"], everything
+    left = trades(result, m)
     said = summary.sentences(left)
     assert any("facet 2 is never lit and seen" in line for line in said)
     axes = [t for t in left if "choice of body axes" in t.words]
     assert len(axes) == 3
     for t in left:
-        assert t.exact == (np.abs(found.jacobian @ t.combination).max() < 1e-9)
-    gaps = np.isinf(found.bound)
-    assert gaps[found.unknowns.rows("attitude")].all()
-    assert not gaps[found.unknowns.rows("spin")].any()
-    assert np.isfinite(found.bound_with_prior).all()
+        assert t.exact == (np.abs(result.jacobian @ t.combination).max() < 1e-9)
+    gaps = np.isinf(result.bound)
+    assert gaps[result.unknowns.rows("attitude")].all()
+    assert not gaps[result.unknowns.rows("spin")].any()
+    assert np.isfinite(result.bound_with_prior).all()
     # without the attitude the axes are no longer free
-    kept = np.setdiff1d(np.arange(len(gaps)), found.unknowns.rows("attitude"))
-    alone = Campaign(Unknowns.of(panel["flux"], USUAL), found.jacobian[:, kept])
+    kept = np.setdiff1d(np.arange(len(gaps)), result.unknowns.rows("attitude"))
+    alone = Campaign(Unknowns.of(panel["flux"], USUAL), result.jacobian[:, kept])
     assert not any("body axes" in t.words for t in trades(alone, m))
 
 
@@ -225,9 +225,9 @@ def test_bounds_are_those_of_the_inverse():
     j = rng.standard_normal((30, 4)) * [1.0, 1e-3, 1e3, 1.0]
     np.testing.assert_allclose(bound(j), np.sqrt(np.diag(np.linalg.inv(j.T @ j))), rtol=1e-9)
     j = np.column_stack([j[:, 0], j[:, 1], j[:, 1] * 2.0, np.zeros(30)])
-    found = bound(j)
-    assert found[0] == pytest.approx(np.linalg.inv(j[:, :2].T @ j[:, :2])[0, 0] ** 0.5, rel=1e-9)
-    assert np.isinf(found[1:]).all()
+    result = bound(j)
+    assert result[0] == pytest.approx(np.linalg.inv(j[:, :2].T @ j[:, :2])[0, 0] ** 0.5, rel=1e-9)
+    assert np.isinf(result[1:]).all()
     made = Campaign(Unknowns.of(scenario.load("one-facet")), rng.standard_normal((9, 3)))
     precision = made.fisher + np.diag(made.unknowns.prior_sd**-2.0)
     np.testing.assert_allclose(
@@ -240,8 +240,8 @@ def test_varimax_finds_sparse_columns_again():
     sparse = np.zeros((9, 3))
     sparse[[0, 1], 0], sparse[[3, 5, 6], 1], sparse[[7, 8], 2] = 0.5**0.5, 3.0**-0.5, 0.5**0.5
     mixed = sparse @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    found = varimax(mixed)
-    overlap = np.abs(sparse.T @ found)
+    result = varimax(mixed)
+    overlap = np.abs(sparse.T @ result)
     np.testing.assert_allclose(np.sort(overlap.max(axis=0)), 1.0, atol=1e-6)
 
 
@@ -288,7 +288,7 @@ def spun(folder, lat):
 
 def test_what_is_learnt_of_a_pole_does_not_depend_on_the_frame(tmp_path):
     """The scene turned as a whole, to 90° too: errors and bounds are the same."""
-    found = []
+    result = []
     for lat in (0.0, 90.0):
         what = spun(tmp_path, lat)
         unknowns, curve = Unknowns.of(what, ("attitude", "spin")), epochs(what.geometry)
@@ -298,11 +298,11 @@ def test_what_is_learnt_of_a_pole_does_not_depend_on_the_frame(tmp_path):
             planning.sd_after(factor[:, :, None], target.factor, np.arange(0, 40, step))
             for step in (40, 10, 1)
         ]
-        found.append((c.bound_with_prior, c.bound, sd))
+        result.append((c.bound_with_prior, c.bound, sd))
         assert np.sqrt(np.mean(np.sum(target.factor**2, axis=2))) == pytest.approx(
             np.degrees(3.0**-0.5)
         )
-    for here, there in zip(*found, strict=True):
+    for here, there in zip(*result, strict=True):
         np.testing.assert_allclose(here, there, rtol=1e-5)
 
 
@@ -385,8 +385,8 @@ def test_targets_turn_unknowns_into_what_is_asked():
 def test_a_plan_beats_equal_steps_and_counts_visits(panel, measured, everything):
     m = measured["flux"]
     kept = np.r_[3 : everything.jacobian.shape[1]]
-    found = Campaign(Unknowns.of(panel["flux"], USUAL), everything.jacobian[:, kept])
-    factor, target = campaign_plan.from_prior(found, "normal:1")
+    result = Campaign(Unknowns.of(panel["flux"], USUAL), everything.jacobian[:, kept])
+    factor, target = campaign_plan.from_prior(result, "normal:1")
     plan = campaign_plan.plan(factor, target, m.curve, 4, visit_s=8.0)
     assert sum(map(len, plan.visits)) == m.curve.n_obs
     assert max(map(len, plan.visits)) == 2
@@ -406,13 +406,13 @@ def test_an_error_within_which_the_brightness_bends_is_reported():
     for snr in (10.0, 100.0):
         loud = replace(what, noise=Noise("snr", snr))
         m = measure(loud)
-        found = campaign(Unknowns.of(loud), m)
-        off[snr] = nonlinearity(found, m)
+        result = campaign(Unknowns.of(loud), m)
+        off[snr] = nonlinearity(result, m)
     np.testing.assert_allclose(off[100.0], off[10.0] / 10.0, rtol=0.5, atol=1e-3)
-    sd, prior, weight = found.bound_with_prior, found.unknowns.prior_sd, flux_weight(m)
+    sd, prior, weight = result.bound_with_prior, result.unknowns.prior_sd, flux_weight(m)
     i = int(np.argmax(off[100.0]))
     epochs = tuple(map(jnp.asarray, (m.curve.t, m.curve.sun, m.curve.obs)))
-    flux = jax.jit(lambda theta: found.unknowns.flux(theta, *epochs))
+    flux = jax.jit(lambda theta: result.unknowns.flux(theta, *epochs))
     clean, ends = np.asarray(flux(jnp.zeros(9))), []
     for side in (-2.0, 2.0):
 

@@ -35,10 +35,10 @@ def test_diffuse_observability_is_that_of_wang_16():
 
 
 def test_the_ring_is_brightest_at_its_top():
-    found = wang.ring()
-    assert found["azimuth"] == pytest.approx(180.0, abs=0.05)
-    assert found["elevation"] > wang.SPECULAR_SUN + 2.0
-    assert found["value"] > found["value below"]
+    result = wang.ring()
+    assert result["azimuth"] == pytest.approx(180.0, abs=0.05)
+    assert result["elevation"] > wang.SPECULAR_SUN + 2.0
+    assert result["value"] > result["value below"]
 
 
 def test_hinks_figures():

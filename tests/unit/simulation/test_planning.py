@@ -15,12 +15,12 @@ def conditioned(measured, targets, visits):
 
     Of each version, (K, T, T).
     """
-    found = []
+    result = []
     for a, b in zip(measured[:, list(visits)], targets, strict=True):
         a = a.reshape(-1, a.shape[-1])
         k = a @ a.T + np.eye(len(a))
-        found.append(b @ b.T - b @ a.T @ np.linalg.solve(k, a @ b.T))
-    return np.array(found)
+        result.append(b @ b.T - b @ a.T @ np.linalg.solve(k, a @ b.T))
+    return np.array(result)
 
 
 def variance(measured, targets, visits):
@@ -46,16 +46,16 @@ def case(seed, versions=3, candidates=12, rows=2, size=5, wanted=2):
 @pytest.mark.parametrize("criterion", planning.CRITERIA)
 def test_gains_and_variances_are_those_of_gaussian_conditioning(criterion, rows):
     measured, targets = case(1, rows=rows)
-    found = planning.best(measured, targets, 4, criterion)
-    assert len(set(found.visits.tolist())) == 4
+    result = planning.best(measured, targets, 4, criterion)
+    assert len(set(result.visits.tolist())) == 4
     for i in range(5):
-        after = variance(measured, targets, found.visits[:i])
-        assert found.sd[i] == pytest.approx(np.sqrt(after), rel=1e-9)
-    left = [log_det(measured, targets, found.visits[:i]) for i in range(5)]
-    np.testing.assert_allclose(found.gain, -0.5 * np.diff(left), rtol=1e-8)
+        after = variance(measured, targets, result.visits[:i])
+        assert result.sd[i] == pytest.approx(np.sqrt(after), rel=1e-9)
+    left = [log_det(measured, targets, result.visits[:i]) for i in range(5)]
+    np.testing.assert_allclose(result.gain, -0.5 * np.diff(left), rtol=1e-8)
     alone = [0.5 * (left[0] - log_det(measured, targets, [g])) for g in range(12)]
-    np.testing.assert_allclose(found.first_gain, alone, rtol=1e-8)
-    assert planning.sd_after(measured, targets, found.visits) == pytest.approx(found.sd[-1])
+    np.testing.assert_allclose(result.first_gain, alone, rtol=1e-8)
+    assert planning.sd_after(measured, targets, result.visits) == pytest.approx(result.sd[-1])
 
 
 @pytest.mark.parametrize("criterion", planning.CRITERIA)
@@ -66,13 +66,13 @@ def test_no_exchange_of_one_visit_makes_a_schedule_better(criterion):
     def value(visits):
         return (variance if criterion == "A" else log_det)(measured, targets, visits)
 
-    found = planning.best(measured, targets, 4, criterion).visits.tolist()
+    result = planning.best(measured, targets, 4, criterion).visits.tolist()
     for i in range(4):
-        kept = found[:i] + found[i + 1 :]
-        others = set(range(12)) - set(found)
-        assert all(value([*kept, g]) >= value(found) - 1e-12 for g in others)
-        assert value(found[: i + 1]) == pytest.approx(
-            min(value([*found[:i], g]) for g in found[i:])
+        kept = result[:i] + result[i + 1 :]
+        others = set(range(12)) - set(result)
+        assert all(value([*kept, g]) >= value(result) - 1e-12 for g in others)
+        assert value(result[: i + 1]) == pytest.approx(
+            min(value([*result[:i], g]) for g in result[i:])
         )
 
 
@@ -92,20 +92,20 @@ def test_a_plan_that_does_not_know_the_truth_serves_all_versions():
     """Two versions that each look elsewhere: best for their mean is half of the visits for each."""
     measured, targets = np.zeros((2, 8, 1, 1)), np.ones((2, 1, 1))
     measured[0, :4], measured[1, 4:] = 1.0, 1.0
-    found = planning.best(measured, targets, 4)
-    assert np.sum(found.visits < 4) == 2
-    assert found.sd[-1] == pytest.approx(np.sqrt(1.0 / 3.0))
+    result = planning.best(measured, targets, 4)
+    assert np.sum(result.visits < 4) == 2
+    assert result.sd[-1] == pytest.approx(np.sqrt(1.0 / 3.0))
 
 
 def test_a_schedule_given_is_accounted_for_in_its_order():
     measured, targets = case(3)
     visits = planning.even(12, 4)
     assert visits.tolist() == [1, 4, 7, 10]
-    found = planning.given(measured, targets, visits)
-    assert found.visits.tolist() == visits.tolist()
+    result = planning.given(measured, targets, visits)
+    assert result.visits.tolist() == visits.tolist()
     after = variance(measured, targets, visits)
-    assert found.sd[-1] == pytest.approx(np.sqrt(after), rel=1e-9)
-    assert found.sd[-1] >= planning.best(measured, targets, 4).sd[-1]
+    assert result.sd[-1] == pytest.approx(np.sqrt(after), rel=1e-9)
+    assert result.sd[-1] >= planning.best(measured, targets, 4).sd[-1]
 
 
 def test_unknown_criterion():

@@ -92,17 +92,17 @@ def test_shapes_take_materials_from_their_parts(write):
     body = '[body]\nshape = "box-wing"\nmaterial = "panel"\nwing = [4, 1]\n'
     bus = '[materials.bus]\nlaw = "lambertian"\nr_diff = 0.5\n'
     text = body + bus + DESIGN[DESIGN.index("[materials.panel]") :]
-    found = load(write(text)).body
-    assert found.labels == ("bus",) * 6 + ("panel", "panel")
-    assert found.areas[6] == 4.0
+    result = load(write(text)).body
+    assert result.labels == ("bus",) * 6 + ("panel", "panel")
+    assert result.areas[6] == 4.0
 
 
 def test_body_from_an_obj_file(write):
     write("v 0 0 0\nv 1 0 0\nv 0 2 0\nusemtl panel\nf 1 2 3\n", "body.obj")
     text = '[body]\nfile = "body.obj"\n' + DESIGN[DESIGN.index("[materials") :]
-    found = load(write(text)).body
-    assert found.areas.tolist() == [1.0]
-    assert found.normals.tolist() == [[0.0, 0.0, 1.0]]
+    result = load(write(text)).body
+    assert result.areas.tolist() == [1.0]
+    assert result.normals.tolist() == [[0.0, 0.0, 1.0]]
 
 
 def test_orbit_and_vectors(write):

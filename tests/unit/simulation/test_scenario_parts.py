@@ -87,10 +87,10 @@ def test_simulated_flux_is_that_of_the_turned_body(write):
     along = Ephemeris(jnp.linspace(0.0, 20.0, 7), jnp.asarray(sun))
     rotation = np.asarray(scenario.attitude.frames(along).body)
     turned = [np.einsum("tji,tj->ti", rotation, v) for v in (sun, obs)]
-    found = np.asarray(predicted_flux(scenario, along, jnp.asarray(obs)))
-    assert found == pytest.approx(shaded.flux(scenario, *turned), abs=1e-12)
+    result = np.asarray(predicted_flux(scenario, along, jnp.asarray(obs)))
+    assert result == pytest.approx(shaded.flux(scenario, *turned), abs=1e-12)
     exposed = predicted_flux(replace(scenario, exposure_s=1e-3), along, jnp.asarray(obs))
-    assert np.asarray(exposed) == pytest.approx(found, abs=1e-4)
+    assert np.asarray(exposed) == pytest.approx(result, abs=1e-4)
 
 
 def test_shadows_by_points_are_averaged_over_an_exposure(tmp_path):

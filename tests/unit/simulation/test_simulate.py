@@ -283,7 +283,7 @@ def test_a_model_given_the_truth_explains_the_curve(name):
     }
     model = partial(faceted.model, n_facets=len(made["facets"]), omega_sd=1.0)
     seeded = handlers.seed(handlers.substitute(model, given), 0)
-    found = handlers.trace(seeded).get_trace(Epochs.of(curve))["expected"]["value"]
-    np.testing.assert_allclose(found, made["flux"], rtol=1e-9, atol=1e-12 * max(made["flux"]))
+    result = handlers.trace(seeded).get_trace(Epochs.of(curve))["expected"]["value"]
+    np.testing.assert_allclose(result, made["flux"], rtol=1e-9, atol=1e-12 * max(made["flux"]))
     if name == "box-wing":
         assert earth_shadow.share(curve).min() < 0.6  # it comes out of the Earth's shadow

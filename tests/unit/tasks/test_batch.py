@@ -48,9 +48,9 @@ def test_a_toml_catalogue_a_folder_and_a_pattern(tmp_path):
     )
     for name in ("b.csv", "a.lcs", "notes.md"):
         (tmp_path / name).touch()
-    found = objects(tmp_path / "c.toml")
-    assert [one.options.model for one in found] == [str(tmp_path / "mine.py"), "convex-grid"]
-    assert [one.options.n_facets for one in found] == [2, 2]
+    listed = objects(tmp_path / "c.toml")
+    assert [one.options.model for one in listed] == [str(tmp_path / "mine.py"), "convex-grid"]
+    assert [one.options.n_facets for one in listed] == [2, 2]
     assert [one.name for one in objects(tmp_path)] == ["a", "b"]
     assert [one.name for one in objects(f"{tmp_path}/*.lcs")] == ["a"]
 
@@ -99,7 +99,7 @@ def test_an_object_is_another_when_the_scan_it_starts_from_is(tmp_path):
     assert before != identity(one)
 
 
-def test_an_unforeseen_fault_is_told_in_words(tmp_path, monkeypatch):
+def test_an_unforeseen_fault_is_reported_in_words(tmp_path, monkeypatch):
     monkeypatch.setattr("lcbayes.data.read.read", lambda *_, **__: 1 / 0)
     row = fit_object((str(tmp_path), False), Object("a", "a.csv"))
     (reason,) = row["reasons"]

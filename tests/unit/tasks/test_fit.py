@@ -29,21 +29,21 @@ ERRORS = "The errors of the file are taken as they are, independent"
     ],
 )
 def test_the_law_of_noise_is_named(model, options, said):
-    told = assumptions(small_curves.curve(), registry.find(model), options)
-    assert any(line.startswith(said) for line in told)
-    assert any(line.startswith(ERRORS) for line in told)
-    assert any("Gaussian" in line for line in told) == said.endswith("Gaussian.")
+    stated = assumptions(small_curves.curve(), registry.find(model), options)
+    assert any(line.startswith(said) for line in stated)
+    assert any(line.startswith(ERRORS) for line in stated)
+    assert any("Gaussian" in line for line in stated) == said.endswith("Gaussian.")
 
 
 def test_unsure_directions_of_flight_are_reported():
     """Places to 10 m or 10 km over six seconds: directions to some 0.003 and some 3 degrees."""
     t = np.linspace(0.0, 6.0, 30)
     turn = np.stack([np.cos(1.1e-3 * t), np.sin(1.1e-3 * t), 0.0 * t], axis=1)
-    for km, told in ((0.01, False), (10.0, True)):
+    for km, expected in ((0.01, False), (10.0, True)):
         place = 6900.0 * turn + km * np.random.default_rng(2).uniform(-0.5, 0.5, turn.shape)
         curve = small_curves.curve(t=t, position_km=place, frame="icrs")
-        said = assumptions(curve, registry.find("stabilised"), {})
-        assert any(line.startswith("Directions of flight") for line in said) == told
+        stated = assumptions(curve, registry.find("stabilised"), {})
+        assert any(line.startswith("Directions of flight") for line in stated) == expected
 
 
 def relative(level: float, **changes) -> LightCurve:
@@ -121,3 +121,30 @@ def test_the_number_of_facets_from_the_sparse_prior():
 def test_the_sparse_prior_is_refused_where_it_has_no_meaning(options, said):
     with pytest.raises(InputError, match=said):
         lcbayes.fit(small_curves.curve(20), sparse=3, **options)
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "said"),
+    [
+        ("faceted", {"spin": "torque-free"}, ["It is rigid and no torque acts on it"]),
+        (
+            "faceted",
+            {"nutation_sd": 0.5, "nutation_ratio": 0.6, "spin": "free"},
+            ["The body nutates by some 0.5 deg"],
+        ),
+        ("convex-grid", {"period": 5.8}, ["Its sidereal period is near 5.8 h"]),
+        (
+            "body",
+            {"body": "rocket-stage", "spin": "free"},
+            [
+                "It turns at a constant angular velocity, about any axis",
+                "The angle about its axis of symmetry does not matter",
+            ],
+        ),
+        ("body", {"body": "rocket-stage"}, ["It turns at a constant rate about its axis ("]),
+    ],
+)
+def test_the_motion_is_stated(model, options, said):
+    stated = assumptions(small_curves.curve(), registry.find(model), options)
+    for words in said:
+        assert any(line.startswith(words) for line in stated), stated

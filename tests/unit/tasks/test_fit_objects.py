@@ -17,7 +17,7 @@ from lcbayes.modelling import likelihood, registry
 from lcbayes.models import faceted
 from tests.helpers.small_curves import curve as small
 
-FEW = {"num_warmup": 60, "num_samples": 60, "num_chains": 2, "num_starts": 4, "seed": 1}
+SHORT_RUN = {"num_warmup": 60, "num_samples": 60, "num_chains": 2, "num_starts": 4, "seed": 1}
 
 
 def constant(data, *, level: float = 1.0):
@@ -36,7 +36,9 @@ def flat():
 
 
 def test_a_function_is_a_model(flat, tmp_path):
-    fit = lcbayes.fit(flat, model=constant, level=3.0, out=tmp_path / "fit", report=False, **FEW)
+    fit = lcbayes.fit(
+        flat, model=constant, level=3.0, out=tmp_path / "fit", report=False, **SHORT_RUN
+    )
     mean = fit.posterior["flux_at_unit"].mean().item()
     assert mean == pytest.approx(np.mean(flat.brightness), abs=0.1)
     record = tomllib.loads((tmp_path / "fit" / "run.toml").read_text())
@@ -52,7 +54,7 @@ def test_the_function_of_a_built_in_model_is_that_model():
 def test_a_prior_is_replaced(flat, tmp_path):
     priors = {"flux_at_unit": dist.LogNormal(np.log(8.0), 1e-3)}
     out = tmp_path / "fit"
-    fit = lcbayes.fit(flat, model=constant, priors=priors, out=out, report=False, **FEW)
+    fit = lcbayes.fit(flat, model=constant, priors=priors, out=out, report=False, **SHORT_RUN)
     flux = fit.posterior["flux_at_unit"].mean().item()
     assert 7.5 < flux < 8.5  # the narrow prior wins over the data
     recorded = tomllib.loads((out / "run.toml").read_text())["options"]["priors"]
@@ -104,7 +106,7 @@ def twice(data, more):
 )
 def test_faults_are_one_line(flat, given, message):
     with pytest.raises(InputError, match=re.escape(message)) as caught:
-        lcbayes.fit(flat, **given, **FEW)
+        lcbayes.fit(flat, **given, **SHORT_RUN)
     assert "\n" not in str(caught.value)
 
 
@@ -114,4 +116,4 @@ def test_a_fault_in_a_function_names_its_line(flat):
 
     line = broken.__code__.co_firstlineno + 1
     with pytest.raises(InputError, match=f"broken, line {line}: AttributeError"):
-        lcbayes.fit(flat, model=broken, **FEW)
+        lcbayes.fit(flat, model=broken, **SHORT_RUN)

@@ -14,19 +14,19 @@ from lcbayes.simulation.observability.targets import of_sites
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate
 from lcbayes.tasks.observability import known
-from lcbayes.tasks.predict.brightness import Foretold, noise_free
+from lcbayes.tasks.predict.brightness import Predictor, noise_free
 from lcbayes.tasks.predict.run import Fitted
 
 NORMALS = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 
 
 def sites(**change):
-    found = {
+    result = {
         "omega": np.array([0.0, 0.0, 0.02]),
         "normals": NORMALS,
         "albedo_area": np.array([2.0, 3.0]),
     }
-    return {k: jnp.asarray(v) for k, v in (found | change).items()}
+    return {k: jnp.asarray(v) for k, v in (result | change).items()}
 
 
 def test_targets_move_as_what_they_name():
@@ -92,7 +92,7 @@ def fitted():
 def test_factors_are_those_of_finite_differences(fitted):
     curve, draws = fitted
     options = {"n_facets": 1, "spin": "none"}
-    ready = Foretold.of(draws, curve, curve, "faceted", options, most=4)
+    ready = Predictor.of(draws, curve, curve, "faceted", options, most=4)
     sd = np.full(curve.n_obs, 0.1)
     factor, rows, unit = known.at_draws(ready, curve, curve, sd, "normal:0")
     assert unit == "deg"
@@ -130,7 +130,7 @@ def test_a_mixture_is_in_shares_of_the_error_of_each_part(fitted):
     curve, draws = fitted
     options = {"n_facets": 1, "spin": "none"}
     few = curve.select(np.arange(12))
-    ready = Foretold.of(draws, curve, few, "faceted", options, most=4)
+    ready = Predictor.of(draws, curve, few, "faceted", options, most=4)
     _, rows, unit = known.at_draws(ready, curve, few, np.full(12, 0.1), "all")
     assert unit == "1"
     assert rows.shape[1] == 3
@@ -142,6 +142,6 @@ def test_a_fit_without_a_known_brightness_cannot_plan(fitted, monkeypatch):
     fit = Fitted(draws, curve, "faceted", {}, [])
     monkeypatch.setattr(known, "load_fit", lambda *_: fit)
     unknown = SimpleNamespace(own_level=np.array([True]))
-    monkeypatch.setattr(known.predict.Foretold, "of", lambda *_, **__: unknown)
+    monkeypatch.setattr(known.predict.Predictor, "of", lambda *_, **__: unknown)
     with pytest.raises(InputError, match="has curves of unknown scale only"):
         known.from_fit("fit", SimpleNamespace(curve=curve), "pole")  # pyright: ignore[reportArgumentType]

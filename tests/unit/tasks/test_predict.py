@@ -16,6 +16,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.write import write
 from lcbayes.results.posterior import dataset
 from lcbayes.tasks.predict.brightness import predicted
+from lcbayes.tasks.predict.result import Prediction
 from lcbayes.tasks.predict.run import Fitted, load_fit
 from tests.helpers import results_folders, small_curves
 from tests.helpers.false_alarms import EACH, counts
@@ -237,3 +238,22 @@ def test_a_curve_of_any_name_stays_in_its_column(tmp_path, light, draws, monkeyp
     assert {row["curve"] for row in rows} == {name}
     want = predicted(draws, light, later, "faceted", ONE)[0]["flux_q95"]
     np.testing.assert_array_equal([float(row["flux_q95"]) for row in rows], want)
+
+
+def test_a_prediction_is_a_table_a_file_and_a_figure(tmp_path):
+    columns = {"jd": [2460000.5, 2460000.6], "mag_mean": [12.0, 12.5]}
+    shifts = {"q05": -0.2, "q25": -0.1, "q75": 0.1, "q95": 0.2}
+    columns |= {f"mag_{q}": [12.0 + x, 12.5 + x] for q, x in shifts.items()}
+    result = Prediction(columns, ["one note"], [])
+    assert list(result.summary()["trusted"]) == [True, True]
+    assert result.lines() == ["note: one note", "mag predicted at 2 epochs"]
+    rows = list(csv.DictReader(result.save(tmp_path / "table.csv").read_text().splitlines()))
+    assert [float(row["mag_q95"]) for row in rows] == [12.2, 12.7]
+    assert {row["trusted"] for row in rows} == {"true"}
+    (figure,) = result.plot_light_curve()
+    (axes,) = figure.axes
+    assert axes.yaxis_inverted()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Julian date (UTC)", "magnitude")
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [12.0, 12.5])
+    result.write_page(tmp_path)
+    assert "Predicted brightness" in (tmp_path / "report.html").read_text()

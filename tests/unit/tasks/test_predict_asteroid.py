@@ -34,10 +34,10 @@ def predicted(tmp_path_factory):
 
 def test_outline_diameter_and_pole(predicted):
     _, path, status = predicted
-    found = json.loads((path / "out" / "summary.json").read_text())
-    right, wrong = found["solutions"]
-    assert found["events"][0]["n_chords"] == 9
-    assert found["events"][0]["n_negative"] == 1
+    estimate = json.loads((path / "out" / "summary.json").read_text())
+    right, wrong = estimate["solutions"]
+    assert estimate["events"][0]["n_chords"] == 9
+    assert estimate["events"][0]["n_negative"] == 1
     # the chords are of the first pole
     assert right["weight_before"] == wrong["weight_before"] == 0.5
     assert right["share_inside_90"] > 0.7
@@ -47,8 +47,8 @@ def test_outline_diameter_and_pole(predicted):
     # a few of 24 draws fit chords to 0.1 km best: an effective number that is refused
     assert right["effective_bodies"] < outline.MIN_EFFECTIVE
     assert status == EXIT_NOT_TRUSTED
-    assert [r["code"] for r in found["reasons"]] == ["chords-choose-few-bodies"]
-    assert found["diameter_km"] is None
+    assert [r["code"] for r in estimate["reasons"]] == ["chords-choose-few-bodies"]
+    assert estimate["diameter_km"] is None
     assert right["weight"] is None
 
 
@@ -76,9 +76,9 @@ def test_radius_from_the_support_function():
     angle = 2.0 * np.pi * np.arange(360) / 360
     height = 10.0 + 3.0 * np.cos(angle)
     for toward in (0.0, 1.0, 2.5, np.pi):
-        found = outline.radius(height[None], angle, toward)[0]
+        estimate = outline.radius(height[None], angle, toward)[0]
         expected = 3.0 * np.cos(toward) + np.sqrt(100.0 - 9.0 * np.sin(toward) ** 2)
-        assert found == pytest.approx(expected, rel=1e-3)
+        assert estimate == pytest.approx(expected, rel=1e-3)
 
 
 def test_chords_choose_the_pole_where_shapes_are_uncertain(tmp_path):
