@@ -118,6 +118,14 @@ def fit_cost(epochs: int, facets: int) -> float:
 
 def _geometry(known: Known) -> Advice:
     source = known.curve.source.get("file") or "CURVE"
+    if known.curve.source.get("format") == "alcdef":
+        line = f"lcbayes.read({source!r}, geometry=False).to_pandas()"
+        why = (
+            "ALCDEF holds no directions, which all other commands need: in Python, add columns "
+            "sun_x .. obs_z of an ephemeris to this table, correct the times for light time, and "
+            "give the table to lcbayes.read; DAMIT has many asteroids with directions"
+        )
+        return Advice(line, "everything else", True, why, 1.0)
     line = f"lcbayes look {shlex.quote(source)} --tle object.tle --site LAT,LON,HEIGHT"
     dated = known.curve.epoch_jd is not None
     why = (
