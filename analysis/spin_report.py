@@ -35,7 +35,11 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"period of the longest pass {show(period, spread)} ± {show(spread, spread)} s, whose "
             f"frequency changes by {show(drift, drift_sd)} ± {show(drift_sd, drift_sd)} % along it"
         )
-    for s in result.solutions[:MOST_SOLUTIONS]:
+    wide = result.too_wide
+    if wide:
+        lines.append("no pole is given, but these are the parts of its 90 % region:")
+    listed = result.solutions or wide
+    for s in listed[:MOST_SOLUTIONS]:
         lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
@@ -46,14 +50,15 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
             f"{s.multiple} cycle(s) per rotation"
         )
-    rest = result.solutions[MOST_SOLUTIONS:]
+    rest = listed[MOST_SOLUTIONS:]
     if rest:
         lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
-    if result.solutions:
+    if listed:
         lines.append(
             f"frame: {FRAMES.get(curve.frame, curve.frame)}; the body rotates right-handed about "
             "the pole; weights add to 0.9"
         )
+    if result.solutions:
         lines.append(
             "for simulated bodies, such regions contained the true pole of 16 of 18 cylinders and "
             "4 of 4 boxes, where 90 % are expected"

@@ -10,6 +10,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.results.result import Result
 
 FACETS = "3"  # of a first fit
+BODY = "rocket-stage"  # of the bundled bodies
 
 
 def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
@@ -21,7 +22,7 @@ def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
 
 
 def onward(result: Result) -> list[str]:
-    """A line with the command that fits a body at the spins of a result.
+    """Lines with the commands that fit a body at the spins of a result.
 
     Empty unless the result is of a light curve and has been written to a folder.
     """
@@ -31,6 +32,11 @@ def onward(result: Result) -> list[str]:
     asteroid = curve.frame == "ecliptic-j2000"
     words = ("--model", "convex-grid") if asteroid else ("--n-facets", FACETS)
     out = str(Path(f"{folder}-fit"))
+    first = command(curve, "fit", *words, "--start-from", str(folder), out=out)
+    if asteroid:
+        return [f"to go on from here: {first}"]
+    known = command(curve, "fit", "--model", "body", "--body", BODY, out=f"{folder}-body")
     return [
-        "to go on from here: " + command(curve, "fit", *words, "--start-from", str(folder), out=out)
+        f"to go on from here, if the body is unknown: {first}",
+        f"or, if its kind is known (lcbayes models body lists the kinds): {known}",
     ]

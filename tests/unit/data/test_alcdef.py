@@ -122,7 +122,7 @@ GOOD = block([("2458910.5", "1.0", "0.02")])
         (GOOD.replace("|1.0", "|one"), "line 18: 'one' is no number"),
         (GOOD.replace("|1.0|0.02", ""), "line 18: DATA needs a Julian date and a magnitude"),
         (GOOD.replace("PIPE", "COMMA"), "DELIMITER is COMMA; expected one of: PIPE, TAB"),
-        (GOOD.replace("ENDMETADATA\n", ""), r"line 17: 'DATA=2458910.5\|1.0\|0.02' is out of place"),
+        (GOOD.replace("ENDMETADATA\n", ""), "line 17: 'DATA=2458910.5.* is out of place"),
         (GOOD + "ENDDATA\n", "line 20: ENDDATA is out of place"),
         (GOOD.replace("2458910.5", "58910.5"), "the Julian date has 1 value outside the years"),
         (GOOD.replace("DATA=2458910.5|1.0|0.02\n", ""), "line 18: the block has no DATA line"),
