@@ -25,7 +25,8 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
         lines.append(f"{len(result.solutions)} solutions: the periods do not distinguish them")
     left = curve.n_obs - sum(p.t.size for p in result.passes)
     short = f", {left} points in passes too short" if left else ""
-    lines.append(f"{len(result.passes)} pass(es) of {curve.n_obs - left} points{short}")
+    passes = "pass" if len(result.passes) == 1 else "passes"
+    lines.append(f"{len(result.passes)} {passes} of {curve.n_obs - left} points{short}")
     if result.base is not None and result.mean is not None:
         mean = result.mean
         period, spread = mean.period, mean.period_error
@@ -48,7 +49,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
             f"{show(period, spread)} ± {show(spread, spread)} s "
             f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
-            f"{s.multiple} cycle(s) per rotation"
+            f"{s.multiple} cycle{'s' * (s.multiple > 1)} of brightness per rotation"
         )
     rest = listed[MOST_SOLUTIONS:]
     if rest:
