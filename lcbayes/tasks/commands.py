@@ -11,6 +11,7 @@ from lcbayes.results.result import Result
 
 FACETS = "3"  # of a first fit
 BODY = "rocket-stage"  # of the bundled bodies
+FEW = ("--max-modes", "1", "--num-warmup", "200", "--num-samples", "200")  # an answer in minutes
 
 
 def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
@@ -35,8 +36,10 @@ def onward(result: Result) -> list[str]:
     first = command(curve, "fit", *words, "--start-from", str(folder), out=out)
     if asteroid:
         return [f"to go on from here: {first}"]
-    known = command(curve, "fit", "--model", "body", "--body", BODY, out=f"{folder}-body")
+    body = ("--model", "body", "--body", BODY, *FEW)
+    known = command(curve, "fit", *body, out=f"{folder}-body")
     return [
         f"to go on from here, if the body is unknown: {first}",
-        f"or, if its kind is known (lcbayes models body lists the kinds): {known}",
+        f"or, if its kind is known (lcbayes models body lists the kinds), a first answer with few "
+        f"draws: {known}",
     ]
