@@ -16,6 +16,7 @@ from lcbayes.inversion.spin.sidereal import Spin
 
 REFUSED = "no pole and no sidereal period"
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # passes in the figure; solutions in the text
+LEAST_PART = 0.005  # weight of a part of a region too large that is listed
 
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
@@ -40,7 +41,9 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
     if wide:
         lines.append("no pole is given, but these are the parts of its 90 % region:")
     listed = result.solutions or wide
-    for s in listed[:MOST_SOLUTIONS]:
+    least = LEAST_PART if wide else 0.0
+    shown = [s for s in listed[:MOST_SOLUTIONS] if s.weight >= least]
+    for s in shown:
         lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
@@ -51,7 +54,7 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
             f"{s.multiple} cycle{'s' * (s.multiple > 1)} of brightness per rotation"
         )
-    rest = listed[MOST_SOLUTIONS:]
+    rest = listed[len(shown) :]
     if rest:
         lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
     if listed:
