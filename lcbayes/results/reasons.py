@@ -318,7 +318,7 @@ def why(misfit: Misfit) -> str:
         return said + (evidence if found.even else "")
     if found.cause is not None:
         said += "; no single change of the model removes half of the excess of chi2"
-    return f"{said}; try more facets, or another law"
+    return f"{said}; try more facets, another law or another body"
 
 
 def _p(test: ResidualTest) -> str:
