@@ -96,7 +96,7 @@ test-all: env
 	@$(BIN)/python -m pytest $(SHARED)
 
 docs: $(VENV)/.installed-docs
-	@$(BIN)/python docs/make_gallery.py
+	@$(BIN)/python docs/make_gallery.py --workers $(WORKERS)
 	@$(BIN)/python -m sphinx -b html -q -W --keep-going -d docs/_build/doctrees docs docs/_build/html
 	@echo "site: $(CURDIR)/docs/_build/html/index.html"
 

@@ -16,6 +16,7 @@ from lcbayes.inversion.spin.sidereal import Spin
 
 REFUSED = "no pole and no sidereal period"
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # passes in the figure; solutions in the text
+LEAST_PART = 0.005  # weight of a part of a region too large that is listed
 
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
@@ -25,7 +26,8 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
         lines.append(f"{len(result.solutions)} solutions: the periods do not distinguish them")
     left = curve.n_obs - sum(p.t.size for p in result.passes)
     short = f", {left} points in passes too short" if left else ""
-    lines.append(f"{len(result.passes)} pass(es) of {curve.n_obs - left} points{short}")
+    passes = "pass" if len(result.passes) == 1 else "passes"
+    lines.append(f"{len(result.passes)} {passes} of {curve.n_obs - left} points{short}")
     if result.base is not None and result.mean is not None:
         mean = result.mean
         period, spread = mean.period, mean.period_error
@@ -35,7 +37,13 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"period of the longest pass {show(period, spread)} ± {show(spread, spread)} s, whose "
             f"frequency changes by {show(drift, drift_sd)} ± {show(drift_sd, drift_sd)} % along it"
         )
-    for s in result.solutions[:MOST_SOLUTIONS]:
+    wide = result.too_wide
+    if wide:
+        lines.append("no pole is given, but these are the parts of its 90 % region:")
+    listed = result.solutions or wide
+    least = LEAST_PART if wide else 0.0
+    shown = [s for s in listed[:MOST_SOLUTIONS] if s.weight >= least]
+    for s in shown:
         lon, lat = lon_lat_deg(s.pole)
         radius = np.degrees(s.radius)
         period, spread = 1 / s.frequency, s.error / s.frequency**2
@@ -44,16 +52,17 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
             f"{show(period, spread)} ± {show(spread, spread)} s "
             f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
-            f"{s.multiple} cycle(s) per rotation"
+            f"{s.multiple} cycle{'s' * (s.multiple > 1)} of brightness per rotation"
         )
-    rest = result.solutions[MOST_SOLUTIONS:]
+    rest = listed[len(shown) :]
     if rest:
         lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
-    if result.solutions:
+    if listed:
         lines.append(
             f"frame: {FRAMES.get(curve.frame, curve.frame)}; the body rotates right-handed about "
             "the pole; weights add to 0.9"
         )
+    if result.solutions:
         lines.append(
             "for simulated bodies, such regions contained the true pole of 16 of 18 cylinders and "
             "4 of 4 boxes, where 90 % are expected"

@@ -13,7 +13,7 @@ from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.results.asteroid import QUANTITIES
-from lcbayes.results.reasons import FAULTS, TESTS
+from lcbayes.results.reasons import FAULTS, name_of_test
 
 LONG = 24  # rows from which a group is collapsed
 
@@ -195,7 +195,7 @@ def residual_table(results: Results) -> dict[str, Any] | None:
     if not fit.get("tests"):
         return None
     rows = [
-        [TESTS.get(t["name"], t["name"]), f"{t['statistic']:.3g}", f"{t['p_value']:.2g}"]
+        [name_of_test(t["name"]), f"{t['statistic']:.3g}", f"{t['p_value']:.2g}"]
         for t in sorted(fit["tests"], key=lambda t: t["p_value"])
     ]
     return {

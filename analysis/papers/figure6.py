@@ -30,10 +30,10 @@ def by_side(areas: Floats, normals: Floats) -> tuple[Floats, Floats]:
 
 
 def main() -> None:
-    args = _script.parser(__doc__ or "", draws=4000).parse_args()
+    args = six_facets.parser(__doc__ or "").parse_args()
     made = six_facets.experiment(args.seed)
     data = made.data
-    problem, runs = six_facets.sample_six(data, args.seed, args.out)
+    problem, runs = six_facets.sample_six(data, args)
     z = six_facets.pooled(runs, args.draws)
     areas, normals = by_side(*six_facets.facets(problem, data, z))
     chi2 = six_facets.misfit(problem, data, z)

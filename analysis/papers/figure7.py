@@ -16,10 +16,10 @@ from lcbayes.core.jax_setup import jax, jnp
 
 
 def main() -> None:
-    args = _script.parser(__doc__ or "", draws=4000).parse_args()
+    args = six_facets.parser(__doc__ or "").parse_args()
     made = six_facets.experiment(args.seed)
     data = made.data
-    problem, runs = six_facets.sample_six(data, args.seed, args.out)
+    problem, runs = six_facets.sample_six(data, args)
     z = jnp.asarray(six_facets.pooled(runs, args.draws))
     keys = jax.random.split(jax.random.key(args.seed), len(z))
     drawn = np.asarray(jax.jit(jax.vmap(lambda z, k: problem.replicate(z, data, k)))(z, keys))

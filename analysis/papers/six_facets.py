@@ -12,9 +12,11 @@ observer two.
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
+import _script
 import numpy as np
 from numpy.typing import NDArray
 
@@ -104,10 +106,17 @@ def sample(
     )
 
 
-def sample_six(data: Epochs, seed: int, out: Path) -> tuple[Problem, list[smc.Result]]:
-    """The posterior of six facets, the true number."""
+def parser(doc: str) -> argparse.ArgumentParser:
+    """The command line of figures 6 and 7."""
+    made = _script.parser(doc, draws=4000)
+    made.add_argument("--particles", type=int, default=PARTICLES)
+    return made
+
+
+def sample_six(data: Epochs, args: argparse.Namespace) -> tuple[Problem, list[smc.Result]]:
+    """The posterior of six facets, the true number, with the options of `parser`."""
     problem = problem_of(len(SIDES), data)
-    return problem, sample(problem, data, seed, PARTICLES, RUNS, "six", out)
+    return problem, sample(problem, data, args.seed, args.particles, RUNS, "six", args.out)
 
 
 def sparse_problem(data: Epochs, n_facets: int, area: float) -> tuple[Problem, float]:

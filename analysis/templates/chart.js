@@ -164,6 +164,7 @@ window.lcbayes = window.lcbayes || {};
       const shown = this.data.segments.filter((s) => s.start <= b && s.start + s.length >= a);
       const longest = Math.max(...shown.map((s) => Math.min(b, s.start + s.length) - Math.max(a, s.start)), 1e-9);
       const [name, , size] = lcbayes.unit(longest);
+      let written = -Infinity; // right end of the labels so far
       for (const s of shown) {
         const low = Math.max(a, s.start) - s.start, high = Math.min(b, s.start + s.length) - s.start;
         const room = this.sx(s.start + high) - this.sx(s.start + low);
@@ -172,11 +173,14 @@ window.lcbayes = window.lcbayes || {};
         const marks = ticks(low / size, Math.max(high, low + 1e-9) / size, room / 70);
         for (const v of marks.values) {
           const x = Math.round(this.sx(s.start + v * size)) + 0.5;
-          across(x); if (x > area.left + 4 && x < area.right - 8) pen.fillText(marks.text(v), x, area.bottom + 6);
+          const text = marks.text(v), half = pen.measureText(text).width / 2;
+          across(x);
+          if (x > area.left + 4 && x < area.right - 8 && x - half > written + 4) { pen.fillText(text, x, area.bottom + 6); written = x + half; }
         }
       }
-      const one = shown.length === 1 ? ` · ${shown[0].title}` : "";
-      pen.fillText(`time (${name}) from the first point of each pass${one}`.slice(0, Math.floor((area.right - area.left) / 6)), (area.left + area.right) / 2, area.bottom + 22);
+      const label = `time (${name}) from the first point of each pass`, most = Math.floor((area.right - area.left) / 6);
+      const whole = shown.length === 1 ? `${label} · ${shown[0].title}` : label;
+      pen.fillText(whole.length > most ? label.slice(0, most) : whole, (area.left + area.right) / 2, area.bottom + 22);
     }
     // runs of visible points of one segment without a long gap
     runs(seen) {

@@ -14,6 +14,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import TextFile, read_bytes, read_text
 from lcbayes.data.averaging import averaged
 from lcbayes.data.formats import satellites
+from lcbayes.data.formats.alcdef import is_alcdef, read_alcdef
 from lcbayes.data.formats.build import build
 from lcbayes.data.formats.columns import NUMERIC, TEXTS, Options
 from lcbayes.data.formats.damit import is_damit, is_period_search, read_damit
@@ -64,6 +65,7 @@ _READERS: dict[str, Callable[[TextFile, Options], LightCurve]] = {
     "score": satellites.read_score,
     "pomenis": satellites.read_pomenis,
     "tdm": read_tdm,
+    "alcdef": read_alcdef,
 }
 FORMATS = tuple(_READERS)
 WITH_COLUMNS = ("csv", "ecsv")
@@ -77,6 +79,8 @@ def recognise(file: TextFile) -> str:
         return "damit"
     if is_tdm(file.text):
         return "tdm"
+    if is_alcdef(file.text):
+        return "alcdef"
     return satellites.dialect_of(file.text) or "csv"
 
 
@@ -111,8 +115,9 @@ def read(
         column to be ignored
     average : seconds over which consecutive points are averaged, or "auto" for as many points as
         the change of brightness allows; see `lcbayes.data.averaging.averaged`
-    geometry : whether directions to Sun and observer are required; if False, a CSV or ECSV file
-        without them gives a curve with ``brightness_only``, which only `lcbayes.look` accepts
+    geometry : whether directions to Sun and observer are required; if False, a CSV, ECSV or
+        ALCDEF file without them gives a curve with ``brightness_only``, which only `lcbayes.look`
+        accepts
 
     Returns
     -------

@@ -250,14 +250,31 @@ CAUSES = {
     "facet": "there is a further facet of albedo-area {size}, about {version}",
 }
 TESTS = {
-    "chi2": "chi2",
+    "chi2": "χ²",
     "site": "the mean residuals of the sites",
     "pass": "the mean residuals of the passes",
     "phase angle": "the residuals against the phase angle",
     "rotational phase": "the residuals against the rotational phase",
     "autocorrelation": "the autocorrelation of the residuals",
     "periodogram": "the periodogram of the residuals",
+    "zero-point": "the zero point of {about}",
+    "phase-slope": "a further slope with the phase angle",
+    "clock": "the clock of {about}",
+    "rate-drift": "a drift of the rate of rotation",
+    "nutation": "nutation",
+    "lobe": "a weak lobe of {about}",
+    "shadows": "shadows between the parts of the body",
+    "notch": "two facets that shade one another",
+    "facet": "a further facet",
 }
+
+
+def name_of_test(name: str) -> str:
+    """A test of the residuals in words, from its code and the part that it concerns."""
+    if name in TESTS:
+        return TESTS[name]
+    code, _, about = name.partition(" ")
+    return TESTS[code].format(about=about) if code in TESTS else name
 
 
 def cause(explanation: Explanation) -> str:
@@ -285,8 +302,7 @@ def why(misfit: Misfit) -> str:
     chi2 = next(t for t in examination.tests if t.name == "chi2")
     said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom (p = {_p(chi2)})"
     if chi2.p_value >= examination.limit:
-        name = TESTS.get(worst.name, f"the test of {worst.name}")
-        said += f", but p = {_p(worst)} for {name} (limit {examination.limit:.2g})"
+        said += f", but p = {_p(worst)} for {name_of_test(worst.name)} (limit {examination.limit:.2g})"
     errors = chi2.p_value < examination.limit
     excess = misfit.chi2 - misfit.dof
     if examination.cause is not None and not (
@@ -301,7 +317,7 @@ def why(misfit: Misfit) -> str:
         return said + (evidence if examination.even else "")
     if examination.cause is not None:
         said += "; no single change of the model removes half of the excess of chi2"
-    return f"{said}; try more facets, or another law"
+    return f"{said}; try more facets, another law or another body"
 
 
 def _p(test: ResidualTest) -> str:

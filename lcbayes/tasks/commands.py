@@ -10,6 +10,8 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.results.result import Result
 
 FACETS = "3"  # of a first fit
+BODY = "rocket-stage"  # of the bundled bodies
+FEW = ("--max-modes", "1", "--num-warmup", "200", "--num-samples", "200")  # an answer in minutes
 
 
 def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
@@ -21,7 +23,7 @@ def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
 
 
 def onward(result: Result) -> list[str]:
-    """A line with the command that fits a body at the spins of a result.
+    """Lines with the commands that fit a body at the spins of a result.
 
     Empty unless the result is of a light curve and has been written to a folder.
     """
@@ -31,6 +33,13 @@ def onward(result: Result) -> list[str]:
     asteroid = curve.frame == "ecliptic-j2000"
     words = ("--model", "convex-grid") if asteroid else ("--n-facets", FACETS)
     out = str(Path(f"{folder}-fit"))
+    first = command(curve, "fit", *words, "--start-from", str(folder), out=out)
+    if asteroid:
+        return [f"to go on from here: {first}"]
+    body = ("--model", "body", "--body", BODY, *FEW)
+    known = command(curve, "fit", *body, out=f"{folder}-body")
     return [
-        "to go on from here: " + command(curve, "fit", *words, "--start-from", str(folder), out=out)
+        f"to go on from here, if the body is unknown: {first}",
+        f"or, if its kind is known (lcbayes models body lists the kinds), a first answer with few "
+        f"draws: {known}",
     ]

@@ -15,7 +15,7 @@ import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.simulation.scenarios import bundled
-from lcbayes.tasks.look.advice import fit_cost
+from lcbayes.tasks.look.advice import SPIN_S, fit_cost
 from tests.helpers.low_earth_orbit import spinner, steady
 
 RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
@@ -71,7 +71,7 @@ def test_the_commands_can_be_pasted(capsys):
     fits = {
         one["command"].split()[4]: one for one in content["commands"] if " fit " in one["command"]
     }
-    assert fits["2"]["cost_s"] == pytest.approx(fit_cost(155, 2))
+    assert fits["2"]["cost_s"] == pytest.approx(SPIN_S + fit_cost(155, 2))
 
 
 def test_twenty_points_without_directions(bare, tmp_path, capsys, look):

@@ -6,6 +6,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from lcbayes.core.errors import InputError
@@ -51,6 +52,10 @@ MMT9 = (
     "2008-09-20 15:14:40 6.1 7.1 Clear 0 1593 71.6 4 777\n"
     "2008-09-20 15:15:00 6.1 7.1 Clear 0 1523 66.9 4 777\n"
 )
+ALCDEF = (
+    "# one\nSTARTMETADATA\nOBJECTNUMBER=43\nFILTER=V\nLTCAPP=NONE\nDELIMITER=PIPE\nENDMETADATA\n"
+    "DATA=2458910.5|+0.25|0.01|1.2\nDATA=2458910.6|+0.30|0.01|1.2\nENDDATA\n"
+)
 TIMES = "utc,mag\n2008-09-20T15:14:40Z,7\n2008-09-20T15:15:00Z,7\n"
 OBJ = "o box\nusemtl side\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 TLE = (
@@ -86,6 +91,7 @@ READERS = {
     "ECSV": Reader(".ecsv", read, (ECSV, ECSV.replace("# ---\n", "# ---\n# delimiter: ' '\n"))),
     "geometry": Reader(".csv", read_geometry, (VECTORS, PLACES, HEIGHTS)),
     "DAMIT": Reader(".lcs", read, (DAMIT,)),
+    "ALCDEF": Reader(".txt", partial(read, geometry=False), (ALCDEF,)),
     "with elements": Reader(".txt", _with_elements, (MMT9, TIMES)),
     "elements": Reader(".tle", read_tle, (TLE, "ISS\n" + TLE)),
     "scenario": Reader(

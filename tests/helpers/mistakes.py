@@ -113,6 +113,12 @@ MISTAKES: dict[str, list[Mistake]] = {
             "line 2 has 4 comma-separated cells",
             "decimal commas need semicolons",
         ),
+        _read(
+            "Photometry in ALCDEF is given where directions are needed",
+            "STARTMETADATA\nOBJECTNAME=Ariadne\nENDMETADATA\nDATA=2458910.5|14.1\nENDDATA\n",
+            "is ALCDEF, which holds no directions",
+            "lcbayes look finds its periods",
+        ),
         _read("The header is missing", PASS.split("\n", 1)[1], "no column of times", "--columns"),
     ],
     "Columns": [

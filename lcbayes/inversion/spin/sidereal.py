@@ -33,6 +33,7 @@ MIN_MULTIPLE = 0.75  # probability of the most probable number of cycles per tur
 MAX_POLES = 4  # separate solutions: a pole and its mirror for each sense of rotation
 REPEATS, STABLE, RAPID, MEASURABLE = "periodic", "stable", "rapid", "measurable"
 UNIQUE = "unique"
+TOO_WIDE = "pole-undetermined"  # code of a reason
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,13 @@ class Spin:
     def reasons(self) -> list[Finding]:
         """Findings against pole and period; empty if there are none."""
         return [c.finding for c in self.conditions if not c.met]
+
+    @property
+    def too_wide(self) -> list[Solution]:
+        """Parts of the 90 % region, if its area is the only reason against a pole."""
+        if self.sky is None or [finding.code for finding in self.reasons] != [TOO_WIDE]:
+            return []
+        return solutions(self.sky)
 
     def require(self, name: str, met: bool, code: str, **values: Any) -> bool:
         """Record a condition and whether it is met, with the code of the reason if it is not."""
@@ -279,7 +287,7 @@ def _solve_pole(result: Spin) -> None:
     measured = result.require(
         MEASURABLE,
         sky.area <= MAX_AREA,
-        "pole-undetermined",
+        TOO_WIDE,
         percent=100 * sky.area,
         most=100 * MAX_AREA,
     )

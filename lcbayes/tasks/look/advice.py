@@ -17,12 +17,15 @@ from lcbayes.inversion.spin.windows import MIN_CYCLES
 from lcbayes.tasks.commands import command
 
 START_S = 40.0  # tracing, compiling and search of a fit
+SPIN_S = 60.0  # of the search of a spin in addition
 GRADIENTS = 150_000  # of a fit: 4 chains of 950 draws with some 40 gradients each
 GRADIENT_S = 5e-9  # per epoch and facet, one core
 SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
 COST = (
     f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
-    f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet"
+    f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet; "
+    "a spin often has several solutions, each of which costs as much again, and a body that the "
+    "model does not describe may take many times longer"
 )
 ASTEROID_KM = 1e6  # farther objects orbit the Sun
 LOW_KM = 3000.0  # ranges of low orbits
@@ -118,6 +121,14 @@ def fit_cost(epochs: int, facets: int) -> float:
 
 def _geometry(known: Known) -> Advice:
     source = known.curve.source.get("file") or "CURVE"
+    if known.curve.source.get("format") == "alcdef":
+        line = f"lcbayes.read({source!r}, geometry=False).to_pandas()"
+        why = (
+            "ALCDEF holds no directions, which all other commands need: in Python, add columns "
+            "sun_x .. obs_z of an ephemeris to this table, correct the times for light time, and "
+            "give the table to lcbayes.read; DAMIT has many asteroids with directions"
+        )
+        return Advice(line, "everything else", True, why, 1.0)
     line = f"lcbayes look {shlex.quote(source)} --tle object.tle --site LAT,LON,HEIGHT"
     dated = known.curve.epoch_jd is not None
     why = (
@@ -204,11 +215,12 @@ def _faceted(known: Known) -> Iterator[Advice]:
     why = f"{known.facts['span_s'] / HOUR_S:.3g} h of data"
     need = f"the attitude of one spin must hold over at most {SHORT_S / DAY_S:.0f} days"
     suits = known.facts["span_s"] <= SHORT_S
-    cost = fit_cost(curve.n_obs, 2)
+    search = SPIN_S if known.period is not None else 0.0
+    cost = search + fit_cost(curve.n_obs, 2)
     yield _advice(
         known, suits, "facets, spin and their uncertainty", why, need, cost, "fit", *words
     )
-    cost = 2 * sum(fit_cost(curve.n_obs, n) for n in range(1, 5))
+    cost = 2 * sum(search + fit_cost(curve.n_obs, n) for n in range(1, 5))
     words[1] = "1-4"
     yield _advice(known, suits, "the number of facets", why, need, cost, "compare", *words)
 

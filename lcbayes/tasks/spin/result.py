@@ -88,6 +88,7 @@ class Numbers(TypedDict):
     longest_pass: LongestPass | None
     synodic: SynodicContent | None
     solutions: list[SpinSolution]
+    region: list[SpinSolution]
     sky_fraction: float | None
     symmetry: Any
     shape_shift_deg: float | None
@@ -188,6 +189,8 @@ def _content(result: Spin, curve: LightCurve) -> Numbers:
             "pass": windows.which,
         },
         "solutions": [_solution(s) for s in result.solutions],
+        # of a pole that is refused for the size of its region alone
+        "region": [_solution(s) for s in result.too_wide],
         # from the fit, if there is one; not a result if a condition fails
         "sky_fraction": None if sky is None else sky.area,
         "symmetry": None if sky is None else sky.symmetry,

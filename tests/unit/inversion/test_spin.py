@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lcbayes.analysis import spin_report
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.spin import detrended, estimate, periods, pole, windows
+from lcbayes.inversion.spin import detrended, estimate, periods, pole, sidereal, windows
 from lcbayes.inversion.spin.mean_frequency import mean_frequency
 from lcbayes.inversion.spin.sidereal import MEASURABLE, RAPID, REPEATS, STABLE, UNIQUE
 from lcbayes.physics.bodies import shapes
 from lcbayes.results.reasons import reason as sentence
+from lcbayes.tasks.spin.result import SpinResult
 from tests.helpers.false_alarms import EACH, counts, squares
 from tests.helpers.low_earth_orbit import shine, spinner, spun, steady, triad
 
@@ -290,6 +292,24 @@ def test_regions_hold_their_probability_and_solutions_their_weights(cylinder):
     inside = result.sky.region()
     assert 0.9 <= total[inside].sum() < 0.9 + total[inside].min() + 1e-12
     assert 0.9 <= sum(s.weight for s in result.solutions) < 0.93
+
+
+def test_a_region_too_large_is_listed_but_is_no_solution(cylinder, monkeypatch):
+    small, truth = cylinder
+    assert not small.too_wide
+    monkeypatch.setattr(sidereal, "MAX_AREA", 1e-4)
+    curve, _ = spinner(2013, 4, 50.0, "cylinder")
+    found = estimate(curve)
+    assert [r.code for r in found.reasons] == ["pole-undetermined"]
+    assert not found.solutions
+    for one, same in zip(found.too_wide, small.solutions, strict=True):
+        assert one.pole @ same.pole == pytest.approx(1.0)
+        assert (one.frequency, one.weight) == pytest.approx((same.frequency, same.weight))
+    content = SpinResult(found, curve).content
+    assert content["solutions"] == []
+    assert content["region"][0]["period_s"] == pytest.approx(truth["period"], rel=1e-3)
+    told = "\n".join(spin_report.words(found, curve))
+    assert "no pole is given, but these are the parts of its 90 % region:\nweight" in told
 
 
 def test_two_passes_give_no_pole():

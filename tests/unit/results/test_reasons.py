@@ -12,7 +12,17 @@ from lcbayes.core.reasons import Finding
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.misfit_tests import Examination, Explanation, ResidualTest
 from lcbayes.inversion.spin import sidereal
-from lcbayes.results.reasons import CONDITIONS, SENTENCES, condition, reason, reasons, why
+from lcbayes.results.reasons import (
+    CAUSES,
+    CONDITIONS,
+    SENTENCES,
+    TESTS,
+    condition,
+    name_of_test,
+    reason,
+    reasons,
+    why,
+)
 
 ROOT = Path(__file__).resolve().parents[3] / "lcbayes"
 
@@ -122,3 +132,10 @@ def test_errors_are_named_where_no_change_of_the_model_explains_most(gain, even,
         1045.0, 101.8, "gaussian", examination=Examination(tests, [facet], 0.01, even=even)
     )
     assert says in why(misfit)
+
+
+def test_every_test_of_the_residuals_has_words():
+    assert set(CAUSES) <= set(TESTS)
+    assert name_of_test("lobe facet 1") == "a weak lobe of facet 1"
+    assert name_of_test("zero-point site Calar Alto") == "the zero point of site Calar Alto"
+    assert name_of_test("rotational phase") == "the residuals against the rotational phase"
