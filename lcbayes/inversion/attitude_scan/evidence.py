@@ -18,16 +18,15 @@ from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import sphere_cells
 from lcbayes.inversion.attitude_scan.harmonics import (
     SparsePoints,
-    fixed_prior,
     shape_columns,
-    shape_prior,
 )
 from lcbayes.inversion.attitude_scan.periodogram import NIGHT_SD, NU, PRIOR_POINTS
+from lcbayes.inversion.attitude_scan.shape_classes import Normal, class_priors, prior
 from lcbayes.inversion.attitude_scan.spin import tilts
 
 Floats = NDArray[np.float64]
 
-ROUNDS = 3  # of reweighting
+ROUNDS, CLASS_ROUNDS = 3, 2  # of reweighting, and of the noise level of a class
 BATCH = 512  # spins at once
 INFORMATION = 0.5  # power of the evidence: errors of the model are common to many points
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
@@ -46,6 +45,8 @@ class Fits(NamedTuple):
     noise : (B, K), in units of the errors
     night : (B,), sd of the error that a night shares
     weight : (B, T), of Student's t; near one, small for outliers
+    of_class : (B, C), ln of the evidence of each class of shapes
+    factor : (B, C), of the noise levels and of the sd of nights for that class
     """
 
     log_evidence: Any
@@ -53,28 +54,33 @@ class Fits(NamedTuple):
     noise: Any
     night: Any
     weight: Any
+    of_class: Any
+    factor: Any
 
 
 @jax.jit
 def _fits(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> Fits:
-    mean, sd = _prior(points)
+    n_curves = points.group.shape[1]
+    every, classes = prior(n_curves), class_priors(n_curves)
 
     def one(tilt: jax.Array, frequency: jax.Array) -> Fits:
         shape = shape_columns(points.bisector, tilt, points.t * frequency)
         x = jnp.concatenate([points.fixed, shape], axis=1)
-        return _fit(points, x, mean, sd)
+        return _fit(points, x, every, classes)
 
     return jax.vmap(one)(tilt, frequency)
 
 
-def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> Fits:
+def _fit(points: SparsePoints, x: jax.Array, every: Normal, classes: Normal) -> Fits:
     """The linear model with columns ``x`` (T, Q): ln of its evidence, and its coefficients.
 
     An expectation-maximisation finds the noise levels of curves and the sd of nights, with the
-    coefficients and the errors of nights marginalised and Student's t as a mixture of normals.
+    coefficients and the errors of nights marginalised and Student's t as a mixture of normals,
+    under the prior of ``every`` class as one normal density. The evidence is the mean of those of
+    the classes, `_of_class`.
     """
     y, night, group, used = points.log_flux, points.night, points.group, points.used
-    known, count = sd**-2.0, used @ group
+    mean, known, count = every.mean, every.precision, used @ group
     real = jnp.any(night > 0, axis=0)  # columns that only fill the array have no night
     n_nights = jnp.sum(real)
     noise0 = PRIOR_POINTS * points.noise**2
@@ -85,8 +91,8 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
         inside = w @ night + tau**-2.0
         means = (night.T @ (w[:, None] * x)) / inside[:, None]
         own = x - night @ means  # the errors of nights are eliminated
-        covariance = jnp.linalg.inv(x.T @ (w[:, None] * own) + jnp.diag(known))
-        found = covariance @ (own.T @ (w * y) + known * mean)
+        covariance = jnp.linalg.inv(x.T @ (w[:, None] * own) + known)
+        found = covariance @ (own.T @ (w * y) + known @ mean)
         shared = (night.T @ (w * (y - x @ found))) / inside
         return found, shared, y - x @ found - night @ shared, inside, means, own, covariance
 
@@ -104,7 +110,7 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
 
     start = jnp.ones_like(y), jnp.full(count.shape, 1.5 * points.noise), jnp.asarray(NIGHT_SD)
     heavy, scale, tau = jax.lax.fori_loop(0, ROUNDS, again, start)
-    found, shared, residual, inside, _, _, covariance = solved(heavy, scale, tau)
+    found, shared, residual, inside, _, own, covariance = solved(heavy, scale, tau)
     sigma = points.error * (group @ scale)
     value = -jnp.sum(
         used * (0.5 * (NU + 1.0) * jnp.log1p((residual / sigma) ** 2 / NU) + jnp.log(sigma))
@@ -113,14 +119,65 @@ def _fit(points: SparsePoints, x: jax.Array, mean: jax.Array, sd: jax.Array) -> 
     value -= PRIOR_NIGHTS * (jnp.log(tau) + 0.5 * (NIGHT_SD / tau) ** 2)
     value -= 0.5 * jnp.sum(shared**2) / tau**2
     value -= 0.5 * jnp.sum(jnp.where(real, jnp.log(inside * tau**2), 0.0))
-    value -= 0.5 * jnp.sum(((found - mean) / sd) ** 2) + jnp.sum(jnp.log(sd))
-    return Fits(value + 0.5 * jnp.linalg.slogdet(covariance)[1], found, scale, tau, heavy)
+    value -= 0.5 * (found - mean) @ known @ (found - mean) - 0.5 * every.log_det
+    value += 0.5 * jnp.linalg.slogdet(covariance)[1]
+
+    w = used * heavy / sigma**2
+    less = y - night @ ((night.T @ (w * y)) / inside)
+    sums = Sums(
+        x.T @ (w[:, None] * own),
+        own.T @ (w * y),
+        jnp.sum(w * y * less),
+        jnp.sum(used),
+        jnp.sum(noise0 / scale**2) + PRIOR_NIGHTS * (NIGHT_SD / tau) ** 2,
+        2.0 * PRIOR_POINTS * len(scale) + PRIOR_NIGHTS,
+    )
+    of_class, level = jax.vmap(lambda one: _of_class(sums, one))(classes)
+    alone = _log_normal(sums, every, jnp.asarray(1.0))[0]
+    of_class += value - alone
+    mixed = jax.scipy.special.logsumexp(of_class) - jnp.log(len(of_class))
+    return Fits(mixed, found, scale, tau, heavy, of_class, level)
 
 
-def _prior(points: SparsePoints) -> tuple[jax.Array, jax.Array]:
-    fixed, shape = fixed_prior(points.group.shape[1]), shape_prior()
-    mean, sd = (jnp.concatenate(x) for x in zip(fixed, shape, strict=True))
-    return mean, sd
+class Sums(NamedTuple):
+    """Sums over points at the noise levels found, the errors of nights eliminated.
+
+    matrix, vector, square : (Q, Q), (Q,) and (), of columns and data
+    number : of points
+    prior_square, prior_number : of the priors of the noise levels
+    """
+
+    matrix: Any
+    vector: Any
+    square: Any
+    number: Any
+    prior_square: Any
+    prior_number: Any
+
+
+def _log_normal(sums: Sums, of: Normal, factor: jax.Array) -> tuple[jax.Array, ...]:
+    """ln of the normal density of the data with all levels ``factor`` times those found, up to a
+    constant, and the mean and covariance of the coefficients."""
+    root = jnp.linalg.cholesky(sums.matrix / factor**2 + of.precision)
+    right = sums.vector / factor**2 + of.precision @ of.mean
+    mean = jax.scipy.linalg.cho_solve((root, True), right)
+    misfit = sums.square / factor**2 + of.mean @ of.precision @ of.mean - right @ mean
+    value = 0.5 * (of.log_det - misfit) - jnp.sum(jnp.log(jnp.diag(root)))
+    levels = 0.5 * sums.prior_square * (factor**-2.0 - 1.0)
+    value -= (sums.number + sums.prior_number) * jnp.log(factor) + levels
+    return value, mean, root
+
+
+def _of_class(sums: Sums, of: Normal) -> tuple[jax.Array, jax.Array]:
+    """ln of the evidence of a class, and the factor of its noise levels, which maximises it."""
+    factor = jnp.asarray(1.0)
+    for _ in range(CLASS_ROUNDS):
+        _, mean, root = _log_normal(sums, of, factor)
+        covariance = jax.scipy.linalg.cho_solve((root, True), sums.matrix)
+        squares = sums.square + mean @ sums.matrix @ mean - 2.0 * mean @ sums.vector
+        total = squares + jnp.trace(covariance) + sums.prior_square
+        factor = jnp.sqrt(total / (sums.number + sums.prior_number))
+    return _log_normal(sums, of, factor)[0], factor
 
 
 def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:

@@ -24,21 +24,15 @@ from lcbayes.modelling.epochs import Epochs
 Floats = NDArray[np.float64]
 
 SURGE_RAD = 0.09  # width of the opposition surge of the phase law
-# prior mean and standard deviation of the coefficients, in ln flux
+# prior mean and standard deviation, in ln flux, of the offsets and the phase law
 OFFSET = (0.0, 1.0)
 PHASE_SLOPE, SURGE = (-1.6, 0.7), (0.2, 0.2)  # per radian; of exp(−α/0.09)
-ZONAL = ((1, 0.0, 0.08), (2, 0.4, 0.35), (3, 0.0, 0.08), (4, 0.0, 0.15))  # power of z, mean, sd
-ELONGATION = 0.2  # sd of Re and Im of u²
-SECTORAL = (  # order m, power of z, sd of Re and Im
-    (1, 0, 0.08),
-    (1, 1, 0.08),
-    (2, 1, 0.08),
-    (2, 2, 0.1),
-    (3, 0, 0.06),
-    (3, 1, 0.05),
-    (4, 0, 0.05),
-)
-FOUR = ((0, 0.05), (1, 0.03), (2, 0.04))  # power of z, and sd of Re and Im of z^n u⁴/|u|²
+ZONAL = (1, 2, 3, 4)  # powers of z
+SECTORAL = ((2, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 0), (4, 0))  # m and n of z^n u^m
+HIGHER = ((4, 0), (4, 1), (4, 2), (6, 0), (8, 0))  # m and n of z^n |u|² (u/|u|)^m
+# order in longitude, and whether the power of z is odd, of each column of `shape_columns`
+_TERMS = [(0, n) for n in ZONAL] + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
+ORDERS, ODD = np.array([m for m, _ in _TERMS]), np.array([n % 2 == 1 for _, n in _TERMS])
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
 NIGHT_S = 0.5 * DAY_S
@@ -163,16 +157,8 @@ def fixed_prior(n_curves: int) -> tuple[Floats, Floats]:
     return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
 
 
-def shape_prior() -> tuple[Floats, Floats]:
-    """Prior means and standard deviations of the columns of `shape_columns`."""
-    rows = [(mean, sd) for _, mean, sd in ZONAL] + [(0.0, ELONGATION)] * 2
-    for sd in [sd for _, _, sd in SECTORAL] + [sd for _, sd in FOUR]:
-        rows += [(0.0, sd)] * 2
-    return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
-
-
 def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
-    """Harmonics of the bisector in the body frame, (T, 26).
+    """Harmonics of the bisector in the body frame, (T, 28).
 
     Parameters
     ----------
@@ -187,13 +173,13 @@ def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax
     turns = jnp.asarray(turns)
     angle = 2.0 * jnp.pi * (turns - jnp.floor(turns))
     u = (x + 1j * y) * jnp.exp(-1j * angle)
-    powers = {1: u, 2: u * u, 3: u * u * u, 4: (u * u) ** 2}
-    out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n, _, _ in ZONAL]
-    out += [powers[2].real, powers[2].imag]
-    for m, n, _ in SECTORAL:
-        one = powers[m] * z**n
+    modulus = jnp.maximum(jnp.abs(u), 1e-6)
+    turned = {1: u / modulus}
+    for m in range(2, 9):
+        turned[m] = turned[m - 1] * turned[1]
+    out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n in ZONAL]
+    terms = [(m, n, m) for m, n in SECTORAL] + [(m, n, 2) for m, n in HIGHER]
+    for m, n, k in terms:
+        one = turned[m] * modulus**k * z**n
         out += [one.real, one.imag]
-    four = powers[4] / jnp.maximum(jnp.abs(powers[2]), 1e-12)
-    for n, _ in FOUR:
-        out += [(four * z**n).real, (four * z**n).imag]
     return jnp.stack(out, axis=1)

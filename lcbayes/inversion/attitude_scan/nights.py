@@ -24,12 +24,11 @@ from lcbayes.inversion.attitude_scan.harmonics import (
     ERROR_FLOOR,
     OFFSET,
     SparsePoints,
-    fixed_prior,
     nights_of,
     phase_columns,
     shape_columns,
-    shape_prior,
 )
+from lcbayes.inversion.attitude_scan.shape_classes import prior
 from lcbayes.inversion.attitude_scan.spin import tilts
 
 Floats = NDArray[np.float64]
@@ -39,7 +38,7 @@ MOST_RATIO = 1.0  # nats by which a spin may count more or less than its cell
 BESIDE = 3  # spins that are weighed beside a true one which is too rare to be among the others
 MOST_NIGHTS, MOST_POINTS = 400, 100  # a night with more points is thinned
 TOGETHER = 5  # nights chosen one after the other
-ENOUGH = 0.98  # of what can be reached, at which no further night is added
+ENOUGH = 0.98  # probability at which no further night is added
 
 
 class Draws(NamedTuple):
@@ -110,9 +109,9 @@ def outlook(
     Returns
     -------
     dict
-        ``now``, the expected probability without further nights; ``most``, what it can reach at
-        most; ``nights``, a row for each; ``together``, the best first night, the best night beside
-        it, and so on, with the probability after each.
+        ``now``, the expected probability without further nights; ``nights``, a row for each;
+        ``together``, the best first night, the best night beside it, and so on, with the
+        probability after each.
 
     Raises
     ------
@@ -123,7 +122,6 @@ def outlook(
     rng = np.random.default_rng(seed)
     weighed, true = sampled(points, found, rng)
     same = np.abs(true.frequency[:, None] - weighed.frequency) * points.span < sparse.SAME_PERIOD
-    kept = sparse.own_share(true.frequency, found.limits)
     likelihoods = np.array(
         [_gain(night, weighed, true, further.error_mag, rng) for night in nights]
     )
@@ -133,10 +131,10 @@ def outlook(
         mass = np.log(weighed.share) + evidence.INFORMATION * gain
         mass = np.exp(mass - mass.max(axis=-1, keepdims=True))
         right = np.sum(mass * same[:, None], axis=-1) / np.sum(mass, axis=-1)
-        return float(true.share @ (kept * right.mean(axis=1)))
+        return float(true.share @ right.mean(axis=1))
 
     none = np.zeros((len(true.share), REPEATS, len(weighed.share)))
-    now, most = after(none), float(true.share @ kept)
+    now = after(none)
     alone = [after(gain) for gain in likelihoods]
     together: list[dict[str, Any]] = []
     chosen: list[int] = []
@@ -148,12 +146,11 @@ def outlook(
         chosen.append(left[k])
         total = total + likelihoods[left[k]]
         together.append({"night": left[k] + 1, "probability": reached[k]})
-        if reached[k] > ENOUGH * most:
+        if reached[k] > ENOUGH:
             break
     epoch = further.geometry.epoch_jd
     return {
         "now": now,
-        "most": most,
         "error_mag": further.error_mag,
         "nights": [
             {
@@ -223,7 +220,7 @@ def _coefficients(
 ) -> tuple[Floats, Floats]:
     """Posterior means and covariances of the phase law and the shape at each spin."""
     n_curves = points.group.shape[1]
-    sd = np.concatenate([fixed_prior(n_curves)[1], shape_prior()[1]])
+    known = prior(n_curves).precision
     covariances = []
     shapes = _columns(points.bisector, points.t, poles, frequencies)
     for b, shape in enumerate(shapes):
@@ -233,7 +230,7 @@ def _coefficients(
         inside = w @ points.night + fit.night[b] ** -2.0
         shared = points.night.T @ (w[:, None] * x)
         matrix = x.T @ (w[:, None] * x) - shared.T @ (shared / inside[:, None])
-        covariances.append(np.linalg.inv(matrix + np.diag(sd**-2.0))[n_curves:, n_curves:])
+        covariances.append(np.linalg.inv(matrix + known)[n_curves:, n_curves:])
     return np.asarray(fit.coefficients)[:, n_curves:], np.array(covariances)
 
 
@@ -241,7 +238,7 @@ _each = jax.jit(jax.vmap(shape_columns, in_axes=(None, 0, 0)))
 
 
 def _columns(bisector: Floats, t: Floats, poles: Floats, frequencies: Floats) -> Floats:
-    """Columns of the shape at each spin, (B, T, 26)."""
+    """Columns of the shape at each spin, (B, T, 28)."""
     turns = frequencies[:, None] * t
     return np.asarray(_each(jnp.asarray(bisector), jnp.asarray(tilts(poles)), jnp.asarray(turns)))
 
@@ -316,10 +313,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
 
 def words(found: Mapping[str, Any]) -> list[str]:
     """What further nights would bring, in sentences."""
-    said = [
-        f"Expected probability of the true period: {found['now']:.2f} now; at most "
-        f"{found['most']:.2f} after any number of nights, as half and twice a period keep a share."
-    ]
+    said = [f"Expected probability of the true period: {found['now']:.2f} now."]
     where = {row["night"]: row for row in found["nights"]}
     for k, row in enumerate(found["together"], start=1):
         night = where[row["night"]]

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan.harmonics import (
-    ELONGATION,
-    ZONAL,
     SparsePoints,
     fixed_prior,
 )
@@ -30,6 +28,7 @@ BLOCK, BLOCKS = 128, 64  # frequencies at once, and such blocks in one call
 ROUNDS = 12  # of reweighting
 PRIOR_POINTS = 2.0  # weight of the prior of a noise level, in points
 NIGHT_SD = 0.03  # prior sd of the error that a night shares
+FLATTENING, ELONGATION = (0.4, 0.35), 0.2  # prior mean and sd of z², and sd of Re and Im of u²
 
 
 class Poles(NamedTuple):
@@ -75,8 +74,7 @@ def poles(points: SparsePoints, directions: Floats) -> Poles:
     w = weights(points)
     root = np.sqrt(w)
     mean, sd = fixed_prior(points.group.shape[1])
-    _, flat, flat_sd = ZONAL[1]
-    mean, sd = np.append(mean, flat), np.append(sd, flat_sd)
+    mean, sd = np.append(mean, FLATTENING[0]), np.append(sd, FLATTENING[1])
     still = np.einsum("tj,pjk->ptk", points.bisector, tilts(directions))
     v = (still[..., 0] + 1j * still[..., 1]) ** 2
     linear, rest, log_det = [], [], []

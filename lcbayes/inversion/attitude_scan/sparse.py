@@ -20,14 +20,13 @@ from lcbayes.inversion.attitude_scan import evidence, grid, smooth, sphere_cells
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import (
     SparsePoints,
-    fixed_prior,
     nights_of,
     shape_columns,
-    shape_prior,
 )
 from lcbayes.inversion.attitude_scan.periodogram import periodogram, weights
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Table
+from lcbayes.inversion.attitude_scan.shape_classes import prior
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.spin import Ends
 
@@ -41,8 +40,6 @@ DRAWN = 256  # of all others
 DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
-HALF_TRUE, TWICE_TRUE = 0.1, 0.02  # shares of bodies for which the linear model finds half the
-# period (near-square boxes have four maxima a turn) or twice it; `benchmarks/surveys.py`
 LISTED = 1e-3  # smallest probability of a solution that is reported
 MOST_POINTS, SHORTEST_S, PER_NIGHT = 2000, 200 * DAY_S, 8.0  # of sparse points
 ROWS = 20_000  # of the table of hypotheses
@@ -80,10 +77,8 @@ class SparseSearch:
     n_ranked : int
         Number of poles times number of frequencies.
     cells : Cells
-        Those that hold the posterior, without the shares of twice and half their periods, and 256
-        of all others, drawn by their masses and with as much mass together.
-    limits : (Hz, Hz)
-        The range of frequencies.
+        Those that hold the posterior, and 256 of all others, drawn by their masses and with as much
+        mass together.
     """
 
     spins: list[Spin]
@@ -92,7 +87,6 @@ class SparseSearch:
     pole: Floats
     n_ranked: int
     cells: Cells
-    limits: tuple[float, float]
 
     @property
     def period_probability(self) -> float:
@@ -145,12 +139,11 @@ def search(
     frequencies = first + apart * np.arange(count)
     cells, others = _cells(points, value, frequencies, apart)
     rest = evidence.total_mass(others)
-    limits = (frequencies[0], frequencies[-1])
-    found = _solutions(cells, rest, points.span, limits)
+    found = _solutions(cells, rest, points.span)
     at = np.argmax(value, axis=1)
     best = value.max(axis=1).astype(float)
     every = Cells(*(np.concatenate(x) for x in zip(cells, others, strict=True)))
-    return SparseSearch(found, frequencies, best, poles[at], value.size, every, limits)
+    return SparseSearch(found, frequencies, best, poles[at], value.size, every)
 
 
 def table(found: SparseSearch, n_obs: int) -> Table:
@@ -221,17 +214,14 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
     weights of the points are those of the periodogram.
     """
     w, used = weights(points), points.used > 0
-    mean, sd = (
-        np.concatenate(x)
-        for x in zip(fixed_prior(points.group.shape[1]), shape_prior(), strict=True)
-    )
+    known = prior(points.group.shape[1])
     amplitude, rms = [], []
     for s in spins:
         tilt = spin.tilts(s.pole[None])[0]
         shape = np.asarray(_columns(points.bisector, tilt, points.t * s.frequency))
         x = np.concatenate([points.fixed, shape], axis=1)
-        matrix = x.T @ (w[:, None] * x) + np.diag(sd**-2.0)
-        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + mean / sd**2)
+        matrix = x.T @ (w[:, None] * x) + known.precision
+        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known.precision @ known.mean)
         light = np.asarray(_turned(points.bisector, tilt, found[points.fixed.shape[1] :]))
         amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
         rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
@@ -309,39 +299,8 @@ def _doubled(
     return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
 
 
-def _inside(frequency: Floats, limits: tuple[float, float]) -> NDArray[np.bool_]:
-    return (limits[0] <= frequency) & (frequency <= limits[1])
-
-
-def own_share(frequency: Floats, limits: tuple[float, float]) -> Floats:
-    """What is left of the mass of a frequency after the shares of its multiples in the range."""
-    left = np.ones_like(frequency)
-    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
-        left -= part * _inside(factor * frequency, limits)
-    return left
-
-
-def _with_multiples(cells: Cells, limits: tuple[float, float]) -> Cells:
-    """Cells that give a part of their mass to twice and half their period, where these lie in the
-    range of frequencies (Hz): the posterior if some bodies are such as the model mistakes."""
-    parts = []
-    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
-        moved, less = cells.rows(_inside(factor * cells.frequency, limits)), np.log(part)
-        parts.append(
-            moved._replace(
-                frequency=factor * moved.frequency,
-                log_evidence=moved.log_evidence + less / evidence.INFORMATION,
-                log_mass=moved.log_mass + less,
-            )
-        )
-    own = np.log(own_share(cells.frequency, limits))
-    parts.append(cells._replace(log_mass=cells.log_mass + own))
-    return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-
-
-def _solutions(cells: Cells, rest: float, span: float, limits: tuple[float, float]) -> list[Spin]:
+def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
     """Solutions with their probabilities; those of the most probable period come first."""
-    cells = _with_multiples(cells, limits)
     share = np.exp(cells.log_mass - np.logaddexp(evidence.total_mass(cells), rest))
     keep = share > 1e-9
     cells, share = cells.rows(keep), share[keep]
