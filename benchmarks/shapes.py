@@ -29,6 +29,7 @@ SEED = 20261124
 MAX_PHASE = 0.5  # rad
 FILE = Path(__file__).parents[1] / "lcbayes" / "inversion" / "attitude_scan" / "shapes.json"
 CLASSES = ("smooth", "cut", "boxy", "bilobed", "variegated")
+PARTS = ("round", "medium", "elongated")
 
 
 class Facets(NamedTuple):
@@ -177,7 +178,9 @@ def coefficients(kind: str, number: int) -> Floats:
         rng = np.random.default_rng([SEED, CLASSES.index(kind), i])
         sun, obs = directions(rng)
         alpha = np.arccos(np.clip(np.sum(sun * obs, axis=1), -1.0, 1.0))
-        shape = harmonics.shape_columns(unit(sun + obs), np.eye(3), np.zeros(len(sun)))
+        shape = harmonics.shape_columns(
+            unit(sun + obs), sun - obs, np.eye(3), np.zeros(len(sun))
+        )
         fixed = np.column_stack([np.ones(len(sun)), harmonics.phase_columns(alpha)])
         columns = np.column_stack([fixed, np.asarray(shape)])
         y = log_flux(rng, kind, sun, obs)
@@ -212,9 +215,21 @@ def _rounded(row: Floats) -> list[float]:
     return [float(f"{x:.4g}") for x in row]
 
 
+def parts(found: Floats) -> list[Floats]:
+    """The bodies of a class by their elongation, in three equal parts."""
+    u2 = int(np.flatnonzero(harmonics.ORDERS == 2)[0])
+    order = np.argsort(np.hypot(found[:, u2], found[:, u2 + 1]))
+    return [found[rows] for rows in np.array_split(order, len(PARTS))]
+
+
 if __name__ == "__main__":
     number = int(sys.argv[1]) if len(sys.argv) > 1 else N_BODIES
-    classes = {kind: moments(coefficients(kind, number)) for kind in CLASSES}
+    classes = {
+        f"{kind}, {part}": moments(found)
+        for kind in CLASSES
+        for part, found in zip(PARTS, parts(coefficients(kind, number)), strict=True)
+    }
     FILE.write_text(json.dumps(classes, indent=None) + "\n", encoding="utf-8")
     for kind, found in classes.items():
-        print(kind, np.round(np.sqrt(np.diag(found["covariance"])), 3), np.round(found["mean"][:4], 3))
+        sd = np.sqrt(np.diag(found["covariance"]))
+        print(kind, np.round(sd, 3), np.round(found["mean"][:7], 3))

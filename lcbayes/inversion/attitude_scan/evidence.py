@@ -27,13 +27,14 @@ from lcbayes.inversion.attitude_scan.spin import tilts
 Floats = NDArray[np.float64]
 
 ROUNDS, CLASS_ROUNDS = 3, 2  # of reweighting, and of the noise level of a class
-BATCH = 512  # spins at once
+BATCH = 256  # spins at once
 INFORMATION = 0.5  # power of the evidence: errors of the model are common to many points
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
 DIVIDED = 64  # cells divided at once
 MASS = 3e-3  # share of the posterior below which a cell is not divided
 SETTLED = 0.1  # change of ln(mass) on division, nat, below which a cell's parts are kept
-LOCATED, LOCATED_PERIODS, LOCATED_CELLS = 3, 32, 3  # rounds; periods, and cells of each
+LOCATED_PERIODS, LOCATED_CELLS = 32, 3  # periods whose cells are divided, and cells of each
+WEIGHED, WEIGHED_PERIODS, WEIGHED_CELLS = 256, 64, 2  # cells whose classes are weighed
 DEEPEST = 7  # level of division of poles (0.5 degrees)
 
 
@@ -45,8 +46,6 @@ class Fits(NamedTuple):
     noise : (B, K), in units of the errors
     night : (B,), sd of the error that a night shares
     weight : (B, T), of Student's t; near one, small for outliers
-    of_class : (B, C), ln of the evidence of each class of shapes
-    factor : (B, C), of the noise levels and of the sd of nights for that class
     """
 
     log_evidence: Any
@@ -54,30 +53,56 @@ class Fits(NamedTuple):
     noise: Any
     night: Any
     weight: Any
-    of_class: Any
-    factor: Any
+
+
+class Sums(NamedTuple):
+    """Sums over points at the noise levels found, the errors of nights eliminated.
+
+    matrix, vector, square : (Q, Q), (Q,) and (), of columns and data
+    number : of points
+    prior_square, prior_number : of the priors of the noise levels
+    """
+
+    matrix: Any
+    vector: Any
+    square: Any
+    number: Any
+    prior_square: Any
+    prior_number: Any
 
 
 @jax.jit
 def _fits(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> Fits:
-    n_curves = points.group.shape[1]
-    every, classes = prior(n_curves), class_priors(n_curves)
+    every = prior(points.group.shape[1])
 
     def one(tilt: jax.Array, frequency: jax.Array) -> Fits:
-        shape = shape_columns(points.bisector, tilt, points.t * frequency)
-        x = jnp.concatenate([points.fixed, shape], axis=1)
-        return _fit(points, x, every, classes)
+        return _fit(points, _all_columns(points, tilt, frequency), every)[0]
 
     return jax.vmap(one)(tilt, frequency)
 
 
-def _fit(points: SparsePoints, x: jax.Array, every: Normal, classes: Normal) -> Fits:
+@jax.jit
+def _by_class(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> tuple[Any, Any]:
+    n_curves = points.group.shape[1]
+    every, classes = prior(n_curves), class_priors(n_curves)
+
+    def one(tilt: jax.Array, frequency: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return _classes(*_fit(points, _all_columns(points, tilt, frequency), every), every, classes)
+
+    return jax.vmap(one)(tilt, frequency)
+
+
+def _all_columns(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> jax.Array:
+    shape = shape_columns(points.bisector, points.across, tilt, points.t * frequency)
+    return jnp.concatenate([points.fixed, shape], axis=1)
+
+
+def _fit(points: SparsePoints, x: jax.Array, every: Normal) -> tuple[Fits, Sums]:
     """The linear model with columns ``x`` (T, Q): ln of its evidence, and its coefficients.
 
     An expectation-maximisation finds the noise levels of curves and the sd of nights, with the
     coefficients and the errors of nights marginalised and Student's t as a mixture of normals,
-    under the prior of ``every`` class as one normal density. The evidence is the mean of those of
-    the classes, `_of_class`.
+    under the prior of ``every`` class as one normal density.
     """
     y, night, group, used = points.log_flux, points.night, points.group, points.used
     mean, known, count = every.mean, every.precision, used @ group
@@ -132,27 +157,7 @@ def _fit(points: SparsePoints, x: jax.Array, every: Normal, classes: Normal) -> 
         jnp.sum(noise0 / scale**2) + PRIOR_NIGHTS * (NIGHT_SD / tau) ** 2,
         2.0 * PRIOR_POINTS * len(scale) + PRIOR_NIGHTS,
     )
-    of_class, level = jax.vmap(lambda one: _of_class(sums, one))(classes)
-    alone = _log_normal(sums, every, jnp.asarray(1.0))[0]
-    of_class += value - alone
-    mixed = jax.scipy.special.logsumexp(of_class) - jnp.log(len(of_class))
-    return Fits(mixed, found, scale, tau, heavy, of_class, level)
-
-
-class Sums(NamedTuple):
-    """Sums over points at the noise levels found, the errors of nights eliminated.
-
-    matrix, vector, square : (Q, Q), (Q,) and (), of columns and data
-    number : of points
-    prior_square, prior_number : of the priors of the noise levels
-    """
-
-    matrix: Any
-    vector: Any
-    square: Any
-    number: Any
-    prior_square: Any
-    prior_number: Any
+    return Fits(value, found, scale, tau, heavy), sums
 
 
 def _log_normal(sums: Sums, of: Normal, factor: jax.Array) -> tuple[jax.Array, ...]:
@@ -180,16 +185,51 @@ def _of_class(sums: Sums, of: Normal) -> tuple[jax.Array, jax.Array]:
     return _log_normal(sums, of, factor)[0], factor
 
 
+def _classes(
+    fit: Fits, sums: Sums, every: Normal, classes: Normal
+) -> tuple[jax.Array, jax.Array]:
+    """ln of the evidence of each class (C,), and the factor of its noise levels (C,).
+
+    The difference between Student's t and a normal density is that of the fit.
+    """
+    value, factor = jax.vmap(lambda one: _of_class(sums, one))(classes)
+    alone = _log_normal(sums, every, jnp.asarray(1.0))[0]
+    return fit.log_evidence + value - alone, factor
+
+
 def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:
     """The linear model at spins with poles (B, 3) and frequencies (B,)."""
+    return Fits(*_batches(_fits, points, poles, frequencies))
+
+
+def all_shapes(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floats:
+    """ln of the evidence under the prior of all classes as one normal density, (B,)."""
+    return fits(points, poles, frequencies).log_evidence
+
+
+def by_class(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floats:
+    """ln of the evidence under the prior of each class, whose mean it is, (B,)."""
+    value, _ = class_evidence(points, poles, frequencies)
+    return np.logaddexp.reduce(value, axis=1) - np.log(value.shape[1])
+
+
+def class_evidence(
+    points: SparsePoints, poles: Floats, frequencies: Floats
+) -> tuple[Floats, Floats]:
+    """ln of the evidence of each class of shapes at spins, (B, C), and factors of the noise."""
+    value, factor = _batches(_by_class, points, poles, frequencies)
+    return value, factor
+
+
+def _batches(function: Any, points: SparsePoints, poles: Floats, frequencies: Floats) -> list:
     parts = []
     on_device = jax.tree.map(jnp.asarray, points)
     for i in range(0, len(poles), BATCH):
         check_time()
         rows = np.resize(np.arange(i, min(i + BATCH, len(poles))), BATCH)
-        part = _fits(on_device, jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows]))
+        part = function(on_device, jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows]))
         parts.append([np.asarray(x)[: len(poles) - i] for x in part])
-    return Fits(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+    return [np.concatenate(x) for x in zip(*parts, strict=True)]
 
 
 class Cells(NamedTuple):
@@ -217,10 +257,15 @@ class Cells(NamedTuple):
         return Cells(*(x[which] for x in self))
 
 
-def cells(points: SparsePoints, cell: Any, level: Any, frequency: Floats, width: Floats) -> Cells:
-    """Cells with their masses: evidence^½ × prior, uniform over poles and over ln(period)."""
+def cells(
+    points: SparsePoints, cell: Any, level: Any, frequency: Floats, width: Floats, how: Any = None
+) -> Cells:
+    """Cells with their masses: evidence^½ × prior, uniform over poles and over ln(period).
+
+    ``how`` is `all_shapes`, or by default `by_class`.
+    """
     level = np.broadcast_to(level, np.shape(cell)).copy()
-    value = fits(points, sphere_cells.centres(cell, level), frequency).log_evidence
+    value = (how or all_shapes)(points, sphere_cells.centres(cell, level), frequency)
     found = Cells(np.asarray(cell), level, frequency, width, value, value)
     return found._replace(log_mass=mass(found))
 
@@ -237,40 +282,68 @@ def total_mass(of: Cells) -> float:
     return float(np.logaddexp.reduce(of.log_mass))
 
 
-def divided(points: SparsePoints, whole: Cells) -> Cells:
+def divided(points: SparsePoints, whole: Cells, how: Any = None) -> Cells:
     """Each cell divided into four poles and two frequencies, in the order of the cells."""
     cell = (4 * whole.cell[:, None] + np.arange(4)).repeat(2, axis=1).ravel()
     side = np.tile([-0.25, 0.25], 4) * whole.width[:, None]
     frequency = (whole.frequency[:, None] + side).ravel()
-    return cells(points, cell, (whole.level + 1).repeat(8), frequency, 0.5 * whole.width.repeat(8))
+    level, width = (whole.level + 1).repeat(8), 0.5 * whole.width.repeat(8)
+    return cells(points, cell, level, frequency, width, how)
 
 
-def located(points: SparsePoints, listed: Cells) -> Cells:
+def located(
+    points: SparsePoints, listed: Cells, deepest: int, periods: int = LOCATED_PERIODS
+) -> Cells:
     """Cells divided near the best pole of each of the best periods, whatever their masses.
 
     A cell is wide compared with a strong maximum of the evidence, so the value at its centre may
-    rank it far below others. Each round divides the best cells of the best periods.
+    rank it far below others. Each round divides the best cells of the best periods, to the
+    level ``deepest``.
     """
-    span = points.span
-    deepest = int(listed.level.max()) + LOCATED
-    for _ in range(LOCATED):
-        order = np.argsort(-listed.log_evidence, kind="stable")
-        period = np.floor(listed.frequency[order] * span)
-        _, first = np.unique(period, return_index=True)
-        best = period[np.sort(first)[:LOCATED_PERIODS]]
-        chosen = [order[period == k][:LOCATED_CELLS] for k in best]
-        chosen = np.concatenate(chosen)
+    for _ in range(deepest):
+        chosen = np.concatenate(best_of_periods(listed, points.span, periods, LOCATED_CELLS))
         chosen = chosen[listed.level[chosen] < deepest]
         if not len(chosen):
             break
         kept = np.ones(len(listed.cell), bool)
         kept[chosen] = False
         parts = divided(points, listed.rows(chosen))
-        listed = Cells(*(np.concatenate([a[kept], b]) for a, b in zip(listed, parts, strict=True)))
+        listed = joined(listed.rows(kept), parts)
     return listed
 
 
-def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 5) -> Cells:
+def reaching(points: SparsePoints, listed: Cells, targets: Cells) -> Cells:
+    """Cells divided as far as each of some targets, wherever they hold one."""
+    for _ in range(int(targets.level.max()) - int(listed.level.min())):
+        less = targets.level[:, None] - listed.level
+        within = targets.cell[:, None] // 4 ** np.maximum(less, 0) == listed.cell
+        off = np.abs(targets.frequency[:, None] - listed.frequency)
+        holds = (less > 0) & within & (off <= 0.5 * listed.width * (1.0 + 1e-6))
+        chosen = holds.any(axis=0)
+        if not chosen.any():
+            break
+        listed = joined(listed.rows(~chosen), divided(points, listed.rows(chosen)))
+    return listed
+
+
+def best_of_periods(
+    of: Cells, span: float, periods: int, number: int
+) -> list[NDArray[np.integer]]:
+    """Rows of the best cells, at most ``number``, of each of the best periods."""
+    order = np.argsort(-of.log_evidence, kind="stable")
+    period = np.floor(of.frequency[order] * span)
+    _, first = np.unique(period, return_index=True)
+    return [order[period == k][:number] for k in period[np.sort(first)[:periods]]]
+
+
+def joined(*parts: Cells) -> Cells:
+    """All cells together."""
+    return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+
+def refined(
+    points: SparsePoints, first: Cells, rest: float, rounds: int, most: int = DIVIDED, how: Any = None
+) -> Cells:
     """Cells divided wherever the posterior is, until their masses settle.
 
     Parameters
@@ -281,6 +354,9 @@ def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 5) ->
         ln(mass) of everything outside these cells.
     rounds : int
         Limit on the number of divisions.
+    most : int
+        Cells divided at once.
+    how : as for `cells`
     """
     done, still = first, np.ones(len(first.cell), bool)
     for _ in range(rounds):
@@ -289,13 +365,32 @@ def refined(points: SparsePoints, first: Cells, rest: float, rounds: int = 5) ->
         chosen = np.flatnonzero(worth)
         if not len(chosen):
             break
-        chosen = chosen[np.argsort(-done.log_mass[chosen], kind="stable")[:DIVIDED]]
-        parts = divided(points, done.rows(chosen))
+        chosen = chosen[np.argsort(-done.log_mass[chosen], kind="stable")[:most]]
+        parts = divided(points, done.rows(chosen), how)
         mass = np.logaddexp.reduce(parts.log_mass.reshape(-1, 8), axis=1)
         # the parts of a part that is as it was expected to be are not divided again
         settled = np.abs(mass - done.log_mass[chosen]) < SETTLED
         kept = np.ones(len(done.cell), bool)
         kept[chosen] = False
-        done = Cells(*(np.concatenate([a[kept], b]) for a, b in zip(done, parts, strict=True)))
+        done = joined(done.rows(kept), parts)
         still = np.concatenate([still[kept], np.repeat(~settled, 8)])
     return done
+
+
+def weighed(points: SparsePoints, found: Cells, rest: float) -> tuple[Cells, float]:
+    """Cells, and the mass of everything else, with the evidence over the classes of shapes.
+
+    It is computed for the cells with the greatest masses and for the best of each of the best
+    periods, and the others are shifted as the median of those.
+    """
+    best = np.concatenate(
+        best_of_periods(found, points.span, WEIGHED_PERIODS, WEIGHED_CELLS)
+    )
+    most = np.argsort(-found.log_mass, kind="stable")[:WEIGHED]
+    chosen = np.union1d(most, best)
+    value = by_class(points, found.pole[chosen], found.frequency[chosen])
+    shift = float(np.median(value - found.log_evidence[chosen]))
+    log_evidence = found.log_evidence + shift
+    log_evidence[chosen] = value
+    found = found._replace(log_evidence=log_evidence)
+    return found._replace(log_mass=mass(found)), rest + INFORMATION * shift

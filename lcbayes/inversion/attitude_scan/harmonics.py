@@ -31,7 +31,7 @@ ZONAL = (1, 2, 3, 4)  # powers of z
 SECTORAL = ((2, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 0), (4, 0))  # m and n of z^n u^m
 HIGHER = ((4, 0), (4, 1), (4, 2), (6, 0), (8, 0))  # m and n of z^n |u|² (u/|u|)^m
 # order in longitude, and whether the power of z is odd, of each column of `shape_columns`
-_TERMS = [(0, n) for n in ZONAL] + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
+_TERMS = [(0, n) for n in ZONAL] + [(0, 0)] * 3 + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
 ORDERS, ODD = np.array([m for m, _ in _TERMS]), np.array([n % 2 == 1 for _, n in _TERMS])
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
@@ -43,7 +43,8 @@ class SparsePoints(NamedTuple):
     """Points of a light curve for the linear model: arrays of NumPy or JAX.
 
     t : (T,) s, since the middle of the data
-    bisector : (T, 3), unit vectors, inertial
+    bisector, across : (T, 3), unit vectors along the sum of those to Sun and observer, and the
+        difference of these, inertial
     log_flux : (T,), its median over each curve is zero
     error : (T,), relative; one where unknown
     fixed : (T, C + 2), columns of the offsets and of the phase law
@@ -58,6 +59,7 @@ class SparsePoints(NamedTuple):
 
     t: Any
     bisector: Any
+    across: Any
     log_flux: Any
     error: Any
     fixed: Any
@@ -101,6 +103,7 @@ class SparsePoints(NamedTuple):
         return cls(
             filled(middle),
             filled(bisector / np.linalg.norm(bisector, axis=1, keepdims=True)),
+            filled(np.asarray(curve.sun) - np.asarray(curve.obs)),
             filled(y),
             filled(np.hypot(error / flux, ERROR_FLOOR) if known else np.ones_like(y), 1.0),
             filled(np.column_stack([member, phase_columns(np.asarray(curve.phase_angle))])),
@@ -157,13 +160,15 @@ def fixed_prior(n_curves: int) -> tuple[Floats, Floats]:
     return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
 
 
-def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
-    """Harmonics of the bisector in the body frame, (T, 28).
+def shape_columns(
+    bisector: ArrayLike, across: ArrayLike, tilt: ArrayLike, turns: ArrayLike
+) -> jax.Array:
+    """Harmonics of the bisector in the body frame, and terms of the phase angle, (T, 31).
 
     Parameters
     ----------
-    bisector : (T, 3)
-        Inertial unit vectors.
+    bisector, across : (T, 3)
+        Inertial unit vectors, and the differences of those to Sun and observer.
     tilt : (3, 3)
         Body to inertial at the middle of the data; the third column is the pole.
     turns : (T,)
@@ -178,6 +183,8 @@ def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax
     for m in range(2, 9):
         turned[m] = turned[m - 1] * turned[1]
     out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n in ZONAL]
+    across, tilt = jnp.asarray(across), jnp.asarray(tilt)
+    out += [jnp.abs(z) - 0.5, jnp.sum(across**2, axis=1) - 0.04, (across @ tilt[:, 2]) ** 2]
     terms = [(m, n, m) for m, n in SECTORAL] + [(m, n, 2) for m, n in HIGHER]
     for m, n, k in terms:
         one = turned[m] * modulus**k * z**n

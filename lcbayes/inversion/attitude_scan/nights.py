@@ -7,7 +7,7 @@ the spins, and the others are weighed by what they foretold, as a scan of all po
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,7 +72,7 @@ class Night:
     """Points that could be observed, at most `MOST_POINTS` of them.
 
     t : (T,) s, since the middle of the data
-    bisector, phase : (T, 3) and (T, 2), as of `SparsePoints`
+    bisector, across, phase : (T, 3), (T, 3) and (T, 2), as of `SparsePoints`
     start : float, of the file, s
     n_points, hours : of all points
     weight : share of the points that are kept
@@ -80,6 +80,7 @@ class Night:
 
     t: Floats
     bisector: Floats
+    across: Floats
     phase: Floats
     start: float
     n_points: int
@@ -222,7 +223,7 @@ def _coefficients(
     n_curves = points.group.shape[1]
     known = prior(n_curves).precision
     covariances = []
-    shapes = _columns(points.bisector, points.t, poles, frequencies)
+    shapes = _columns(points, poles, frequencies)
     for b, shape in enumerate(shapes):
         x = np.concatenate([points.fixed, shape], axis=1)
         level = points.error * (points.group @ fit.noise[b])
@@ -234,13 +235,14 @@ def _coefficients(
     return np.asarray(fit.coefficients)[:, n_curves:], np.array(covariances)
 
 
-_each = jax.jit(jax.vmap(shape_columns, in_axes=(None, 0, 0)))
+_each = jax.jit(jax.vmap(shape_columns, in_axes=(None, None, 0, 0)))
 
 
-def _columns(bisector: Floats, t: Floats, poles: Floats, frequencies: Floats) -> Floats:
-    """Columns of the shape at each spin, (B, T, 28)."""
-    turns = frequencies[:, None] * t
-    return np.asarray(_each(jnp.asarray(bisector), jnp.asarray(tilts(poles)), jnp.asarray(turns)))
+def _columns(of: Any, poles: Floats, frequencies: Floats) -> Floats:
+    """Columns (B, T, 31) of the shape at each spin, for points with times and directions."""
+    turns = frequencies[:, None] * of.t
+    given = of.bisector, of.across, tilts(poles), turns
+    return np.asarray(_each(*map(jnp.asarray, given)))
 
 
 def _gain(
@@ -264,8 +266,13 @@ def _gain(
 def foretold(night: Night, spins: Draws, variance: float) -> tuple[Floats, Floats]:
     """Mean (B, T) of ln f at each spin, and the Cholesky factor (B, T, T) of its covariance."""
     n = len(night.t)
-    t, bisector = np.resize(night.t, MOST_POINTS), np.resize(night.bisector, (MOST_POINTS, 3))
-    shape = _columns(bisector, t, spins.pole, spins.frequency)[:, :n]
+    filled = replace(
+        night,
+        t=np.resize(night.t, MOST_POINTS),
+        bisector=np.resize(night.bisector, (MOST_POINTS, 3)),
+        across=np.resize(night.across, (MOST_POINTS, 3)),
+    )
+    shape = _columns(filled, spins.pole, spins.frequency)[:, :n]
     x = np.concatenate([np.broadcast_to(night.phase, (len(shape), n, 2)), shape], axis=2)
     common = OFFSET[1] ** 2 + spins.night[:, None, None] ** 2
     covariance = x @ spins.covariance @ x.transpose(0, 2, 1) + common + variance * np.eye(n)
@@ -291,6 +298,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
         raise InputError(f"the file has {number.max() + 1} nights; give at most {MOST_NIGHTS}")
     bisector = geometry.sun + geometry.obs
     bisector = bisector / np.linalg.norm(bisector, axis=1, keepdims=True)
+    across = geometry.sun - geometry.obs
     phase = phase_columns(np.asarray(geometry.phase_angle))
     found = []
     for k in range(number.max() + 1):
@@ -301,6 +309,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
             Night(
                 t[few],
                 bisector[few],
+                across[few],
                 phase[few],
                 float(geometry.t[rows[0]]),
                 len(rows),

@@ -39,7 +39,7 @@ class Normal(NamedTuple):
 
 @cache
 def classes() -> tuple[tuple[str, ...], Floats, Floats]:
-    """Names (K), means (K, 28) and covariances (K, 28, 28) of the columns of `shape_columns`.
+    """Names (K), means (K, 31) and covariances (K, 31, 31) of the columns of `shape_columns`.
 
     All classes have the same probability.
     """
@@ -51,7 +51,7 @@ def classes() -> tuple[tuple[str, ...], Floats, Floats]:
 
 
 def shape_prior() -> tuple[Floats, Floats]:
-    """Mean (28,) and covariance (28, 28) over all classes."""
+    """Mean (31,) and covariance (31, 31) over all classes."""
     _, means, covariances = classes()
     mean = means.mean(axis=0)
     apart = means - mean

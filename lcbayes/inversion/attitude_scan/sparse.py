@@ -37,7 +37,11 @@ STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
 KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
 DRAWN = 256  # of all others
-DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
+LOCATED = 3  # divisions of cells near the best poles
+MULTIPLIED, MULTIPLIED_POLES = 4, 2  # periods, and cells of each, tested at half and double
+AROUND, FINE, TARGETS = 12, 1.0 / 16.0, 3  # frequencies tried on either side, their step in turns
+# over the data, and those of each period that are kept
+ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is; cells of each
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
 LISTED = 1e-3  # smallest probability of a solution that is reported
@@ -198,10 +202,10 @@ def without_phase_law(points: Points, few: SparsePoints, body: SmoothBody, best:
 
 
 @jax.jit
-def _turned(bisector: jax.Array, tilt: jax.Array, shape: jax.Array) -> jax.Array:
+def _turned(bisector: jax.Array, across: jax.Array, tilt: jax.Array, shape: jax.Array) -> jax.Array:
     """ln of the brightness of a shape, from each direction (T, 3), at angles of a turn."""
     turns = jnp.arange(ANGLES) / ANGLES
-    return jax.vmap(lambda turn: shape_columns(bisector, tilt, turn) @ shape)(turns)
+    return jax.vmap(lambda turn: shape_columns(bisector, across, tilt, turn) @ shape)(turns)
 
 
 _columns = jax.jit(shape_columns)
@@ -218,11 +222,11 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
     amplitude, rms = [], []
     for s in spins:
         tilt = spin.tilts(s.pole[None])[0]
-        shape = np.asarray(_columns(points.bisector, tilt, points.t * s.frequency))
+        shape = np.asarray(_columns(points.bisector, points.across, tilt, points.t * s.frequency))
         x = np.concatenate([points.fixed, shape], axis=1)
         matrix = x.T @ (w[:, None] * x) + known.precision
         found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known.precision @ known.mean)
-        light = np.asarray(_turned(points.bisector, tilt, found[points.fixed.shape[1] :]))
+        light = np.asarray(_turned(points.bisector, points.across, tilt, found[points.fixed.shape[1] :]))
         amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
         rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
     return np.array(amplitude), np.array(rms)
@@ -257,10 +261,17 @@ def _cells(
         rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
         rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
         others = others._replace(log_mass=np.full(len(cell), rest - np.log(len(cell))))
-    also = _doubled(points, listed, frequencies, apart)
-    if also is not None:
-        listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
-    return evidence.refined(points, evidence.located(points, listed), rest), others
+    found = evidence.located(points, listed, LEVEL + LOCATED)
+    found = _with_multiples(points, found, frequencies, apart)
+    found = evidence.refined(points, found, rest, ROUNDS)
+    found, weighed = evidence.weighed(points, found, rest)
+    found = evidence.refined(points, found, weighed, CLASS_ROUNDS, CLASS_CELLS, evidence.by_class)
+    shift = (weighed - rest) / evidence.INFORMATION if len(cell) else 0.0
+    others = others._replace(
+        log_evidence=others.log_evidence + shift,
+        log_mass=others.log_mass + evidence.INFORMATION * shift,
+    )
+    return found, others
 
 
 def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -277,26 +288,43 @@ def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp
     return rows, np.sum(within < part[:, None], axis=1).clip(max=mass.shape[1] - 1)
 
 
-def _doubled(
-    points: SparsePoints, listed: Cells, frequencies: Floats, apart: float
-) -> Cells | None:
-    """Cells at half and twice the best periods that are not among those listed."""
-    order = np.argsort(-listed.log_mass, kind="stable")
-    _, at = np.unique(listed.frequency[order], return_index=True)
-    best = listed.frequency[order[np.sort(at)[:DOUBLED]]]
-    rows = set()
-    for f in best:
-        here = order[listed.frequency[order] == f][:DOUBLED_POLES]
-        for g in (0.5 * f, 2.0 * f):
-            middle = round((g - frequencies[0]) / apart)
-            near = [k for k in range(middle - 1, middle + 2) if 0 <= k < len(frequencies)]
-            rows |= {(k, int(c)) for k in near for c in listed.cell[here]}
-    known = set(zip(np.rint((listed.frequency - frequencies[0]) / apart), listed.cell, strict=True))
-    left = sorted(rows - known)
-    if not left:
-        return None
-    k, cell = np.array(left).T
-    return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
+def _with_multiples(
+    points: SparsePoints, found: Cells, frequencies: Floats, apart: float
+) -> Cells:
+    """Cells, and those at half and twice the best periods, divided near the best poles of each.
+
+    The evidence of all shapes together may prefer half or twice the period of some bodies by far.
+    Only the evidence by class tells them apart, so each is needed at its best pole.
+    """
+    span = points.span
+    best = evidence.best_of_periods(found, span, MULTIPLIED, MULTIPLIED_POLES)
+    whole = evidence.joined(*[
+        found.rows(rows)._replace(frequency=factor * found.frequency[rows])
+        for rows in best
+        for factor in (0.5, 2.0)
+    ])
+    off = np.arange(-AROUND, AROUND + 1) * FINE / span
+    tried = whole.rows(np.repeat(np.arange(len(whole.cell)), len(off)))
+    tried = tried._replace(frequency=tried.frequency + np.tile(off, len(whole.cell)))
+    edge = 0.5 * apart
+    low, high = frequencies[0] - edge, frequencies[-1] + edge
+    tried = tried.rows((low < tried.frequency) & (tried.frequency < high))
+    if not len(tried.cell):
+        return found
+    value = evidence.all_shapes(points, tried.pole, tried.frequency)
+    tried = tried._replace(log_evidence=value)
+    rows = np.concatenate(evidence.best_of_periods(tried, span / 2, 4 * MULTIPLIED, TARGETS))
+    targets = tried.rows(rows)
+    # coarse cells that hold the targets, unless they, or parts of them, are there already
+    k = np.rint((targets.frequency - frequencies[0]) / apart).astype(int)
+    new = set(zip(k, targets.cell // 4 ** (targets.level - LEVEL), strict=True))
+    number = np.rint((found.frequency - frequencies[0]) / apart).astype(int)
+    new -= set(zip(number, found.cell // 4 ** (found.level - LEVEL), strict=True))
+    if new:
+        k, cell = np.array(sorted(new)).T
+        coarse = evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
+        found = evidence.joined(found, coarse)
+    return evidence.reaching(points, found, targets)
 
 
 def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
