@@ -178,9 +178,7 @@ def coefficients(kind: str, number: int) -> Floats:
         rng = np.random.default_rng([SEED, CLASSES.index(kind), i])
         sun, obs = directions(rng)
         alpha = np.arccos(np.clip(np.sum(sun * obs, axis=1), -1.0, 1.0))
-        shape = harmonics.shape_columns(
-            unit(sun + obs), sun - obs, np.eye(3), np.zeros(len(sun))
-        )
+        shape = harmonics.shape_columns(unit(sun + obs), sun - obs, np.eye(3), np.zeros(len(sun)))
         fixed = np.column_stack([np.ones(len(sun)), harmonics.phase_columns(alpha)])
         columns = np.column_stack([fixed, np.asarray(shape)])
         y = log_flux(rng, kind, sun, obs)

@@ -28,12 +28,11 @@ Floats = NDArray[np.float64]
 
 ROUNDS, CLASS_ROUNDS = 3, 2  # of reweighting, and of the noise level of a class
 BATCH = 256  # spins at once
-INFORMATION = 0.5  # power of the evidence: errors of the model are common to many points
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
 DIVIDED = 64  # cells divided at once
 MASS = 3e-3  # share of the posterior below which a cell is not divided
 SETTLED = 0.1  # change of ln(mass) on division, nat, below which a cell's parts are kept
-LOCATED_PERIODS, LOCATED_CELLS = 32, 3  # periods whose cells are divided, and cells of each
+LOCATED = ((128, 1), (64, 2), (32, 3))  # periods whose cells are divided, and cells of each
 WEIGHED, WEIGHED_PERIODS, WEIGHED_CELLS = 256, 64, 2  # cells whose classes are weighed
 DEEPEST = 7  # level of division of poles (0.5 degrees)
 
@@ -155,7 +154,7 @@ def _fit(points: SparsePoints, x: jax.Array, every: Normal) -> tuple[Fits, Sums]
         jnp.sum(w * y * less),
         jnp.sum(used),
         jnp.sum(noise0 / scale**2) + PRIOR_NIGHTS * (NIGHT_SD / tau) ** 2,
-        2.0 * PRIOR_POINTS * len(scale) + PRIOR_NIGHTS,
+        PRIOR_POINTS * len(scale) + PRIOR_NIGHTS,
     )
     return Fits(value, found, scale, tau, heavy), sums
 
@@ -185,9 +184,7 @@ def _of_class(sums: Sums, of: Normal) -> tuple[jax.Array, jax.Array]:
     return _log_normal(sums, of, factor)[0], factor
 
 
-def _classes(
-    fit: Fits, sums: Sums, every: Normal, classes: Normal
-) -> tuple[jax.Array, jax.Array]:
+def _classes(fit: Fits, sums: Sums, every: Normal, classes: Normal) -> tuple[jax.Array, jax.Array]:
     """ln of the evidence of each class (C,), and the factor of its noise levels (C,).
 
     The difference between Student's t and a normal density is that of the fit.
@@ -260,7 +257,7 @@ class Cells(NamedTuple):
 def cells(
     points: SparsePoints, cell: Any, level: Any, frequency: Floats, width: Floats, how: Any = None
 ) -> Cells:
-    """Cells with their masses: evidence^½ × prior, uniform over poles and over ln(period).
+    """Cells with their masses: evidence × prior, uniform over poles and over ln(period).
 
     ``how`` is `all_shapes`, or by default `by_class`.
     """
@@ -271,10 +268,10 @@ def cells(
 
 
 def mass(of: Cells) -> Floats:
-    """ln of evidence^½ × prior of each cell."""
+    """ln of evidence × prior of each cell."""
     volume = np.log(of.width / of.frequency)
     volume -= np.log(sphere_cells.number(1) * 4.0 ** (of.level - 1.0))
-    return INFORMATION * of.log_evidence + volume
+    return of.log_evidence + volume
 
 
 def total_mass(of: Cells) -> float:
@@ -291,20 +288,14 @@ def divided(points: SparsePoints, whole: Cells, how: Any = None) -> Cells:
     return cells(points, cell, level, frequency, width, how)
 
 
-def located(
-    points: SparsePoints, listed: Cells, deepest: int, periods: int = LOCATED_PERIODS
-) -> Cells:
-    """Cells divided near the best pole of each of the best periods, whatever their masses.
+def located(points: SparsePoints, listed: Cells) -> Cells:
+    """Cells divided near the best poles of the best periods, whatever their masses.
 
     A cell is wide compared with a strong maximum of the evidence, so the value at its centre may
-    rank it far below others. Each round divides the best cells of the best periods, to the
-    level ``deepest``.
+    rank it far below others. Each round divides more cells of fewer periods.
     """
-    for _ in range(deepest):
-        chosen = np.concatenate(best_of_periods(listed, points.span, periods, LOCATED_CELLS))
-        chosen = chosen[listed.level[chosen] < deepest]
-        if not len(chosen):
-            break
+    for periods, number in LOCATED:
+        chosen = np.concatenate(best_of_periods(listed, points.span, periods, number))
         kept = np.ones(len(listed.cell), bool)
         kept[chosen] = False
         parts = divided(points, listed.rows(chosen))
@@ -326,9 +317,7 @@ def reaching(points: SparsePoints, listed: Cells, targets: Cells) -> Cells:
     return listed
 
 
-def best_of_periods(
-    of: Cells, span: float, periods: int, number: int
-) -> list[NDArray[np.integer]]:
+def best_of_periods(of: Cells, span: float, periods: int, number: int) -> list[NDArray[np.integer]]:
     """Rows of the best cells, at most ``number``, of each of the best periods."""
     order = np.argsort(-of.log_evidence, kind="stable")
     period = np.floor(of.frequency[order] * span)
@@ -342,7 +331,12 @@ def joined(*parts: Cells) -> Cells:
 
 
 def refined(
-    points: SparsePoints, first: Cells, rest: float, rounds: int, most: int = DIVIDED, how: Any = None
+    points: SparsePoints,
+    first: Cells,
+    rest: float,
+    rounds: int,
+    most: int = DIVIDED,
+    how: Any = None,
 ) -> Cells:
     """Cells divided wherever the posterior is, until their masses settle.
 
@@ -383,9 +377,7 @@ def weighed(points: SparsePoints, found: Cells, rest: float) -> tuple[Cells, flo
     It is computed for the cells with the greatest masses and for the best of each of the best
     periods, and the others are shifted as the median of those.
     """
-    best = np.concatenate(
-        best_of_periods(found, points.span, WEIGHED_PERIODS, WEIGHED_CELLS)
-    )
+    best = np.concatenate(best_of_periods(found, points.span, WEIGHED_PERIODS, WEIGHED_CELLS))
     most = np.argsort(-found.log_mass, kind="stable")[:WEIGHED]
     chosen = np.union1d(most, best)
     value = by_class(points, found.pole[chosen], found.frequency[chosen])
@@ -393,4 +385,4 @@ def weighed(points: SparsePoints, found: Cells, rest: float) -> tuple[Cells, flo
     log_evidence = found.log_evidence + shift
     log_evidence[chosen] = value
     found = found._replace(log_evidence=log_evidence)
-    return found._replace(log_mass=mass(found)), rest + INFORMATION * shift
+    return found._replace(log_mass=mass(found)), rest + shift

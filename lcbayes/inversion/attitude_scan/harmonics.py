@@ -31,7 +31,9 @@ ZONAL = (1, 2, 3, 4)  # powers of z
 SECTORAL = ((2, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 0), (4, 0))  # m and n of z^n u^m
 HIGHER = ((4, 0), (4, 1), (4, 2), (6, 0), (8, 0))  # m and n of z^n |u|² (u/|u|)^m
 # order in longitude, and whether the power of z is odd, of each column of `shape_columns`
-_TERMS = [(0, n) for n in ZONAL] + [(0, 0)] * 3 + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
+_TERMS = (
+    [(0, n) for n in ZONAL] + [(0, 0)] * 3 + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
+)
 ORDERS, ODD = np.array([m for m, _ in _TERMS]), np.array([n % 2 == 1 for _, n in _TERMS])
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown

@@ -97,7 +97,7 @@ def outlook(
 ) -> dict[str, Any]:
     """Expected probability of the true period after each night, and after several.
 
-    The evidence has the same power as in a scan. Each night has a zero point of its own, and errors
+    Each night has a zero point of its own, and errors
     of a night and of the model as in a scan. Nights are taken as independent given the spin.
 
     Parameters
@@ -129,7 +129,7 @@ def outlook(
 
     def after(gain: Floats) -> float:
         """Mean probability of the true period, ln-likelihoods (A, R, B) given."""
-        mass = np.log(weighed.share) + evidence.INFORMATION * gain
+        mass = np.log(weighed.share) + gain
         mass = np.exp(mass - mass.max(axis=-1, keepdims=True))
         right = np.sum(mass * same[:, None], axis=-1) / np.sum(mass, axis=-1)
         return float(true.share @ right.mean(axis=1))
@@ -202,7 +202,7 @@ def _draws(points: SparsePoints, cells: Cells, size: Floats, rng: np.random.Gene
     frequency = cells.frequency + (rng.uniform(size=number) - 0.5) * cells.width
     pole = _within(cells, rng)
     fit = evidence.fits(points, pole, frequency)
-    ratio = evidence.INFORMATION * (fit.log_evidence - cells.log_evidence)
+    ratio = fit.log_evidence - cells.log_evidence
     share = size * np.exp(np.clip(ratio, -MOST_RATIO, MOST_RATIO))
     mean, covariance = _coefficients(points, fit, pole, frequency)
     return Draws(pole, frequency, share / share.sum(), mean, covariance, np.asarray(fit.night))

@@ -35,12 +35,14 @@ Floats = NDArray[np.float64]
 PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
-KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
+KEPT, KEPT_FREQUENCIES = 512, 2048  # hypotheses of the periodogram whose evidence is computed, and
+# frequencies of which the best pole is among them
 DRAWN = 256  # of all others
-LOCATED = 3  # divisions of cells near the best poles
-MULTIPLIED, MULTIPLIED_POLES = 4, 2  # periods, and cells of each, tested at half and double
-AROUND, FINE, TARGETS = 12, 1.0 / 16.0, 3  # frequencies tried on either side, their step in turns
+MAXIMA, MAXIMA_POLES, MULTIPLIED = 16, 2, 4  # periods, and poles of each, whose maxima are sought,
+# and periods also at half and double
+AROUND, FINE, TARGETS = 12, 1.0 / 16.0, 2  # frequencies tried on either side, their step in turns
 # over the data, and those of each period that are kept
+MAXIMA_NATS = 40.0  # below the best; more than classes of shapes change
 ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is; cells of each
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
@@ -226,7 +228,9 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
         x = np.concatenate([points.fixed, shape], axis=1)
         matrix = x.T @ (w[:, None] * x) + known.precision
         found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known.precision @ known.mean)
-        light = np.asarray(_turned(points.bisector, points.across, tilt, found[points.fixed.shape[1] :]))
+        light = np.asarray(
+            _turned(points.bisector, points.across, tilt, found[points.fixed.shape[1] :])
+        )
         amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
         rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
     return np.array(amplitude), np.array(rms)
@@ -237,9 +241,9 @@ def _cells(
 ) -> tuple[Cells, Cells]:
     """Cells that hold the posterior, and some of all others, with the mass of these together."""
     volume = np.log(apart / frequencies)[:, None].astype(np.float32)
-    mass = np.float32(evidence.INFORMATION) * value + volume
-    kept = min(KEPT, mass.size)
-    top = np.argpartition(mass, mass.size - kept, axis=None)[mass.size - kept :]
+    mass = value + volume
+    top = _kept(mass)
+    kept = len(top)
     at, cell = np.divmod(top, value.shape[1])
     listed = evidence.cells(points, cell, LEVEL, frequencies[at], np.full(kept, apart))
     # the other hypotheses have the evidence of the periodogram, shifted as for the last of these
@@ -259,19 +263,31 @@ def _cells(
     if len(cell):  # in a narrow range, all hypotheses are listed
         most = float(mass.max())
         rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
-        rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
+        rest += float(shift) - np.log(value.shape[1])
         others = others._replace(log_mass=np.full(len(cell), rest - np.log(len(cell))))
-    found = evidence.located(points, listed, LEVEL + LOCATED)
-    found = _with_multiples(points, found, frequencies, apart)
+    found = evidence.located(points, listed)
+    found = _at_maxima(points, found, frequencies, apart)
     found = evidence.refined(points, found, rest, ROUNDS)
     found, weighed = evidence.weighed(points, found, rest)
     found = evidence.refined(points, found, weighed, CLASS_ROUNDS, CLASS_CELLS, evidence.by_class)
-    shift = (weighed - rest) / evidence.INFORMATION if len(cell) else 0.0
+    shift = weighed - rest if len(cell) else 0.0
     others = others._replace(
         log_evidence=others.log_evidence + shift,
-        log_mass=others.log_mass + evidence.INFORMATION * shift,
+        log_mass=others.log_mass + shift,
     )
     return found, others
+
+
+def _kept(mass: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Flat indices of the hypotheses with the greatest masses, and of the best pole of each of the
+    best frequencies."""
+    few = min(KEPT, mass.size)
+    top = np.argpartition(mass, mass.size - few, axis=None)[mass.size - few :]
+    pole = np.argmax(mass, axis=1)
+    best = mass[np.arange(len(mass)), pole]
+    few = min(KEPT_FREQUENCIES, len(best))
+    at = np.argpartition(best, len(best) - few)[len(best) - few :]
+    return np.union1d(top, at * mass.shape[1] + pole[at])
 
 
 def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -288,33 +304,14 @@ def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp
     return rows, np.sum(within < part[:, None], axis=1).clip(max=mass.shape[1] - 1)
 
 
-def _with_multiples(
-    points: SparsePoints, found: Cells, frequencies: Floats, apart: float
-) -> Cells:
-    """Cells, and those at half and twice the best periods, divided near the best poles of each.
+def _at_maxima(points: SparsePoints, found: Cells, frequencies: Floats, apart: float) -> Cells:
+    """Cells, divided as far as the maxima near the best periods, and at half and twice these.
 
-    The evidence of all shapes together may prefer half or twice the period of some bodies by far.
-    Only the evidence by class tells them apart, so each is needed at its best pole.
+    The maxima are often much narrower than a cell. The evidence of all shapes together may prefer
+    half or twice the period of some bodies by far, and only the evidence by class tells them apart,
+    so each is needed at its maximum.
     """
-    span = points.span
-    best = evidence.best_of_periods(found, span, MULTIPLIED, MULTIPLIED_POLES)
-    whole = evidence.joined(*[
-        found.rows(rows)._replace(frequency=factor * found.frequency[rows])
-        for rows in best
-        for factor in (0.5, 2.0)
-    ])
-    off = np.arange(-AROUND, AROUND + 1) * FINE / span
-    tried = whole.rows(np.repeat(np.arange(len(whole.cell)), len(off)))
-    tried = tried._replace(frequency=tried.frequency + np.tile(off, len(whole.cell)))
-    edge = 0.5 * apart
-    low, high = frequencies[0] - edge, frequencies[-1] + edge
-    tried = tried.rows((low < tried.frequency) & (tried.frequency < high))
-    if not len(tried.cell):
-        return found
-    value = evidence.all_shapes(points, tried.pole, tried.frequency)
-    tried = tried._replace(log_evidence=value)
-    rows = np.concatenate(evidence.best_of_periods(tried, span / 2, 4 * MULTIPLIED, TARGETS))
-    targets = tried.rows(rows)
+    targets = _maxima(points, found, (frequencies[0] - 0.5 * apart, frequencies[-1] + 0.5 * apart))
     # coarse cells that hold the targets, unless they, or parts of them, are there already
     k = np.rint((targets.frequency - frequencies[0]) / apart).astype(int)
     new = set(zip(k, targets.cell // 4 ** (targets.level - LEVEL), strict=True))
@@ -325,6 +322,26 @@ def _with_multiples(
         coarse = evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
         found = evidence.joined(found, coarse)
     return evidence.reaching(points, found, targets)
+
+
+def _maxima(points: SparsePoints, found: Cells, limits: tuple[float, float]) -> Cells:
+    """The best of frequencies in small steps around the best periods, half and twice of these."""
+    best = evidence.best_of_periods(found, points.span, MAXIMA, MAXIMA_POLES)
+    whole = [found.rows(rows) for rows in best]
+    for factor in (0.5, 2.0):
+        parts = [found.rows(rows) for rows in best[:MULTIPLIED]]
+        whole += [part._replace(frequency=factor * part.frequency) for part in parts]
+    tried = evidence.joined(*whole)
+    off = np.arange(-AROUND, AROUND + 1) * FINE / points.span
+    frequency = (tried.frequency[:, None] + off).ravel()
+    tried = tried.rows(np.repeat(np.arange(len(tried.cell)), len(off)))
+    tried = tried._replace(frequency=frequency)
+    tried = tried.rows((limits[0] < frequency) & (frequency < limits[1]))
+    value = evidence.all_shapes(points, tried.pole, tried.frequency)
+    tried = tried._replace(log_evidence=value)
+    rows = evidence.best_of_periods(tried, 0.5 * points.span, len(whole), TARGETS)
+    targets = tried.rows(np.concatenate(rows))
+    return targets.rows(targets.log_evidence > value.max() - MAXIMA_NATS)
 
 
 def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
