@@ -259,7 +259,7 @@ def cells(
 ) -> Cells:
     """Cells with their masses: evidence × prior, uniform over poles and over ln(period).
 
-    ``how`` is `all_shapes`, or by default `by_class`.
+    ``how`` is `by_class`, or by default `all_shapes`.
     """
     level = np.broadcast_to(level, np.shape(cell)).copy()
     value = (how or all_shapes)(points, sphere_cells.centres(cell, level), frequency)

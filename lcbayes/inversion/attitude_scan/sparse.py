@@ -220,17 +220,16 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
     weights of the points are those of the periodogram.
     """
     w, used = weights(points), points.used > 0
-    known = prior(points.group.shape[1])
+    known, n_fixed = prior(points.group.shape[1]), points.fixed.shape[1]
+    right = known.precision @ known.mean
     amplitude, rms = [], []
     for s in spins:
         tilt = spin.tilts(s.pole[None])[0]
         shape = np.asarray(_columns(points.bisector, points.across, tilt, points.t * s.frequency))
         x = np.concatenate([points.fixed, shape], axis=1)
         matrix = x.T @ (w[:, None] * x) + known.precision
-        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known.precision @ known.mean)
-        light = np.asarray(
-            _turned(points.bisector, points.across, tilt, found[points.fixed.shape[1] :])
-        )
+        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + right)
+        light = np.asarray(_turned(points.bisector, points.across, tilt, found[n_fixed:]))
         amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
         rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
     return np.array(amplitude), np.array(rms)

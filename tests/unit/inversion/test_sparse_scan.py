@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import block_diag
 
 import lcbayes
 from lcbayes.core.errors import InputError
@@ -125,9 +126,10 @@ def test_periodogram_is_that_of_dense_least_squares(points):
     """Every entry against the normal equations of all columns together, in double precision."""
     w = periodogram.weights(points)
     mean, sd = fixed_prior(1)
-    flat, elongation = periodogram.FLATTENING, periodogram.ELONGATION
-    mean = np.concatenate([mean, [flat[0], 0, 0]])
-    sd = np.concatenate([sd, [flat[1], elongation, elongation]])
+    flat, covariance = periodogram.zonal_prior()
+    mean = np.concatenate([mean, flat, [0, 0]])
+    elongation = periodogram.ELONGATION**2
+    known = np.linalg.inv(block_diag(np.diag(sd**2), covariance, elongation * np.eye(2)))
     poles = sphere_cells.centres(np.array([0, 5, 11]), 0)
     apart = 0.2 / points.span
     value = periodogram.periodogram(points, poles, TRUE_HZ, apart, 5)
@@ -136,10 +138,10 @@ def test_periodogram_is_that_of_dense_least_squares(points):
     for i, j in np.ndindex(*value.shape):
         full = dense_columns(points, poles[j], TRUE_HZ + i * apart)
         n = points.fixed.shape[1]
-        x = full[:, [*range(n), n + 1, n + 7, n + 8]]
-        matrix = x.T @ (w[:, None] * x) + np.diag(sd**-2.0)
-        c = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + mean / sd**2)
-        squares = np.sum(w * (points.log_flux - x @ c) ** 2) + np.sum(((c - mean) / sd) ** 2)
+        x = full[:, [*range(n), n + 1, n + 4, n + 6, n + 7, n + 8]]
+        matrix = x.T @ (w[:, None] * x) + known
+        c = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known @ mean)
+        squares = np.sum(w * (points.log_flux - x @ c) ** 2) + (c - mean) @ known @ (c - mean)
         expected[i, j] = -half * np.log(squares) - 0.5 * np.linalg.slogdet(matrix)[1]
     np.testing.assert_allclose(value - value[0, 0], expected - expected[0, 0], atol=2e-3)
 
