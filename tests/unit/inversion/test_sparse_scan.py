@@ -13,6 +13,7 @@ import lcbayes
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.time_limit import OutOfTime, time_limit
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import (
     evidence,
     periodogram,
@@ -230,6 +231,45 @@ def test_noise_has_no_probable_period():
     sphere = sparse_surveys.observed(noise=0.1, axes=np.ones(3))
     found = sparse.search(SparsePoints.of(sphere), (5.0, 6.0))
     assert found.period_probability < 0.9
+
+
+def seen(flux: np.ndarray, t: np.ndarray, noise: float) -> LightCurve:
+    rng = np.random.default_rng(4)
+    sun, obs = sparse_surveys.directions(t)
+    bright = flux / flux.mean() * np.exp(noise * rng.standard_normal(t.size))
+    return LightCurve(
+        t=86400.0 * t, brightness=bright, error=None, sun=sun, obs=obs, kind="flux",
+        free_scale=np.array([True]), frame="ecliptic-j2000",
+    )  # fmt: skip
+
+
+def best_near(points: SparsePoints, frequency: float) -> float:
+    """The greatest evidence of the classes within half a turn, at poles near the true one."""
+    off = np.linspace(-0.5, 0.5, 65) / points.span
+    level = 4
+    every = sphere_cells.centres(np.arange(sphere_cells.number(level)), level)
+    poles = every[every @ POLE > np.cos(np.radians(8.0))]
+    tried = np.repeat(poles, len(off), axis=0)
+    value = evidence.by_class(points, tried, frequency + np.tile(off, len(poles)))
+    return float(value.max())
+
+
+@pytest.mark.parametrize("second", [0.9, 0.75, 0.6])
+def test_the_half_period_of_a_box_is_told_by_its_classes(second):
+    """Four maxima a turn, alternate ones hardly different: half the period has two of them."""
+    t = sparse_surveys.times(np.random.default_rng(3), n_nights=40)
+    edges = np.array([1.0, second, 0.5])
+    box = SparsePoints.of(seen(sparse_surveys.box_brightness(t, edges), t, 0.01))
+    assert best_near(box, TRUE_HZ) > best_near(box, 2.0 * TRUE_HZ) + 5.0
+
+
+@pytest.mark.parametrize("second", [0.85, 0.7])
+def test_the_double_period_of_an_ellipsoid_is_told_by_its_classes(second):
+    """Two maxima a turn would be four of a body that is as flat at each of its sides."""
+    t = sparse_surveys.times(np.random.default_rng(3), n_nights=40)
+    flux = sparse_surveys.brightness(t, np.array([1.0, second, 0.6]))
+    smooth = SparsePoints.of(seen(flux, t, 0.01))
+    assert best_near(smooth, TRUE_HZ) > best_near(smooth, 0.5 * TRUE_HZ) + 3.0
 
 
 def test_sparse_curves_are_recognised(curve):
