@@ -160,7 +160,8 @@ def directions(rng: np.random.Generator) -> tuple[Floats, Floats]:
     bisector = unit(rng.normal(size=(N_DIRECTIONS, 3)))
     across = unit(np.cross(bisector, rng.normal(size=bisector.shape)))
     half = 0.5 * rng.uniform(0.03, MAX_PHASE, N_DIRECTIONS)[:, None]
-    return (np.cos(half) * bisector + side * np.sin(half) * across for side in (1.0, -1.0))
+    along, aside = np.cos(half) * bisector, np.sin(half) * across
+    return along + aside, along - aside
 
 
 def log_flux(rng: np.random.Generator, kind: str, sun: Floats, obs: Floats) -> Floats:

@@ -88,7 +88,9 @@ def poles(points: SparsePoints, directions: Floats) -> Poles:
     mean, sd = fixed_prior(points.group.shape[1])
     flat, covariance = zonal_prior()
     mean = np.concatenate([mean, flat])
-    root_known = block_diag(np.diag(1.0 / sd), np.linalg.inv(np.linalg.cholesky(covariance)))
+    root_known: Floats = np.asarray(
+        block_diag(np.diag(1.0 / sd), np.linalg.inv(np.linalg.cholesky(covariance)))
+    )
     still = np.einsum("tj,pjk->ptk", points.bisector, tilts(directions))
     v = (still[..., 0] + 1j * still[..., 1]) ** 2
     linear, rest, log_det = [], [], []

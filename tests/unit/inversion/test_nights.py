@@ -49,7 +49,7 @@ def hours_after(curve: LightCurve, n_points: int = 20) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def searched():
-    curve = sparse_surveys.observed(noise=0.06)
+    curve = sparse_surveys.observed(noise=0.16)
     points = SparsePoints.of(curve)
     return curve, points, sparse.search(points, NARROW)
 
@@ -77,7 +77,7 @@ def test_points_are_foretold_as_by_the_joint_normal(searched):
     new = np.concatenate([new, np.ones((n_new, 1)), after], axis=1)
     (first, sd), (of_shape, spread_of_shape) = fixed_prior(n_offsets), shape_prior()
     prior_mean = np.concatenate([first, [0.0], of_shape])
-    spread = block_diag(np.diag(np.append(sd, 1.0) ** 2), spread_of_shape)
+    spread = np.asarray(block_diag(np.diag(np.append(sd, 1.0) ** 2), spread_of_shape))
     x = np.concatenate([old, new])
     joint = x @ spread @ x.T
     shared = np.zeros((n_old + n_new, points.night.shape[1] + 1))

@@ -130,7 +130,8 @@ def test_periodogram_is_that_of_dense_least_squares(points):
     flat, covariance = periodogram.zonal_prior()
     mean = np.concatenate([mean, flat, [0, 0]])
     elongation = periodogram.ELONGATION**2
-    known = np.linalg.inv(block_diag(np.diag(sd**2), covariance, elongation * np.eye(2)))
+    blocks = block_diag(np.diag(sd**2), covariance, elongation * np.eye(2))
+    known = np.linalg.inv(np.asarray(blocks))
     poles = sphere_cells.centres(np.array([0, 5, 11]), 0)
     apart = 0.2 / points.span
     value = periodogram.periodogram(points, poles, TRUE_HZ, apart, 5)
