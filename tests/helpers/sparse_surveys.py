@@ -58,6 +58,25 @@ def brightness(
     return flux * np.exp(-1.5 * alpha + 0.3 * np.exp(-alpha / 0.07))
 
 
+def box_brightness(t: np.ndarray, edges: np.ndarray, period_h: float = PERIOD_H) -> np.ndarray:
+    """Flux of a box that spins about its shortest edge, under Lommel and Seeliger's law."""
+    sun, obs = directions(t)
+    x = np.cross([0.0, 0.0, 1.0], POLE)
+    x /= np.linalg.norm(x)
+    angle = 2 * np.pi * 24.0 * t / period_h
+    cos, sin = np.cos(angle), np.sin(angle)
+    flux = np.zeros(t.size)
+    body = []
+    for v in (sun, obs):
+        a, b, c = v @ x, v @ np.cross(POLE, x), v @ POLE
+        body.append(np.stack([cos * a + sin * b, cos * b - sin * a, c], 1))
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            mu0, mu = (np.maximum(side * v[:, axis], 0.0) for v in body)
+            flux += np.prod(edges) / edges[axis] * mu0 * mu / np.maximum(mu0 + mu, 1e-9)
+    return flux
+
+
 def observed(
     noise: float = 0.02,
     axes: np.ndarray = AXES,

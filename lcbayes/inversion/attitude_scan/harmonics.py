@@ -24,21 +24,17 @@ from lcbayes.modelling.epochs import Epochs
 Floats = NDArray[np.float64]
 
 SURGE_RAD = 0.09  # width of the opposition surge of the phase law
-# prior mean and standard deviation of the coefficients, in ln flux
+# prior mean and standard deviation, in ln flux, of the offsets and the phase law
 OFFSET = (0.0, 1.0)
 PHASE_SLOPE, SURGE = (-1.6, 0.7), (0.2, 0.2)  # per radian; of exp(−α/0.09)
-ZONAL = ((1, 0.0, 0.08), (2, 0.4, 0.35), (3, 0.0, 0.08), (4, 0.0, 0.15))  # power of z, mean, sd
-ELONGATION = 0.2  # sd of Re and Im of u²
-SECTORAL = (  # order m, power of z, sd of Re and Im
-    (1, 0, 0.08),
-    (1, 1, 0.08),
-    (2, 1, 0.08),
-    (2, 2, 0.1),
-    (3, 0, 0.06),
-    (3, 1, 0.05),
-    (4, 0, 0.05),
+ZONAL = (1, 2, 3, 4)  # powers of z
+SECTORAL = ((2, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 0), (4, 0))  # m and n of z^n u^m
+HIGHER = ((4, 0), (4, 1), (4, 2), (6, 0), (8, 0))  # m and n of z^n |u|² (u/|u|)^m
+# order in longitude, and whether the power of z is odd, of each column of `shape_columns`
+_TERMS = (
+    [(0, n) for n in ZONAL] + [(0, 0)] * 3 + [x for x in (*SECTORAL, *HIGHER) for _ in range(2)]
 )
-FOUR = ((0, 0.05), (1, 0.03), (2, 0.04))  # power of z, and sd of Re and Im of z^n u⁴/|u|²
+ORDERS, ODD = np.array([m for m, _ in _TERMS]), np.array([n % 2 == 1 for _, n in _TERMS])
 ERROR_FLOOR = 0.015  # of known relative errors
 UNKNOWN_NOISE = 0.06  # expected, where errors are unknown
 NIGHT_S = 0.5 * DAY_S
@@ -49,7 +45,8 @@ class SparsePoints(NamedTuple):
     """Points of a light curve for the linear model: arrays of NumPy or JAX.
 
     t : (T,) s, since the middle of the data
-    bisector : (T, 3), unit vectors, inertial
+    bisector, across : (T, 3), unit vectors along the sum of those to Sun and observer, and the
+        difference of these, inertial
     log_flux : (T,), its median over each curve is zero
     error : (T,), relative; one where unknown
     fixed : (T, C + 2), columns of the offsets and of the phase law
@@ -64,6 +61,7 @@ class SparsePoints(NamedTuple):
 
     t: Any
     bisector: Any
+    across: Any
     log_flux: Any
     error: Any
     fixed: Any
@@ -107,6 +105,7 @@ class SparsePoints(NamedTuple):
         return cls(
             filled(middle),
             filled(bisector / np.linalg.norm(bisector, axis=1, keepdims=True)),
+            filled(np.asarray(curve.sun) - np.asarray(curve.obs)),
             filled(y),
             filled(np.hypot(error / flux, ERROR_FLOOR) if known else np.ones_like(y), 1.0),
             filled(np.column_stack([member, phase_columns(np.asarray(curve.phase_angle))])),
@@ -163,21 +162,15 @@ def fixed_prior(n_curves: int) -> tuple[Floats, Floats]:
     return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
 
 
-def shape_prior() -> tuple[Floats, Floats]:
-    """Prior means and standard deviations of the columns of `shape_columns`."""
-    rows = [(mean, sd) for _, mean, sd in ZONAL] + [(0.0, ELONGATION)] * 2
-    for sd in [sd for _, _, sd in SECTORAL] + [sd for _, sd in FOUR]:
-        rows += [(0.0, sd)] * 2
-    return np.array([m for m, _ in rows]), np.array([s for _, s in rows])
-
-
-def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax.Array:
-    """Harmonics of the bisector in the body frame, (T, 26).
+def shape_columns(
+    bisector: ArrayLike, across: ArrayLike, tilt: ArrayLike, turns: ArrayLike
+) -> jax.Array:
+    """Harmonics of the bisector in the body frame, and terms of the phase angle, (T, 31).
 
     Parameters
     ----------
-    bisector : (T, 3)
-        Inertial unit vectors.
+    bisector, across : (T, 3)
+        Inertial unit vectors, and the differences of those to Sun and observer.
     tilt : (3, 3)
         Body to inertial at the middle of the data; the third column is the pole.
     turns : (T,)
@@ -187,13 +180,15 @@ def shape_columns(bisector: ArrayLike, tilt: ArrayLike, turns: ArrayLike) -> jax
     turns = jnp.asarray(turns)
     angle = 2.0 * jnp.pi * (turns - jnp.floor(turns))
     u = (x + 1j * y) * jnp.exp(-1j * angle)
-    powers = {1: u, 2: u * u, 3: u * u * u, 4: (u * u) ** 2}
-    out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n, _, _ in ZONAL]
-    out += [powers[2].real, powers[2].imag]
-    for m, n, _ in SECTORAL:
-        one = powers[m] * z**n
+    modulus = jnp.maximum(jnp.abs(u), 1e-6)
+    turned = {1: u / modulus}
+    for m in range(2, 9):
+        turned[m] = turned[m - 1] * turned[1]
+    out = [z**n - (1.0 / (n + 1) if n % 2 == 0 else 0.0) for n in ZONAL]
+    across, tilt = jnp.asarray(across), jnp.asarray(tilt)
+    out += [jnp.abs(z) - 0.5, jnp.sum(across**2, axis=1) - 0.04, (across @ tilt[:, 2]) ** 2]
+    terms = [(m, n, m) for m, n in SECTORAL] + [(m, n, 2) for m, n in HIGHER]
+    for m, n, k in terms:
+        one = turned[m] * modulus**k * z**n
         out += [one.real, one.imag]
-    four = powers[4] / jnp.maximum(jnp.abs(powers[2]), 1e-12)
-    for n, _ in FOUR:
-        out += [(four * z**n).real, (four * z**n).imag]
     return jnp.stack(out, axis=1)

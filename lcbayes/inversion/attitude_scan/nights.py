@@ -7,7 +7,7 @@ the spins, and the others are weighed by what they foretold, as a scan of all po
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,12 +24,11 @@ from lcbayes.inversion.attitude_scan.harmonics import (
     ERROR_FLOOR,
     OFFSET,
     SparsePoints,
-    fixed_prior,
     nights_of,
     phase_columns,
     shape_columns,
-    shape_prior,
 )
+from lcbayes.inversion.attitude_scan.shape_classes import prior
 from lcbayes.inversion.attitude_scan.spin import tilts
 
 Floats = NDArray[np.float64]
@@ -39,7 +38,7 @@ MOST_RATIO = 1.0  # nats by which a spin may count more or less than its cell
 BESIDE = 3  # spins that are weighed beside a true one which is too rare to be among the others
 MOST_NIGHTS, MOST_POINTS = 400, 100  # a night with more points is thinned
 TOGETHER = 5  # nights chosen one after the other
-ENOUGH = 0.98  # of what can be reached, at which no further night is added
+ENOUGH = 0.98  # probability at which no further night is added
 
 
 class Draws(NamedTuple):
@@ -73,7 +72,7 @@ class Night:
     """Points that could be observed, at most `MOST_POINTS` of them.
 
     t : (T,) s, since the middle of the data
-    bisector, phase : (T, 3) and (T, 2), as of `SparsePoints`
+    bisector, across, phase : (T, 3), (T, 3) and (T, 2), as of `SparsePoints`
     start : float, of the file, s
     n_points, hours : of all points
     weight : share of the points that are kept
@@ -81,6 +80,7 @@ class Night:
 
     t: Floats
     bisector: Floats
+    across: Floats
     phase: Floats
     start: float
     n_points: int
@@ -97,7 +97,7 @@ def outlook(
 ) -> dict[str, Any]:
     """Expected probability of the true period after each night, and after several.
 
-    The evidence has the same power as in a scan. Each night has a zero point of its own, and errors
+    Each night has a zero point of its own, and errors
     of a night and of the model as in a scan. Nights are taken as independent given the spin.
 
     Parameters
@@ -110,9 +110,9 @@ def outlook(
     Returns
     -------
     dict
-        ``now``, the expected probability without further nights; ``most``, what it can reach at
-        most; ``nights``, a row for each; ``together``, the best first night, the best night beside
-        it, and so on, with the probability after each.
+        ``now``, the expected probability without further nights; ``nights``, a row for each;
+        ``together``, the best first night, the best night beside it, and so on, with the
+        probability after each.
 
     Raises
     ------
@@ -123,20 +123,19 @@ def outlook(
     rng = np.random.default_rng(seed)
     weighed, true = sampled(points, found, rng)
     same = np.abs(true.frequency[:, None] - weighed.frequency) * points.span < sparse.SAME_PERIOD
-    kept = sparse.own_share(true.frequency, found.limits)
     likelihoods = np.array(
         [_gain(night, weighed, true, further.error_mag, rng) for night in nights]
     )
 
     def after(gain: Floats) -> float:
         """Mean probability of the true period, ln-likelihoods (A, R, B) given."""
-        mass = np.log(weighed.share) + evidence.INFORMATION * gain
+        mass = np.log(weighed.share) + gain
         mass = np.exp(mass - mass.max(axis=-1, keepdims=True))
         right = np.sum(mass * same[:, None], axis=-1) / np.sum(mass, axis=-1)
-        return float(true.share @ (kept * right.mean(axis=1)))
+        return float(true.share @ right.mean(axis=1))
 
     none = np.zeros((len(true.share), REPEATS, len(weighed.share)))
-    now, most = after(none), float(true.share @ kept)
+    now = after(none)
     alone = [after(gain) for gain in likelihoods]
     together: list[dict[str, Any]] = []
     chosen: list[int] = []
@@ -148,12 +147,11 @@ def outlook(
         chosen.append(left[k])
         total = total + likelihoods[left[k]]
         together.append({"night": left[k] + 1, "probability": reached[k]})
-        if reached[k] > ENOUGH * most:
+        if reached[k] > ENOUGH:
             break
     epoch = further.geometry.epoch_jd
     return {
         "now": now,
-        "most": most,
         "error_mag": further.error_mag,
         "nights": [
             {
@@ -204,7 +202,7 @@ def _draws(points: SparsePoints, cells: Cells, size: Floats, rng: np.random.Gene
     frequency = cells.frequency + (rng.uniform(size=number) - 0.5) * cells.width
     pole = _within(cells, rng)
     fit = evidence.fits(points, pole, frequency)
-    ratio = evidence.INFORMATION * (fit.log_evidence - cells.log_evidence)
+    ratio = fit.log_evidence - cells.log_evidence
     share = size * np.exp(np.clip(ratio, -MOST_RATIO, MOST_RATIO))
     mean, covariance = _coefficients(points, fit, pole, frequency)
     return Draws(pole, frequency, share / share.sum(), mean, covariance, np.asarray(fit.night))
@@ -223,9 +221,9 @@ def _coefficients(
 ) -> tuple[Floats, Floats]:
     """Posterior means and covariances of the phase law and the shape at each spin."""
     n_curves = points.group.shape[1]
-    sd = np.concatenate([fixed_prior(n_curves)[1], shape_prior()[1]])
+    known = prior(n_curves).precision
     covariances = []
-    shapes = _columns(points.bisector, points.t, poles, frequencies)
+    shapes = _columns(points, poles, frequencies)
     for b, shape in enumerate(shapes):
         x = np.concatenate([points.fixed, shape], axis=1)
         level = points.error * (points.group @ fit.noise[b])
@@ -233,17 +231,18 @@ def _coefficients(
         inside = w @ points.night + fit.night[b] ** -2.0
         shared = points.night.T @ (w[:, None] * x)
         matrix = x.T @ (w[:, None] * x) - shared.T @ (shared / inside[:, None])
-        covariances.append(np.linalg.inv(matrix + np.diag(sd**-2.0))[n_curves:, n_curves:])
+        covariances.append(np.linalg.inv(matrix + known)[n_curves:, n_curves:])
     return np.asarray(fit.coefficients)[:, n_curves:], np.array(covariances)
 
 
-_each = jax.jit(jax.vmap(shape_columns, in_axes=(None, 0, 0)))
+_each = jax.jit(jax.vmap(shape_columns, in_axes=(None, None, 0, 0)))
 
 
-def _columns(bisector: Floats, t: Floats, poles: Floats, frequencies: Floats) -> Floats:
-    """Columns of the shape at each spin, (B, T, 26)."""
-    turns = frequencies[:, None] * t
-    return np.asarray(_each(jnp.asarray(bisector), jnp.asarray(tilts(poles)), jnp.asarray(turns)))
+def _columns(of: Any, poles: Floats, frequencies: Floats) -> Floats:
+    """Columns (B, T, 31) of the shape at each spin, for points with times and directions."""
+    turns = frequencies[:, None] * of.t
+    given = of.bisector, of.across, tilts(poles), turns
+    return np.asarray(_each(*map(jnp.asarray, given)))
 
 
 def _gain(
@@ -267,8 +266,13 @@ def _gain(
 def foretold(night: Night, spins: Draws, variance: float) -> tuple[Floats, Floats]:
     """Mean (B, T) of ln f at each spin, and the Cholesky factor (B, T, T) of its covariance."""
     n = len(night.t)
-    t, bisector = np.resize(night.t, MOST_POINTS), np.resize(night.bisector, (MOST_POINTS, 3))
-    shape = _columns(bisector, t, spins.pole, spins.frequency)[:, :n]
+    filled = replace(
+        night,
+        t=np.resize(night.t, MOST_POINTS),
+        bisector=np.resize(night.bisector, (MOST_POINTS, 3)),
+        across=np.resize(night.across, (MOST_POINTS, 3)),
+    )
+    shape = _columns(filled, spins.pole, spins.frequency)[:, :n]
     x = np.concatenate([np.broadcast_to(night.phase, (len(shape), n, 2)), shape], axis=2)
     common = OFFSET[1] ** 2 + spins.night[:, None, None] ** 2
     covariance = x @ spins.covariance @ x.transpose(0, 2, 1) + common + variance * np.eye(n)
@@ -294,6 +298,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
         raise InputError(f"the file has {number.max() + 1} nights; give at most {MOST_NIGHTS}")
     bisector = geometry.sun + geometry.obs
     bisector = bisector / np.linalg.norm(bisector, axis=1, keepdims=True)
+    across = geometry.sun - geometry.obs
     phase = phase_columns(np.asarray(geometry.phase_angle))
     found = []
     for k in range(number.max() + 1):
@@ -304,6 +309,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
             Night(
                 t[few],
                 bisector[few],
+                across[few],
                 phase[few],
                 float(geometry.t[rows[0]]),
                 len(rows),
@@ -316,10 +322,7 @@ def _nights(curve: LightCurve, geometry: LightCurve) -> list[Night]:
 
 def words(found: Mapping[str, Any]) -> list[str]:
     """What further nights would bring, in sentences."""
-    said = [
-        f"Expected probability of the true period: {found['now']:.2f} now; at most "
-        f"{found['most']:.2f} after any number of nights, as half and twice a period keep a share."
-    ]
+    said = [f"Expected probability of the true period: {found['now']:.2f} now."]
     where = {row["night"]: row for row in found["nights"]}
     for k, row in enumerate(found["together"], start=1):
         night = where[row["night"]]

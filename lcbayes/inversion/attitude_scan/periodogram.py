@@ -1,6 +1,7 @@
 """The periodogram of sparse points: every pole of a grid with every frequency, as matrix products.
 
-Only z² − 1/3 and u² of `harmonics` are used, a triaxial ellipsoid to first order. With
+Only u² and some zonal terms of `harmonics` are used: to first order a triaxial ellipsoid has z² and
+u², and a box |z|. With
 u²(t) = v_p(t) e(t), v of the pole p alone and e = exp(−4πi f t) of the frequency alone, all sums
 over points that the normal equations need are products of a matrix of poles × points with one of
 points × frequencies.
@@ -12,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan.harmonics import (
-    ELONGATION,
-    ZONAL,
     SparsePoints,
     fixed_prior,
 )
+from lcbayes.inversion.attitude_scan.shape_classes import shape_prior
 from lcbayes.inversion.attitude_scan.spin import tilts
 
 Floats = NDArray[np.float64]
@@ -30,6 +31,10 @@ BLOCK, BLOCKS = 128, 64  # frequencies at once, and such blocks in one call
 ROUNDS = 12  # of reweighting
 PRIOR_POINTS = 2.0  # weight of the prior of a noise level, in points
 NIGHT_SD = 0.03  # prior sd of the error that a night shares
+ELONGATION = 0.2  # prior sd of Re and Im of u²
+# z², |z|, and the square of the component along z of the difference of the directions: their
+# numbers among the columns of `harmonics.shape_columns`
+ZONAL_USED = [1, 4, 6]
 
 
 class Poles(NamedTuple):
@@ -70,20 +75,30 @@ def weights(points: SparsePoints) -> Floats:
     return w / (1.0 + NIGHT_SD**2 * (points.night @ (points.night.T @ w)))
 
 
+def zonal_prior() -> tuple[Floats, Floats]:
+    """Prior mean and covariance of the zonal terms."""
+    mean, covariance = shape_prior()
+    return mean[ZONAL_USED], covariance[np.ix_(ZONAL_USED, ZONAL_USED)]
+
+
 def poles(points: SparsePoints, directions: Floats) -> Poles:
     """The parts of the sums that depend on the pole, for poles (P, 3)."""
     w = weights(points)
     root = np.sqrt(w)
     mean, sd = fixed_prior(points.group.shape[1])
-    _, flat, flat_sd = ZONAL[1]
-    mean, sd = np.append(mean, flat), np.append(sd, flat_sd)
+    flat, covariance = zonal_prior()
+    mean = np.concatenate([mean, flat])
+    root_known: Floats = np.asarray(
+        block_diag(np.diag(1.0 / sd), np.linalg.inv(np.linalg.cholesky(covariance)))
+    )
     still = np.einsum("tj,pjk->ptk", points.bisector, tilts(directions))
     v = (still[..., 0] + 1j * still[..., 1]) ** 2
     linear, rest, log_det = [], [], []
-    for z in still[..., 2]:
-        x = np.column_stack([points.fixed, z * z - 1.0 / 3.0])
-        rows = np.vstack([root[:, None] * x, np.diag(1.0 / sd)])  # data, then prior
-        y = np.concatenate([root * points.log_flux, mean / sd])
+    across = points.across @ directions.T
+    for z, off in zip(still[..., 2], across.T, strict=True):
+        x = np.column_stack([points.fixed, z * z - 1.0 / 3.0, np.abs(z) - 0.5, off**2])
+        rows = np.vstack([root[:, None] * x, root_known])  # data, then prior
+        y = np.concatenate([root * points.log_flux, root_known @ mean])
         q, r = np.linalg.qr(rows)
         y = y - q @ (q.T @ y)
         linear.append(root * np.vstack([y[: len(w)], q[: len(w)].T]))

@@ -20,14 +20,13 @@ from lcbayes.inversion.attitude_scan import evidence, grid, smooth, sphere_cells
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import (
     SparsePoints,
-    fixed_prior,
     nights_of,
     shape_columns,
-    shape_prior,
 )
 from lcbayes.inversion.attitude_scan.periodogram import periodogram, weights
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Table
+from lcbayes.inversion.attitude_scan.shape_classes import prior
 from lcbayes.inversion.attitude_scan.smooth import SmoothBody
 from lcbayes.inversion.attitude_scan.spin import Ends
 
@@ -36,13 +35,17 @@ Floats = NDArray[np.float64]
 PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
-KEPT = 1024  # hypotheses of the periodogram whose evidence is computed
+KEPT, KEPT_FREQUENCIES = 512, 2048  # hypotheses of the periodogram whose evidence is computed, and
+# frequencies of which the best pole is among them
 DRAWN = 256  # of all others
-DOUBLED, DOUBLED_POLES = 16, 4  # periods, and poles of each, tested at half and double
+MAXIMA, MAXIMA_POLES, MULTIPLIED = 16, 2, 4  # periods, and poles of each, whose maxima are sought,
+# and periods also at half and double
+AROUND, FINE, TARGETS = 12, 1.0 / 16.0, 2  # frequencies tried on either side, their step in turns
+# over the data, and those of each period that are kept
+MAXIMA_NATS = 40.0  # below the best; more than classes of shapes change
+ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is; cells of each
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
-HALF_TRUE, TWICE_TRUE = 0.1, 0.02  # shares of bodies for which the linear model finds half the
-# period (near-square boxes have four maxima a turn) or twice it; `benchmarks/surveys.py`
 LISTED = 1e-3  # smallest probability of a solution that is reported
 MOST_POINTS, SHORTEST_S, PER_NIGHT = 2000, 200 * DAY_S, 8.0  # of sparse points
 ROWS = 20_000  # of the table of hypotheses
@@ -80,10 +83,8 @@ class SparseSearch:
     n_ranked : int
         Number of poles times number of frequencies.
     cells : Cells
-        Those that hold the posterior, without the shares of twice and half their periods, and 256
-        of all others, drawn by their masses and with as much mass together.
-    limits : (Hz, Hz)
-        The range of frequencies.
+        Those that hold the posterior, and 256 of all others, drawn by their masses and with as much
+        mass together.
     """
 
     spins: list[Spin]
@@ -92,7 +93,6 @@ class SparseSearch:
     pole: Floats
     n_ranked: int
     cells: Cells
-    limits: tuple[float, float]
 
     @property
     def period_probability(self) -> float:
@@ -145,12 +145,11 @@ def search(
     frequencies = first + apart * np.arange(count)
     cells, others = _cells(points, value, frequencies, apart)
     rest = evidence.total_mass(others)
-    limits = (frequencies[0], frequencies[-1])
-    found = _solutions(cells, rest, points.span, limits)
+    found = _solutions(cells, rest, points.span)
     at = np.argmax(value, axis=1)
     best = value.max(axis=1).astype(float)
     every = Cells(*(np.concatenate(x) for x in zip(cells, others, strict=True)))
-    return SparseSearch(found, frequencies, best, poles[at], value.size, every, limits)
+    return SparseSearch(found, frequencies, best, poles[at], value.size, every)
 
 
 def table(found: SparseSearch, n_obs: int) -> Table:
@@ -205,10 +204,10 @@ def without_phase_law(points: Points, few: SparsePoints, body: SmoothBody, best:
 
 
 @jax.jit
-def _turned(bisector: jax.Array, tilt: jax.Array, shape: jax.Array) -> jax.Array:
+def _turned(bisector: jax.Array, across: jax.Array, tilt: jax.Array, shape: jax.Array) -> jax.Array:
     """ln of the brightness of a shape, from each direction (T, 3), at angles of a turn."""
     turns = jnp.arange(ANGLES) / ANGLES
-    return jax.vmap(lambda turn: shape_columns(bisector, tilt, turn) @ shape)(turns)
+    return jax.vmap(lambda turn: shape_columns(bisector, across, tilt, turn) @ shape)(turns)
 
 
 _columns = jax.jit(shape_columns)
@@ -221,18 +220,16 @@ def linear_model(points: SparsePoints, spins: list[Spin]) -> tuple[Floats, Float
     weights of the points are those of the periodogram.
     """
     w, used = weights(points), points.used > 0
-    mean, sd = (
-        np.concatenate(x)
-        for x in zip(fixed_prior(points.group.shape[1]), shape_prior(), strict=True)
-    )
+    known, n_fixed = prior(points.group.shape[1]), points.fixed.shape[1]
+    right = known.precision @ known.mean
     amplitude, rms = [], []
     for s in spins:
         tilt = spin.tilts(s.pole[None])[0]
-        shape = np.asarray(_columns(points.bisector, tilt, points.t * s.frequency))
+        shape = np.asarray(_columns(points.bisector, points.across, tilt, points.t * s.frequency))
         x = np.concatenate([points.fixed, shape], axis=1)
-        matrix = x.T @ (w[:, None] * x) + np.diag(sd**-2.0)
-        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + mean / sd**2)
-        light = np.asarray(_turned(points.bisector, tilt, found[points.fixed.shape[1] :]))
+        matrix = x.T @ (w[:, None] * x) + known.precision
+        found = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + right)
+        light = np.asarray(_turned(points.bisector, points.across, tilt, found[n_fixed:]))
         amplitude.append(MAG * float(np.ptp(light[:, used], axis=0).max()))
         rms.append(float(np.sqrt(np.mean((points.log_flux - x @ found)[used] ** 2))))
     return np.array(amplitude), np.array(rms)
@@ -243,9 +240,9 @@ def _cells(
 ) -> tuple[Cells, Cells]:
     """Cells that hold the posterior, and some of all others, with the mass of these together."""
     volume = np.log(apart / frequencies)[:, None].astype(np.float32)
-    mass = np.float32(evidence.INFORMATION) * value + volume
-    kept = min(KEPT, mass.size)
-    top = np.argpartition(mass, mass.size - kept, axis=None)[mass.size - kept :]
+    mass = value + volume
+    top = _kept(mass)
+    kept = len(top)
     at, cell = np.divmod(top, value.shape[1])
     listed = evidence.cells(points, cell, LEVEL, frequencies[at], np.full(kept, apart))
     # the other hypotheses have the evidence of the periodogram, shifted as for the last of these
@@ -265,12 +262,31 @@ def _cells(
     if len(cell):  # in a narrow range, all hypotheses are listed
         most = float(mass.max())
         rest = most + float(np.log(np.sum(np.exp(mass - most), dtype=float)))
-        rest += evidence.INFORMATION * float(shift) - np.log(value.shape[1])
+        rest += float(shift) - np.log(value.shape[1])
         others = others._replace(log_mass=np.full(len(cell), rest - np.log(len(cell))))
-    also = _doubled(points, listed, frequencies, apart)
-    if also is not None:
-        listed = Cells(*(np.concatenate(x) for x in zip(listed, also, strict=True)))
-    return evidence.refined(points, evidence.located(points, listed), rest), others
+    found = evidence.located(points, listed)
+    found = _at_maxima(points, found, frequencies, apart)
+    found = evidence.refined(points, found, rest, ROUNDS)
+    found, weighed = evidence.weighed(points, found, rest)
+    found = evidence.refined(points, found, weighed, CLASS_ROUNDS, CLASS_CELLS, evidence.by_class)
+    shift = weighed - rest if len(cell) else 0.0
+    others = others._replace(
+        log_evidence=others.log_evidence + shift,
+        log_mass=others.log_mass + shift,
+    )
+    return found, others
+
+
+def _kept(mass: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Flat indices of the hypotheses with the greatest masses, and of the best pole of each of the
+    best frequencies."""
+    few = min(KEPT, mass.size)
+    top = np.argpartition(mass, mass.size - few, axis=None)[mass.size - few :]
+    pole = np.argmax(mass, axis=1)
+    best = mass[np.arange(len(mass)), pole]
+    few = min(KEPT_FREQUENCIES, len(best))
+    at = np.argpartition(best, len(best) - few)[len(best) - few :]
+    return np.union1d(top, at * mass.shape[1] + pole[at])
 
 
 def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -287,61 +303,48 @@ def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp
     return rows, np.sum(within < part[:, None], axis=1).clip(max=mass.shape[1] - 1)
 
 
-def _doubled(
-    points: SparsePoints, listed: Cells, frequencies: Floats, apart: float
-) -> Cells | None:
-    """Cells at half and twice the best periods that are not among those listed."""
-    order = np.argsort(-listed.log_mass, kind="stable")
-    _, at = np.unique(listed.frequency[order], return_index=True)
-    best = listed.frequency[order[np.sort(at)[:DOUBLED]]]
-    rows = set()
-    for f in best:
-        here = order[listed.frequency[order] == f][:DOUBLED_POLES]
-        for g in (0.5 * f, 2.0 * f):
-            middle = round((g - frequencies[0]) / apart)
-            near = [k for k in range(middle - 1, middle + 2) if 0 <= k < len(frequencies)]
-            rows |= {(k, int(c)) for k in near for c in listed.cell[here]}
-    known = set(zip(np.rint((listed.frequency - frequencies[0]) / apart), listed.cell, strict=True))
-    left = sorted(rows - known)
-    if not left:
-        return None
-    k, cell = np.array(left).T
-    return evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
+def _at_maxima(points: SparsePoints, found: Cells, frequencies: Floats, apart: float) -> Cells:
+    """Cells, divided as far as the maxima near the best periods, and at half and twice these.
+
+    The maxima are often much narrower than a cell. The evidence of all shapes together may prefer
+    half or twice the period of some bodies by far, and only the evidence by class tells them apart,
+    so each is needed at its maximum.
+    """
+    targets = _maxima(points, found, (frequencies[0] - 0.5 * apart, frequencies[-1] + 0.5 * apart))
+    # coarse cells that hold the targets, unless they, or parts of them, are there already
+    k = np.rint((targets.frequency - frequencies[0]) / apart).astype(int)
+    new = set(zip(k, targets.cell // 4 ** (targets.level - LEVEL), strict=True))
+    number = np.rint((found.frequency - frequencies[0]) / apart).astype(int)
+    new -= set(zip(number, found.cell // 4 ** (found.level - LEVEL), strict=True))
+    if new:
+        k, cell = np.array(sorted(new)).T
+        coarse = evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
+        found = evidence.joined(found, coarse)
+    return evidence.reaching(points, found, targets)
 
 
-def _inside(frequency: Floats, limits: tuple[float, float]) -> NDArray[np.bool_]:
-    return (limits[0] <= frequency) & (frequency <= limits[1])
+def _maxima(points: SparsePoints, found: Cells, limits: tuple[float, float]) -> Cells:
+    """The best of frequencies in small steps around the best periods, half and twice of these."""
+    best = evidence.best_of_periods(found, points.span, MAXIMA, MAXIMA_POLES)
+    whole = [found.rows(rows) for rows in best]
+    for factor in (0.5, 2.0):
+        parts = [found.rows(rows) for rows in best[:MULTIPLIED]]
+        whole += [part._replace(frequency=factor * part.frequency) for part in parts]
+    tried = evidence.joined(*whole)
+    off = np.arange(-AROUND, AROUND + 1) * FINE / points.span
+    frequency = (tried.frequency[:, None] + off).ravel()
+    tried = tried.rows(np.repeat(np.arange(len(tried.cell)), len(off)))
+    tried = tried._replace(frequency=frequency)
+    tried = tried.rows((limits[0] < frequency) & (frequency < limits[1]))
+    value = evidence.all_shapes(points, tried.pole, tried.frequency)
+    tried = tried._replace(log_evidence=value)
+    rows = evidence.best_of_periods(tried, 0.5 * points.span, len(whole), TARGETS)
+    targets = tried.rows(np.concatenate(rows))
+    return targets.rows(targets.log_evidence > value.max() - MAXIMA_NATS)
 
 
-def own_share(frequency: Floats, limits: tuple[float, float]) -> Floats:
-    """What is left of the mass of a frequency after the shares of its multiples in the range."""
-    left = np.ones_like(frequency)
-    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
-        left -= part * _inside(factor * frequency, limits)
-    return left
-
-
-def _with_multiples(cells: Cells, limits: tuple[float, float]) -> Cells:
-    """Cells that give a part of their mass to twice and half their period, where these lie in the
-    range of frequencies (Hz): the posterior if some bodies are such as the model mistakes."""
-    parts = []
-    for factor, part in ((0.5, HALF_TRUE), (2.0, TWICE_TRUE)):
-        moved, less = cells.rows(_inside(factor * cells.frequency, limits)), np.log(part)
-        parts.append(
-            moved._replace(
-                frequency=factor * moved.frequency,
-                log_evidence=moved.log_evidence + less / evidence.INFORMATION,
-                log_mass=moved.log_mass + less,
-            )
-        )
-    own = np.log(own_share(cells.frequency, limits))
-    parts.append(cells._replace(log_mass=cells.log_mass + own))
-    return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-
-
-def _solutions(cells: Cells, rest: float, span: float, limits: tuple[float, float]) -> list[Spin]:
+def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
     """Solutions with their probabilities; those of the most probable period come first."""
-    cells = _with_multiples(cells, limits)
     share = np.exp(cells.log_mass - np.logaddexp(evidence.total_mass(cells), rest))
     keep = share > 1e-9
     cells, share = cells.rows(keep), share[keep]

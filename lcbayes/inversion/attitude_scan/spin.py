@@ -126,9 +126,12 @@ def finer(body: SmoothBody, ends: Ends) -> Spin:
     return Spin(*map(jnp.asarray, (ends.tilt, ends.frequency, shape)))
 
 
+_brought = jax.jit(jax.vmap(rotations.brought_to))
+
+
 def tilts(poles: Floats) -> Floats:
     """Attitudes (B, 3, 3) of bodies with these poles (B, 3), `attitude.brought_to`."""
-    return np.asarray(jax.vmap(rotations.brought_to)(jnp.asarray(poles)))
+    return np.asarray(_brought(jnp.asarray(poles)))
 
 
 def in_convention(tilt: Floats, coefficients: Floats) -> tuple[float, float, Floats]:

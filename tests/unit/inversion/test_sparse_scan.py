@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import block_diag
 
 import lcbayes
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.time_limit import OutOfTime, time_limit
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import (
     evidence,
     periodogram,
@@ -20,14 +22,14 @@ from lcbayes.inversion.attitude_scan import (
     survey,
 )
 from lcbayes.inversion.attitude_scan.harmonics import (
-    ELONGATION,
-    ZONAL,
+    ODD,
+    ORDERS,
     SparsePoints,
     filled_size,
     fixed_prior,
     shape_columns,
-    shape_prior,
 )
+from lcbayes.inversion.attitude_scan.shape_classes import Normal, class_priors, prior
 from lcbayes.inversion.attitude_scan.spin import tilts
 from lcbayes.tasks.scan.result import Scan
 from tests.helpers import sparse_surveys
@@ -79,7 +81,7 @@ def test_cells_are_equal_and_divide_into_four(level):
 
 def dense_columns(points: SparsePoints, pole: np.ndarray, frequency: float) -> np.ndarray:
     tilt = tilts(pole[None])[0]
-    shape = np.asarray(shape_columns(points.bisector, tilt, points.t * frequency))
+    shape = np.asarray(shape_columns(points.bisector, points.across, tilt, points.t * frequency))
     return np.concatenate([points.fixed, shape], axis=1)
 
 
@@ -92,21 +94,44 @@ def test_columns_are_harmonics_of_the_body_frame(points):
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     x, y, z = (tilt @ turn).T @ points.bisector[k]
     u = x + 1j * y
-    row = np.asarray(shape_columns(points.bisector, tilt, points.t * TRUE_HZ))[k]
-    expected = [z, z**2 - 1 / 3, z**3, z**4 - 1 / 5, (u**2).real, (u**2).imag]
-    expected += [u.real, u.imag, (u * z).real, (u * z).imag]
-    np.testing.assert_allclose(row[:10], expected, atol=1e-9)
+    row = dense_columns(points, POLE, TRUE_HZ)[k, points.fixed.shape[1] :]
+    across = tilt.T @ points.across[k]
+    expected = [z, z**2 - 1 / 3, z**3, z**4 - 1 / 5]
+    expected += [abs(z) - 0.5, across @ across - 0.04, across[2] ** 2]
+    expected += [(u**2).real, (u**2).imag, u.real, u.imag, (u * z).real, (u * z).imag]
+    np.testing.assert_allclose(row[:13], expected, atol=1e-9)
     four = u**4 / abs(u) ** 2
-    expected = [x for y in (u**4, four, four * z, four * z**2) for x in (y.real, y.imag)]
-    np.testing.assert_allclose(row[-8:], expected, atol=1e-9)
+    terms = (u**4, four, four * z, four * z**2, u**6 / abs(u) ** 4, u**8 / abs(u) ** 6)
+    expected = [x for y in terms for x in (y.real, y.imag)]
+    np.testing.assert_allclose(row[-12:], expected, atol=1e-9)
+
+
+def test_columns_tell_their_orders(points):
+    """What a turn by an angle does to each column, and a reflection in the equator."""
+    tilt, turn = tilts(POLE[None])[0], 0.03
+    here, there = (
+        np.asarray(shape_columns(points.bisector, points.across, tilt, np.full(len(points.t), x)))
+        for x in (0.0, turn)
+    )
+    zonal = ORDERS == 0
+    np.testing.assert_allclose(here[:, zonal], there[:, zonal], atol=1e-12)
+    before, after = (x[:, ~zonal][:, ::2] + 1j * x[:, ~zonal][:, 1::2] for x in (here, there))
+    angle = np.exp(-2j * np.pi * turn * ORDERS[~zonal][::2])
+    np.testing.assert_allclose(after, before * angle, atol=1e-9)
+    flipped = tilt * np.array([1.0, 1.0, -1.0])
+    mirror = np.asarray(shape_columns(points.bisector, points.across, flipped, 0.0 * points.t))
+    np.testing.assert_allclose(mirror, here * np.where(ODD, -1.0, 1.0), atol=1e-12)
 
 
 def test_periodogram_is_that_of_dense_least_squares(points):
     """Every entry against the normal equations of all columns together, in double precision."""
     w = periodogram.weights(points)
     mean, sd = fixed_prior(1)
-    mean = np.concatenate([mean, [ZONAL[1][1], 0, 0]])
-    sd = np.concatenate([sd, [ZONAL[1][2], ELONGATION, ELONGATION]])
+    flat, covariance = periodogram.zonal_prior()
+    mean = np.concatenate([mean, flat, [0, 0]])
+    elongation = periodogram.ELONGATION**2
+    blocks = block_diag(np.diag(sd**2), covariance, elongation * np.eye(2))
+    known = np.linalg.inv(np.asarray(blocks))
     poles = sphere_cells.centres(np.array([0, 5, 11]), 0)
     apart = 0.2 / points.span
     value = periodogram.periodogram(points, poles, TRUE_HZ, apart, 5)
@@ -115,10 +140,10 @@ def test_periodogram_is_that_of_dense_least_squares(points):
     for i, j in np.ndindex(*value.shape):
         full = dense_columns(points, poles[j], TRUE_HZ + i * apart)
         n = points.fixed.shape[1]
-        x = full[:, [*range(n), n + 1, n + 4, n + 5]]
-        matrix = x.T @ (w[:, None] * x) + np.diag(sd**-2.0)
-        c = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + mean / sd**2)
-        squares = np.sum(w * (points.log_flux - x @ c) ** 2) + np.sum(((c - mean) / sd) ** 2)
+        x = full[:, [*range(n), n + 1, n + 4, n + 6, n + 7, n + 8]]
+        matrix = x.T @ (w[:, None] * x) + known
+        c = np.linalg.solve(matrix, x.T @ (w * points.log_flux) + known @ mean)
+        squares = np.sum(w * (points.log_flux - x @ c) ** 2) + (c - mean) @ known @ (c - mean)
         expected[i, j] = -half * np.log(squares) - 0.5 * np.linalg.slogdet(matrix)[1]
     np.testing.assert_allclose(value - value[0, 0], expected - expected[0, 0], atol=2e-3)
 
@@ -129,40 +154,65 @@ def test_an_outlier_has_little_weight(points, curve):
     assert np.all(w[curve.n_obs :] == 0)
 
 
+def log_normal(points, x, of, scale, tau):
+    """ln of the normal density of the data with the covariance of coefficients, nights and points,
+    and of the priors of the levels."""
+    used = points.used > 0
+    night, rows = points.night[used], x[used]
+    covariance = scale**2 * np.eye(used.sum()) + tau**2 * night @ night.T
+    covariance += rows @ np.linalg.inv(of.precision) @ rows.T
+    value = stats.multivariate_normal(rows @ of.mean, covariance).logpdf(points.log_flux[used])
+    noise0 = evidence.PRIOR_POINTS * points.noise**2
+    value -= evidence.PRIOR_POINTS * np.log(scale) + 0.5 * noise0 / scale**2
+    night0 = evidence.NIGHT_SD
+    return value - evidence.PRIOR_NIGHTS * (np.log(tau) + 0.5 * (night0 / tau) ** 2)
+
+
 @pytest.mark.parametrize("rounds", [2, 3])
 def test_evidence_is_that_of_correlated_normal_errors(points, monkeypatch, rounds):
-    """For many degrees of freedom the evidence at the noise levels found is a normal density with
-    the covariance of coefficients, nights and points."""
+    """For many degrees of freedom the evidence at the noise levels found is a normal density, under
+    the prior of all shapes and under that of each class."""
     monkeypatch.setattr(evidence, "NU", 1e9)
     monkeypatch.setattr(evidence, "ROUNDS", rounds)
-    mean, sd = (np.concatenate(x) for x in zip(fixed_prior(1), shape_prior(), strict=True))
-    used = points.used > 0
+    every, classes = prior(1), class_priors(1)
+    host = jax.tree.map(jnp.asarray, points)
     gaps = []
     for f in (TRUE_HZ, 1.001 * TRUE_HZ):
         x = dense_columns(points, POLE, f)
-        host = jax.tree.map(jnp.asarray, points)
-        fit = evidence._fit(host, jnp.asarray(x), jnp.asarray(mean), jnp.asarray(sd))
+        fit, sums = evidence._fit(host, jnp.asarray(x), every)
         scale, tau = float(fit.noise[0]), float(fit.night)
-        night, rows = points.night[used], x[used]
-        covariance = scale**2 * np.eye(used.sum()) + tau**2 * night @ night.T
-        covariance += (rows * sd**2) @ rows.T
-        normal = stats.multivariate_normal(rows @ mean, covariance)
-        expected = normal.logpdf(points.log_flux[used])
-        noise0 = evidence.PRIOR_POINTS * points.noise**2
-        expected -= evidence.PRIOR_POINTS * np.log(scale) + 0.5 * noise0 / scale**2
-        night0 = evidence.NIGHT_SD
-        expected -= evidence.PRIOR_NIGHTS * (np.log(tau) + 0.5 * (night0 / tau) ** 2)
-        gaps.append(float(fit.log_evidence) - expected)
+        gaps.append(float(fit.log_evidence) - log_normal(points, x, every, scale, tau))
+        values, factors = evidence._classes(fit, sums, every, classes)
+        for k, (value, factor) in enumerate(zip(values, factors, strict=True)):
+            one = Normal(*(of[k] for of in classes))
+            expected = log_normal(points, x, one, factor * scale, factor * tau)
+            gaps.append(float(value) - expected)
     # neither the factors of 2 pi nor those of the prior sd of the levels are part of it
-    np.testing.assert_allclose(gaps, 0.5 * used.sum() * np.log(2 * np.pi), atol=1e-4)
+    np.testing.assert_allclose(gaps, 0.5 * points.used.sum() * np.log(2 * np.pi), atol=1e-3)
+
+
+def test_the_noise_of_a_class_maximises_its_evidence(points):
+    """Any other common factor of the levels gives less, once the rounds have converged."""
+    fit, sums = evidence._fit(
+        jax.tree.map(jnp.asarray, points),
+        jnp.asarray(dense_columns(points, POLE, TRUE_HZ)),
+        prior(1),
+    )
+    one = Normal(*(of[0] for of in class_priors(1)))
+    factors = np.exp(np.linspace(-0.5, 0.5, 201))
+    values = [float(evidence._log_normal(sums, one, jnp.asarray(f))[0]) for f in factors]
+    found, factor = evidence._of_class(sums, one)
+    assert factors[int(np.argmax(values))] == pytest.approx(float(factor), abs=0.02)
+    assert max(values) - 0.05 < float(found) <= max(values) + 1e-3
+    assert fit.log_evidence.shape == ()
 
 
 def test_parts_of_a_cell_have_its_volume(points):
     whole = evidence.cells(points, np.array([3]), 2, np.array([TRUE_HZ]), np.array([1e-9]))
     parts = evidence.divided(points, whole)
     volume = np.log(whole.width / whole.frequency) - np.log(sphere_cells.number(2))
-    assert whole.log_mass - evidence.INFORMATION * whole.log_evidence == pytest.approx(volume)
-    of_parts = parts.log_mass - evidence.INFORMATION * parts.log_evidence
+    assert whole.log_mass - whole.log_evidence == pytest.approx(volume)
+    of_parts = parts.log_mass - parts.log_evidence
     assert np.log(np.exp(of_parts).sum()) == pytest.approx(volume[0], abs=1e-6)
     np.testing.assert_allclose(np.abs(parts.frequency - TRUE_HZ), 0.25e-9, rtol=1e-5)
     assert set(parts.cell) == {12, 13, 14, 15}
@@ -184,17 +234,43 @@ def test_noise_has_no_probable_period():
     assert found.period_probability < 0.9
 
 
-def test_half_and_double_periods_are_candidates(points):
-    """Cells at 2f and f/2 of every listed frequency that lies in the range."""
-    apart = 0.25 / points.span
-    frequencies = 0.4 * TRUE_HZ + apart * np.arange(int(2.0 * TRUE_HZ / apart))
-    at = np.argmin(np.abs(frequencies - TRUE_HZ))
-    listed = evidence.cells(points, np.array([7]), 2, frequencies[[at]], np.array([apart]))
-    also = sparse._doubled(points, listed, frequencies, apart)
-    assert also is not None
-    ratio = np.sort(also.frequency / TRUE_HZ)
-    np.testing.assert_allclose(ratio, [0.5] * 3 + [2.0] * 3, atol=1e-4)
-    assert set(also.cell) == {7}
+def seen(flux: np.ndarray, t: np.ndarray, noise: float) -> LightCurve:
+    rng = np.random.default_rng(4)
+    sun, obs = sparse_surveys.directions(t)
+    bright = flux / flux.mean() * np.exp(noise * rng.standard_normal(t.size))
+    return LightCurve(
+        t=86400.0 * t, brightness=bright, error=None, sun=sun, obs=obs, kind="flux",
+        free_scale=np.array([True]), frame="ecliptic-j2000",
+    )  # fmt: skip
+
+
+def best_near(points: SparsePoints, frequency: float) -> float:
+    """The greatest evidence of the classes within half a turn, at poles near the true one."""
+    off = np.linspace(-0.5, 0.5, 65) / points.span
+    level = 4
+    every = sphere_cells.centres(np.arange(sphere_cells.number(level)), level)
+    poles = every[every @ POLE > np.cos(np.radians(8.0))]
+    tried = np.repeat(poles, len(off), axis=0)
+    value = evidence.by_class(points, tried, frequency + np.tile(off, len(poles)))
+    return float(value.max())
+
+
+@pytest.mark.parametrize("second", [0.9, 0.75, 0.6])
+def test_the_half_period_of_a_box_is_told_by_its_classes(second):
+    """Four maxima a turn, alternate ones hardly different: half the period has two of them."""
+    t = sparse_surveys.times(np.random.default_rng(3), n_nights=40)
+    edges = np.array([1.0, second, 0.5])
+    box = SparsePoints.of(seen(sparse_surveys.box_brightness(t, edges), t, 0.01))
+    assert best_near(box, TRUE_HZ) > best_near(box, 2.0 * TRUE_HZ) + 5.0
+
+
+@pytest.mark.parametrize("second", [0.85, 0.7])
+def test_the_double_period_of_an_ellipsoid_is_told_by_its_classes(second):
+    """Two maxima a turn would be four of a body that is as flat at each of its sides."""
+    t = sparse_surveys.times(np.random.default_rng(3), n_nights=40)
+    flux = sparse_surveys.brightness(t, np.array([1.0, second, 0.6]))
+    smooth = SparsePoints.of(seen(flux, t, 0.01))
+    assert best_near(smooth, TRUE_HZ) > best_near(smooth, 0.5 * TRUE_HZ) + 3.0
 
 
 def test_sparse_curves_are_recognised(curve):
@@ -223,45 +299,6 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert isinstance(again, Scan)
     assert again.data.period_probability == result.data.period_probability
     assert again.solutions == result.solutions
-
-
-def cells_at(frequencies, shares):
-    """Cells of one pole with given shares of the posterior."""
-    number = len(frequencies)
-    log_mass = np.log(shares)
-    return evidence.Cells(
-        np.zeros(number, int), np.full(number, 2), np.array(frequencies), np.full(number, 1e-9),
-        log_mass / evidence.INFORMATION, log_mass,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("range_h", "expected"),
-    [
-        # a twelfth of one period goes to its multiples, if they lie in the range
-        ((2.0, 50.0), {5.0: 0.88, 10.0: 0.1, 2.5: 0.02}),
-        ((3.0, 50.0), {5.0: 0.9, 10.0: 0.1}),
-        ((2.0, 9.0), {5.0: 0.98, 2.5: 0.02}),
-        ((3.0, 9.0), {5.0: 1.0}),
-    ],
-)
-def test_a_period_gives_a_part_to_its_multiples(range_h, expected):
-    limits = tuple(1.0 / (3600.0 * p) for p in reversed(range_h))
-    cells = cells_at([1.0 / (3600.0 * 5.0)], [1.0])
-    found = sparse._solutions(cells, -np.inf, 1e8, limits)
-    assert {1.0 / (3600.0 * s.frequency): s.probability for s in found} == pytest.approx(expected)
-    assert found[0].period_probability == pytest.approx(expected[5.0])
-    assert max(expected.values()) == pytest.approx(found[0].probability)
-
-
-def test_twice_a_period_that_is_found_itself_gains():
-    """Each gives a part to the other; the sum of all is one."""
-    f = 1.0 / (3600.0 * 5.0)
-    found = sparse._solutions(cells_at([f, 0.5 * f], [0.7, 0.3]), -np.inf, 1e8, (0.1 * f, 3.0 * f))
-    share = {round(f / s.frequency, 6): s.probability for s in found}
-    assert share[1.0] == pytest.approx(0.7 * 0.88 + 0.3 * 0.02)
-    assert share[2.0] == pytest.approx(0.3 * 0.88 + 0.7 * 0.1)
-    assert sum(share.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.slow
@@ -367,7 +404,7 @@ def test_the_first_solution_has_the_period_that_is_most_probable():
         np.array([5.0, 4.0, 6.0]),
         np.log(share),
     )
-    spins = sparse._solutions(cells, -np.inf, span, (0.9 * f, 1.1 * f))
+    spins = sparse._solutions(cells, -np.inf, span)
     assert [s.probability for s in spins] == pytest.approx([0.3, 0.3, 0.4])
     assert [s.period_probability for s in spins] == pytest.approx([0.6, 0.6, 0.4])
 
