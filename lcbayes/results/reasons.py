@@ -302,7 +302,9 @@ def why(misfit: Misfit) -> str:
     chi2 = next(t for t in examination.tests if t.name == "chi2")
     said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom (p = {_p(chi2)})"
     if chi2.p_value >= examination.limit:
-        said += f", but p = {_p(worst)} for {name_of_test(worst.name)} (limit {examination.limit:.2g})"
+        said += (
+            f", but p = {_p(worst)} for {name_of_test(worst.name)} (limit {examination.limit:.2g})"
+        )
     errors = chi2.p_value < examination.limit
     excess = misfit.chi2 - misfit.dof
     if examination.cause is not None and not (

@@ -114,10 +114,9 @@ class Sampler:
         whitening = self._whitening(starts, data)
         args = (whitening, data) if self.moves is None else (whitening, data, self.moves)
         warmup_blocks, sample_blocks = self.n_blocks
-        num_warmup = warmup_blocks * BLOCK
         per_block = self.settings.num_chains * BLOCK
         halvings = HALVINGS if self.settings.sampler == NUTS else 0
-        start, advance = self._compile(key, num_warmup, args, timing)
+        start, advance = self._compile(key, warmup_blocks * BLOCK, args, timing)
         keys = jax.random.split(key, self.settings.num_chains)
 
         def block(state):
