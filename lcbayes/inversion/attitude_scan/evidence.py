@@ -145,7 +145,6 @@ def _fit(points: SparsePoints, x: jax.Array, every: Normal) -> tuple[Fits, Sums]
     value -= 0.5 * jnp.sum(jnp.where(real, jnp.log(inside * tau**2), 0.0))
     value -= 0.5 * (found - mean) @ known @ (found - mean) - 0.5 * every.log_det
     value += 0.5 * jnp.linalg.slogdet(covariance)[1]
-
     w = used * heavy / sigma**2
     less = y - night @ ((night.T @ (w * y)) / inside)
     sums = Sums(
