@@ -155,6 +155,8 @@ def improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[
         yield Finding("period-not-unique", values)
     elif of_pole < UNIQUE * scan.period_probability and poles:
         yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})
+    else:
+        yield Finding("pole-not-calibrated")
     if end := _end_of_range(best.frequency, scan):
         yield Finding("period-at-end-of-range", {"where": end})
 
