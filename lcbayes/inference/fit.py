@@ -41,7 +41,7 @@ from lcbayes.samplers import bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.sampling import BLOCK, Sampler, Timing
-from lcbayes.samplers.settings import PARTICLES, Settings
+from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Posterior:
     n_starts: int
     timing: Timing = field(default_factory=Timing)
     reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
-    settings: Settings = field(default_factory=Settings)
+    settings: Settings = field(default_factory=partial(Settings, NUTS))
     coverage: Coverage | None = None  # of a complete search over spins
     spins: list[SpinSolution] = field(default_factory=list)  # of the search, sampled or not
 

@@ -93,7 +93,7 @@ def completion(shell: str) -> str:
 def test_bash_completes_commands_options_and_values() -> None:
     assert completed("lcbayes sp") == ["spin"]
     assert completed("lcbayes fit --n-f") == ["--n-facets"]
-    assert completed("lcbayes fit --sampler a") == ["ahmc"]
+    assert completed("lcbayes fit --sampler a") == ["auto", "ahmc"]
     assert set(main.COMMANDS) <= set(completed("lcbayes "))
 
 

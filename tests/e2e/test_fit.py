@@ -345,7 +345,7 @@ def test_a_folder_that_cannot_be_written(curve, tmp_path, capsys):
         (["--set", "omega_sd"], "expected NAME=VALUE"),
         (["--set", "omega_sd=fast"], "'omega_sd' of model 'faceted' is 'fast'; expected float"),
         (["--set", "colour=red"], "no option 'colour'; available"),
-        (["--sampler", "gibbs"], "--sampler is 'gibbs'; available: nuts, ahmc, smc"),
+        (["--sampler", "gibbs"], "--sampler is 'gibbs'; available: auto, nuts, ahmc, smc"),
         (["--num-samples", "3"], "--num-samples is 3; give a whole number >= 10"),
         (["--seed", "-1"], "--seed is -1; expected a whole number >= 0"),
         (["--config", "none.toml"], "none.toml"),

@@ -43,7 +43,7 @@ def test_the_published_sampler_is_never_trusted():
 
 def test_kernels_for_comparison_are_not_offered(curve, tmp_path, capsys):
     assert main(fit(curve, tmp_path / "out", "mh")) == EXIT_BAD_INPUT
-    assert "--sampler is 'mh'; available: nuts, ahmc, smc" in capsys.readouterr().err
+    assert "--sampler is 'mh'; available: auto, nuts, ahmc, smc" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------- stop and go on
