@@ -304,10 +304,13 @@ def _spin_agreement(entry: ModeContent) -> float | None:
 def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) -> Iterator[Finding]:
     yield from posterior.reasons
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
-        # A solution of negligible weight is shown, but does not affect the verdict.
+        about = f"solution {i + 1}" if len(modes) > 1 else ""
+        error = mode.log_evidence.se
+        if len(modes) > 1 and error > 0.5 and mode.weight * np.exp(min(2 * error, 50.0)) > 0.01:
+            yield Finding("weight-uncertain", {"se": error}, about)
+        # A solution of negligible weight is shown, but its chains do not affect the verdict.
         if mode.weight < 1e-3 and i:
             continue
-        about = f"solution {i + 1}" if len(modes) > 1 else ""
         draws = mode.stats["diverging"].size
         alone = mode.run_weights is not None and len(mode.z) == 1  # `population` covers this case
         if not entry["max_rhat"] <= MAX_RHAT and not alone:
@@ -324,8 +327,6 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
         if entry["divergences"] > MAX_DIVERGING * draws:
             values = {"diverging": entry["divergences"], "draws": draws}
             yield Finding("divergences", values, about)
-        if mode.log_evidence.se > 0.5 and len(modes) > 1:
-            yield Finding("weight-uncertain", {"se": mode.log_evidence.se}, about)
     # With known errors, the residuals tell whether a search of all spins has missed the answer.
     complete = posterior.coverage is not None and posterior.data.has_error
     alone = not complete and posterior.modes[0].solution.hits < 2
