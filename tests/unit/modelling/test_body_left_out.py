@@ -144,7 +144,7 @@ def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
     refit = np.abs(np.asarray(there) - np.asarray(sites["omega"])) / 1e-4
     np.testing.assert_allclose(moved.by_fault["shadows"], refit, rtol=0.25, atol=0.1 * refit.max())
 
-    missed = summary._Missed(None, best, change, 0.05)  # pyright: ignore[reportArgumentType]
+    missed = summary._AtOptimum(None, best, change, 0.05)  # pyright: ignore[reportArgumentType]
     (one,) = summary._ignored(missed, moved)
     assert "take 5 % of the light" in reason(one).text
     small = replace(moved, by_fault={"shadows": np.array([0.4, 0.1, 0.2])})
