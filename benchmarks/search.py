@@ -159,6 +159,7 @@ def main() -> None:
     print(text)
     if options.write:
         command = f"python benchmarks/search.py --first {options.first} --cases {options.cases}"
+        command += " --fit" * options.fit
         write_section("Complete search over constant spins", command, text)
 
 
