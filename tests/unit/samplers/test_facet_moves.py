@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp
+from scipy.stats import ks_1samp, ks_2samp, uniform
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
@@ -122,6 +122,48 @@ def test_bodies_of_the_prior_remain_a_sample_of_the_prior(campaign):
     found, expected = statistics(*after), statistics(*reference)
     p = {name: np.asarray(ks_2samp(found[name], expected[name]))[1] for name in found}
     assert min(p.values()) > FALSE_ALARM / len(p), p
+
+
+@pytest.mark.parametrize("coordinate", ["area of the facet", "area of another facet"])
+def test_areas_are_drawn_with_the_stated_density(campaign, coordinate):
+    """The cumulative distribution of `log_q` along ln(area), at what `drawn` gives, is uniform."""
+    t, sun, obs, omega = campaign
+    s, o = (jnp.asarray(turned(v, t, omega)) for v in (sun, obs))
+    rng = np.random.default_rng(5)
+    normals, areas = bodies(rng, 1, np.asarray(s), np.asarray(o))
+    error = 0.1 * areas[0].min()  # the areas are uncertain by their own size
+    moves = facet_moves.FacetMoves(
+        flux=jnp.asarray(rng.normal(0.1, 1.0, N_EPOCHS)),
+        scale=jnp.full(N_EPOCHS, 1.0 / error),
+        zero=jnp.asarray(rng.normal(0.0, 0.3, (2, N_EPOCHS))),
+        problem=None,
+        law="lambertian",
+    )
+    place = facet_moves._Place(moves, moves._sky(jax.random.key(6), s, o), s, o, lambda _: 0.0)
+    facets = place.facets(jnp.asarray(normals[0]), jnp.log(areas[0]))
+    moves = replace(moves, flux=moves.flux + areas[0] @ facets.column)
+    place = replace(place, moves=moves, sky=moves._sky(jax.random.key(6), s, o))
+    i, part = jnp.array(0), jnp.array([False, True, True])
+    given = place.conditional(facets, i, part)
+    along = 0 if coordinate == "area of the facet" else 1
+    grid = jnp.linspace(-9.0, 6.0, 2001)
+
+    def cumulative(key):
+        drawn = place.drawn(key, given, i, facets)
+        log_area = drawn.log_area[along]
+
+        def log_q(x):
+            moved = drawn._replace(log_area=drawn.log_area.at[along].set(x))
+            return place.log_q(given, i, moved)
+
+        density = jnp.exp(jax.vmap(log_q)(grid) - log_q(log_area))
+        return jnp.sum(jnp.where(grid < log_area, density, 0.0)) / jnp.sum(density)
+
+    keys = jax.random.split(jax.random.key(7), 20_000)
+    share = np.asarray(jax.jit(lambda keys: jax.lax.map(cumulative, keys, batch_size=100))(keys))
+    share = share[np.isfinite(share)]  # areas below zero have no logarithm
+    assert len(share) > 10_000
+    assert ks_1samp(share, uniform.cdf).pvalue > FALSE_ALARM / 2
 
 
 def pairs_of_facets(number):
