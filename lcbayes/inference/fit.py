@@ -29,9 +29,14 @@ from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_search.search import applies, complete_search
-from lcbayes.inference.spin_solutions import SpinSolution, spin_solutions, undetermined
+from lcbayes.inference.spin_solutions import (
+    SpinSolution,
+    largest_share,
+    spin_solutions,
+    undetermined,
+)
 from lcbayes.inference.start_from import placed
-from lcbayes.inference.warped_bridge import with_ratios
+from lcbayes.inference.warped_bridge import APART_SE, with_ratios
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
 from lcbayes.modelling.nutation import RESPONSE
@@ -40,7 +45,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
-from lcbayes.samplers.sampling import BLOCK, Sampler, Timing
+from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
@@ -193,19 +198,32 @@ class Stages:
             )
         if (mirror := self.mirror(pooled, data)) is not None:
             found = solutions.with_images(pooled, data, found, mirror, order)
-        most = 4 * settings.max_modes  # re-optimised for other data or another model
         if pooled is not plain:
-            found = solutions.select_for_sampling(pooled, data, found)[:most]
-            found = solutions.refined(pooled, plain, data, found)
+            found = solutions.select_for_sampling(pooled, data, found)
+            found = solutions.refined(pooled, plain, data, self.most_probable(pooled, data, found))
             ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
         data = correlation.tempered(plain, found[0].z, data)
         if data.information < 1.0 and pooled is plain:
-            found = solutions.polished(plain, data, found[:most], workers)
+            found = solutions.polished(plain, data, self.most_probable(plain, data, found), workers)
         elif data.information < 1.0:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
         return Found(sampled, rest, ends, data, len(starts), coverage)
+
+    def most_probable(
+        self, problem: Problem, data: Epochs, found: list[Solution]
+    ) -> list[Solution]:
+        """The solutions that are optimised again for other data or another model.
+
+        Many arrangements of facets at one rotation must not crowd out other rotations.
+        """
+        most = 4 * self.settings.max_modes
+        if self.sampler(problem, data).moves is None:
+            return found[:most]
+        groups = by_rotation(problem, data, found)[:most]
+        here, rest = groups[: self.settings.max_modes], groups[self.settings.max_modes :]
+        return [s for group in here for s in group[:OPTIMA]] + [group[0] for group in rest]
 
     def sampler(self, problem: Problem, data: Epochs) -> Sampler:
         """The sampler of chains, with the moves of the model if it has any."""
@@ -273,7 +291,9 @@ class Stages:
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
-        spins = spin_solutions(self.plain, data, [m.solution for m in modes], left)
+        # Weak facets make the Gaussian approximation of a rotation's evidence a poor one.
+        error = 0.0 if sampler.moves is None else APART_SE
+        spins = spin_solutions(self.plain, data, [m.solution for m in modes], left, error)
         return Posterior(
             problem,
             data,
@@ -281,7 +301,7 @@ class Stages:
             log_evidence,
             found.n_starts,
             self.timing,
-            undetermined(spins, share) or left_out(len(left), share),
+            undetermined(spins, largest_share(share, error)) or left_out(len(left), share),
             sampler.settings,
             found.coverage,
             spins,

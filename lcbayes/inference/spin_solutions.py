@@ -41,12 +41,16 @@ class SpinSolution(NamedTuple):
 
 
 def spin_solutions(
-    problem: Problem, data: Epochs, sampled: Sequence[Solution], rest: Sequence[Solution]
+    problem: Problem,
+    data: Epochs,
+    sampled: Sequence[Solution],
+    rest: Sequence[Solution],
+    error: float = 0.0,
 ) -> list[SpinSolution]:
     """The spins of solutions in the coordinates of ``problem``, the most probable first.
 
-    Solutions with a share below `MAX_LEFT_OUT` are left out, as are those of models without a
-    constant rotation.
+    Solutions whose share is below `MAX_LEFT_OUT`, even by twice the standard ``error`` (nats) of
+    the evidences, are left out, as are those of models without a constant rotation.
     """
     every = [*sampled, *rest]
     if "omega_unit" not in problem.names or "inertia_base" in problem.names:
@@ -55,16 +59,21 @@ def spin_solutions(
     for i, (solution, part) in enumerate(zip(every, shares(every), strict=True)):
         omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
         rate = float(np.linalg.norm(omega))
-        if part > MAX_LEFT_OUT and rate > 0.0:
+        if largest_share(part, error) > MAX_LEFT_OUT and rate > 0.0:
             spin = SpinSolution(2 * np.pi / rate, omega.tolist(), float(part), i < len(sampled))
             spins.append(spin)
     return sorted(spins, key=lambda s: -s.share)
 
 
+def largest_share(share: float, error: float) -> float:
+    """The share of the posterior if the evidence is too low by twice its ``error`` (nats)."""
+    return min(1.0, share * float(np.exp(2.0 * error)))
+
+
 def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Finding]:
     """The finding that several spins explain the data and some of them were not sampled.
 
-    ``share_left`` is the share of the posterior of the solutions that were not sampled. Two
+    ``share_left`` is the largest share of the posterior that those may hold. Two
     opposite axes count as one, because many light curves cannot tell them apart.
     """
     if share_left <= MAX_LEFT_OUT or len(spins) < 2:

@@ -35,8 +35,8 @@ SENTENCES = {
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
     "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "
-    "with periods from {shortest_s:.5g} to {longest_s:.5g} s and {axes}, and solutions with some "
-    "{percent:.0f} % of the posterior were not sampled; observe another pass, or raise --max-modes",
+    "with periods from {shortest_s:.5g} to {longest_s:.5g} s and {axes}, and those not sampled may "
+    "hold {percent:.0f} % of the posterior; observe another pass, or raise --max-modes",
     "period-of-scan": "the period is that of the scan, which must not be trusted: {why}",
     # particles
     "particles-moved-little": "{progress:.0%} of the way to the posterior the particles moved "

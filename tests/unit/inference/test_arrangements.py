@@ -1,19 +1,25 @@
 """Solutions of one rotation are one, and several rotations have their true weights."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
 from lcbayes.inference.arrangements import by_rotation, joint
+from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.warped_bridge import APART_SE, with_ratios
+from lcbayes.modelling import registry
 from lcbayes.samplers.bridge import LogEvidence
+from lcbayes.samplers.settings import Settings
+from tests.helpers import small_curves
 
 N = 3
 SPAN = 10_000.0
@@ -128,3 +134,26 @@ def test_solutions_are_grouped_by_rotation(data):
     assert whole.hits == 4
     assert whole.log_evidence == pytest.approx(np.log(1.0 + np.exp(-0.5)))
     np.testing.assert_array_equal(whole.z, rows[0])
+
+
+def test_arrangements_of_one_rotation_do_not_crowd_out_another():
+    """Forty bodies at one rotation are more probable than any at the other, which is kept."""
+    entry = registry.find("faceted")
+    options = {"n_facets": 3, "omega_sd": 0.1}
+    problem, data = small_curves.posterior(small_curves.curve(20, spinning=True), **options)
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((41, problem.dim))
+    rows[:, problem.rows(["omega_unit"])] = [0.5, 0.0, 0.5]
+    rows[40, problem.rows(["omega_unit"])] = [0.0, 0.9, 0.0]
+    found = [Solution(z, 0.0, -0.01 * i, 1.0, 1) for i, z in enumerate(rows)]
+    found[40] = replace(found[40], log_evidence=-8.0)
+    settings = Settings(max_modes=2)
+    stages = Stages.of(problem, entry, options, settings, Checkpoint(None, {}), Silent())
+    kept = stages.most_probable(problem, data, found)
+    assert len(kept) < 20
+    assert kept[0] is found[0]
+    assert kept[-1] is found[40]
+    nuts = Stages.of(
+        problem, entry, options, settings.with_sampler("nuts"), Checkpoint(None, {}), Silent()
+    )
+    assert nuts.most_probable(problem, data, found) == found[:8]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
@@ -16,6 +18,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search import arcs, bodies, states
+from lcbayes.inference.spin_search import facets as facet_bodies
 from lcbayes.inference.spin_search import search as complete
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
@@ -28,6 +31,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.results.reasons import searched
+from tests.helpers import small_curves
 
 LAW = "lambertian"
 GAP = 5400.0  # s between the passes
@@ -373,3 +377,34 @@ def test_points_of_two_observers_are_not_averaged(truth: Truth):
         own = averaged.series == series
         np.testing.assert_allclose(averaged.obs[own], sign * alone.obs, rtol=0, atol=1e-12)
         np.testing.assert_allclose(averaged.flux[own], alone.flux)
+
+
+def test_a_spin_with_other_turns_keeps_the_attitude_in_both_passes(truth: Truth):
+    """Facets point to the same stars in the middle of two neighbouring passes, or of the first and
+    the last, though the body has turned more or fewer times between them."""
+    problem, data = small_curves.posterior(truth.curve, n_facets=3, omega_sd=0.5)
+    middles = np.array([40.0, 900.0, 5000.0])
+    omega = np.array([0.08, -0.05, 0.06])
+    normals = np.random.default_rng(8).standard_normal((3, 3))
+    body = Bodies(omega[None], normals[None], np.ones((1, 3)))
+    (z,) = starts(problem, data, body, 0.5)
+    found = [
+        problem.constrain(jnp.asarray(z), data)
+        for z in facet_bodies._aliases(problem, data, middles, z)
+    ]
+    turns = []
+    for sites in found:
+        new = np.asarray(sites["omega"])
+        kept = [
+            np.allclose(
+                Rotation.from_rotvec(t * new).apply(np.asarray(sites["normals_base"])),
+                Rotation.from_rotvec(t * omega).apply(normals),
+                atol=1e-6,
+            )
+            for t in middles
+        ]
+        assert sum(kept) >= 2
+        change = (np.linalg.norm(new) - np.linalg.norm(omega)) / (2 * np.pi)
+        spans = [b - a for a, b in combinations(middles[kept], 2)]
+        turns.append(round(change * max(spans)))
+    assert sorted(turns) == sorted([-2, -1, 1, 2] * 3)
