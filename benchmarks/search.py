@@ -6,8 +6,9 @@ Each case is a body of 3 to 6 diffuse facets that turns 5 to 2,000 times in 2 to
 to three nights, with a signal-to-noise ratio of 20 (odd seeds) or 100 (even seeds); see
 `_spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
 is at most 0.5 nats above the posterior optimum reached from the truth. With --fit, each curve is
-then fitted by `lcbayes.fit`. One row a case is appended to search.csv in DIR; cases that are there
-are not repeated.
+then fitted by `lcbayes.fit`. The data determine the spin, as the search sees it, if at most `FEW`
+rotations reach a potential within `PLAUSIBLE` of the best. One row a case is appended to search.csv
+in DIR; cases that are there are not repeated.
 """
 
 from __future__ import annotations
@@ -23,15 +24,20 @@ from _scores import share
 from _spin_cases import Case, drawn
 
 import lcbayes
+from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
+from lcbayes.inference.arrangements import same_rotation
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search.facets import Bodies, starts
 from lcbayes.inference.spin_search.search import complete_search
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
 
 TOLERANCE = 0.5  # nats
+PLAUSIBLE = 5.0  # nats above the best
+FEW = 3  # rotations
 WORKERS = 2
 COLUMNS: tuple[str, ...] = (
     "seed",
@@ -41,6 +47,7 @@ COLUMNS: tuple[str, ...] = (
     "turns",
     "cells",
     "nats_above_truth",
+    "rotations",
     "search_s",
     "trusted",
     "reasons",
@@ -64,7 +71,23 @@ def searched(case: Case) -> dict[str, float]:
     truth = Bodies(case.omega[None], case.normals[None], case.areas[None])
     best = search.polish(problem, data, starts(problem, data, truth, case.omega_sd), 1)
     above = float(ends.potential[0] - best.potential[0])
-    return {"cells": coverage.cells, "nats_above_truth": above, "search_s": seconds}
+    return {
+        "cells": coverage.cells,
+        "nats_above_truth": above,
+        "rotations": rotations(problem, data, ends),
+        "search_s": seconds,
+    }
+
+
+def rotations(problem: Problem, data: Epochs, ends: search.SearchState) -> int:
+    """Number of rotations among the end points that are nearly as good as the best."""
+    omega = compiled(problem.constrain)
+    found: list[np.ndarray] = []
+    for z in ends.z[np.asarray(ends.potential) < float(ends.potential[0]) + PLAUSIBLE]:
+        spin = np.asarray(omega(jnp.asarray(z), data)["omega"])
+        if not any(same_rotation(spin, known, float(data.t_span)) for known in found):
+            found.append(spin)
+    return len(found)
 
 
 def fitted(case: Case) -> dict[str, object]:
@@ -76,7 +99,7 @@ def fitted(case: Case) -> dict[str, object]:
     low, high = np.quantile(rate, [0.05, 0.95])
     return {
         "trusted": int(result.trusted),
-        "reasons": " ".join(r.code for r in result.reasons),
+        "reasons": " ".join(dict.fromkeys(r.code for r in result.reasons)),
         "rate_inside": int(low <= np.linalg.norm(case.omega) <= high),
         "solutions": len(result.content["modes"]),
         "fit_s": time.monotonic() - begun,
@@ -97,6 +120,9 @@ def report(rows: list[dict[str, str]]) -> str:
         ("SNR 100", [r for r in rows if r["snr"] == "100"]),
         ("two passes", [r for r in rows if r["passes"] == "2"]),
         ("three and more", [r for r in rows if int(r["passes"]) > 2]),
+        ("one rotation", [r for r in rows if int(r["rotations"]) == 1]),
+        ("two or three", [r for r in rows if 1 < int(r["rotations"]) <= FEW]),
+        ("more rotations", [r for r in rows if int(r["rotations"]) > FEW]),
     ):
         if not some:
             continue

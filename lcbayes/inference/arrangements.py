@@ -41,7 +41,7 @@ def by_rotation(
     for solution in sorted(solutions, key=lambda s: -s.log_evidence):
         omega = np.asarray(compiled(problem.constrain)(jnp.asarray(solution.z), data)["omega"])
         for known, members in groups:
-            if _equal(omega, known, span):
+            if same_rotation(omega, known, span):
                 members.append(solution)
                 break
         else:
@@ -56,7 +56,8 @@ def joint(group: Sequence[Solution]) -> Solution:
     return replace(group[0], log_evidence=log_evidence, hits=sum(s.hits for s in group))
 
 
-def _equal(a: np.ndarray, b: np.ndarray, span: float) -> bool:
+def same_rotation(a: np.ndarray, b: np.ndarray, span: float) -> bool:
+    """Whether two angular velocities (3,) rad/s are equal, as in `by_rotation`, over ``span`` s."""
     rates = np.linalg.norm(a), np.linalg.norm(b)
     phase = 0.5 * span * abs(rates[0] - rates[1])
     cosine = a @ b / max(rates[0] * rates[1], 1e-300)
