@@ -1,12 +1,12 @@
 """Complete search over constant spins: is a fit as good as that of the truth found, and how soon?
 
-    python benchmarks/search.py [--first 0] [--cases 200] [--fit] [-o DIR]
+    python benchmarks/search.py [--first 0] [--cases 200] [--fit all|few] [-o DIR]
 
 Each case is a body of 3 to 6 diffuse facets that turns 5 to 2,000 times in 2 to 6 passes over one
 to three nights, with a signal-to-noise ratio of 20 (odd seeds) or 100 (even seeds); see
 `_spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
 is at most 0.5 nats above the posterior optimum reached from the truth. With --fit, each curve is
-then fitted by `lcbayes.fit`. The data determine the spin, as the search sees it, if at most `FEW`
+then fitted by `lcbayes.fit`, or each of those that determine the spin. The data determine the spin, as the search sees it, if at most `FEW`
 rotations reach a potential within `PLAUSIBLE` of the best. One row a case is appended to search.csv
 in DIR; cases that are there are not repeated.
 """
@@ -152,7 +152,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure the complete search over constant spins.")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--cases", type=int, default=200, help="number of seeds")
-    parser.add_argument("--fit", action="store_true", help="also fit each curve")
+    parser.add_argument(
+        "--fit", choices=["all", "few"], help="fit curves too: all, or those with few rotations"
+    )
     parser.add_argument("--write", action="store_true", help="write the table to RESULTS.md")
     parser.add_argument("-o", type=Path, default=Path("search-benchmark"), help="folder")
     options = parser.parse_args()
@@ -173,7 +175,7 @@ def main() -> None:
             "turns": round(case.turns, 1),
         }
         row |= searched(case)
-        if options.fit:
+        if options.fit == "all" or (options.fit == "few" and row["rotations"] <= FEW):
             row |= fitted(case)
         with path.open("a", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
@@ -185,7 +187,7 @@ def main() -> None:
     print(text)
     if options.write:
         command = f"python benchmarks/search.py --first {options.first} --cases {options.cases}"
-        command += " --fit" * options.fit
+        command += f" --fit {options.fit}" if options.fit else ""
         write_section("Complete search over constant spins", command, text)
 
 

@@ -20,6 +20,7 @@ from lcbayes.inversion.attitude_scan import (
     sparse,
     sphere_cells,
     survey,
+    verdict,
 )
 from lcbayes.inversion.attitude_scan.harmonics import (
     ODD,
@@ -294,7 +295,20 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert best["rms"] < 0.15  # with the outlier; the phase law alone is larger
     codes = {reason["code"] for reason in content["reasons"]}
     assert "period-not-unique" not in codes
+    # Probabilities of poles are too high, so that none is trusted, however large.
+    assert len({"pole-not-calibrated", "pole-not-unique"} & codes) == 1
+    assert not result.trusted
     assert any(" P " in line for line in result.lines())
+    first = result.data.solutions[0]
+    for share, code in ((0.9, "pole-not-unique"), (0.999, "pole-not-calibrated")):
+        elsewhere = replace(first, probability=1.0 - share)
+        scan = replace(
+            result.data,
+            solutions=[replace(first, probability=share), elsewhere],
+            period_probability=1.0,
+        )
+        rows = [result.solutions[0], result.solutions[0] | {"relation": "pole"}]
+        assert [finding.code for finding in verdict.improbable(scan, rows)] == [code]
     again = lcbayes.load(tmp_path / "out")
     assert isinstance(again, Scan)
     assert again.data.period_probability == result.data.period_probability
@@ -370,7 +384,9 @@ def test_rows_of_a_survey(curve, found):
         assert listed - 0.02 <= row["period_probability"] <= 1.0
     assert rows[0]["n_obs"] == 120
     assert rows[0]["span_days"] == pytest.approx(np.ptp(curve.t) / 86400.0)
-    assert "period-not-unique" not in {finding.code for finding in findings}
+    codes = {finding.code for finding in findings}
+    assert "period-not-unique" not in codes
+    assert len({"pole-not-calibrated", "pole-not-unique"} & codes) == 1
 
 
 @pytest.mark.parametrize(
