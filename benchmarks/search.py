@@ -5,10 +5,10 @@
 Each case is a body of 3 to 6 diffuse facets that turns 5 to 2,000 times in 2 to 6 passes over one
 to three nights, with a signal-to-noise ratio of 20 (odd seeds) or 100 (even seeds); see
 `_spin_cases`. The search covers all spins that the prior allows. It succeeds if the best end point
-is at most 0.5 nats above the posterior optimum reached from the truth. With --fit, each curve is
-then fitted by `lcbayes.fit`, or each of those that determine the spin. The data determine the spin, as the search sees it, if at most `FEW`
-rotations reach a potential within `PLAUSIBLE` of the best. One row a case is appended to search.csv
-in DIR; cases that are there are not repeated.
+is at most 0.5 nats above the posterior optimum reached from the truth. The data determine the spin,
+as the search sees it, if at most `FEW` rotations reach a potential within `PLAUSIBLE` of the best.
+With --fit, the curves are then fitted by `lcbayes.fit`: all, or those few that determine the spin.
+One row a case is appended to search.csv in DIR; cases that are there are not repeated.
 """
 
 from __future__ import annotations
