@@ -49,6 +49,8 @@ def area_prior_of(
     known = entry.options
     if AREA not in problem.names or not {"log_area_mean", "log_area_sd"} <= set(known):
         return None
+    if AREA in entry.replaced:
+        return None
     sd = float(options.get("log_area_sd", known["log_area_sd"].default))
     default = float(known["log_area_mean"].default)
     if "log_area_mean" in options:

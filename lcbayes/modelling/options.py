@@ -10,6 +10,8 @@ from typing import Any, Self
 
 from lcbayes.core.options import Options, declared_options, option
 
+PRIORS = "priors"  # option of every model, in Python only
+
 
 def period(text: str) -> float | str:
     """A number of hours, or text with a unit, which the model reads."""
@@ -105,7 +107,18 @@ class ModelOptions(Options):
         )
 
     def as_dict(self) -> dict[str, Any]:
-        return super().as_dict() | dict(self.others)
+        """Names and values for ``run.toml``; distributions in words."""
+        others = dict(self.others)
+        if isinstance(others.get(PRIORS), Mapping):
+            others[PRIORS] = [f"{k}: {_prior(v)}" for k, v in others[PRIORS].items()]
+        return super().as_dict() | others
+
+
+def _prior(prior: Any) -> str:
+    """A distribution in words: its name and parameters."""
+    names = getattr(prior, "arg_constraints", {})
+    values = ", ".join(f"{k}={getattr(prior, k)}" for k in names if hasattr(prior, k))
+    return f"{type(prior).__name__}({values})"
 
 
 def function_name(function: Callable[..., Any]) -> str:

@@ -110,6 +110,11 @@ class Entry:
         return dict(getattr(self.module, "POOLED", {}))
 
     @property
+    def replaced(self) -> tuple[str, ...]:
+        """The sites whose priors are not those of the model; see `with_priors`."""
+        return getattr(self.module, "REPLACED", ())
+
+    @property
     def _file(self) -> Path:
         """The file in which the model is defined."""
         code = getattr(inspect.unwrap(self.model), "__code__", None)
@@ -197,7 +202,7 @@ class Entry:
             )
         changed = ModuleType(self.module.__name__)
         changed.__dict__.update(vars(self.module))
-        changed.__dict__["model"] = with_priors(self.model, priors)
+        changed.__dict__.update(model=with_priors(self.model, priors), REPLACED=tuple(priors))
         return Entry(self.name, changed)
 
     def bind(self, options: Mapping[str, Any]) -> Callable[[Any], Any]:

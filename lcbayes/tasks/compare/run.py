@@ -15,6 +15,7 @@ from lcbayes.inference.fit import Posterior
 from lcbayes.inference.fit import identity as identity_of
 from lcbayes.inference.sparse import check as check_sparse
 from lcbayes.modelling import registry
+from lcbayes.modelling.options import PRIORS
 from lcbayes.modelling.registry import Entry
 from lcbayes.results.comparison import summarise
 from lcbayes.samplers.settings import PARTICLES, Settings
@@ -36,7 +37,9 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     With ``bodies=["rocket-stage", "my.toml", "facets:3-4"]``, known bodies and numbers of facets
     are compared together, by chains.
     The prior on the area of each facet is centred at the typical area of the best fit unless
-    ``log_area_mean`` is given, and the result shows how the probabilities depend on it.
+    ``log_area_mean`` or a prior of ``log_albedo_area`` is given, and the result shows how the
+    probabilities depend on it. ``priors={"log_albedo_area": dist.Normal(0.0, 0.5)}`` replaces
+    priors as in `lcbayes.fit`, for every number of facets.
 
     {parameters}
 
@@ -73,6 +76,8 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     entry, counts = registry.find(options.model), list(options.n_facets)
     _check_model(entry, options.sparse, counts)
     asked = {k: v for k, v in options.for_model.items() if k != "n_facets"}
+    if PRIORS in asked:
+        entry = entry.with_priors(asked.pop(PRIORS))
     checked = entry.check({**asked, "n_facets": counts[0]})
     del checked["n_facets"]
     check_curve(curve)
@@ -87,6 +92,8 @@ def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Com
     identity |= {"facets": ",".join(map(str, counts)), "sparse": options.sparse or 0}
     if chains is not None:
         identity |= {"chains": chains.as_dict()}
+    if entry.replaced:
+        identity |= {PRIORS: options.as_dict()[PRIORS]}
     checkpoint = context.checkpoint(identity)
     plan = engine.Plan(settings, chains, options.sparse)
     compared = engine.run(curve, entry, checked, counts, plan, checkpoint, context.progress)
@@ -120,6 +127,8 @@ def _compared_bodies(curve: LightCurve, options: CompareOptions, context: Contex
 def _kinds(options: CompareOptions) -> list[Kind]:
     """The kinds of body, each with the options that its model has and whose value it allows."""
     asked = {k: v for k, v in options.for_model.items() if k not in ("n_facets", "bodies")}
+    if PRIORS in asked:
+        raise InputError("priors are replaced for numbers of facets; leave out bodies")
     kinds, used = [], set[str]()
     for name, n in kinds_of(options.bodies):
         entry = registry.find(options.model if n else "body")

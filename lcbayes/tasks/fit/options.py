@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from lcbayes.core.options import option
 from lcbayes.modelling.options import ModelOptions, function_name
 from lcbayes.tasks.task import Task
 
-PRIORS = "priors"  # option of every model, in Python only
 SAMPLERS = ("auto", "nuts", "ahmc", "smc")
 MODEL = option(
     "faceted",
@@ -66,20 +64,11 @@ class FitOptions(ModelOptions):
         return super().files() | model_file(self.model)
 
     def as_dict(self) -> dict[str, Any]:
-        """Names and values for ``run.toml``; functions and distributions by name."""
+        """Names and values for ``run.toml``; a function by its name."""
         values = super().as_dict()
         if callable(self.model):
             values["model"] = function_name(self.model)
-        if isinstance(values.get(PRIORS), Mapping):
-            values[PRIORS] = [f"{k}: {described(v)}" for k, v in values[PRIORS].items()]
         return values
-
-
-def described(prior: Any) -> str:
-    """A distribution in words: its name and parameters."""
-    names = getattr(prior, "arg_constraints", {})
-    values = ", ".join(f"{k}={getattr(prior, k)}" for k in names if hasattr(prior, k))
-    return f"{type(prior).__name__}({values})"
 
 
 def model_file(model: str) -> dict[str, Path]:

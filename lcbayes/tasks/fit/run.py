@@ -23,7 +23,7 @@ from lcbayes.inference import facet_count, sparse
 from lcbayes.inference import fit as engine
 from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
-from lcbayes.modelling.options import ModelOptions
+from lcbayes.modelling.options import PRIORS, ModelOptions
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
 from lcbayes.results.asteroid import asteroids, body_content
@@ -31,7 +31,7 @@ from lcbayes.results.start import Start, read_start
 from lcbayes.results.summary import summarise
 from lcbayes.samplers.settings import WARMUP, Settings
 from lcbayes.tasks.fit.assumptions import assumptions
-from lcbayes.tasks.fit.options import PRIORS, TASK, FitOptions
+from lcbayes.tasks.fit.options import TASK, FitOptions
 from lcbayes.tasks.fit.result import Fit
 from lcbayes.tasks.task import Context, execute, task_function
 

@@ -1,0 +1,29 @@
+"""Priors that a comparison of numbers of facets takes in place of those of the model."""
+
+import tomllib
+
+import numpyro.distributions as dist
+import pytest
+
+import lcbayes
+from lcbayes.core.errors import InputError
+from tests.helpers import small_curves
+
+SHORT = {"n_facets": (1, 2), "spin": "none", "num_particles": 12, "num_runs": 2, "num_starts": 8}
+PRIOR = {"log_albedo_area": dist.Normal(1.5, 0.4)}
+
+
+def test_a_replaced_prior_is_that_of_the_options(tmp_path):
+    """The same normal prior given in two ways leads to the same evidences."""
+    curve, out = small_curves.curve(16), tmp_path / "out"
+    given = lcbayes.compare(curve, priors=PRIOR, out=out, report=False, **SHORT)
+    same = lcbayes.compare(curve, log_area_mean=1.5, log_area_sd=0.4, **SHORT)
+    assert given.probability == pytest.approx(same.probability, rel=1e-9)
+    assert given.content["area_prior"] is None  # which would change with the data
+    recorded = tomllib.loads((out / "run.toml").read_text())["options"]["priors"]
+    assert recorded == ["log_albedo_area: Normal(loc=1.5, scale=0.4)"]
+
+
+def test_priors_are_not_replaced_for_kinds_of_body():
+    with pytest.raises(InputError, match="leave out bodies"):
+        lcbayes.compare(small_curves.curve(16), bodies=("box-wing", "facets:3"), priors=PRIOR)
