@@ -23,7 +23,15 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import correlation, population, search, solutions, symmetry
 from lcbayes.inference.arrangements import by_rotation, joint
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
-from lcbayes.inference.modes import Mode, join, left_out, recount, unsampled, weigh
+from lcbayes.inference.modes import (
+    MAX_LEFT_OUT,
+    Mode,
+    join,
+    left_out,
+    recount,
+    unsampled,
+    weigh,
+)
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.replicates import Execution
 from lcbayes.inference.solutions import Solution
@@ -42,7 +50,7 @@ from lcbayes.modelling.likelihood import FLUX, OUTLIER
 from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.problem import Problem, Sites, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
-from lcbayes.samplers import bridge
+from lcbayes.samplers import annealing, bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
@@ -286,13 +294,25 @@ class Stages:
                 log_z = evidence(problem, data, order, whitening, z, z0, rng)
                 join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
-        if sampler.moves is not None and len(modes) > 1:
-            modes = with_ratios(modes, problem, order, data)
-        log_evidence = weigh(modes)
-        modes.sort(key=lambda m: -m.weight)
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
         # Weak facets make the Gaussian approximation of a rotation's evidence a poor one.
         error = 0.0 if sampler.moves is None else APART_SE
+        share = largest_share(share, error)
+        if sampler.moves is not None and len(modes) > 1:
+            annealed = partial(
+                annealing.log_evidence,
+                problem,
+                data,
+                sampler.moves,
+                key=jax.random.fold_in(key, len(sampled)),
+                workers=self.workers,
+            )
+            # Weights are of no use where much of the posterior was not sampled.
+            modes = with_ratios(
+                modes, problem, order, data, annealed if share <= MAX_LEFT_OUT else None
+            )
+        log_evidence = weigh(modes)
+        modes.sort(key=lambda m: -m.weight)
         spins = spin_solutions(self.plain, data, [m.solution for m in modes], left, error)
         return Posterior(
             problem,
@@ -301,7 +321,7 @@ class Stages:
             log_evidence,
             found.n_starts,
             self.timing,
-            undetermined(spins, largest_share(share, error)) or left_out(len(left), share),
+            undetermined(spins, share) or left_out(len(left), share),
             sampler.settings,
             found.coverage,
             spins,

@@ -11,7 +11,7 @@ Meng & Schilling 2002, JCGS 11, 552 (warp bridge sampling).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -60,20 +60,30 @@ class Form(NamedTuple):
 
 
 def with_ratios(
-    modes: Sequence[Mode], problem: Problem, order: FacetOrder, data: Epochs
+    modes: Sequence[Mode],
+    problem: Problem,
+    order: FacetOrder,
+    data: Epochs,
+    annealed: Callable[[Floats], LogEvidence] | None = None,
 ) -> list[Mode]:
     """The solutions with evidences relative to that of the first, whose error is set to zero.
 
-    Where the posteriors do not overlap, the ratio is that of the Gaussian (Laplace) approximations,
-    with an error of `APART_SE`.
+    Where the posteriors do not overlap, the ratio is that of evidences by ``annealed``, a function
+    of draws (n, D). Without this function it is that of the Gaussian (Laplace) approximations, with
+    an error of `APART_SE`.
     """
     first, *others = sorted(modes, key=lambda m: -m.solution.log_evidence)
     base = replace(first, log_evidence=LogEvidence(first.log_evidence.value, 0.0))
     form = _form(first, problem, order, data)
-    related = [base]
+    related, whole = [base], None
     for mode in others:
         ratio = _ratio(form, _form(mode, problem, order, data), problem, order, data)
-        if not ratio.se < LARGEST_SE:
+        if not ratio.se < LARGEST_SE and annealed is not None:
+            if whole is None:
+                whole = annealed(form.z)
+            own = annealed(mode.z.reshape(-1, mode.z.shape[-1]))
+            ratio = LogEvidence(own.value - whole.value, float(np.hypot(own.se, whole.se)))
+        elif not ratio.se < LARGEST_SE:
             laplace = mode.solution.log_evidence - first.solution.log_evidence
             ratio = LogEvidence(laplace, APART_SE)
         value = base.log_evidence.value + ratio.value

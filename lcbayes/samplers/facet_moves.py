@@ -21,7 +21,7 @@ Hastings 1970, Biometrika 57, 97; Green 1995, Biometrika 82, 711 (splits and mer
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -236,6 +236,11 @@ class FacetMoves:
             keys = jax.random.split(key_of, MOVES)
             state, _ = jax.lax.scan(lambda s, k, move=move: (move(k, s), None), state, keys)
         return flat(state[0])
+
+    def tempered(self, power: jax.Array) -> FacetMoves:
+        """The moves for a likelihood that is raised to a power."""
+        flux, scale, zero = (jnp.sqrt(power) * x for x in (self.flux, self.scale, self.zero))
+        return replace(self, flux=flux, scale=scale, zero=zero)
 
     def columns(self, sun: jax.Array, obs: jax.Array, normal: jax.Array) -> jax.Array:
         """Brightness (..., T) of facets of unit area, over the errors."""

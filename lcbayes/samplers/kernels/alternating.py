@@ -45,6 +45,19 @@ class AlternatingState(NamedTuple):
     rng_key: jax.Array
 
 
+def trajectories(kernel: Callable, key: jax.Array, here: trajectory.State, step_size, scale):
+    """The state and statistics after `TRAJECTORIES` transitions of `ahmc.build_kernel`."""
+
+    def one(here: trajectory.State, key: jax.Array):
+        key_step, key = jax.random.split(key)
+        step = step_size * jnp.exp(SPREAD * jax.random.normal(key_step))
+        step = jnp.minimum(step, LENGTH)
+        number = jnp.minimum(jnp.ceil(LENGTH / step), MOST_STEPS).astype(int)
+        return kernel(key, here, Params(step, number, jnp.array(DELTA), scale))
+
+    return jax.lax.scan(one, here, jax.random.split(key, TRAJECTORIES))
+
+
 class Alternating(MCMCKernel):
     """Kernel of a posterior with moves of its own.
 
@@ -114,17 +127,9 @@ class Alternating(MCMCKernel):
         kernel = ahmc.build_kernel(potential, lambda z: self._fisher_fn(unravel(z), *model_args))
         scale = metric.unit_scale(state.z_grad)
 
-        def trajectory_of(here: trajectory.State, key: jax.Array):
-            key_step, key = jax.random.split(key)
-            step = state.step_size * jnp.exp(SPREAD * jax.random.normal(key_step))
-            step = jnp.minimum(step, LENGTH)
-            number = jnp.minimum(jnp.ceil(LENGTH / step), MOST_STEPS).astype(int)
-            return kernel(key, here, Params(step, number, jnp.array(DELTA), scale))
-
         def one_round(here: trajectory.State, key: jax.Array):
             key_moves, key = jax.random.split(key)
-            keys = jax.random.split(key, TRAJECTORIES)
-            here, info = jax.lax.scan(trajectory_of, here, keys)
+            here, info = trajectories(kernel, key, here, state.step_size, scale)
             z = self._moves_fn(key_moves, unravel(here.z), *model_args)
             return trajectory.init(ravel_pytree(z)[0], potential), info
 

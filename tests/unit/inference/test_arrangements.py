@@ -119,6 +119,22 @@ def test_solutions_that_do_not_overlap_keep_a_large_error(data):
     assert second.log_evidence.se == APART_SE
 
 
+def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):
+    """The evidences and their errors are those of a given function of the draws."""
+    problem: Any = TwoRotations()
+    order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
+    rng = np.random.default_rng(1)
+    wrong = mode(1, rng)
+    wrong.z = wrong.z + 100.0 * rng.standard_normal(wrong.z.shape)
+
+    def annealed(draws):
+        return LogEvidence(5.0, 0.3) if np.abs(draws).max() < 50.0 else LogEvidence(3.0, 0.4)
+
+    first, second = with_ratios([mode(0, rng), wrong], problem, order, data, annealed)
+    assert second.log_evidence.value - first.log_evidence.value == pytest.approx(-2.0)
+    assert second.log_evidence.se == pytest.approx(0.5)
+
+
 def test_solutions_are_grouped_by_rotation(data):
     problem: Any = TwoRotations()
     rows = np.stack([parts()[0][0]] * 4)

@@ -1,0 +1,212 @@
+"""Evidence of one rotation: bodies of the prior, annealed to the posterior at that rotation.
+
+The angular velocity begins with a normal density q about the rotation, all else with the prior p.
+Particles pass through p q^(1−β) L^β, β = 0 → 1, by moves of single facets and exact Fisher-adaptive
+trajectories. Where β is small, facets cross the sphere freely, so that the particles divide among
+the arrangements by their shares of the posterior. Other rotations are out of reach at any β.
+Several independent runs give the error.
+
+References
+----------
+Del Moral, Doucet & Jasra 2006, JRSS B 68, 411; Dau & Chopin 2022, JRSS B 84, 114 (all points of the
+chains are particles).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import threads
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.samplers import tempering
+from lcbayes.samplers.bridge import LogEvidence
+from lcbayes.samplers.facet_moves import FacetMoves
+from lcbayes.samplers.kernels import ahmc, alternating, metric, trajectory
+from lcbayes.samplers.smc import mean_evidence
+
+Floats = NDArray[np.float64]
+
+OMEGA = "omega_unit"
+RUNS, PARTICLES = 4, 96
+POOL = 8  # draws of the prior, over the number of particles
+SHARE = 0.7  # of the particles that remains effective in a step
+TRANSITIONS = 2  # of each particle at each β
+WIDER = 2.0  # covariance of q over that of the posterior
+PROBES = 32  # particles whose information determines the widths
+MAX_STAGES = 300
+
+
+class Rotation(NamedTuple):
+    """The normal density q of the unconstrained values of `OMEGA`.
+
+    Attributes
+    ----------
+    mean : (3,)
+    root : (3, 3)
+        Cholesky factor of the covariance.
+    """
+
+    mean: Any
+    root: Any
+
+    @classmethod
+    def of(cls, problem: Problem, draws: Floats) -> Rotation:
+        """About the rotation of draws (n, D) of the posterior."""
+        part = draws[:, problem.rows([OMEGA])]
+        return cls(part.mean(axis=0), np.linalg.cholesky(WIDER * np.cov(part.T)))
+
+    def log_density(self, part: jax.Array) -> jax.Array:
+        """ln q of values (3,)."""
+        white = jnp.linalg.solve(self.root, part - self.mean)
+        log_det = jnp.sum(jnp.log(jnp.diagonal(self.root)))
+        return -0.5 * white @ white - log_det - 1.5 * np.log(2.0 * np.pi)
+
+    @property
+    def precision(self) -> jax.Array:
+        inverse = jnp.linalg.inv(self.root)
+        return inverse.T @ inverse
+
+
+class _Annealed(NamedTuple):
+    """The density p q^(1−β) L^β.
+
+    Attributes
+    ----------
+    data : Epochs
+    moves : FacetMoves
+    rotation : Rotation
+    power : β
+    """
+
+    data: Epochs
+    moves: FacetMoves
+    rotation: Rotation
+    power: Any
+
+    @property
+    def at(self) -> Epochs:
+        return replace(self.data, information=self.power * self.data.information)
+
+    def potential(self, problem: Problem, z: jax.Array) -> jax.Array:
+        log_q = self.rotation.log_density(z[problem.rows([OMEGA])])
+        return problem.potential(z, self.at) - (1.0 - self.power) * log_q
+
+    def fisher(self, problem: Problem, z: jax.Array) -> jax.Array:
+        rows = problem.rows([OMEGA])
+        more = (1.0 - self.power) * self.rotation.precision
+        return problem.fisher(z, self.at).at[np.ix_(rows, rows)].add(more)
+
+    def change(self, problem: Problem, z: jax.Array) -> jax.Array:
+        """Derivative of the log density with respect to β."""
+        points = problem.log_likelihood(z, self.data)
+        log_q = self.rotation.log_density(z[problem.rows([OMEGA])])
+        return jnp.sum(self.data.information * points) - log_q
+
+
+def log_evidence(
+    problem: Problem,
+    data: Epochs,
+    moves: FacetMoves,
+    draws: Floats,
+    key: jax.Array,
+    workers: int,
+) -> LogEvidence:
+    """ln of the integral of the posterior at the rotation of ``draws`` (n, D), with its error.
+
+    All orders of the facets are counted.
+    """
+    density = _Annealed(data, moves, Rotation.of(problem, draws), 0.0)
+    with threads(workers) as pool:
+        found = list(pool.map(partial(_run, problem, density), jax.random.split(key, RUNS)))
+    return mean_evidence(np.array(found))
+
+
+def _run(problem: Problem, density: _Annealed, key: jax.Array) -> float:
+    """ln of the evidence from one population."""
+    key, key_draw = jax.random.split(key)
+    n_pool = POOL * PARTICLES
+    z, log_weights, change = _host(_drawn(problem, density, jax.random.split(key_draw, n_pool)))
+    total = tempering.log_sum(log_weights) - float(np.log(n_pool))
+    log_weights = tempering.normalised(log_weights)
+    power, step_size = 0.0, alternating.FIRST_STEP
+    for _ in range(MAX_STAGES):
+        new = tempering.next_step(log_weights, change[:, None], _linear, power, SHARE)
+        log_weights = log_weights + (new - power) * change
+        total += tempering.log_sum(log_weights)
+        power, density = new, density._replace(power=new)
+        if power == 1.0:
+            return float(total)
+        key, key_choice, key_move = jax.random.split(key, 3)
+        chosen = tempering.systematic(log_weights, PARTICLES, float(jax.random.uniform(key_choice)))
+        z = z[chosen]
+        width = _widths(problem, density, z[:: PARTICLES // PROBES])
+        passed = []
+        for key_one in jax.random.split(key_move, TRANSITIONS):
+            keys = jax.random.split(key_one, PARTICLES)
+            z, change, accept = _host(_moved(problem, density, width, step_size, keys, z))
+            gain = float(accept.mean()) - alternating.TARGET
+            step_size *= float(np.exp(np.clip(gain, -0.5, 0.5)))
+            passed.append((z, change))
+        z, change = (np.concatenate(x) for x in zip(*passed, strict=True))
+        log_weights = np.full(len(z), -np.log(len(z)))
+    return -np.inf  # so that the error is infinite
+
+
+def _linear(power: float) -> Floats:
+    return np.array([power])
+
+
+def _host(tree: Any) -> Any:
+    return jax.tree.map(np.asarray, tree)
+
+
+@partial(jax.jit, static_argnums=0)
+def _drawn(problem: Problem, density: _Annealed, keys: jax.Array):
+    """Draws with the angular velocity from q: z (n, D), ln weights and changes (n,) at β = 0."""
+    rows, rotation = problem.rows([OMEGA]), density.rotation
+
+    def one(key: jax.Array):
+        key_prior, key_omega = jax.random.split(key)
+        part = rotation.mean + rotation.root @ jax.random.normal(key_omega, (3,))
+        z = problem.prior_draw(key_prior, density.data).at[rows].set(part)
+        log_weight = problem.log_factors(z, density.data)
+        log_weight += problem.log_density(OMEGA, z, density.data)
+        return z, log_weight, density.change(problem, z)
+
+    return jax.lax.map(one, keys)
+
+
+@partial(jax.jit, static_argnums=0)
+def _widths(problem: Problem, density: _Annealed, z: jax.Array) -> jax.Array:
+    """Median width (D,) of the density at points (n, D)."""
+
+    def variance(z: jax.Array) -> jax.Array:
+        root, _ = metric.inverse_root(density.fisher(problem, z), jnp.eye(problem.dim))
+        return jnp.sum(root**2, axis=1)
+
+    return jnp.sqrt(jnp.median(jax.lax.map(variance, z), axis=0))
+
+
+@partial(jax.jit, static_argnums=0)
+def _moved(problem: Problem, density: _Annealed, width, step_size, keys, z):
+    """Particles (n, D) after one transition; the changes and rates of acceptance (n,) there."""
+    potential = partial(density.potential, problem)
+    kernel = ahmc.build_kernel(potential, partial(density.fisher, problem))
+    scale = metric.Scale(jnp.zeros(problem.dim), jnp.diag(width), jnp.diag(1.0 / width))
+    moves, at = density.moves.tempered(density.power), density.at
+
+    def one(row):
+        key, z = row
+        key_moves, key = jax.random.split(key)
+        here = trajectory.init(moves(key_moves, z, at), potential)
+        here, info = alternating.trajectories(kernel, key, here, step_size, scale)
+        return here.z, density.change(problem, here.z), jnp.mean(info.accept_prob)
+
+    return jax.lax.map(one, (keys, z))

@@ -1,0 +1,107 @@
+"""The evidence of a rotation against a sum over draws of the prior, with a simulator in NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.samplers import annealing
+
+N_FACETS, N_EPOCHS, N_DRAWS = 3, 8, 300_000
+OMEGA_SD, ERROR = 0.004, 0.2  # rad/s, m²
+RUNS, SIGMAS = 16, 5.5  # Student's t of 15 degrees of freedom: 6e-5
+SOFT = 0.02  # of the edge of visibility, as `lcbayes models faceted` says
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def in_body_axes(vectors, t, omega):
+    """Inertial vectors (T, 3) in the axes of bodies with angular velocities (B, 3), (B, T, 3)."""
+    rate = np.linalg.norm(omega, axis=1)[:, None, None]
+    axis = omega[:, None] / rate
+    c, s = np.cos(rate * t[:, None]), -np.sin(rate * t[:, None])
+    along = np.sum(vectors * axis, axis=-1, keepdims=True) * axis
+    return along + c * (vectors - along) + s * np.cross(axis, vectors)
+
+
+def flux_and_visibility(t, sun, obs, omega, normals, areas):
+    """Lambert's law μ₀μ/π, and ln of the prior that each facet is lit and seen."""
+    columns = np.swapaxes(normals, 1, 2)
+    mu0, mu = (in_body_axes(v, t, omega) @ columns for v in (sun, obs))  # (B, T, N)
+    flux = np.einsum("btn,bn->bt", np.maximum(mu0, 0) * np.maximum(mu, 0) / np.pi, areas)
+    best = np.minimum(np.minimum(mu0, mu).max(axis=1), 0.0)
+    return flux, -np.sum((best / SOFT) ** 2, axis=1)
+
+
+@pytest.fixture(scope="module")
+def case():
+    """A light curve of a turning body, and ln of its evidence with its error."""
+    rng = np.random.default_rng(3)
+    t = np.linspace(0.0, 150.0, N_EPOCHS)
+    sun = unit(np.array([1.0, 0.0, 0.2]) + 0.3 * rng.standard_normal((N_EPOCHS, 3)))
+    obs = unit(np.array([0.4, 0.8, -0.3]) + 0.3 * rng.standard_normal((N_EPOCHS, 3)))
+    omega = OMEGA_SD * rng.standard_normal((N_DRAWS, 3))
+    normals = unit(rng.standard_normal((N_DRAWS, N_FACETS, 3)))
+    areas = np.exp(rng.standard_normal((N_DRAWS, N_FACETS)))
+    flux, visible = flux_and_visibility(t, sun, obs, omega, normals, areas)
+    truth = np.flatnonzero(visible == 0.0)[0]
+    y = flux[truth] + ERROR * rng.standard_normal(N_EPOCHS)
+    log_l = -0.5 * np.sum(((y - flux) / ERROR) ** 2, axis=1)
+    log_l -= N_EPOCHS * (np.log(ERROR) + 0.5 * np.log(2.0 * np.pi))
+    keep = np.arange(N_DRAWS) != truth  # whose likelihood is no draw of the prior
+    log_weight = (log_l + visible)[keep]
+    top = log_weight.max()
+    weight = np.exp(log_weight - top)
+    error = weight.std() / weight.mean() / np.sqrt(len(weight))
+    error_of_flux = np.full(N_EPOCHS, ERROR)
+    curve = LightCurve(t=t, brightness=y, error=error_of_flux, kind="flux", sun=sun, obs=obs)
+    return curve, top + np.log(weight.mean()), error
+
+
+def annealed(curve, wider, monkeypatch):
+    """ln of the evidence from a density of ω so many times as wide as its prior."""
+    entry, data = registry.find("faceted"), Epochs.of(curve)
+    options = {"n_facets": N_FACETS, "omega_sd": OMEGA_SD, "reflectance": "lambertian"}
+    _, problem = build_problem(entry, options, data)
+    hook = entry.hook("moves")
+    assert hook is not None
+    moves = hook(problem, data, **options)
+    draws = np.asarray(
+        jax.vmap(lambda k: problem.prior_draw(k, data))(jax.random.split(jax.random.key(0), 400))
+    )
+    monkeypatch.setattr(annealing, "WIDER", wider)
+    monkeypatch.setattr(annealing, "RUNS", RUNS)
+    return annealing.log_evidence(problem, data, moves, jnp.asarray(draws), jax.random.key(1), 2)
+
+
+@pytest.mark.statistical(false_alarm=1e-4)
+@pytest.mark.parametrize("wider", [0.5, 2.0])
+def test_the_evidence_is_that_of_the_prior(case, wider, monkeypatch):
+    """Whatever the density from which the angular velocity begins."""
+    curve, expected, error = case
+    found = annealed(curve, wider, monkeypatch)
+    assert error < 0.05
+    assert found.se < 0.15
+    assert abs(found.value - expected) < SIGMAS * np.hypot(found.se, error)
+
+
+def test_prior_densities_of_the_sites_add_up_to_the_posterior(case):
+    """Also where the angular velocity is sampled in other coordinates, whose Jacobian counts."""
+    curve = replace(case[0], t=100.0 * case[0].t)
+    data = Epochs.of(curve)
+    options = {"n_facets": N_FACETS, "omega_sd": 0.1, "reflectance": "lambertian"}
+    plain, problem = build_problem(registry.find("faceted"), options, data)
+    assert problem is not plain
+    for z in jax.vmap(lambda k: problem.prior_draw(k, data))(
+        jax.random.split(jax.random.key(2), 5)
+    ):
+        parts = sum(problem.log_density(name, z, data) for name in problem.names)
+        parts += problem.log_factors(z, data) + problem.log_likelihood(z, data).sum()
+        np.testing.assert_allclose(parts, -problem.potential(z, data), rtol=1e-9)
