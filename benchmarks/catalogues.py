@@ -1,6 +1,7 @@
 """Catalogues of sparse points: objects an hour, cost, memory, and the page of many rows.
 
     python benchmarks/catalogues.py throughput [N]   simulated objects on two processes
+    python benchmarks/catalogues.py real             the inputs of Asteroids@home as one table
     python benchmarks/catalogues.py cost             against points and range of periods
     python benchmarks/catalogues.py memory [N]       N small objects with the search left out
     python benchmarks/catalogues.py page [N]         the page of N rows, in a browser
@@ -24,8 +25,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from _results import table, write_section
-from _surveys import KINDS, Cadence, draw
-from surveys import SEED, cadences, curve
+from _surveys import KINDS, Cadence, draw, folder
+from surveys import SEED, UNIQUE, cadences, curve, load
 
 import lcbayes
 from lcbayes.analysis import survey_page
@@ -40,12 +41,6 @@ from lcbayes.tasks.survey.result import Survey
 
 SMALL = 12  # points of an object of which only the reading is measured
 GROUP = 1000  # objects that are written at once
-
-
-def load() -> str:
-    """The load of the machine in words; two cores are busy with one run at a load of two."""
-    one, _, fifteen = os.getloadavg()
-    return f"{one:.1f} (15 minutes: {fifteen:.1f})"
 
 
 def columns(data: Cadence) -> dict[str, list[float]]:
@@ -96,6 +91,46 @@ def throughput(number: int) -> None:
     text += table(["what", "measured"], rows)
     write_section(
         "Surveys: objects per hour", f"python benchmarks/catalogues.py throughput {number}", text
+    )
+
+
+def real() -> None:
+    """The survey of the real objects, on two processes."""
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "out"
+        result = lcbayes.survey(folder(), out=out, workers=2, progress=Console())
+        rows, c = result.summary(), result.content
+        kb = {
+            name: (out / path).stat().st_size / 1000
+            for name, path in (
+                ("journal", "objects.jsonl"),
+                ("parquet", "tables/solutions.parquet"),
+                ("csv", "tables/solutions.csv"),
+                ("page", "report.html"),
+            )
+        }
+    first = rows.drop_duplicates("object")
+    measured = [
+        ["objects", str(c["n_objects"])],
+        ["failed", str(c["n_failed"])],
+        ["rows of the table", str(len(rows))],
+        [f"periods with P ≥ {UNIQUE}", str(int((first["period_probability"] >= UNIQUE).sum()))],
+        ["trusted", str(c["n_trusted"])],
+        ["objects per hour", f"{c['objects_per_hour']:.0f}"],
+        ["time of an object, median (s)", f"{first['seconds'].median():.1f}"],
+        ["journal (kB)", f"{kb['journal']:.0f}"],
+        ["table, Parquet and CSV (kB)", f"{kb['parquet']:.0f}, {kb['csv']:.0f}"],
+        ["page (kB)", f"{kb['page']:.0f}"],
+        ["load at the end", load()],
+    ]
+    text = (
+        "The inputs of Asteroids@home, 2 to 1000 h, two processes. Times are those on the clock, "
+        "with compilation, and say little if other work ran beside.\n\n"
+    )
+    write_section(
+        "Surveys: real objects as one table",
+        "python benchmarks/catalogues.py real",
+        text + table(["what", "measured"], measured),
     )
 
 
@@ -328,6 +363,8 @@ if __name__ == "__main__":
         read_and_write(*given)
     elif what == "cost":
         cost()
+    elif what == "real":
+        real()
     else:
         run, default = {
             "throughput": (throughput, 60),

@@ -1,8 +1,9 @@
 """Survey asteroids: is a probability of 0.99 right in 99 of 100, and the fifty real ones.
 
-    python benchmarks/surveys.py calibration [N]     into RESULTS.md
+    python benchmarks/surveys.py calibration [N]     N simulated objects
     python benchmarks/surveys.py real [N]            the first N real objects
 
+Each writes a section of RESULTS.md, with the load of the machine at the end.
 Needs the Asteroids@home inputs in $LCBAYES_DATA/sparse-survey or ../shared/data/sparse-survey.
 Outcomes are kept in a file of JSON lines in $LCBAYES_SURVEYS (by default the working folder), and a
 run that was stopped goes on there.
@@ -10,9 +11,9 @@ run that was stopped goes on there.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-import sys
 import time
 from collections.abc import Sequence
 from itertools import pairwise
@@ -110,6 +111,12 @@ def rule(points: SparsePoints, found: sparse.SparseSearch) -> tuple[float, float
     return float(best), 1.0 - min(chi2) / float(np.min(np.array(chi2)[others]))
 
 
+def load() -> str:
+    """The load of the machine in words; two cores are busy with one run at a load of two."""
+    one, _, fifteen = os.getloadavg()
+    return f"{one:.1f} (15 minutes: {fifteen:.1f})"
+
+
 def stored(name: str) -> tuple[Path, Rows]:
     """The file of outcomes, and those that it holds."""
     path = Path(os.environ.get("LCBAYES_SURVEYS", ".")) / f"surveys-{name}.jsonl"
@@ -151,6 +158,13 @@ def calibration(number: int) -> None:
     rows = simulate(number)
     called = [r for r in rows if r["period_probability"] >= UNIQUE]
     right = sum(r["period_right"] for r in called)
+    poles = [r for r in rows if r["pole_probability"] >= UNIQUE]
+    of_pole = ", ".join(
+        f"{kind} {sum(r['pole_right'] for r in poles if r['kind'] == kind)} of "
+        f"{sum(r['kind'] == kind for r in poles)}"
+        for kind in KINDS
+    )
+    absent = sum(not r["listed"] for r in poles if not r["pole_right"])
     kinds = ", ".join(
         f"{kind} {sum(r['kind'] == kind for r in called)} of {sum(r['kind'] == kind for r in rows)}"
         for kind in KINDS
@@ -174,7 +188,10 @@ def calibration(number: int) -> None:
         "calls a period unique whose χ² is 5 or 10 % below that of every other; here it is that of "
         "the linear model, and not of a convex body. The period is right in "
         f"{sum(r['period_right'] for r in rows)} of all {len(rows)}. Processor time of an object: "
-        f"{np.median([r['cpu_s'] for r in rows]):.1f} s (median).\n\n"
+        f"{np.median([r['cpu_s'] for r in rows]):.1f} s (median). Load at the end: {load()}.\n\n"
+        f"Poles called unique, right by body: {of_pole}. In {absent} of the "
+        f"{sum(not r['pole_right'] for r in poles)} that are wrong, the true spin has a "
+        f"probability below {sparse.LISTED:g}.\n\n"
     )
     text += table(["rule", "called unique", "right"], compared) + "\n\n"
     heads = ["P of the period", "objects", "mean P", "right"]
@@ -221,7 +238,7 @@ def real(number: int) -> None:
         "scan fits bodies unless a periodogram is asked for. No published answers come with the "
         f"files. Unique at P ≥ {UNIQUE}: {len(unique)} of {len(done)} "
         f"({sum(r['sparse'] for r in unique)} of {len(few)} sparse). Processor time, median: "
-        f"{np.median([r['cpu_s'] for r in done]):.1f} s an object.\n\n"
+        f"{np.median([r['cpu_s'] for r in done]):.1f} s an object. Load at the end: {load()}.\n\n"
     )
     heads = ["object", "points", "curves", "P of period", "period, h", "pole", "P", "CPU, s"]
     rows = [
@@ -248,8 +265,11 @@ def _lon_lat(v: Sequence[float]) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    asked = [int(x) for x in sys.argv[2:3]]
-    if sys.argv[1:2] == ["real"]:
-        real(*(asked or [1000]))
+    parser = argparse.ArgumentParser(description="Measure the search of sparse points.")
+    parser.add_argument("what", choices=["calibration", "real"])
+    parser.add_argument("number", type=int, nargs="?", help="of objects: 200, or all real ones")
+    options = parser.parse_args()
+    if options.what == "real":
+        real(options.number or 1000)
     else:
-        calibration(*(asked or [200]))
+        calibration(options.number or 200)
