@@ -114,7 +114,7 @@ def real() -> None:
         ["objects", str(c["n_objects"])],
         ["failed", str(c["n_failed"])],
         ["rows of the table", str(len(rows))],
-        [f"periods with P ≥ {UNIQUE}", str(int((first["period_probability"] >= UNIQUE).sum()))],
+        [f"periods with P ≥ {UNIQUE}", str(np.sum(first["period_probability"] >= UNIQUE))],
         ["trusted", str(c["n_trusted"])],
         ["objects per hour", f"{c['objects_per_hour']:.0f}"],
         ["time of an object, median (s)", f"{first['seconds'].median():.1f}"],

@@ -175,7 +175,7 @@ def main() -> None:
             "turns": round(case.turns, 1),
         }
         row |= searched(case)
-        if options.fit == "all" or (options.fit == "few" and row["rotations"] <= FEW):
+        if options.fit == "all" or (options.fit == "few" and int(row["rotations"]) <= FEW):
             row |= fitted(case)
         with path.open("a", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.jax_setup import jax
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
@@ -78,7 +78,7 @@ def annealed(curve, wider, monkeypatch):
     )
     monkeypatch.setattr(annealing, "WIDER", wider)
     monkeypatch.setattr(annealing, "RUNS", RUNS)
-    return annealing.log_evidence(problem, data, moves, jnp.asarray(draws), jax.random.key(1), 2)
+    return annealing.log_evidence(problem, data, moves, draws, jax.random.key(1), 2)
 
 
 @pytest.mark.statistical(false_alarm=1e-4)
