@@ -44,19 +44,31 @@ ROWS, NIGHTS = 32, 16  # smallest steps of the numbers of points and nights; see
 class SparsePoints(NamedTuple):
     """Points of a light curve for the linear model: arrays of NumPy or JAX.
 
-    t : (T,) s, since the middle of the data
-    bisector, across : (T, 3), unit vectors along the sum of those to Sun and observer, and the
-        difference of these, inertial
-    log_flux : (T,), its median over each curve is zero
-    error : (T,), relative; one where unknown
-    fixed : (T, C + 2), columns of the offsets and of the phase law
-    group : (T, K), one where a point belongs to a group with a common noise level
-    night : (T, M), one where a point belongs to a night, whose points share an error
-    used : (T,), one; zero where a row only fills the arrays
-    noise : expected noise level in units of ``error``
-    span : length of the data, s
-
     The numbers of points and nights are rounded up, so that objects share compiled programs.
+
+    Attributes
+    ----------
+    t : (T,) s
+        Since the middle of the data.
+    bisector, across : (T, 3)
+        Unit vectors along the sum of those to Sun and observer, and the difference of these,
+        inertial.
+    log_flux : (T,)
+        Its median over each curve is zero.
+    error : (T,)
+        Relative; one where unknown.
+    fixed : (T, C + 2)
+        Columns of the offsets and of the phase law.
+    group : (T, K)
+        One where a point belongs to a group with a common noise level.
+    night : (T, M)
+        One where a point belongs to a night, whose points share an error.
+    used : (T,)
+        One; zero where a row only fills the arrays.
+    noise : float
+        Expected noise level in units of ``error``.
+    span : s
+        Length of the data.
     """
 
     t: Any
