@@ -10,6 +10,7 @@ import pytest
 
 from lcbayes.inversion.attitude_scan.harmonics import ODD, ORDERS
 from lcbayes.inversion.attitude_scan.shape_classes import LEAST_SD, classes, shape_prior
+from tests.helpers.false_alarms import EACH
 
 BODIES = 12
 SCRIPT = Path(__file__).parents[3] / "benchmarks" / "shapes.py"
@@ -35,7 +36,7 @@ def test_every_class_has_three_elongations(shapes):
 
 
 @pytest.mark.parametrize("kind", ["cut", "boxy"])
-@pytest.mark.statistical(false_alarm=1e-4)
+@pytest.mark.statistical(false_alarm=EACH)
 def test_other_bodies_of_a_class_have_its_coefficients(shapes, monkeypatch, kind):
     """Bodies of another seed, over random longitudes, against the mean and the covariance."""
     monkeypatch.setattr(shapes, "SEED", 1)

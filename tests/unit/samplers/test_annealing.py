@@ -11,10 +11,11 @@ from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers import annealing
+from tests.helpers.false_alarms import EACH, limit
 
 N_FACETS, N_EPOCHS, N_DRAWS = 3, 8, 300_000
 OMEGA_SD, ERROR = 0.004, 0.2  # rad/s, m²
-RUNS, SIGMAS = 16, 5.5  # Student's t of 15 degrees of freedom: 6e-5
+RUNS = 16
 SOFT = 0.02  # of the edge of visibility, as `lcbayes models faceted` says
 
 
@@ -81,7 +82,7 @@ def annealed(curve, wider, monkeypatch):
     return annealing.log_evidence(problem, data, moves, draws, jax.random.key(1), 2)
 
 
-@pytest.mark.statistical(false_alarm=1e-4)
+@pytest.mark.statistical(false_alarm=EACH)
 @pytest.mark.parametrize("wider", [0.5, 2.0])
 def test_the_evidence_is_that_of_the_prior(case, wider, monkeypatch):
     """Whatever the density from which the angular velocity begins."""
@@ -89,7 +90,7 @@ def test_the_evidence_is_that_of_the_prior(case, wider, monkeypatch):
     found = annealed(curve, wider, monkeypatch)
     assert error < 0.05
     assert found.se < 0.15
-    assert abs(found.value - expected) < SIGMAS * np.hypot(found.se, error)
+    assert abs(found.value - expected) < limit(dof=RUNS - 1) * np.hypot(found.se, error)
 
 
 def test_prior_densities_of_the_sites_add_up_to_the_posterior(case):
