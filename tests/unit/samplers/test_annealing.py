@@ -83,7 +83,7 @@ def annealed(curve, wider, monkeypatch):
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-@pytest.mark.parametrize("wider", [0.5, 2.0])
+@pytest.mark.parametrize("wider", [pytest.param(0.5, marks=pytest.mark.slow), 2.0])
 def test_the_evidence_is_that_of_the_prior(case, wider, monkeypatch):
     """Whatever the density from which the angular velocity begins."""
     curve, expected, error = case

@@ -125,7 +125,10 @@ def test_bodies_of_the_prior_remain_a_sample_of_the_prior(campaign):
     assert min(p.values()) > FALSE_ALARM / len(p), p
 
 
-@pytest.mark.parametrize("coordinate", ["area of the facet", "area of another facet"])
+@pytest.mark.parametrize(
+    "coordinate",
+    [pytest.param("area of the facet", marks=pytest.mark.slow), "area of another facet"],
+)
 def test_areas_are_drawn_with_the_stated_density(campaign, coordinate):
     """The cumulative distribution of `log_q` along ln(area), at what `drawn` gives, is uniform."""
     t, sun, obs, omega = campaign
