@@ -69,23 +69,24 @@ def with_ratios(
     """The solutions with evidences relative to that of the first, whose error is set to zero.
 
     Where the posteriors do not overlap, the ratio is that of evidences by ``annealed``, a function
-    of draws (n, D). Without this function it is that of the Gaussian (Laplace) approximations, with
-    an error of `APART_SE`.
+    of draws (n, D). Without this function, or if its error is larger, the ratio is that of the
+    Gaussian (Laplace) approximations with an error of `APART_SE`.
     """
     first, *others = sorted(modes, key=lambda m: -m.solution.log_evidence)
     base = replace(first, log_evidence=LogEvidence(first.log_evidence.value, 0.0))
     form = _form(first, problem, order, data)
     related, whole = [base], None
     for mode in others:
-        ratio = _ratio(form, _form(mode, problem, order, data), problem, order, data)
-        if not ratio.se < LARGEST_SE and annealed is not None:
-            if whole is None:
-                whole = annealed(form.z)
-            own = annealed(mode.z.reshape(-1, mode.z.shape[-1]))
-            ratio = LogEvidence(own.value - whole.value, float(np.hypot(own.se, whole.se)))
-        elif not ratio.se < LARGEST_SE:
+        other = _form(mode, problem, order, data)
+        ratio = _ratio(form, other, problem, order, data)
+        if not ratio.se < LARGEST_SE:
             laplace = mode.solution.log_evidence - first.solution.log_evidence
             ratio = LogEvidence(laplace, APART_SE)
+            if annealed is not None:
+                whole, own = whole or annealed(form.z), annealed(other.z)
+                se = float(np.hypot(whole.se, own.se))
+                if se < APART_SE:
+                    ratio = LogEvidence(own.value - whole.value, se)
         value = base.log_evidence.value + ratio.value
         related.append(replace(mode, log_evidence=LogEvidence(value, ratio.se)))
     return related

@@ -72,6 +72,7 @@ class Rotation(NamedTuple):
 
     @property
     def precision(self) -> jax.Array:
+        """Inverse of the covariance, (3, 3)."""
         inverse = jnp.linalg.inv(self.root)
         return inverse.T @ inverse
 
@@ -94,6 +95,7 @@ class _Annealed(NamedTuple):
 
     @property
     def at(self) -> Epochs:
+        """The data with the likelihood raised to the power."""
         return replace(self.data, information=self.power * self.data.information)
 
     def potential(self, problem: Problem, z: jax.Array) -> jax.Array:
@@ -127,21 +129,28 @@ def log_evidence(
     density = _Annealed(data, moves, Rotation.of(problem, draws), 0.0)
     with threads(workers) as pool:
         found = list(pool.map(partial(_run, problem, density), jax.random.split(key, RUNS)))
+    if not np.all(np.isfinite(found)):
+        return LogEvidence(-np.inf, np.inf)
     value, se = mean_evidence(np.array(found))
     # Few runs: twice the error holds 95 % of Student's distribution, as it does of the normal one.
-    return LogEvidence(value, se * float(stats.t.ppf(0.975, RUNS - 1)) / 1.96)
+    return LogEvidence(value, se * float(stats.t.ppf(0.975, RUNS - 1) / stats.norm.ppf(0.975)))
 
 
 def _run(problem: Problem, density: _Annealed, key: jax.Array) -> float:
-    """ln of the evidence from one population."""
+    """ln of the evidence from one population; −inf if it does not reach the posterior."""
     key, key_draw = jax.random.split(key)
     n_pool = POOL * PARTICLES
     z, log_weights, change = _host(_drawn(problem, density, jax.random.split(key_draw, n_pool)))
+    # Draws without a likelihood have no weight at any β > 0.
+    possible = np.isfinite(log_weights) & np.isfinite(change)
+    log_weights, change = np.where(possible, log_weights, -np.inf), np.where(possible, change, 0.0)
     total = tempering.log_sum(log_weights) - float(np.log(n_pool))
     log_weights = tempering.normalised(log_weights)
     power, step_size = 0.0, alternating.FIRST_STEP
     for _ in range(MAX_STAGES):
         new = tempering.next_step(log_weights, change[:, None], _linear, power, SHARE)
+        if not new > power:
+            break
         log_weights = log_weights + (new - power) * change
         total += tempering.log_sum(log_weights)
         power, density = new, density._replace(power=new)
@@ -160,7 +169,7 @@ def _run(problem: Problem, density: _Annealed, key: jax.Array) -> float:
             passed.append((z, change))
         z, change = (np.concatenate(x) for x in zip(*passed, strict=True))
         log_weights = np.full(len(z), -np.log(len(z)))
-    return -np.inf  # so that the error is infinite
+    return -np.inf
 
 
 def _linear(power: float) -> Floats:
@@ -190,12 +199,8 @@ def _drawn(problem: Problem, density: _Annealed, keys: jax.Array):
 @partial(jax.jit, static_argnums=0)
 def _widths(problem: Problem, density: _Annealed, z: jax.Array) -> jax.Array:
     """Median width (D,) of the density at points (n, D)."""
-
-    def variance(z: jax.Array) -> jax.Array:
-        root, _ = metric.inverse_root(density.fisher(problem, z), jnp.eye(problem.dim))
-        return jnp.sum(root**2, axis=1)
-
-    return jnp.sqrt(jnp.median(jax.lax.map(variance, z), axis=0))
+    variance = jax.lax.map(lambda z: metric.variance(density.fisher(problem, z)), z)
+    return jnp.sqrt(jnp.median(variance, axis=0))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -50,12 +50,8 @@ class Whitening(NamedTuple):
         For kernels with a local metric: F⁻¹ at one optimum would be far too narrow, in some
         direction, for another arrangement of facets.
         """
-
-        def variance(z: jax.Array) -> jax.Array:
-            root, _ = metric.inverse_root(problem.fisher(z, data), jnp.eye(problem.dim))
-            return jnp.sum(root**2, axis=1)
-
-        return cls(starts[0], jnp.diag(jnp.sqrt(jnp.median(jax.lax.map(variance, starts), axis=0))))
+        variance = jax.lax.map(lambda z: metric.variance(problem.fisher(z, data)), starts)
+        return cls(starts[0], jnp.diag(jnp.sqrt(jnp.median(variance, axis=0))))
 
     def __call__(self, y: jax.Array) -> jax.Array:
         return self.centre + self.factor @ y

@@ -92,8 +92,7 @@ def inform(problem: Problem, at: Epochs, z: jax.Array) -> tuple[jax.Array, jax.A
 
     def one(z: jax.Array) -> tuple[jax.Array, jax.Array]:
         information = problem.fisher(z, at)
-        root, _ = metric.inverse_root(information, jnp.eye(problem.dim))
-        return information, jnp.sum(root**2, axis=1)
+        return information, metric.variance(information)
 
     return each(one, z)
 

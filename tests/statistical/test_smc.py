@@ -111,7 +111,6 @@ def test_chains_and_bridges_have_the_evidence_of_the_way_from_the_prior():
     runs = smc.replicate(problem, data, jax.random.key(0), 250, N_RUNS, plan=PLAN)
     fitted = lcbayes.fit(
         light,
-        "faceted",
         n_facets=2,
         spin="none",
         seed=1,

@@ -57,6 +57,12 @@ def inverse_root(mass: jax.Array, fallback: jax.Array) -> tuple[jax.Array, jax.A
     return jax.lax.cond(good, lambda: factor, lambda: root(fallback)), good
 
 
+def variance(information: jax.Array) -> jax.Array:
+    """Diagonal (D,) of the inverse of an information matrix (D, D), or ones if it is singular."""
+    root, _ = inverse_root(information, jnp.eye(information.shape[0]))
+    return jnp.sum(root**2, axis=1)
+
+
 def momentum(key: jax.Array, dim: int) -> jax.Array:
     """Whitened momentum v ~ N(0, I), (D,)."""
     return jax.random.normal(key, (dim,))

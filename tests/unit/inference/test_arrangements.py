@@ -134,6 +134,13 @@ def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):
     assert second.log_evidence.value - first.log_evidence.value == pytest.approx(-2.0)
     assert second.log_evidence.se == pytest.approx(0.5)
 
+    def failed(draws):  # noqa: ARG001
+        return LogEvidence(-np.inf, np.inf)
+
+    _, second = with_ratios([mode(0, rng), wrong], problem, order, data, failed)
+    assert second.log_evidence.se == APART_SE
+    assert np.isfinite(second.log_evidence.value)
+
 
 def test_solutions_are_grouped_by_rotation(data):
     problem: Any = TwoRotations()

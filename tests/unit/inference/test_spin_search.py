@@ -32,17 +32,11 @@ from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.results.reasons import searched
 from tests.helpers import small_curves
+from tests.helpers.turning_facets import in_body_axes
 
 LAW = "lambertian"
 GAP = 5400.0  # s between the passes
 OMEGA_SD = 0.008
-
-
-def rotated(vectors: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Vectors (T, 3) turned by −angle (T,) about a unit axis, by Rodrigues' formula."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    along = (vectors @ axis)[:, None] * axis
-    return along + c * (vectors - along) - s * np.cross(axis, vectors)
 
 
 class Truth:
@@ -58,8 +52,7 @@ class Truth:
         lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t > 1000)
         obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
         sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
-        rate = np.linalg.norm(self.omega)
-        s, o = (rotated(v, self.omega / rate, rate * t) for v in (sun, obs))
+        s, o = (in_body_axes(v, t, self.omega) for v in (sun, obs))
         mu0, mu = (np.maximum(v @ self.normals.T, 0.0) for v in (s, o))
         flux = mu0 * mu / np.pi @ self.areas
         error = np.full(t.size, flux.mean() / snr)
@@ -103,7 +96,7 @@ def test_a_body_in_harmonics_is_as_bright_as_its_facets():
     i = np.arange(40000) + 0.5
     z, lon = 1 - 2 * i / 40000, np.pi * (1 + 5**0.5) * i
     normals = np.stack([np.sqrt(1 - z**2) * np.cos(lon), np.sqrt(1 - z**2) * np.sin(lon), z], 1)
-    s, o = (rotated(v, pole, angle) @ axes for v in (sun, obs))
+    s, o = (in_body_axes(v, angle, pole) @ axes for v in (sun, obs))
     kernel = np.maximum(s @ normals.T, 0) * np.maximum(o @ normals.T, 0) / np.pi
     # 1, z, x and y are the harmonics of the first two degrees, up to their norm
     for column, field, norm in ((0, np.ones_like(z), 1.0), (1, z, 3.0), (5, normals[:, 0], 3.0)):
@@ -147,12 +140,11 @@ def test_the_evidence_is_that_of_a_gaussian_field():
 @pytest.mark.parametrize("n_normals", [60, 250])
 def test_nonnegative_areas_are_those_of_lawson_and_hanson(truth: Truth, n_normals):
     """½ χ² on a grid of normals, whose neighbours have nearly the same brightness."""
-    rate = np.linalg.norm(truth.omega)
     curve = truth.curve
     assert curve.error is not None
     assert curve.sun is not None
     assert curve.obs is not None
-    s, o = (rotated(v, truth.omega / rate, rate * curve.t) for v in (curve.sun, curve.obs))
+    s, o = (in_body_axes(v, curve.t, truth.omega) for v in (curve.sun, curve.obs))
     grid = np.random.default_rng(3).normal(size=(n_normals, 3))
     grid /= np.linalg.norm(grid, axis=1, keepdims=True)
     design = np.maximum(s @ grid.T, 0.0) * np.maximum(o @ grid.T, 0.0) / np.pi

@@ -12,6 +12,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers import annealing
 from tests.helpers.false_alarms import EACH, limit
+from tests.helpers.turning_facets import cosines, flux, in_body_axes, unit
 
 N_FACETS, N_EPOCHS, N_DRAWS = 3, 8, 300_000
 OMEGA_SD, ERROR = 0.004, 0.2  # rad/s, m²
@@ -19,26 +20,11 @@ RUNS = 16
 SOFT = 0.02  # of the edge of visibility, as `lcbayes models faceted` says
 
 
-def unit(v):
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
-def in_body_axes(vectors, t, omega):
-    """Inertial vectors (T, 3) in the axes of bodies with angular velocities (B, 3), (B, T, 3)."""
-    rate = np.linalg.norm(omega, axis=1)[:, None, None]
-    axis = omega[:, None] / rate
-    c, s = np.cos(rate * t[:, None]), -np.sin(rate * t[:, None])
-    along = np.sum(vectors * axis, axis=-1, keepdims=True) * axis
-    return along + c * (vectors - along) + s * np.cross(axis, vectors)
-
-
 def flux_and_visibility(t, sun, obs, omega, normals, areas):
     """Lambert's law μ₀μ/π, and ln of the prior that each facet is lit and seen."""
-    columns = np.swapaxes(normals, 1, 2)
-    mu0, mu = (in_body_axes(v, t, omega) @ columns for v in (sun, obs))  # (B, T, N)
-    flux = np.einsum("btn,bn->bt", np.maximum(mu0, 0) * np.maximum(mu, 0) / np.pi, areas)
+    mu0, mu = cosines(in_body_axes(sun, t, omega), in_body_axes(obs, t, omega), normals)
     best = np.minimum(np.minimum(mu0, mu).max(axis=1), 0.0)
-    return flux, -np.sum((best / SOFT) ** 2, axis=1)
+    return flux(mu0, mu, areas), -np.sum((best / SOFT) ** 2, axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +37,10 @@ def case():
     omega = OMEGA_SD * rng.standard_normal((N_DRAWS, 3))
     normals = unit(rng.standard_normal((N_DRAWS, N_FACETS, 3)))
     areas = np.exp(rng.standard_normal((N_DRAWS, N_FACETS)))
-    flux, visible = flux_and_visibility(t, sun, obs, omega, normals, areas)
+    expected, visible = flux_and_visibility(t, sun, obs, omega, normals, areas)
     truth = np.flatnonzero(visible == 0.0)[0]
-    y = flux[truth] + ERROR * rng.standard_normal(N_EPOCHS)
-    log_l = -0.5 * np.sum(((y - flux) / ERROR) ** 2, axis=1)
+    y = expected[truth] + ERROR * rng.standard_normal(N_EPOCHS)
+    log_l = -0.5 * np.sum(((y - expected) / ERROR) ** 2, axis=1)
     log_l -= N_EPOCHS * (np.log(ERROR) + 0.5 * np.log(2.0 * np.pi))
     keep = np.arange(N_DRAWS) != truth  # whose likelihood is no draw of the prior
     log_weight = (log_l + visible)[keep]
@@ -106,3 +92,11 @@ def test_prior_densities_of_the_sites_add_up_to_the_posterior(case):
         parts = sum(problem.log_density(name, z, data) for name in problem.names)
         parts += problem.log_factors(z, data) + problem.log_likelihood(z, data).sum()
         np.testing.assert_allclose(parts, -problem.potential(z, data), rtol=1e-9)
+
+
+def test_a_population_that_does_not_arrive_has_no_evidence(case, monkeypatch):
+    """The error is infinite, so that the weight that follows from it is not used."""
+    monkeypatch.setattr(annealing, "MAX_STAGES", 1)
+    found = annealed(case[0], 2.0, monkeypatch)
+    assert found.value == -np.inf
+    assert found.se == np.inf

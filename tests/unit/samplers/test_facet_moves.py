@@ -18,22 +18,11 @@ from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers import facet_moves
+from tests.helpers.turning_facets import cosines, flux, in_body_axes, unit
 
 N_FACETS, N_EPOCHS, N_BODIES, SWEEPS = 3, 24, 1200, 2
 ERROR = 0.02  # m², so small that the table of one facet is a coarse one
 FALSE_ALARM = 1e-3  # of the whole test, shared by its statistics
-
-
-def unit(v):
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
-def turned(vectors, t, omega):
-    """Inertial vectors (T, 3) in body axes by Rodrigues' formula."""
-    rate = np.linalg.norm(omega)
-    axis, c, s = omega / rate, np.cos(rate * t)[:, None], -np.sin(rate * t)[:, None]
-    along = (vectors @ axis)[:, None] * axis
-    return along + c * (vectors - along) + s * np.cross(axis, vectors)
 
 
 def bodies(rng, number, sun, obs):
@@ -80,13 +69,12 @@ def campaign():
 def moved(campaign, normals, areas, seed):
     """The bodies after the moves, each given its own simulated light curve."""
     t, sun, obs, omega = campaign
-    s, o = turned(sun, t, omega), turned(obs, t, omega)
-    mu0, mu = (np.maximum(v @ np.swapaxes(normals, 1, 2), 0.0) for v in (s, o))  # (B, T, N)
+    s, o = in_body_axes(sun, t, omega), in_body_axes(obs, t, omega)
     rng = np.random.default_rng(seed)
-    flux = np.einsum("btn,bn->bt", mu0 * mu / np.pi, areas)
-    flux += ERROR * rng.standard_normal(flux.shape)
+    y = flux(*cosines(s, o, normals), areas)
+    y += ERROR * rng.standard_normal(y.shape)
     error = np.full(N_EPOCHS, ERROR)
-    curve = LightCurve(t=t, brightness=flux[0], error=error, kind="flux", sun=sun, obs=obs)
+    curve = LightCurve(t=t, brightness=y[0], error=error, kind="flux", sun=sun, obs=obs)
     data = Epochs.of(curve)
     entry = registry.find("faceted")
     options = {"n_facets": N_FACETS, "omega_sd": 1.0, "reflectance": "lambertian"}
@@ -107,14 +95,14 @@ def moved(campaign, normals, areas, seed):
         return free["normals_base"], free["log_albedo_area"]
 
     keys = jax.random.split(jax.random.key(seed), len(areas))
-    rows = (keys, jnp.asarray(normals), jnp.log(areas), jnp.asarray(flux))
+    rows = (keys, jnp.asarray(normals), jnp.log(areas), jnp.asarray(y))
     base, log_area = jax.jit(lambda rows: jax.lax.map(one, rows))(rows)
     return unit(np.asarray(base)), np.exp(np.asarray(log_area))
 
 
 def test_bodies_of_the_prior_remain_a_sample_of_the_prior(campaign):
     t, sun, obs, omega = campaign
-    s, o = turned(sun, t, omega), turned(obs, t, omega)
+    s, o = in_body_axes(sun, t, omega), in_body_axes(obs, t, omega)
     rng = np.random.default_rng(1)
     start, reference = bodies(rng, N_BODIES, s, o), bodies(rng, 10 * N_BODIES, s, o)
     after = moved(campaign, *start, seed=2)
@@ -132,7 +120,7 @@ def test_bodies_of_the_prior_remain_a_sample_of_the_prior(campaign):
 def test_areas_are_drawn_with_the_stated_density(campaign, coordinate):
     """The cumulative distribution of `log_q` along ln(area), at what `drawn` gives, is uniform."""
     t, sun, obs, omega = campaign
-    s, o = (jnp.asarray(turned(v, t, omega)) for v in (sun, obs))
+    s, o = (jnp.asarray(in_body_axes(v, t, omega)) for v in (sun, obs))
     rng = np.random.default_rng(5)
     normals, areas = bodies(rng, 1, np.asarray(s), np.asarray(o))
     error = 0.1 * areas[0].min()  # the areas are uncertain by their own size
