@@ -24,16 +24,15 @@ from _scores import share
 from _spin_cases import Case, drawn
 
 import lcbayes
-from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
-from lcbayes.inference.arrangements import same_rotation
+from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search.facets import Bodies, starts
 from lcbayes.inference.spin_search.search import complete_search
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem
 
 TOLERANCE = 0.5  # nats
 PLAUSIBLE = 5.0  # nats above the best
@@ -81,12 +80,11 @@ def searched(case: Case) -> dict[str, float]:
 
 def rotations(problem: Problem, data: Epochs, ends: search.SearchState) -> int:
     """Number of rotations among the end points that are nearly as good as the best."""
-    omega = compiled(problem.constrain)
     found: list[np.ndarray] = []
     for z in ends.z[np.asarray(ends.potential) < float(ends.potential[0]) + PLAUSIBLE]:
-        spin = np.asarray(omega(jnp.asarray(z), data)["omega"])
-        if not any(same_rotation(spin, known, float(data.t_span)) for known in found):
-            found.append(spin)
+        moving = motion(problem, data, z)
+        if not any(same_motion(moving, known) for known in found):
+            found.append(moving)
     return len(found)
 
 

@@ -131,6 +131,6 @@ def moves(
     **options: object,  # noqa: ARG001
 ) -> FacetMoves | None:
     """Moves of single facets of a spinning body of several, to test whether chains missed any."""
-    if spin != "free" or n_facets < MOVED_FACETS:
+    if spin == "none" or n_facets < MOVED_FACETS:
         return None
     return FacetMoves.of(problem, data, reflectance, log_area_mean, log_area_sd, zero_point_sd)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,8 +18,15 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import correlation, population, search, solutions, symmetry
-from lcbayes.inference.arrangements import by_rotation, joint
+from lcbayes.inference import (
+    correlation,
+    population,
+    search,
+    solutions,
+    symmetry,
+    tumbling_search,
+)
+from lcbayes.inference.arrangements import by_motion, joint
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import (
     MAX_LEFT_OUT,
@@ -44,6 +49,7 @@ from lcbayes.inference.spin_solutions import (
     undetermined,
 )
 from lcbayes.inference.start_from import placed
+from lcbayes.inference.tumbling_search import Repeats
 from lcbayes.inference.warped_bridge import APART_SE, with_ratios
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -74,7 +80,7 @@ class Posterior:
     timing: Timing = field(default_factory=Timing)
     reasons: list[Finding] = field(default_factory=list)  # from the sampler: why it is unreliable
     settings: Settings = field(default_factory=partial(Settings, NUTS))
-    coverage: Coverage | None = None  # of a complete search over spins
+    searched: Coverage | Repeats | None = None  # how thoroughly, if not once from random starts
     spins: list[SpinSolution] = field(default_factory=list)  # of the search, sampled or not
 
 
@@ -124,7 +130,7 @@ class Found(NamedTuple):
     ends: search.SearchState
     data: Epochs
     n_starts: int
-    coverage: Coverage | None  # of a complete search over spins
+    searched: Coverage | Repeats | None  # how thoroughly, if not once from random starts
 
 
 @dataclass(frozen=True)
@@ -176,27 +182,8 @@ class Stages:
             pooled = build_problem(entry, dict(options) | entry.pooled, data)[0]
             if pooled.dim == plain.dim:
                 pooled = plain
-            starts = _starts(entry, options, pooled, data, key, settings.num_starts)
             chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
-            if spins:
-                starts = placed(spins, starts, pooled, data, chosen)
-            complete = None
-            if not spins and not settings.num_starts:
-                facets = complete_search if applies(pooled, data, chosen) else None
-                complete = entry.hook("search") or facets
-        stored = self.checkpoint.load("search")
-        coverage = None
-        if stored is not None:
-            coverage = Coverage.restored(stored)
-            ends = search.SearchState(**stored)
-        elif complete is not None:
-            ends, coverage = complete(pooled, data, chosen, workers, self.progress, self.checkpoint)
-            self.checkpoint.save("search", ends._asdict() | coverage.stored())
-        else:
-            informed = entry.hook("starts") is not None or spins
-            way = None if informed else time_ordered(pooled, data)
-            ends = search.successive_halving(pooled, data, starts, workers, self.progress, way)
-            self.checkpoint.save("search", ends._asdict())
+            ends, n_starts, searched = self._ends(pooled, data, chosen, key, spins)
         order = self.order(pooled)
         found = solutions.distinct(pooled, data, ends, order, len(ends.z))
         if not found:
@@ -217,19 +204,55 @@ class Stages:
             found = solutions.optimise_held(pooled, plain, data, found)
         found = solutions.select_for_sampling(plain, data, found)
         sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return Found(sampled, rest, ends, data, len(starts), coverage)
+        return Found(sampled, rest, ends, data, n_starts, searched)
+
+    def _ends(
+        self,
+        problem: Problem,
+        data: Epochs,
+        options: Mapping[str, Any],
+        key: jax.Array,
+        spins: Sequence[Mapping[str, Any]],
+    ) -> tuple[search.SearchState, int, Coverage | Repeats | None]:
+        """End points of the search, the number of its starts, and how thorough it was."""
+        entry, settings, workers = self.entry, self.settings, self.workers
+        progress, checkpoint = self.progress, self.checkpoint
+        if tumbling_search.applies(problem, options) and not spins:
+            ends, repeats = tumbling_search.repeated(
+                problem, data, options, settings.num_starts, key, workers, progress, checkpoint
+            )
+            return ends, repeats.starts, repeats
+        starts = _starts(entry, self.options, problem, data, key, settings.num_starts)
+        if spins:
+            starts = placed(spins, starts, problem, data, options)
+        complete = None
+        if not spins and not settings.num_starts:
+            facets = complete_search if applies(problem, data, options) else None
+            complete = entry.hook("search") or facets
+        if (stored := checkpoint.load("search")) is not None:
+            coverage = Coverage.restored(stored)
+            return search.SearchState(**stored), len(starts), coverage
+        if complete is not None:
+            ends, coverage = complete(problem, data, options, workers, progress, checkpoint)
+            checkpoint.save("search", ends._asdict() | coverage.stored())
+            return ends, len(starts), coverage
+        informed = entry.hook("starts") is not None or spins
+        way = None if informed else time_ordered(problem, data)
+        ends = search.successive_halving(problem, data, starts, workers, progress, way)
+        checkpoint.save("search", ends._asdict())
+        return ends, len(starts), None
 
     def most_probable(
         self, problem: Problem, data: Epochs, found: list[Solution]
     ) -> list[Solution]:
         """The solutions that are optimised again for other data or another model.
 
-        Many arrangements of facets at one rotation must not crowd out other rotations.
+        Many arrangements of facets at one motion must not crowd out other motions.
         """
         most = 4 * self.settings.max_modes
         if self.sampler(problem, data).moves is None:
             return found[:most]
-        groups = by_rotation(problem, data, found)[:most]
+        groups = by_motion(problem, data, found)[:most]
         here, rest = groups[: self.settings.max_modes], groups[self.settings.max_modes :]
         return [s for group in here for s in group[:OPTIMA]] + [group[0] for group in rest]
 
@@ -244,7 +267,7 @@ class Stages:
         every = [*found.solutions, *found.rest]
         if sampler.moves is None:
             return [[solution] for solution in every]
-        return by_rotation(self.plain, found.data, every)
+        return by_motion(self.plain, found.data, every)
 
     def by_particles(self, found: Found, key: jax.Array) -> Posterior:
         """Particles from the prior; the search only supplies centres."""
@@ -262,7 +285,7 @@ class Stages:
         )
         posterior = posterior_of(plain, data, order, modes, log_evidence)
         posterior.n_starts, posterior.timing = found.n_starts, self.timing
-        posterior.coverage = found.coverage
+        posterior.searched = found.searched
         posterior.reasons, posterior.settings = reasons, self.settings
         return posterior
 
@@ -323,7 +346,7 @@ class Stages:
             self.timing,
             undetermined(spins, share) or left_out(len(left), share),
             sampler.settings,
-            found.coverage,
+            found.searched,
             spins,
         )
 
@@ -366,63 +389,6 @@ def hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epoc
     density = compiled(problem.potential)
     at = (_translate(plain, problem, solution.z, data) for solution in found)
     return all(np.isfinite(density(jnp.asarray(z), data)) for z in at)
-
-
-def digest(curve: LightCurve) -> str:
-    """Digest of everything in a light curve that affects numerical results."""
-    found = hashlib.sha256()
-    for name in (
-        "t",
-        "brightness",
-        "error",
-        "sun",
-        "obs",
-        "range_km",
-        "curve",
-        "free_scale",
-        "exposure_s",
-        "position_km",
-        "velocity_km_s",
-    ):
-        value = getattr(curve, name)
-        found.update(b"-" if value is None else np.ascontiguousarray(value).tobytes())
-    found.update(repr((curve.kind, curve.frame, curve.band.tolist(), curve.site.tolist())).encode())
-    return found.hexdigest()
-
-
-def identity(
-    curve: LightCurve, entry: Entry, options: Mapping[str, Any], settings: Settings, version: str
-) -> dict[str, Any]:
-    """Everything that affects the numerical results of a run, for its checkpoint."""
-    code = hashlib.sha256()
-    source = getattr(entry.module, "__file__", None)
-    if source is not None:
-        with open(source, "rb") as file:
-            code.update(file.read())
-    else:  # a function given in Python
-        code.update(function_source(entry.model))
-    return {
-        "input": digest(curve) + code.hexdigest(),
-        "model": entry.name,
-        "options": {k: repr(v) for k, v in sorted(options.items())},
-        "settings": settings.as_dict(),
-        "version": version,
-        "jax": jax.__version__,
-        "device": jax.default_backend(),
-    }
-
-
-def function_source(function: Callable[..., Any]) -> bytes:
-    """The source of a function, or its bytecode if it was not read from a file."""
-    try:
-        return inspect.getsource(function).encode()
-    except (OSError, TypeError):
-        code = getattr(function, "__code__", None)
-        return (
-            repr(function).encode()
-            if code is None
-            else code.co_code + repr(code.co_consts).encode()
-        )
 
 
 def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
@@ -490,4 +456,4 @@ def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
     return jax.lax.map(one, jnp.asarray(rows), batch_size=32)
 
 
-__all__ = ["Mode", "Posterior", "constrain_draws", "identity", "run"]
+__all__ = ["Mode", "Posterior", "constrain_draws", "run"]

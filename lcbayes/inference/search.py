@@ -121,6 +121,17 @@ def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchSt
         return _advance_all(problem, data, init(z, 1e-3), ROUNDS[-1][1], pool, lambda _: None)
 
 
+def halved(
+    problem: Problem, data: Epochs, z: NDArray, workers: int, steps: int, share: float
+) -> SearchState:
+    """The optima near those of the points z (B, D) that are the best after a number of steps."""
+    with threads(workers) as pool:
+        state = _advance_all(problem, data, init(z, 1e-3), steps, pool, lambda _: None)
+        kept = max(MIN_STARTS, int(np.ceil(share * len(z))))
+        state = jax.tree.map(lambda x: x[:kept], best_first(state))
+        return _advance_all(problem, data, state, ROUNDS[-1][1], pool, lambda _: None)
+
+
 def _advance_all(
     problem: Problem,
     data: Epochs,

@@ -1,6 +1,6 @@
 """Ratios of the evidences of solutions of one form, by bridges from each to the next.
 
-Two rotations that differ by a turn between passes have posteriors of nearly the same form: what the
+Two motions that differ by a turn between passes have posteriors of nearly the same form: what the
 data determine has other values of similar widths, and what they leave open is open in both. A map
 that takes the one to the other makes them overlap, where a Gaussian overlaps with neither.
 
@@ -17,15 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from lcbayes.core.jax_setup import jnp
 from lcbayes.data.segments import split
 from lcbayes.inference.basins import evenly, potentials
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
+from lcbayes.inference.motions import attitudes
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.bridge import LogEvidence, log_ratio
 from lcbayes.samplers.facet_moves import AREAS, NORMALS
 
@@ -105,16 +104,16 @@ def _form(mode: Mode, problem: Problem, order: FacetOrder, data: Epochs) -> Form
     determined[areas[~fixed]] = False
     mean = z.mean(axis=0)
     mean[normals[~fixed]] = [0.0, 0.0, 1.0]
-    omega = np.asarray(compiled(problem.constrain)(jnp.asarray(mean), data)["omega"])
-    turn = Rotation.from_rotvec(omega * _middle_of_a_pass(data)).as_matrix()
+    turn = attitudes(problem, data, mean)[_middle_of_a_pass(data)].T
     return Form(z, centre, determined, turn)
 
 
-def _middle_of_a_pass(data: Epochs) -> float:
-    """Of the pass with the most points, s."""
+def _middle_of_a_pass(data: Epochs) -> int:
+    """The epoch in the middle of the pass with the most points."""
     t = np.asarray(data.t)
     rows = max(split(t, np.zeros(t.size, int)), key=len)
-    return 0.5 * float(t[rows[0]] + t[rows[-1]])
+    middle = 0.5 * (t[rows[0]] + t[rows[-1]])
+    return int(rows[np.argmin(np.abs(t[rows] - middle))])
 
 
 def _ratio(a: Form, b: Form, problem: Problem, order: FacetOrder, data: Epochs) -> LogEvidence:

@@ -32,6 +32,8 @@ SENTENCES = {
     # search
     "best-solution-once": "only one of {starts} starts of the search ended at the best solution: "
     "there may be better ones; search longer with --num-starts",
+    "search-not-repeated": "only one of {searches} independent searches ended at the best "
+    "solution: there may be better ones; search longer with --num-starts",
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
     "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "
@@ -362,9 +364,19 @@ LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 
 
 def searched(coverage: Mapping[str, Any] | None) -> list[str]:
-    """A line on the spins that a search covered, `inference.spin_search.cells.Coverage`."""
+    """A line on how thorough a search was.
+
+    ``coverage`` has the attributes of `inference.spin_search.cells.Coverage` or
+    `inference.tumbling_search.Repeats`.
+    """
     if not coverage:
         return []
+    if "searches" in coverage:
+        return [
+            f"The motion was searched for {coverage['searches']} times from "
+            f"{coverage['starts']:,.0f} starts in all: {coverage['agree']} of these independent "
+            "searches ended at the best."
+        ]
     which = f"up to {coverage['max_rate']:.3g} rad/s"
     if ranges := coverage.get("ranges"):
         listed = [f"{2 * np.pi / b:.5g} to {2 * np.pi / a:.5g} s" for a, b in reversed(ranges)]

@@ -25,6 +25,8 @@ from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import optimum
+from lcbayes.inference.spin_search.cells import Coverage
+from lcbayes.inference.tumbling_search import AGREE, Repeats
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.problem import Sites, compiled
@@ -138,7 +140,7 @@ def summarise(
             "gradients": timing.gradients,
         },
         "n_starts": posterior.n_starts,
-        "search": None if posterior.coverage is None else asdict(posterior.coverage),
+        "search": None if posterior.searched is None else asdict(posterior.searched),
         "spins": [s._asdict() for s in posterior.spins],
         "notes": str(curve.source.get("notes", "")),
         "identity": dict(identity),
@@ -328,9 +330,12 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
             values = {"diverging": entry["divergences"], "draws": draws}
             yield Finding("divergences", values, about)
     # With known errors, the residuals tell whether a search of all spins has missed the answer.
-    complete = posterior.coverage is not None and posterior.data.has_error
+    complete = isinstance(posterior.searched, Coverage) and posterior.data.has_error
     alone = not complete and posterior.modes[0].solution.hits < 2
-    if posterior.n_starts > 1 and alone:
+    if isinstance(posterior.searched, Repeats):
+        if posterior.searched.agree < AGREE:
+            yield Finding("search-not-repeated", {"searches": posterior.searched.searches})
+    elif posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not misfit.explained:
         yield Finding("data-not-explained", {"why": why(misfit)})

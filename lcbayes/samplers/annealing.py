@@ -1,9 +1,9 @@
-"""Evidence of one rotation: bodies of the prior, annealed to the posterior at that rotation.
+"""Evidence of one motion: bodies of the prior, annealed to the posterior at that motion.
 
-The angular velocity begins with a normal density q about the rotation, all else with the prior p.
+The motion begins with a normal density q about that of given draws, all else with the prior p.
 Particles pass through p q^(1−β) L^β, β = 0 → 1, by moves of single facets and exact Fisher-adaptive
 trajectories. Where β is small, facets cross the sphere freely, so that the particles divide among
-the arrangements by their shares of the posterior. Other rotations are out of reach at any β.
+the arrangements by their shares of the posterior. Other motions are out of reach at any β.
 Several independent runs give the error.
 
 References
@@ -34,7 +34,7 @@ from lcbayes.samplers.smc import mean_evidence
 
 Floats = NDArray[np.float64]
 
-OMEGA = "omega_unit"
+SITES = ("omega_unit", "inertia_base")  # as far as the model has them
 RUNS, PARTICLES = 4, 96
 POOL = 8  # draws of the prior, over the number of particles
 SHARE = 0.7  # of the particles that remains effective in a step
@@ -45,13 +45,13 @@ MAX_STAGES = 300
 TOGETHER = 8  # particles whose facets are moved in one batch, which halves the cost
 
 
-class Rotation(NamedTuple):
-    """The normal density q of the unconstrained values of `OMEGA`.
+class Motion(NamedTuple):
+    """The normal density q of the M unconstrained values of `SITES`.
 
     Attributes
     ----------
-    mean : (3,)
-    root : (3, 3)
+    mean : (M,)
+    root : (M, M)
         Cholesky factor of the covariance.
     """
 
@@ -59,20 +59,20 @@ class Rotation(NamedTuple):
     root: Any
 
     @classmethod
-    def of(cls, problem: Problem, draws: Floats) -> Rotation:
-        """About the rotation of draws (n, D) of the posterior."""
-        part = draws[:, problem.rows([OMEGA])]
+    def of(cls, problem: Problem, draws: Floats) -> Motion:
+        """About the motion of draws (n, D) of the posterior."""
+        part = draws[:, problem.rows(_sites(problem))]
         return cls(part.mean(axis=0), np.linalg.cholesky(WIDER * np.cov(part.T)))
 
     def log_density(self, part: jax.Array) -> jax.Array:
-        """ln q of values (3,)."""
+        """ln q of values (M,)."""
         white = jnp.linalg.solve(self.root, part - self.mean)
         log_det = jnp.sum(jnp.log(jnp.diagonal(self.root)))
-        return -0.5 * white @ white - log_det - 1.5 * np.log(2.0 * np.pi)
+        return -0.5 * white @ white - log_det - 0.5 * part.size * np.log(2.0 * np.pi)
 
     @property
     def precision(self) -> jax.Array:
-        """Inverse of the covariance, (3, 3)."""
+        """Inverse of the covariance, (M, M)."""
         inverse = jnp.linalg.inv(self.root)
         return inverse.T @ inverse
 
@@ -84,13 +84,13 @@ class _Annealed(NamedTuple):
     ----------
     data : Epochs
     moves : FacetMoves
-    rotation : Rotation
+    motion : Motion
     power : β
     """
 
     data: Epochs
     moves: FacetMoves
-    rotation: Rotation
+    motion: Motion
     power: Any
 
     @property
@@ -99,18 +99,18 @@ class _Annealed(NamedTuple):
         return replace(self.data, information=self.power * self.data.information)
 
     def potential(self, problem: Problem, z: jax.Array) -> jax.Array:
-        log_q = self.rotation.log_density(z[problem.rows([OMEGA])])
+        log_q = self.motion.log_density(z[problem.rows(_sites(problem))])
         return problem.potential(z, self.at) - (1.0 - self.power) * log_q
 
     def fisher(self, problem: Problem, z: jax.Array) -> jax.Array:
-        rows = problem.rows([OMEGA])
-        more = (1.0 - self.power) * self.rotation.precision
+        rows = problem.rows(_sites(problem))
+        more = (1.0 - self.power) * self.motion.precision
         return problem.fisher(z, self.at).at[np.ix_(rows, rows)].add(more)
 
     def change(self, problem: Problem, z: jax.Array) -> jax.Array:
         """Derivative of the log density with respect to β."""
         points = problem.log_likelihood(z, self.data)
-        log_q = self.rotation.log_density(z[problem.rows([OMEGA])])
+        log_q = self.motion.log_density(z[problem.rows(_sites(problem))])
         return jnp.sum(self.data.information * points) - log_q
 
 
@@ -122,11 +122,11 @@ def log_evidence(
     key: jax.Array,
     workers: int,
 ) -> LogEvidence:
-    """ln of the integral of the posterior at the rotation of ``draws`` (n, D), with its error.
+    """ln of the integral of the posterior at the motion of ``draws`` (n, D), with its error.
 
     All orders of the facets are counted.
     """
-    density = _Annealed(data, moves, Rotation.of(problem, draws), 0.0)
+    density = _Annealed(data, moves, Motion.of(problem, draws), 0.0)
     with threads(workers) as pool:
         found = list(pool.map(partial(_run, problem, density), jax.random.split(key, RUNS)))
     if not np.all(np.isfinite(found)):
@@ -172,6 +172,10 @@ def _run(problem: Problem, density: _Annealed, key: jax.Array) -> float:
     return -np.inf
 
 
+def _sites(problem: Problem) -> list[str]:
+    return [name for name in SITES if name in problem.names]
+
+
 def _linear(power: float) -> Floats:
     return np.array([power])
 
@@ -182,15 +186,15 @@ def _host(tree: Any) -> Any:
 
 @partial(jax.jit, static_argnums=0)
 def _drawn(problem: Problem, density: _Annealed, keys: jax.Array):
-    """Draws with the angular velocity from q: z (n, D), ln weights and changes (n,) at β = 0."""
-    rows, rotation = problem.rows([OMEGA]), density.rotation
+    """Draws with the motion from q: z (n, D), ln weights and changes (n,) at β = 0."""
+    rows, motion = problem.rows(_sites(problem)), density.motion
 
     def one(key: jax.Array):
-        key_prior, key_omega = jax.random.split(key)
-        part = rotation.mean + rotation.root @ jax.random.normal(key_omega, (3,))
+        key_prior, key_motion = jax.random.split(key)
+        part = motion.mean + motion.root @ jax.random.normal(key_motion, motion.mean.shape)
         z = problem.prior_draw(key_prior, density.data).at[rows].set(part)
         log_weight = problem.log_factors(z, density.data)
-        log_weight += problem.log_density(OMEGA, z, density.data)
+        log_weight += sum(problem.log_density(k, z, density.data) for k in _sites(problem))
         return z, log_weight, density.change(problem, z)
 
     return jax.lax.map(one, keys)

@@ -28,6 +28,8 @@ class Points(NamedTuple):
     flux, error : (T,) m²
     series : (T,) int
         Points of one series have one observer and scale.
+    epoch : (T,) int
+        Index in the light curve; of averaged points, that of the first.
     """
 
     t: Floats
@@ -36,13 +38,11 @@ class Points(NamedTuple):
     flux: Floats
     error: Floats
     series: NDArray[np.int64]
+    epoch: NDArray[np.int64]
 
     def at(self, rows: NDArray) -> Points:
         """Some of the points."""
-        t, sun, obs, flux, error = (
-            x[rows] for x in (self.t, self.sun, self.obs, self.flux, self.error)
-        )
-        return Points(t, sun, obs, flux, error, self.series[rows])
+        return Points._make(x[rows] for x in self)
 
     @classmethod
     def of(cls, data: Epochs) -> Points:
@@ -56,7 +56,7 @@ class Points(NamedTuple):
         t, sun, obs = (np.asarray(x)[keep] for x in (data.t, data.sun, data.obs))
         labels = np.stack([np.asarray(data.curve), np.asarray(data.observer)], axis=1)
         series = np.unique(labels, axis=0, return_inverse=True)[1].ravel()[keep]
-        return cls(t, sun, obs, flux[keep], error[keep], series)
+        return cls(t, sun, obs, flux[keep], error[keep], series, keep)
 
 
 @jax.tree_util.register_dataclass
@@ -167,7 +167,8 @@ def _averaged(points: Points, rows: NDArray, window: float) -> Points:
         return np.bincount(group, weight * values) / total
 
     t, sun, obs, flux = (mean(x[rows]) for x in (points.t, points.sun, points.obs, points.flux))
-    averaged = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), points.series[rows][first])
+    series, epoch = (x[rows][first] for x in (points.series, points.epoch))
+    averaged = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), series, epoch)
     return averaged.at(np.argsort(t, kind="stable"))
 
 

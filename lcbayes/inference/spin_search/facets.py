@@ -1,8 +1,9 @@
-"""Bodies of N facets at given spins, and moves between the local optima of such bodies."""
+"""Bodies of N facets at given spins, and the aliases of these spins."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -11,24 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inference import search
-from lcbayes.inference.search import SearchState
-from lcbayes.inference.spin_search.arcs import Points
+from lcbayes.inference.facet_climb import AREAS, NORMALS, with_sites
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
-from lcbayes.physics.attitude import rotations
-from lcbayes.physics.bodies import facets
-from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
-NORMALS, OMEGA, AREAS = "normals_base", "omega_unit", "log_albedo_area"
-CANDIDATES = 600  # normals tried for a facet
-PLACES = 3  # best places tried for each facet that is moved
-APART = np.cos(np.radians(25.0))  # between these places
-MOVED = 4  # best bodies whose facets are moved
-ROUNDS = 6
-MIN_GAIN = 0.1  # nats
+OMEGA = "omega_unit"
 
 
 class Bodies(NamedTuple):
@@ -62,41 +52,9 @@ def _rows(problem: Problem, rest, omega, normals, areas, omega_sd):
     return jax.vmap(one)(omega, normals, areas)
 
 
-def climbed(
-    problem: Problem,
-    data: Epochs,
-    points: Points,
-    law: DiffuseLaw,
-    ends: SearchState,
-    middles: Floats,
-    workers: int,
-) -> SearchState:
-    """The end points, with better optima reached by moving one facet or adding turns.
-
-    Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
-    there. Each facet of the best bodies in turn is taken away and put where it explains the most of
-    what the others leave. A rate may also be wrong by whole turns between two passes, whose
-    ``middles`` (A,) s are given. All parameters are then optimised.
-    """
-    for _ in range(ROUNDS):
-        rows = []
-        for i in _different(ends):
-            z = np.asarray(ends.z[i])
-            rows += [*_moves(problem, data, points, law, z), *_aliases(problem, data, middles, z)]
-        if not rows:
-            break
-        tried = search.polish(problem, data, np.stack(rows), workers)
-        best = float(ends.potential[0])
-        both = (np.concatenate([a, b]) for a, b in zip(ends, tried, strict=True))
-        ends = search.best_first(SearchState(*both))
-        if not float(ends.potential[0]) < best - MIN_GAIN:
-            break
-    return ends
-
-
-def _aliases(problem: Problem, data: Epochs, middles: Floats, z: Floats):
-    """Unconstrained vectors with one or two turns more or fewer between neighbouring passes, or
-    from the first pass to the last.
+def aliases(problem: Problem, data: Epochs, middles: Floats, z: Floats) -> Iterator[Floats]:
+    """Unconstrained vectors (D,) with one or two turns more or fewer between neighbouring passes,
+    or from the first pass to the last.
 
     The attitude in the middle of the earlier pass is unchanged, and so is that of the later one.
     """
@@ -111,67 +69,5 @@ def _aliases(problem: Problem, data: Epochs, middles: Floats, z: Floats):
             if rate + change <= 0:
                 continue
             turn = Rotation.from_rotvec(-sites["omega"] / rate * change * start).as_matrix()
-            known = {k: jnp.asarray(sites[k]) for k in problem.names}
-            known |= {
-                OMEGA: jnp.asarray(omega * (1.0 + change / rate)),
-                NORMALS: jnp.asarray(sites[NORMALS] @ turn.T),
-            }
-            yield np.asarray(problem.ravel(known))
-
-
-def _different(ends: SearchState) -> list[int]:
-    """Rows of the best end points of different potential."""
-    rows = [0]
-    for i in range(1, len(ends.potential)):
-        if ends.potential[i] > ends.potential[rows[-1]] + MIN_GAIN:
-            rows.append(i)
-        if len(rows) == MOVED:
-            break
-    return [i for i in rows if np.isfinite(ends.potential[i])]
-
-
-def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats):
-    """Unconstrained vectors of a body with one facet elsewhere."""
-    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
-    normals = sites[NORMALS] / np.linalg.norm(sites[NORMALS], axis=1, keepdims=True)
-    grid = facets.grid(CANDIDATES)
-    columns = (
-        np.asarray(
-            _columns(
-                law,
-                jnp.asarray(np.concatenate([normals, grid])),
-                jnp.asarray(sites["omega"]),
-                *(jnp.asarray(x) for x in (points.t, points.sun, points.obs)),
-            )
-        )
-        / points.error[:, None]
-    )
-    white = points.flux / points.error
-    own, other = columns[:, : len(normals)], columns[:, len(normals) :]
-    unit = np.linalg.lstsq(own, white, rcond=None)[0]
-    sizes = np.exp(sites[AREAS])
-    scale = max(float(np.median(np.abs(unit) / sizes)), 1e-300)  # of curves of unknown scale
-    area = scale * sizes
-    norm = np.sum(other**2, axis=0) + 1e-300
-    for j in range(len(normals)):
-        left = white - own @ area + own[:, j] * area[j]
-        along = np.maximum(left @ other, 0.0)
-        gain = along**2 / norm
-        for _ in range(PLACES):
-            i = int(np.argmax(gain))
-            if gain[i] <= 0:
-                break
-            moved, sized = sites[NORMALS].copy(), sites[AREAS].copy()
-            moved[j] = grid[i]
-            sized[j] = np.log(along[i] / norm[i] / scale)
-            known = {k: jnp.asarray(sites[k]) for k in problem.names}
-            yield np.asarray(
-                problem.ravel(known | {NORMALS: jnp.asarray(moved), AREAS: jnp.asarray(sized)})
-            )
-            gain[grid @ grid[i] > APART] = 0.0
-
-
-@partial(jax.jit, static_argnums=0)
-def _columns(law, normals, omega, t, sun, obs) -> jax.Array:
-    sun, obs = rotations.constant_rate_to_body(t, omega, sun, obs)
-    return diffuse_kernel(law, sun @ normals.T, obs @ normals.T, LAMBERT_C)[0]
+            changed = {OMEGA: omega * (1.0 + change / rate), NORMALS: sites[NORMALS] @ turn.T}
+            yield with_sites(problem, sites, changed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,20 +14,14 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
+from lcbayes.inference.facet_climb import AREAS, NORMALS, climbed
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
-from lcbayes.inference.spin_search.facets import (
-    AREAS,
-    NORMALS,
-    OMEGA,
-    Bodies,
-    climbed,
-    starts,
-)
+from lcbayes.inference.spin_search.facets import OMEGA, Bodies, aliases, starts
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import MIN_SUNLIGHT, Epochs
 from lcbayes.modelling.problem import Problem
@@ -169,7 +164,7 @@ def with_bodies(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
     middles = np.asarray(run.grid.arcs.middle)
-    return climbed(problem, data, run.points, run.law, ends, middles, workers)
+    return climbed(problem, data, run.law, ends, workers, partial(aliases, problem, data, middles))
 
 
 def _slow(

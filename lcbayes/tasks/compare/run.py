@@ -12,7 +12,7 @@ from lcbayes.inference import body_kind
 from lcbayes.inference import facet_count as engine
 from lcbayes.inference.body_kind import Kind
 from lcbayes.inference.fit import Posterior
-from lcbayes.inference.fit import identity as identity_of
+from lcbayes.inference.identity import identity as identity_of
 from lcbayes.inference.sparse import check as check_sparse
 from lcbayes.modelling import registry
 from lcbayes.modelling.options import PRIORS

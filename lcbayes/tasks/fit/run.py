@@ -21,6 +21,7 @@ from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import facet_count, sparse
 from lcbayes.inference import fit as engine
+from lcbayes.inference.identity import identity as identity_of
 from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
 from lcbayes.modelling.options import PRIORS, ModelOptions
@@ -137,7 +138,7 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     checked = entry.check(asked)
     if options.sparse is not None:
         _check_sparse(entry, options)
-    identity = engine.identity(curve, entry, checked, settings, installed_version())
+    identity = identity_of(curve, entry, checked, settings, installed_version())
     if PRIORS in options.others:
         identity[PRIORS] = options.as_dict()[PRIORS]
     if options.sparse is not None:

@@ -6,7 +6,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.read import read_geometry
-from lcbayes.inference.fit import digest
+from lcbayes.inference.identity import digest
 from lcbayes.inversion.attitude_scan import engine, sparse
 from lcbayes.inversion.attitude_scan.grid import STEP
 from lcbayes.inversion.attitude_scan.nights import Further

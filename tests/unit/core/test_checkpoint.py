@@ -15,7 +15,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
 from lcbayes.core.toml import to_toml
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference.fit import digest
+from lcbayes.inference.identity import digest
 from lcbayes.results.store import PAGE, results_folder
 
 IDENTITY = {"seed": 1, "model": "faceted"}

@@ -2,15 +2,16 @@
 
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
+from jax.scipy.spatial.transform import Rotation
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.inference.arrangements import by_rotation, joint
+from lcbayes.inference.arrangements import by_motion, joint
 from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
@@ -26,9 +27,12 @@ SPAN = 10_000.0
 RATIO = 0.2  # of the second evidence to the first
 
 
-class Times(NamedTuple):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Times:
     t: Any
-    t_span: Any
+    sun: Any
+    obs: Any
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,10 @@ class TwoRotations:
         }
         return np.concatenate([rows[name] for name in names])
 
-    def constrain(self, z, data):  # noqa: ARG002
-        return self.unravel(z)
+    def constrain(self, z, data):
+        turn = Rotation.from_rotvec(-data.t[:, None] * z[:3]).as_matrix()
+        sun, obs = (jnp.einsum("tij,tj->ti", turn, v) for v in (data.sun, data.obs))
+        return self.unravel(z) | {"sun_body": sun, "obs_body": obs}
 
     def potential(self, z, data):  # noqa: ARG002
         """Facets are exchangeable, as in the posterior of a body."""
@@ -88,7 +94,7 @@ def parts():
 def data():
     """Two passes, the first of them at t = 0."""
     t = np.concatenate([np.linspace(0.0, 200.0, 60), SPAN + np.linspace(0.0, 100.0, 20)])
-    return Times(t, SPAN)
+    return Times(t, np.ones((80, 3)), np.ones((80, 3)))
 
 
 def mode(index, rng, n=3000):
@@ -142,7 +148,7 @@ def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):
     assert np.isfinite(second.log_evidence.value)
 
 
-def test_solutions_are_grouped_by_rotation(data):
+def test_solutions_are_grouped_by_motion(data):
     problem: Any = TwoRotations()
     rows = np.stack([parts()[0][0]] * 4)
     rows[1, 3:] = 0.3  # other facets
@@ -150,7 +156,7 @@ def test_solutions_are_grouped_by_rotation(data):
     rows[3, :3] = [0.05, 0.0, 0.0]  # another axis
     log_evidence = [0.0, -0.5, 0.2, -3.0]
     given = [Solution(z, 0.0, e, 0.0, 2) for z, e in zip(rows, log_evidence, strict=True)]
-    groups = by_rotation(problem, data, given)
+    groups = by_motion(problem, data, given)
     sizes = [len(g) for g in groups]
     assert sizes == [2, 1, 1]
     whole = joint(groups[0])

@@ -382,7 +382,7 @@ def test_a_spin_with_other_turns_keeps_the_attitude_in_both_passes(truth: Truth)
     (z,) = starts(problem, data, body, 0.5)
     found = [
         problem.constrain(jnp.asarray(z), data)
-        for z in facet_bodies._aliases(problem, data, middles, z)
+        for z in facet_bodies.aliases(problem, data, middles, z)
     ]
     turns = []
     for sites in found:

@@ -12,7 +12,7 @@ import xarray as xr
 
 import lcbayes
 from lcbayes.core.errors import InputError
-from lcbayes.inference.fit import digest
+from lcbayes.inference.identity import digest
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 from lcbayes.results.posterior import save_tree
 from tests.helpers import file_readers, small_curves

@@ -1,0 +1,116 @@
+"""The search for the torque-free motion of a body of facets: independent searches that must agree.
+
+Starts from the prior follow the data in order of time, and facets of the best bodies are then put
+elsewhere. One such search may end at a wrong motion. Searches are therefore repeated from other
+starts until two have ended at the same best motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.jax_setup import jax
+from lcbayes.core.progress import Silent
+from lcbayes.inference import search
+from lcbayes.inference.facet_climb import AREAS, NORMALS, climbed
+from lcbayes.inference.motions import motion, same_motion
+from lcbayes.inference.search import SearchState
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, prior_draws
+from lcbayes.physics.brightness import DIFFUSE_LAWS
+from lcbayes.samplers.tempering_path import time_ordered
+
+INERTIA = "inertia_base"
+STARTS = 1500  # of one search
+MOST = 6  # searches
+AGREE = 2  # searches that must end at the best motion
+NEARLY = 1.0  # nats above the best optimum that count as the best
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Independent searches.
+
+    Attributes
+    ----------
+    searches : int
+    agree : int
+        The number that found the best motion.
+    starts : int
+        Of all searches.
+    """
+
+    searches: int
+    agree: int
+    starts: int
+
+
+def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
+    """Whether a fit is of a body of diffuse facets in torque-free motion."""
+    return {NORMALS, AREAS, INERTIA} <= set(problem.names) and (
+        options.get("reflectance") in DIFFUSE_LAWS
+    )
+
+
+def repeated(
+    problem: Problem,
+    data: Epochs,
+    options: Mapping[str, Any],
+    num_starts: int,
+    key: jax.Array,
+    workers: int,
+    progress: Silent,
+    checkpoint: Checkpoint,
+) -> tuple[SearchState, Repeats]:
+    """Optima of the posterior, best first, and how many independent searches found the best.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Epochs
+    options : mapping
+        Of the model, with defaults: ``reflectance``.
+    num_starts : int
+        Of each search; 0 for `STARTS`.
+    key : random key
+    workers : int
+    progress : Silent
+    checkpoint : Checkpoint
+        Keeps the end points of each search, from which an interrupted run goes on.
+    """
+    found: list[SearchState] = []
+    each = num_starts or STARTS
+    while len(found) < MOST:
+
+        def one(i: int = len(found)) -> SearchState:
+            keys = jax.random.split(jax.random.fold_in(key, i), each)
+            starts = prior_draws(problem, keys, data)
+            path = time_ordered(problem, data)
+            ends = search.successive_halving(problem, data, starts, workers, progress, path)
+            return climbed(problem, data, options["reflectance"], ends, workers)
+
+        found.append(checkpoint.once(f"tumbling-{len(found)}", SearchState, one))
+        agree = _agreeing(problem, data, found)
+        if agree >= AGREE:
+            break
+    every = (np.concatenate(x) for x in zip(*found, strict=True))
+    return search.best_first(SearchState(*every)), Repeats(len(found), agree, len(found) * each)
+
+
+def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
+    """Number of searches that found the best motion."""
+    best = min(found, key=lambda ends: float(ends.potential[0]))
+    moving = motion(problem, data, best.z[0])
+    limit = float(best.potential[0]) + NEARLY
+    return sum(
+        any(
+            same_motion(moving, motion(problem, data, z))
+            for z in ends.z[np.asarray(ends.potential) < limit]
+        )
+        for ends in found
+    )
