@@ -12,8 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from lcbayes.inference.modes import MAX_LEFT_OUT, shares
 from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.solutions import Solution
+from lcbayes.inference.spin_solutions import largest_share
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
@@ -41,6 +43,16 @@ def by_motion(
             groups.append((moving, [solution]))
     members = [m for _, m in groups]
     return sorted(members, key=lambda g: -joint(g).log_evidence)
+
+
+def plausible(group: Sequence[Solution], error: float) -> list[Solution]:
+    """The solutions of a group that may hold a noticeable share of it, the best first.
+
+    Chains that begin elsewhere may have no way to the rest: a tumbler has optima of other inertia
+    at nearly the same motion. ``error`` is the standard error of the evidences (nats).
+    """
+    parts = zip(group, shares(group), strict=True)
+    return [s for s, part in parts if largest_share(part, error) > MAX_LEFT_OUT]
 
 
 def joint(group: Sequence[Solution]) -> Solution:

@@ -27,7 +27,7 @@ PLACES = 3  # best places tried for each facet that is moved
 APART = np.cos(np.radians(25.0))  # between these places
 MOVED = 12  # best bodies whose facets are moved
 ROUNDS = 6
-FIRST_STEPS, KEPT = 15, 0.35  # steps after which this share of the bodies is optimised
+FIRST_STEPS, KEPT = 15, 0.5  # steps after which this share of the bodies is optimised
 MIN_GAIN = 0.1  # nats
 
 

@@ -26,7 +26,7 @@ from lcbayes.inference import (
     symmetry,
     tumbling_search,
 )
-from lcbayes.inference.arrangements import by_motion, joint
+from lcbayes.inference.arrangements import by_motion, joint, plausible
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import (
     MAX_LEFT_OUT,
@@ -301,7 +301,8 @@ class Stages:
         draws = len(sampled) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
         with self.progress.stage("sampling", draws, "draws") as track:
             for i, group in enumerate(sampled):
-                starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in group]
+                optima = plausible(group, APART_SE)
+                starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in optima]
                 z0 = starts[0]
                 z, stats, whitening, tuning = sampler.run(
                     f"mode-{i}",

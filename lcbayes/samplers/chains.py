@@ -122,11 +122,15 @@ def tuning(kernel: MCMCKernel, state, whitening: Whitening) -> dict[str, Any]:
 
 
 @partial(jax.jit, static_argnums=(0, 2))
-def start(kernel, key: jax.Array, num_warmup: int, centre: jax.Array, args: tuple):
-    """Initial state of one chain, drawn near a point (D,); ``args`` are those of the kernel."""
+def start(kernel, key: jax.Array, num_warmup: int, near: Whitening, args: tuple):
+    """Initial state of one chain, drawn near the centre of ``near``; ``args`` as for the kernel.
+
+    The widths are those of the posterior there, with their correlations: further away, the chain
+    would begin in a tail from which it may reach another solution.
+    """
     whitening, *_ = args
     key_y, key = jax.random.split(key)
-    y = whitening.inverse(centre) + SPREAD * jax.random.normal(key_y, centre.shape)
+    y = whitening.inverse(near(SPREAD * jax.random.normal(key_y, near.centre.shape)))
     with TRACING:
         return kernel.init(key, num_warmup, {"y": y}, args, {})
 

@@ -123,8 +123,9 @@ class Sampler:
             return _to_host(advance(_to_device(state), args))
 
         with threads(self.workers) as pool:
-            centres = np.resize(starts, (len(keys), starts.shape[1]))
-            states = list(pool.map(lambda k, c: _to_host(start(k, c, args)), keys, centres))
+            near = [_whiten(self.problem, jnp.asarray(z), data) for z in starts[: len(keys)]]
+            near = [near[i % len(near)] for i in range(len(keys))]
+            states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
                 stored = checkpoint.load(f"{name}-{i:04d}")
@@ -221,10 +222,10 @@ def programs(problem: Problem, sampler: str, num_warmup: int, structure, leaves:
     """
     kernel = chains.kernel(problem, sampler)
     key, args = jax.tree.unflatten(structure, leaves)
-    centre = args[0].centre
-    first = chains.start.lower(kernel, key, num_warmup, centre, args).compile()
+    near = args[0]
+    first = chains.start.lower(kernel, key, num_warmup, near, args).compile()
     state = jax.eval_shape(
-        lambda k, c, a: chains.start(kernel, k, num_warmup, c, a), key, centre, args
+        lambda k, n, a: chains.start(kernel, k, num_warmup, n, a), key, near, args
     )
     step = chains.advance.lower(kernel, BLOCK, state, args).compile()
     return first, step

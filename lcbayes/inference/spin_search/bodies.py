@@ -133,12 +133,12 @@ def _eliminated(law: DiffuseLaw, grid, arcs: Arcs, motion: _Motion, area_sd, uni
     angle = (motion.rate * arcs.dt + motion.phase[:, None]).ravel()
     white = arcs.white.ravel()
     weak = jnp.eye(len(grid)) / area_sd**2
-    design = _design(law, grid, arcs, motion.pole, angle)
+    design = design_matrix(law, grid, arcs, motion.pole, angle)
     area = _nonnegative(design.T @ design + weak, design.T @ white)
     misfit = white - design @ area
 
     def brightness(tilt: jax.Array, turn: jax.Array) -> jax.Array:
-        return _design(law, grid, arcs, _tilted(motion.pole, tilt), angle + turn) @ area
+        return design_matrix(law, grid, arcs, _tilted(motion.pole, tilt), angle + turn) @ area
 
     zero, still = jnp.zeros(2), jnp.zeros(white.size)
     by_tilt = [jax.jvp(lambda x: brightness(x, still), (zero,), (e,))[1] for e in jnp.eye(2)]
@@ -155,7 +155,9 @@ def _eliminated(law: DiffuseLaw, grid, arcs: Arcs, motion: _Motion, area_sd, uni
     return Quadratic(value, -(slope.T @ rest), slope.T @ slope, area)
 
 
-def _design(law: DiffuseLaw, grid, arcs: Arcs, pole: jax.Array, angle: jax.Array) -> jax.Array:
+def design_matrix(
+    law: DiffuseLaw, grid, arcs: Arcs, pole: jax.Array, angle: jax.Array
+) -> jax.Array:
     """Weighted brightness (T, M) of unit areas of a body turned by angles (T,) about the pole."""
     axes, c, s = frame(pole), jnp.cos(angle), jnp.sin(angle)
 

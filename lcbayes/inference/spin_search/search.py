@@ -22,6 +22,7 @@ from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import OMEGA, Bodies, aliases, starts
+from lcbayes.inference.spin_search.pursuit import pursued
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
 from lcbayes.modelling.epochs import MIN_SUNLIGHT, Epochs
 from lcbayes.modelling.problem import Problem
@@ -52,7 +53,7 @@ CELLS = 1000  # cells tried as they are
 STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
-DRAWS = 2  # of bodies of N facets at each constant spin
+PURSUED = 500  # normals of matching pursuit
 # Rounds of successive halving of these bodies: see `inference.search`.
 ROUNDS = ((1.0, 2, 0.4), (1.0, 6, 0.35), (1.0, 12, 0.3), (1.0, 30, 0.25), (1.0, 150, 1.0))
 
@@ -240,16 +241,22 @@ class _Refinement:
     def bodies(
         self, problem: Problem, data: Epochs, spins: States, n_facets: int, omega_sd: float
     ) -> Floats:
-        """Unconstrained vectors (n, D) of bodies of N facets, `DRAWS` at each constant spin."""
-        normals = facets.grid(CONSTANT.normals)
+        """Unconstrained vectors (2 n, D) of bodies of N facets, two at each constant spin.
+
+        One has the free areas in N clusters, and the other is chosen by matching pursuit.
+        """
+        clusters, places = facets.grid(CONSTANT.normals), facets.grid(PURSUED)
+        arcs = Arcs.whole(self.points, 0.0)
+        motion = spins.pole, spins.rate, spins.phase
+        chosen = pursued(arcs, motion, self.law, places, n_facets, self.workers)
         rng = np.random.default_rng(0)
         parts = []
         for i, rate in enumerate(spins.rate):
             angle = spins.phase[i, 0] - rate * self._middle  # at t = 0
-            axes = np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)
-            free = normals @ axes.T, spins.areas[i]
-            omega = spins.pole[i] * rate
-            parts += [(omega, *bodies.clustered(*free, n_facets, rng)) for _ in range(DRAWS)]
+            axes = (np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)).T
+            omega, (rows, areas) = spins.pole[i] * rate, (x[i] for x in chosen)
+            parts.append((omega, *bodies.clustered(clusters @ axes, spins.areas[i], n_facets, rng)))
+            parts.append((omega, places[rows] @ axes, areas))
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 

@@ -11,7 +11,7 @@ from jax.scipy.spatial.transform import Rotation
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.inference.arrangements import by_motion, joint
+from lcbayes.inference.arrangements import by_motion, joint, plausible
 from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
@@ -163,6 +163,13 @@ def test_solutions_are_grouped_by_motion(data):
     assert whole.hits == 4
     assert whole.log_evidence == pytest.approx(np.log(1.0 + np.exp(-0.5)))
     np.testing.assert_array_equal(whole.z, rows[0])
+
+
+def test_chains_begin_at_optima_that_may_hold_a_noticeable_share():
+    """With an error of 1 nat, a share of exp(-7) may be exp(-5), which is below 1 %."""
+    group = [Solution(np.zeros(1), 0.0, e, 0.0, 1) for e in (0.0, -6.0, -7.0)]
+    assert plausible(group, 1.0) == group[:2]
+    assert plausible(group, 0.0) == group[:1]
 
 
 def test_arrangements_of_one_rotation_do_not_crowd_out_another():

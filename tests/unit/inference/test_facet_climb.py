@@ -29,8 +29,9 @@ def posterior():
     rng = np.random.default_rng(1)
     sun = np.broadcast_to(turning_facets.unit(np.array([1.0, 0.3, 0.2])), (80, 3))
     obs = turning_facets.unit(np.array([0.8, -0.2, 0.5]) + t[:, None] * [-0.002, 0.003, 0.0])
-    seen = (turning_facets.in_body_axes(v, t, OMEGA) for v in (sun, obs))
-    flux = turning_facets.flux(*turning_facets.cosines(*seen, NORMALS), AREAS)
+    seen = [turning_facets.in_body_axes(v, t, OMEGA) for v in (sun, obs)]
+    mu0, mu = turning_facets.cosines(seen[0], seen[1], NORMALS)
+    flux = turning_facets.flux(mu0, mu, AREAS)
     curve = LightCurve(
         t=t,
         brightness=flux + ERROR * rng.standard_normal(80),

@@ -95,7 +95,7 @@ def test_threads_trace_beside_each_other_while_programs_are_let_go_of(monkeypatc
         problem, _ = build_problem(one, {}, data)
         z, whitening = jnp.zeros(1), chains.Whitening(jnp.zeros(1), jnp.eye(1))
         kernel = chains.kernel(problem)
-        state = chains.start(kernel, jax.random.key(n), 10, z, (whitening, data))
+        state = chains.start(kernel, jax.random.key(n), 10, whitening, (whitening, data))
         fisher = compiled(problem.fisher)(z, data)
         return [
             float(compiled(problem.potential)(z, data)),

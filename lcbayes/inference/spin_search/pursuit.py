@@ -1,0 +1,118 @@
+"""Bodies of N facets at given spins by orthogonal matching pursuit on a grid of normals.
+
+Facets are added one by one, each where it improves the fit the most when the areas of all follow.
+Each is then taken away and put where that holds with the others there. The normal equations need
+only the products of the columns of these facets with all others.
+
+References
+----------
+Pati, Rezaiifar & Krishnaprasad 1993, Proc. 27th Asilomar Conf., 40.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import threads
+from lcbayes.inference.spin_search.arcs import Arcs
+from lcbayes.inference.spin_search.bodies import design_matrix
+from lcbayes.physics.brightness import DiffuseLaw
+
+Floats = NDArray[np.float64]
+
+BATCH = 64
+SWEEPS = 2  # in which each facet is taken away once
+NEW = 1e-6  # part of a column that must be perpendicular to those of the other facets
+SMALLEST = 0.02  # area of a facet, relative to the largest
+
+
+def pursued(
+    arcs: Arcs,
+    motion: tuple[Floats, Floats, Floats],
+    law: DiffuseLaw,
+    normals: Floats,
+    n_facets: int,
+    workers: int,
+) -> tuple[NDArray[np.int64], Floats]:
+    """Rows of normals (n, N) and areas (n, N) of the facets at each of n motions.
+
+    Parameters
+    ----------
+    arcs : Arcs
+    motion : (n, 3), (n,) rad/s, (n, A) rad
+        Pole, rate and phases, as in `bodies.States`.
+    law : reflectance
+    normals : (M, 3)
+        In the axes of `series.frame` of the pole, turned by the phase.
+    n_facets : int
+    workers : int
+    """
+    grid = jnp.asarray(normals)
+
+    def some(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
+        at = (jnp.asarray(x[np.resize(rows, BATCH)]) for x in motion)
+        chosen, areas = _pursued(law, n_facets, grid, arcs, *at)
+        return np.asarray(chosen)[: rows.size], np.asarray(areas)[: rows.size]
+
+    rows = np.arange(len(motion[1]))
+    with threads(workers) as pool:
+        parts = list(pool.map(some, (rows[i : i + BATCH] for i in range(0, rows.size, BATCH))))
+    chosen, areas = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return chosen, areas
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _pursued(law: DiffuseLaw, n_facets: int, grid, arcs: Arcs, pole, rate, phase):
+    white = arcs.white.ravel()
+
+    def one(motion):
+        pole, rate, phase = motion
+        angle = (rate * arcs.dt + phase[:, None]).ravel()
+        return pursuit(design_matrix(law, grid, arcs, pole, angle), white, n_facets)
+
+    return jax.lax.map(one, (pole, rate, phase))
+
+
+def pursuit(columns: jax.Array, white: jax.Array, n_facets: int) -> tuple[jax.Array, jax.Array]:
+    """Indices (N,) of columns (T, M), and their positive coefficients (N,), for the data (T,)."""
+    along, square = white @ columns, jnp.sum(columns**2, axis=0)
+    slots = jnp.arange(n_facets)
+
+    def solved(products: jax.Array, chosen: jax.Array, used: jax.Array, right: jax.Array):
+        """Solution for right-hand sides (N, K) of the normal equations of the slots in use."""
+        matrix = jnp.where(used[:, None] & used, products[:, chosen], 0.0)
+        matrix += jnp.diag(jnp.where(used, NEW * square[chosen], 1.0))
+        return jnp.linalg.solve(matrix, jnp.where(used[:, None], right, 0.0))
+
+    def areas(products: jax.Array, chosen: jax.Array, used: jax.Array) -> jax.Array:
+        """Areas of the slots in use; those that would be negative are left out."""
+        for _ in range(2):
+            area = solved(products, chosen, used, along[chosen][:, None])[:, 0]
+            used = used & (area > 0.0)
+        return jnp.where(used, solved(products, chosen, used, along[chosen][:, None])[:, 0], 0.0)
+
+    def step(k, state):
+        products, chosen, used, value = state
+        j = k % n_facets
+        others = used & (slots != j)
+        left = along - areas(products, chosen, others) @ products
+        across = jnp.where(others[:, None], products, 0.0)
+        free = square - jnp.sum(across * solved(products, chosen, others, across), axis=0)
+        possible = (left > 0.0) & (free > NEW * square)
+        best = jnp.argmax(jnp.where(possible, left**2 / jnp.where(possible, free, 1.0), 0.0))
+        new_products = products.at[j].set(columns[:, best] @ columns)
+        new_chosen, new_used = chosen.at[j].set(best), used.at[j].set(True)
+        new_value = areas(new_products, new_chosen, new_used) @ along[new_chosen]
+        better = (new_value > value) | ~used[j]
+        new = new_products, new_chosen, new_used, new_value
+        return jax.tree.map(lambda a, b: jnp.where(better, a, b), new, state)
+
+    none = jnp.zeros(n_facets, int)
+    start = jnp.zeros((n_facets, len(square))), none, none > 0, jnp.zeros(())
+    products, chosen, used, _ = jax.lax.fori_loop(0, (1 + SWEEPS) * n_facets, step, start)
+    area = areas(products, chosen, used)
+    return chosen, jnp.maximum(area, SMALLEST * jnp.max(area) + 1e-300)
