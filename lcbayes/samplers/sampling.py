@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -123,8 +124,7 @@ class Sampler:
             return _to_host(advance(_to_device(state), args))
 
         with threads(self.workers) as pool:
-            near = [_whiten(self.problem, jnp.asarray(z), data) for z in starts[: len(keys)]]
-            near = [near[i % len(near)] for i in range(len(keys))]
+            near = (_whiten(self.problem, z, data) for z in itertools.cycle(starts))
             states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:

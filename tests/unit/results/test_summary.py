@@ -10,8 +10,10 @@ import pytest
 from lcbayes.inference.fit import Mode
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.solutions import Solution
+from lcbayes.inference.tumbling_search import Repeats
 from lcbayes.results import summary
 from lcbayes.results.reasons import reason as sentence
+from lcbayes.results.reasons import searched
 from lcbayes.samplers.bridge import LogEvidence
 
 
@@ -52,7 +54,7 @@ ROW = {
 FIT = Misfit(100.0, 100.0, "gaussian")
 
 
-def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
+def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, searched=None, **row) -> list[str]:
     stats = {"diverging": np.zeros((4, 500), bool)}
     modes = [
         Mode(
@@ -64,7 +66,7 @@ def reasons(n_modes=1, hits=5, weight=1.0, se=0.1, fit=FIT, **row) -> list[str]:
         )
         for i in range(n_modes)
     ]
-    posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[], coverage=None)
+    posterior = SimpleNamespace(modes=modes, n_starts=50, reasons=[], searched=searched)
     entries = [dict(ROW)] * (n_modes - 1) + [ROW | row]
     result = summary._findings(posterior, entries, fit)  # type: ignore[arg-type]
     return [sentence(one).text for one in result]
@@ -118,3 +120,17 @@ def test_a_solution_without_weight_does_not_spoil_the_others():
 def test_a_good_fit_is_no_reason():
     assert reasons(fit=Misfit(None, 10.0, "gaussian")) == []
     assert reasons(fit=Misfit(150.0, 100.0, "mixture")) == []
+
+
+@pytest.mark.parametrize("agree", [1, 2])
+def test_independent_searches_must_agree(agree):
+    result = reasons(searched=Repeats(6, agree, 9000), hits=1)
+    assert [("only one of 6 independent searches" in text) for text in result] == [True] * (
+        2 - agree
+    )
+
+
+def test_the_text_says_how_thorough_a_search_of_a_tumbler_was():
+    (line,) = searched({"searches": 3, "agree": 2, "starts": 4500})
+    assert "searched for 3 times from 4,500 starts" in line
+    assert "2 of these" in line

@@ -26,7 +26,7 @@ def codes(weights, errors):
         for weight, error in zip(weights, errors, strict=True)
     ]
     posterior: Any = SimpleNamespace(
-        reasons=[], modes=modes, coverage=None, data=SimpleNamespace(has_error=True), n_starts=1
+        reasons=[], modes=modes, searched=None, data=SimpleNamespace(has_error=True), n_starts=1
     )
     misfit: Any = SimpleNamespace(explained=True)
     entries: Any = [CONVERGED] * len(modes)
