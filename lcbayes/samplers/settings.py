@@ -24,6 +24,7 @@ WARMUP = {
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # defaults: draws of a chain, moving particles
 MAX_DRAWS = 3000  # default limit of a chain, which is extended until it has converged
+MAX_FACET_DRAWS = 6000  # of chains that cross between arrangements of facets, which mix slowly
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -62,7 +63,11 @@ class Settings:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
         most = self.num_samples
         if self.num_samples == 0:
-            number, most = (MOVING, MOVING) if self.sampler == PARTICLES else (DRAWS, MAX_DRAWS)
+            number, most = DRAWS, MAX_DRAWS
+            if self.sampler == PARTICLES:
+                number = most = MOVING
+            elif self.sampler == FACET_MOVES:
+                most = MAX_FACET_DRAWS
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {
