@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.motions import OBS, SUN
 from lcbayes.inference.search import SearchState
@@ -37,6 +38,7 @@ def climbed(
     law: DiffuseLaw,
     ends: SearchState,
     workers: int,
+    progress: Silent,
     further: Callable[[Floats], Iterable[Floats]] = lambda _: (),
 ) -> SearchState:
     """The end points, with better optima reached by moving one facet, best first.
@@ -54,26 +56,29 @@ def climbed(
     law : reflectance
     ends : SearchState
     workers : int
+    progress : Silent
     further : callable
         More points to try, (D,) each, from an optimum (D,).
     """
     points = Points.of(data)
     ends, tried = search.best_first(ends), np.zeros(0)
-    for _ in range(ROUNDS):
-        rows = _different(ends, tried)
-        if not rows:
-            break
-        tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
-        starts = []
-        for i in rows:
-            z = np.asarray(ends.z[i])
-            starts += [*_moves(problem, data, points, law, z), *further(z)]
-        better = search.halved(problem, data, np.stack(starts), workers, FIRST_STEPS, KEPT)
-        best = float(ends.potential[0])
-        both = (np.concatenate([a, b]) for a, b in zip(ends, better, strict=True))
-        ends = search.best_first(SearchState(*both))
-        if not float(ends.potential[0]) < best - MIN_GAIN:
-            break
+    with progress.stage("moving facets", ROUNDS, "rounds") as bar:
+        for _ in range(ROUNDS):
+            rows = _different(ends, tried)
+            if not rows:
+                break
+            tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
+            starts = []
+            for i in rows:
+                z = np.asarray(ends.z[i])
+                starts += [*_moves(problem, data, points, law, z), *further(z)]
+            better = search.halved(problem, data, np.stack(starts), workers, FIRST_STEPS, KEPT)
+            best = float(ends.potential[0])
+            both = (np.concatenate([a, b]) for a, b in zip(ends, better, strict=True))
+            ends = search.best_first(SearchState(*both))
+            bar.advance(1)
+            if not float(ends.potential[0]) < best - MIN_GAIN:
+                break
     return ends
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -85,16 +86,16 @@ def repeated(
     """
     found: list[SearchState] = []
     each = num_starts or STARTS
-    while len(found) < MOST:
 
-        def one(i: int = len(found)) -> SearchState:
-            keys = jax.random.split(jax.random.fold_in(key, i), each)
-            starts = prior_draws(problem, keys, data)
-            path = time_ordered(problem, data)
-            ends = search.successive_halving(problem, data, starts, workers, progress, path)
-            return climbed(problem, data, options["reflectance"], ends, workers)
+    def one(i: int) -> SearchState:
+        keys = jax.random.split(jax.random.fold_in(key, i), each)
+        starts = prior_draws(problem, keys, data)
+        path = time_ordered(problem, data)
+        ends = search.successive_halving(problem, data, starts, workers, progress, path)
+        return climbed(problem, data, options["reflectance"], ends, workers, progress)
 
-        found.append(checkpoint.once(f"tumbling-{len(found)}", SearchState, one))
+    for i in range(MOST):
+        found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))
         agree = _agreeing(problem, data, found)
         if agree >= AGREE:
             break

@@ -165,7 +165,8 @@ def with_bodies(
         problem, data, jnp.asarray(starts), workers, progress, rounds=ROUNDS
     )
     middles = np.asarray(run.grid.arcs.middle)
-    return climbed(problem, data, run.law, ends, workers, partial(aliases, problem, data, middles))
+    more = partial(aliases, problem, data, middles)
+    return climbed(problem, data, run.law, ends, workers, progress, more)
 
 
 def _slow(

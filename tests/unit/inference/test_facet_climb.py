@@ -56,7 +56,7 @@ def test_a_facet_in_a_wrong_place_is_moved(posterior):
     wrong[2] = [0.77, 0.08, -0.63]
     stuck = search.polish(problem, data, start(problem, data, wrong), 1)
     assert stuck.potential[0] > best.potential[0] + 100.0  # an optimum of its own
-    ends = climbed(problem, data, "lambertian", stuck, 1)
+    ends = climbed(problem, data, "lambertian", stuck, 1, Silent())
     assert ends.potential[0] < best.potential[0] + 0.1
     assert np.all(np.diff(ends.potential) >= 0.0)
 
