@@ -235,7 +235,7 @@ def calibration(number: int) -> None:
         f"Poles called unique, right by body: {of_pole}. In "
         f"{sum(r['truth_above'] > MISSED for r in rows)} of all {len(rows)} objects the search "
         "missed the maximum at the true spin, which has more evidence than any that was found, by "
-        f"over {MISSED:g} nats.\n\n"
+        f"more than {MISSED:g} nat.\n\n"
     )
     if wrong:
         text += wrong_poles(wrong) + "\n\n"
