@@ -101,7 +101,7 @@ def test_a_maximum_is_the_one_that_a_simplex_finds(points, fit):
     inverse, every = np.linalg.inv(covariance(points, fit)), prior(1)
     y = points.log_flux[points.used > 0]
 
-    def squares(step):
+    def misfit(step):
         pole = unit(POLE + tilts(POLE[None])[0][:, :2] @ step[:2])
         x = columns(points, pole, TRUE_HZ[0] + step[2] / points.span)
         matrix = x.T @ inverse @ x + every.precision
@@ -109,7 +109,7 @@ def test_a_maximum_is_the_one_that_a_simplex_finds(points, fit):
         less = y - x @ c
         return less @ inverse @ less + (c - every.mean) @ every.precision @ (c - every.mean)
 
-    end = minimize(squares, np.zeros(3), method="Nelder-Mead", options={"fatol": 1e-3})
+    end = minimize(misfit, np.zeros(3), method="Nelder-Mead", options={"fatol": 1e-3})
     expected = unit(POLE + tilts(POLE[None])[0][:, :2] @ end.x[:2])
     poles, frequencies = near_truth(np.random.default_rng(3), points, 6)
     noise = maxima.Noise.of(points, fit).rows(np.zeros(6, int))
