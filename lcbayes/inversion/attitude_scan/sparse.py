@@ -16,7 +16,7 @@ from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inversion.attitude_scan import evidence, grid, smooth, sphere_cells, spin
+from lcbayes.inversion.attitude_scan import evidence, grid, maxima, smooth, sphere_cells, spin
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import (
     SparsePoints,
@@ -38,11 +38,6 @@ LEVEL = 2  # of the grid of poles: 192
 KEPT, KEPT_FREQUENCIES = 512, 2048  # hypotheses of the periodogram whose evidence is computed, and
 # frequencies of which the best pole is among them
 DRAWN = 256  # of all others
-MAXIMA, MAXIMA_POLES, MULTIPLIED = 16, 2, 4  # periods, and poles of each, whose maxima are sought,
-# and periods also at half and double
-AROUND, FINE, TARGETS = 12, 1.0 / 16.0, 2  # frequencies tried on either side, their step in turns
-# over the data, and those of each period that are kept
-MAXIMA_NATS = 40.0  # below the best; more than classes of shapes change
 ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is; cells of each
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
@@ -265,7 +260,7 @@ def _cells(
         rest += float(shift) - np.log(value.shape[1])
         others = others._replace(log_mass=np.full(len(cell), rest - np.log(len(cell))))
     found = evidence.located(points, listed)
-    found = _at_maxima(points, found, frequencies, apart)
+    found = maxima.divided_at_maxima(points, found, frequencies, apart, LEVEL)
     found = evidence.refined(points, found, rest, ROUNDS)
     found, weighed = evidence.weighed(points, found, rest)
     found = evidence.refined(points, found, weighed, CLASS_ROUNDS, CLASS_CELLS, evidence.by_class)
@@ -301,46 +296,6 @@ def _drawn(mass: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp
     within = np.cumsum(np.exp(mass[rows] - most), axis=1)
     part = rng.uniform(size=DRAWN) * within[:, -1]
     return rows, np.sum(within < part[:, None], axis=1).clip(max=mass.shape[1] - 1)
-
-
-def _at_maxima(points: SparsePoints, found: Cells, frequencies: Floats, apart: float) -> Cells:
-    """Cells, divided as far as the maxima near the best periods, and at half and twice these.
-
-    The maxima are often much narrower than a cell. The evidence of all shapes together may prefer
-    half or twice the period of some bodies by far, and only the evidence by class tells them apart,
-    so each is needed at its maximum.
-    """
-    targets = _maxima(points, found, (frequencies[0] - 0.5 * apart, frequencies[-1] + 0.5 * apart))
-    # coarse cells that hold the targets, unless they, or parts of them, are there already
-    k = np.rint((targets.frequency - frequencies[0]) / apart).astype(int)
-    new = set(zip(k, targets.cell // 4 ** (targets.level - LEVEL), strict=True))
-    number = np.rint((found.frequency - frequencies[0]) / apart).astype(int)
-    new -= set(zip(number, found.cell // 4 ** (found.level - LEVEL), strict=True))
-    if new:
-        k, cell = np.array(sorted(new)).T
-        coarse = evidence.cells(points, cell, LEVEL, frequencies[k], np.full(len(k), apart))
-        found = evidence.joined(found, coarse)
-    return evidence.reaching(points, found, targets)
-
-
-def _maxima(points: SparsePoints, found: Cells, limits: tuple[float, float]) -> Cells:
-    """The best of frequencies in small steps around the best periods, half and twice of these."""
-    best = evidence.best_of_periods(found, points.span, MAXIMA, MAXIMA_POLES)
-    whole = [found.rows(rows) for rows in best]
-    for factor in (0.5, 2.0):
-        parts = [found.rows(rows) for rows in best[:MULTIPLIED]]
-        whole += [part._replace(frequency=factor * part.frequency) for part in parts]
-    tried = evidence.joined(*whole)
-    off = np.arange(-AROUND, AROUND + 1) * FINE / points.span
-    frequency = (tried.frequency[:, None] + off).ravel()
-    tried = tried.rows(np.repeat(np.arange(len(tried.cell)), len(off)))
-    tried = tried._replace(frequency=frequency)
-    tried = tried.rows((limits[0] < frequency) & (frequency < limits[1]))
-    value = evidence.all_shapes(points, tried.pole, tried.frequency)
-    tried = tried._replace(log_evidence=value)
-    rows = evidence.best_of_periods(tried, 0.5 * points.span, len(whole), TARGETS)
-    targets = tried.rows(np.concatenate(rows))
-    return targets.rows(targets.log_evidence > value.max() - MAXIMA_NATS)
 
 
 def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:

@@ -295,7 +295,7 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
     assert best["rms"] < 0.15  # with the outlier; the phase law alone is larger
     codes = {reason["code"] for reason in content["reasons"]}
     assert "period-not-unique" not in codes
-    # Probabilities of poles are too high, so that none is trusted, however large.
+    # Too few poles were compared with the truth, so that none is trusted, however probable.
     assert len({"pole-not-calibrated", "pole-not-unique"} & codes) == 1
     assert not result.trusted
     assert any(" P " in line for line in result.lines())
