@@ -294,8 +294,7 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
         for sites, scale in zip(starts, motions.scale, strict=True):
             sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
-    gaps = body_search.gaps_between(run.arcs)
-    return body_search.optimised(problem, data, starts, gaps, workers, progress), coverage
+    return body_search.optimised(problem, data, starts, run, workers, progress), coverage
 
 
 def equivalents(

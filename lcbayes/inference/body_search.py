@@ -407,14 +407,14 @@ def optimised(
     problem: Problem,
     data: Epochs,
     sites: Sequence[Mapping[str, Any]],
-    gaps: Floats,
+    run: MotionSearch,
     workers: int,
     progress: Silent,
 ) -> SearchState:
     """Optima of the posterior from starts; sites that a start lacks have their prior means.
 
-    A rate may be wrong by whole turns in one of the ``gaps`` (s) between arcs; such turns are added
-    to the best optima, as long as that leads to a better one.
+    A rate may be wrong by whole turns in one of the gaps between arcs; such turns are added to the
+    best optima, as long as that leads to a better one and the rate is allowed.
     """
     trace = problem.trace({}, data)
     others = {name: trace[name]["fn"].mean for name in problem.names if name not in sites[0]}
@@ -429,7 +429,7 @@ def optimised(
     for _ in range(CLIMBED):
         best = [i for i in _different(ends) if ends.potential[i] not in tried]
         tried += [float(ends.potential[i]) for i in best]
-        moved = [row for i in best for row in _aliases(problem, data, gaps, np.asarray(ends.z[i]))]
+        moved = [row for i in best for row in _aliases(problem, data, run, np.asarray(ends.z[i]))]
         if not moved:
             break
         refined = search.successive_halving(
@@ -451,15 +451,16 @@ def _different(ends: SearchState) -> list[int]:
     return rows[:CLIMBED]
 
 
-def _aliases(problem: Problem, data: Epochs, gaps: Floats, z: Floats) -> Iterator[jax.Array]:
+def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[jax.Array]:
     """Unconstrained vectors with turns added in a gap, and the attitude at its start unchanged."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     omega = sites["omega"]
     rate = float(np.linalg.norm(omega))
-    for start, gap in gaps:
+    for start, gap in gaps_between(run.arcs):
         for turns in TURNS:
             change = 2.0 * np.pi * turns / gap
-            if rate + change <= 0.0:
+            moved_rate = np.array([rate + change])
+            if moved_rate[0] <= 0.0 or not run.allowed.rates(moved_rate).all():
                 continue
             turn = -omega / rate * change * (start - float(data.t_middle))
             moved = {k: sites[k] for k in problem.names}
