@@ -32,6 +32,7 @@ from lcbayes.simulation.known_bodies.reader import (
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
+SLOW_SHADOWS = 5.0  # times as long, from which on a fit says so
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
@@ -269,6 +270,12 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
     file = _file(options["body"], options["spin"], options["shadows"])
     known = file.body
+    if options["shadows"] and (cost := known.assembly.shadow_cost) > SLOW_SHADOWS:
+        progress.say(
+            f"note: the parts shade one another, so that a draw takes some {cost:.0f} times as "
+            "long as without shadows; --set shadows=false gives a first answer, and says whether "
+            "they matter"
+        )
     symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)

@@ -409,6 +409,54 @@ def test_only_the_rates_of_known_periods_are_visited(monkeypatch):
     assert 0 < coverage.cells < 0.05 * all_cells.cells
 
 
+class Stopped(Exception):
+    pass
+
+
+class Saying(Silent):
+    """Keeps what is said, and stops at the first stage."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def stage(self, *_):
+        raise Stopped
+
+
+PLATES = CYLINDER + "".join(
+    f"""
+[[body.parts]]
+kind = "plate"
+x = 2.0
+y = 1.0
+position = [{x}, 0.0, 0.0]
+rotation_deg = [0.0, 70.0, 0.0]
+material = "end"
+"""
+    for x in (1.5, -1.5)
+)
+
+
+@pytest.mark.parametrize(
+    ("body", "shadows", "slow"),
+    [(PLATES, True, True), (PLATES, False, False), (body_text("box-wing"), True, False)],
+)
+def test_slow_shadows_are_announced(body, shadows, slow):
+    """A cylinder that shades plates; the few edges of a box and its wings cost little."""
+    problem, data, options = problem_of(curve(np.ones(T.size)), body=body, shadows=shadows)
+    hook = registry.find("body").hook("search")
+    assert hook is not None
+    every = {o.name: o.default for o in registry.find("body").options.values()} | options
+    progress = Saying()
+    with pytest.raises(Stopped):
+        hook(problem, data, every, 1, progress)
+    assert len(progress.said) == slow
+    assert all("--set shadows=false gives a first answer" in text for text in progress.said)
+
+
 def test_dark_attitudes_do_not_fit():
     """No gain exceeds χ² of a dark body, where a glint comes and goes, and a plate is edge-on."""
     body = body_text("box-wing").replace("median = 60.0", "median = 2000.0")
