@@ -409,52 +409,20 @@ def test_only_the_rates_of_known_periods_are_visited(monkeypatch):
     assert 0 < coverage.cells < 0.05 * all_cells.cells
 
 
-class Stopped(Exception):
-    pass
-
-
-class Saying(Silent):
-    """Keeps what is said, and stops at the first stage."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def stage(self, *_):
-        raise Stopped
-
-
-PLATES = CYLINDER + "".join(
-    f"""
-[[body.parts]]
-kind = "plate"
-x = 2.0
-y = 1.0
-position = [{x}, 0.0, 0.0]
-rotation_deg = [0.0, 70.0, 0.0]
-material = "end"
-"""
-    for x in (1.5, -1.5)
-)
-
-
-@pytest.mark.parametrize(
-    ("body", "shadows", "slow"),
-    [(PLATES, True, True), (PLATES, False, False), (body_text("box-wing"), True, False)],
-)
-def test_slow_shadows_are_announced(body, shadows, slow):
-    """A cylinder that shades plates; the few edges of a box and its wings cost little."""
-    problem, data, options = problem_of(curve(np.ones(T.size)), body=body, shadows=shadows)
-    hook = registry.find("body").hook("search")
-    assert hook is not None
-    every = {o.name: o.default for o in registry.find("body").options.values()} | options
-    progress = Saying()
-    with pytest.raises(Stopped):
-        hook(problem, data, every, 1, progress)
-    assert len(progress.said) == slow
-    assert all("--set shadows=false gives a first answer" in text for text in progress.said)
+def test_turns_between_passes_keep_to_the_known_periods():
+    known, omega = read_body_text(BOX).body, 0.07 * ATTITUDE @ read_body_text(BOX).body.flat_axis
+    problem, data, _ = problem_of(curve(np.ones(T.size)), body=BOX)
+    z = problem.ravel({k: jnp.asarray(v) for k, v in sites_of(omega, BOX, "flat").items()})
+    counts = []
+    for allowed in (ALL, Allowed(((0.06, 0.08),))):
+        axis = known.flat_axis[None]
+        run = body_search.MotionSearch.of(data, known.unshaded_flux, axis, allowed)
+        rows = list(body_search._aliases(problem, data, run, np.asarray(z)))
+        rates = [np.linalg.norm(compiled(problem.constrain)(row, data)["omega"]) for row in rows]
+        assert allowed.rates(np.array(rates)).all()
+        counts.append(len(rows))
+    assert counts[0] == len(body_search.TURNS)  # of one gap of 900 s: 0.007 rad/s each
+    assert counts[1] == 2
 
 
 def test_dark_attitudes_do_not_fit():
