@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -142,7 +142,11 @@ def read(
     """
     mapping = mapping_of(columns)
     given = {"format": format, "tle": tle, "error": error, "error_floor": error_floor}
-    asked = ReadOptions.of({**given, "site": _text(site), "average": _text(average)})
+    if isinstance(site, tuple | list):
+        site = ",".join(map(str, site))
+    if isinstance(average, int | float):
+        average = str(average)
+    asked = ReadOptions.of({**given, "site": site, "average": average})
     options = Options(
         _path(asked.tle),
         asked.site,
@@ -191,13 +195,6 @@ def read_geometry(
 def _notes(*notes: str) -> dict[str, str]:
     joined = "; ".join(filter(None, notes))
     return {"notes": joined} if joined else {}
-
-
-def _text(value: str | float | Iterable[float] | None) -> str | None:
-    """A value as on the command line: numbers, or several of them, as text."""
-    if value is None or isinstance(value, str):
-        return value
-    return ",".join(map(str, value)) if isinstance(value, Iterable) else str(value)
 
 
 def _path(path: str | os.PathLike[str] | None) -> str | None:
