@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import body_search
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.known_spin import MIN_BISECTOR
+from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
 from lcbayes.modelling.problem import TRACING
-from lcbayes.modelling.spin_coordinates import RateAndDirection
+from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
 from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import (
@@ -31,7 +32,7 @@ from lcbayes.simulation.known_bodies.reader import (
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
-MIN_TURNS = 50.0  # of a spin at the prior's sd, above which rate and direction are sampled
+SLOW_SHADOWS = 5.0  # times as long, from which on a fit says so
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
@@ -42,6 +43,7 @@ def model(
     body: str,
     spin: Literal["flat", "free"] = "flat",
     omega_sd: float = 0.1,
+    period: str = "",
     shadows: bool = True,
     scale_sd: float = 0.5,
     noise_law: likelihood.Law = "gaussian",
@@ -63,6 +65,8 @@ def model(
         the rate at which the axis goes round the angular momentum.
     omega_sd
         Prior standard deviation of each component of ω, or of the rate of a flat spin, rad/s.
+    period
+        Sidereal period as far as it is known, with a unit: 23.7s, 23.70+-0.02s, 20-30s, or several.
     shadows
         Whether the parts shade and hide one another, if the body's file says so.
     scale_sd
@@ -84,7 +88,7 @@ def model(
     """
     file = _file(body, spin, shadows)
     known = file.body
-    turned = _turning(data, known, spin, omega_sd, clock_sd, rate_drift_sd)
+    turned = _turning(data, known, spin, omega_sd, clock_sd, rate_drift_sd, period)
     values = {name: _surface(file, name) for name in known.materials}
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
@@ -107,12 +111,16 @@ def _turning(
     omega_sd: float,
     clock_sd: float,
     rate_drift_sd: float,
+    period: str = "",
 ) -> body_motion.Turned:
     """Directions in body axes as functions of time."""
+    given = KnownSpin.of(period)
+    prior = None if given is None else given.prior(omega_sd, data)
     if spin == "flat":
-        attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd)
+        along = None if prior is None else RatePrior(prior)
+        attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd, along)
     else:
-        attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd)
+        attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd, prior)
     return body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
 
 
@@ -239,13 +247,14 @@ def coordinates(
     *,
     spin: str = "flat",
     omega_sd: float = 0.1,
+    period: str = "",
     **options: object,  # noqa: ARG001
 ) -> dict[str, Transform] | None:
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times, and of
     a flat spin the turn about the bisector, if that hardly moves."""
     if spin == "free":
-        turns = omega_sd * float(data.t_span) / (2.0 * np.pi)
-        return {"omega_unit": RateAndDirection()} if turns > MIN_TURNS else None
+        found = rate_and_direction(spin, omega_sd, period, float(data.t_span))
+        return None if found is None else dict(found)
     both = np.asarray(data.sun) + np.asarray(data.obs)
     size = np.linalg.norm(both, axis=1)
     if size.min() < MIN_BISECTOR:
@@ -261,11 +270,17 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
     file = _file(options["body"], options["spin"], options["shadows"])
     known = file.body
+    if options["shadows"] and (cost := known.assembly.shadow_cost) > SLOW_SHADOWS:
+        progress.say(
+            f"note: the parts shade one another, so that a draw takes some {cost:.0f} times as "
+            "long as without shadows; --set shadows=false gives a first answer, and says whether "
+            "they matter"
+        )
     symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
-    fastest = body_search.PRIOR_REACH * omega_sd
-    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, fastest)
+    allowed = Allowed.of(options, data)
+    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, allowed)
     motions, coverage = run.run(workers, progress)
     span = float(run.arcs.span[-1])
     motions = motions.at(body_search.distinct(motions, span, body_search.STARTS))
@@ -286,8 +301,7 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
         for sites, scale in zip(starts, motions.scale, strict=True):
             sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
-    gaps = body_search.gaps_between(run.arcs)
-    return body_search.optimised(problem, data, starts, gaps, workers, progress), coverage
+    return body_search.optimised(problem, data, starts, run, workers, progress), coverage
 
 
 def equivalents(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,11 +89,11 @@ def read(
     *,
     format: str | None = None,
     tle: str | os.PathLike[str] | None = None,
-    site: str | None = None,
+    site: str | Sequence[float] | None = None,
     error_floor: float | None = None,
     error: float | None = None,
     columns: str | Mapping[str, str] | None = None,
-    average: str | None = None,
+    average: str | float | None = None,
     geometry: bool = True,
 ) -> LightCurve:
     """Read a light curve.
@@ -105,8 +105,8 @@ def read(
         of the columns of a CSV file. The text of a file may also be given, as a `TextFile`.
     format : one of `FORMATS`; None: recognised from the content
     tle : file with two-line elements of the object, for data without directions
-    site : "latitude,longitude,height" of the observer in degrees (north, east) and metres, for
-        files that do not contain it
+    site : latitude, longitude and height of the observer in degrees (north, east) and metres, as
+        three numbers or as text with commas, for files that do not contain it
     error_floor : smallest standard deviation, in the unit of the brightness; smaller values are
         raised to it
     error : a standard deviation for all points, which replaces those in the file
@@ -141,8 +141,12 @@ def read(
     (102, 'flux')
     """
     mapping = mapping_of(columns)
-    given = {"format": format, "tle": tle, "site": site, "error": error, "error_floor": error_floor}
-    asked = ReadOptions.of({**given, "average": average})
+    given = {"format": format, "tle": tle, "error": error, "error_floor": error_floor}
+    if isinstance(site, tuple | list):
+        site = ",".join(map(str, site))
+    if isinstance(average, int | float):
+        average = str(average)
+    asked = ReadOptions.of({**given, "site": site, "average": average})
     options = Options(
         _path(asked.tle),
         asked.site,

@@ -33,6 +33,7 @@ from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
 from lcbayes.inference import search
 from lcbayes.inference.search import SearchState
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_search.series import frame
@@ -44,7 +45,6 @@ from lcbayes.physics.bodies import facets
 Floats = NDArray[np.float64]
 type Flux = Callable[[jax.Array, jax.Array], jax.Array]
 
-PRIOR_REACH = 4.0  # fastest spin in prior sd: 99.9 % of the prior
 POLES = 500  # over the sphere, 9° apart
 AXES = 300  # directions in the body that may be along the pole, 12° apart
 CONE_DEG = 7.5  # between such directions of a body with an axis of symmetry
@@ -144,8 +144,12 @@ class MotionSearch:
         With at most `EPOCHS` points each, or `MORE` together.
     turns : (n, 3, 3)
         Rotations from body axes to those of the spin, whose z axis is the pole.
+    allowed : Allowed
+        The spins that the prior allows.
     rates : (R,) rad/s
-        That one arc tells apart.
+        Those allowed that one arc tells apart.
+    step : rad/s
+        Between them, where they are neighbours.
     middle : s
         At which the phases count.
     weak : float
@@ -155,25 +159,27 @@ class MotionSearch:
     flux: Flux
     arcs: Arcs
     turns: Floats
+    allowed: Allowed
     rates: Floats
+    step: float
     middle: float
     weak: float
 
     @classmethod
-    def of(cls, data: Epochs, flux: Flux, directions: Floats, fastest: float) -> MotionSearch:
+    def of(cls, data: Epochs, flux: Flux, directions: Floats, allowed: Allowed) -> MotionSearch:
+        fastest = allowed.fastest
         arcs = thinned(Arcs.of(Points.of(data), fastest, MODEL_ERROR))
         n = max(1, int(np.ceil(fastest * max(arcs.duration, 1e-9) / STEP)))
-        rates = (np.arange(n) + 0.5) * fastest / n
+        step = fastest / n
+        rates: Floats = np.asarray((np.arange(n) + 0.5) * step, float)
+        rates = rates[allowed.rates(rates, 0.5 * step)]
         any_turn = jnp.asarray(Rotation.random(ATTITUDES, rng=np.random.default_rng(0)).as_matrix())
         sun, obs = (v[:, ::STRIDE].reshape(-1, 3) for v in (arcs.sun, arcs.obs))
         seen = jax.jit(lambda turn: flux(sun @ turn, obs @ turn))
         square = float(jnp.mean(jax.lax.map(seen, any_turn) ** 2) * jnp.sum(arcs.weight**2))
         middle = float(data.t_middle)
-        return cls(flux, arcs, toward_pole(directions), rates, middle, square / FAINTEST**2)
-
-    @property
-    def step(self) -> float:
-        return 2.0 * float(self.rates[0])
+        weak = square / FAINTEST**2
+        return cls(flux, arcs, toward_pole(directions), allowed, rates, step, middle, weak)
 
     @property
     def fine(self) -> Floats:
@@ -222,10 +228,11 @@ class MotionSearch:
         merged = Motions(*columns)
         order = np.argsort(-merged.gain, kind="stable")
         merged = merged.at(order[merged.gain[order] > self.least(best[0])])
-        cells = len(jobs) * CHUNK * len(self.rates) * len(self.fine) * PHASES
-        fastest = float(self.rates[-1]) + 0.5 * self.step
+        fine = int(self.allowed.rates(self.rates[:, None] + self.fine).sum())
+        cells = len(jobs) * CHUNK * fine * PHASES
         coarse = len(jobs) * CHUNK * len(self.rates)
-        return merged, Coverage(fastest, cells, coarse, len(merged.gain))
+        ranges = () if self.allowed.everything else self.allowed.ranges
+        return merged, Coverage(self.allowed.fastest, cells, coarse, len(merged.gain), ranges)
 
     def chunk(self, axis: int, poles: Floats, least: float) -> Motions:
         """The best cells of one axis and some poles with a gain that may exceed ``least``."""
@@ -278,6 +285,7 @@ class MotionSearch:
                 cross += np.take_along_axis(fy[p, r][:, None], index, axis=2)
                 square += np.take_along_axis(ff[p, r][:, None], index, axis=2)
             gain = _gain(cross, square, self.weak)
+            gain[~self.allowed.rates(exact)] = -np.inf
             phase = gain.argmax(axis=2)
             top = np.take_along_axis(gain, phase[..., None], axis=2)[..., 0]
             # Rates that differ by whole turns between arcs have the same gain.
@@ -399,14 +407,14 @@ def optimised(
     problem: Problem,
     data: Epochs,
     sites: Sequence[Mapping[str, Any]],
-    gaps: Floats,
+    run: MotionSearch,
     workers: int,
     progress: Silent,
 ) -> SearchState:
     """Optima of the posterior from starts; sites that a start lacks have their prior means.
 
-    A rate may be wrong by whole turns in one of the ``gaps`` (s) between arcs; such turns are added
-    to the best optima, as long as that leads to a better one.
+    A rate may be wrong by whole turns in one of the gaps between arcs; such turns are added to the
+    best optima, as long as that leads to a better one and the rate is allowed.
     """
     trace = problem.trace({}, data)
     others = {name: trace[name]["fn"].mean for name in problem.names if name not in sites[0]}
@@ -421,7 +429,7 @@ def optimised(
     for _ in range(CLIMBED):
         best = [i for i in _different(ends) if ends.potential[i] not in tried]
         tried += [float(ends.potential[i]) for i in best]
-        moved = [row for i in best for row in _aliases(problem, data, gaps, np.asarray(ends.z[i]))]
+        moved = [row for i in best for row in _aliases(problem, data, run, np.asarray(ends.z[i]))]
         if not moved:
             break
         refined = search.successive_halving(
@@ -443,15 +451,16 @@ def _different(ends: SearchState) -> list[int]:
     return rows[:CLIMBED]
 
 
-def _aliases(problem: Problem, data: Epochs, gaps: Floats, z: Floats) -> Iterator[jax.Array]:
+def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[jax.Array]:
     """Unconstrained vectors with turns added in a gap, and the attitude at its start unchanged."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     omega = sites["omega"]
     rate = float(np.linalg.norm(omega))
-    for start, gap in gaps:
+    for start, gap in gaps_between(run.arcs):
         for turns in TURNS:
             change = 2.0 * np.pi * turns / gap
-            if rate + change <= 0.0:
+            moved_rate = np.array([rate + change])
+            if moved_rate[0] <= 0.0 or not run.allowed.rates(moved_rate).all():
                 continue
             turn = -omega / rate * change * (start - float(data.t_middle))
             moved = {k: sites[k] for k in problem.names}

@@ -38,7 +38,9 @@ def placed(
     """
     names = set(problem.names)
     if not ({POLE, SHIFT} <= names or OMEGA in names):
-        raise InputError("--start-from goes with models that spin freely: faceted, convex-grid")
+        raise InputError(
+            "--start-from goes with models that spin freely: faceted, body, convex-grid"
+        )
     sites = _constrained(problem, starts, data)
     sites = {k: np.array(sites[k]) for k in problem.names}
     count = len(starts) if SHAPE not in names else 2 * len(spins)

@@ -147,25 +147,31 @@ class TurnAboutBisector(Transform):
         return hash((TurnAboutBisector, self.bisector))
 
 
-def flat_spin(flat_axis: ArrayLike, omega_sd: float) -> tuple[jax.Array, jax.Array]:
+def flat_spin(
+    flat_axis: ArrayLike, omega_sd: float, known: dist.Distribution | None = None
+) -> tuple[jax.Array, jax.Array]:
     """Attitude (3, 3) in the middle of the light curve and ω (3,) about an axis of the body.
 
-    ω = s A n with the axis n in body axes, s ~ N(0, omega_sd²) and A uniform.
+    ω = s A n with the axis n in body axes, s ~ N(0, omega_sd²) and A uniform. ``known`` is another
+    prior of s/omega_sd, such as `known_spin.RatePrior`.
     """
     attitude = _attitude()
-    unit = numpyro.sample("rate_unit", dist.Normal(0.0, 1.0))
+    unit = numpyro.sample("rate_unit", dist.Normal(0.0, 1.0) if known is None else known)
     omega = omega_sd * jnp.asarray(unit) * (attitude @ jnp.asarray(flat_axis))
     numpyro.deterministic("omega", omega)
     return attitude, omega
 
 
-def free_spin(axis: ArrayLike | None, omega_sd: float) -> tuple[jax.Array, jax.Array]:
+def free_spin(
+    axis: ArrayLike | None, omega_sd: float, known: dist.Distribution | None = None
+) -> tuple[jax.Array, jax.Array]:
     """Attitude (3, 3) in the middle of the light curve and ω ~ N(0, omega_sd² I), of any direction.
 
-    The angle of a body about its axis of symmetry, if it has one, changes nothing: the direction of
-    the axis is sampled, and the angle is left out.
+    ``known`` is another prior of ω/omega_sd, such as `known_spin.SpinPrior`. The angle of a body
+    about its axis of symmetry, if it has one, changes nothing: the direction of the axis is
+    sampled, and the angle is left out.
     """
-    omega = priors.angular_velocity(omega_sd)
+    omega = priors.angular_velocity(omega_sd, known)
     if axis is None:
         return _attitude(), omega
     direction = priors.directions("axis", 1)[0]

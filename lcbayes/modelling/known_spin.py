@@ -362,6 +362,44 @@ class SpinPrior(dist.Distribution):
         return jax.scipy.special.logsumexp(jnp.stack(parts), axis=0) - math.log(len(parts))
 
 
+class RatePrior(dist.Distribution):
+    """Prior of a rate about an axis of the body, positive or negative, from that of ω.
+
+    Parameters
+    ----------
+    omega : SpinPrior
+        Without a region of poles. The rate has its distribution of |ω|, and both senses are alike.
+    """
+
+    support = constraints.real  # pyright: ignore[reportAssignmentType]
+    pytree_data_fields = ("omega",)
+
+    def __init__(self, omega: SpinPrior, *, validate_args: bool | None = None) -> None:
+        self.omega = omega
+        super().__init__(batch_shape=(), event_shape=(), validate_args=validate_args)
+
+    def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+        assert is_prng_key(key)
+        key_size, key_sense = jax.random.split(key)
+        size = jnp.linalg.norm(self.omega.sample(key_size, sample_shape), axis=-1)
+        return size * jnp.where(jax.random.bernoulli(key_sense, 0.5, sample_shape), 1.0, -1.0)
+
+    @validate_sample
+    def log_prob(self, value: jax.Array) -> jax.Array:
+        """Half the density of ω, integrated over its directions: 2π s² p(s n)."""
+        square = jnp.square(value) + 1e-30
+        return self.omega.log_prob(_upward(value)) + jnp.log(2.0 * jnp.pi * square)
+
+    def precision(self, value: jax.Array) -> jax.Array:
+        """Precision (1, 1), an inverse variance."""
+        return self.omega.precision(_upward(value))[-1:, -1:]
+
+
+def _upward(rate: jax.Array) -> jax.Array:
+    """Vectors (..., 3) along z of these lengths (...)."""
+    return jnp.asarray(rate)[..., None] * jnp.array([0.0, 0.0, 1.0])
+
+
 def bisector_rate(data: Epochs) -> jax.Array:
     """Median rate of the phase-angle bisector, rad/s; zero if rates are unknown.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.pole import MULTIPLES
@@ -39,6 +40,13 @@ class Start:
     spins: list[dict[str, Any]]
     periods: str = ""
     doubt: str = ""
+
+    @property
+    def ranges(self) -> str:
+        """``periods``, or ranges about the periods of a scan."""
+        periods = [float(s["period_h"]) * HOUR_S for s in self.spins]
+        ends = [(p * math.exp(-SPREAD), p * math.exp(SPREAD)) for p in periods]
+        return self.periods or _listed(_joined(ends))
 
 
 def read_start(folder: str | Path, curve: LightCurve) -> Start:
@@ -104,7 +112,7 @@ def candidate_periods(summary: dict[str, Any]) -> list[str]:
             spread = math.exp(max(SPREAD, REACH * sd / period))
             ends.append((period / spread, period * spread))
     if ends:
-        return [f"{low:.8g}-{high:.8g}s" for low, high in _joined(ends)]
+        return _listed(_joined(ends)).split(",")
     base = summary.get("photometric_period_s")
     if not isinstance(base, int | float) or not 0 < base < math.inf:
         return []
@@ -121,6 +129,11 @@ def _joined(ranges: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
         else:
             joined.append((low, high))
     return joined
+
+
+def _listed(ranges: Iterable[tuple[float, float]]) -> str:
+    """Ranges in seconds as `modelling.known_spin.KnownSpin` reads them."""
+    return ",".join(f"{low:.8g}-{high:.8g}s" for low, high in ranges)
 
 
 def _numbers(solution: Any, names: Iterable[str]) -> bool:

@@ -11,7 +11,6 @@ from lcbayes.results.result import Result
 
 FACETS = "3"  # of a first fit
 BODY = "rocket-stage"  # of the bundled bodies
-FEW = ("--max-modes", "1", "--num-warmup", "200", "--num-samples", "200")  # an answer in minutes
 
 
 def command(curve: LightCurve, task: str, *words: str, out: str = "") -> str:
@@ -36,10 +35,10 @@ def onward(result: Result) -> list[str]:
     first = command(curve, "fit", *words, "--start-from", str(folder), out=out)
     if asteroid:
         return [f"to go on from here: {first}"]
-    body = ("--model", "body", "--body", BODY, *FEW)
+    body = ("--model", "body", "--body", BODY, "--start-from", str(folder))
     known = command(curve, "fit", *body, out=f"{folder}-body")
     return [
         f"to go on from here, if the body is unknown: {first}",
-        f"or, if its kind is known (lcbayes models body lists the kinds), a first answer with few "
-        f"draws: {known}",
+        f"or, if its kind is known, with a bundled body (lcbayes models body lists them) or a file "
+        f"of a dozen lines (docs/bodies.md): {known}",
     ]

@@ -10,10 +10,14 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from PIL import Image
+from scipy.stats import binomtest
 
 from lcbayes.cli import main
+from paper import make_figures as figures
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -57,6 +61,45 @@ def test_numbers_of_the_paper_are_those_of_the_benchmarks(row: tuple[str, str]) 
     assert numbers
     for number in numbers:
         assert re.search(rf"(?<![\d.]){re.escape(number)}(?!\.?\d)", section), number
+
+
+TABLE = """
+## Surveys: calibration
+
+| P of the period | objects | mean P | right |
+| --- | --- | --- | --- |
+| 0 to 0.1 | 16 | 0.042 | 1 of 16 |
+| 0.99 to 1 | 92 | 0.999 | 92 of 92 |
+
+| P of pole and period | objects | mean P | right |
+| --- | --- | --- | --- |
+| 0.5 to 0.7 | 25 | 0.577 | 11 of 25 |
+
+## Something else
+"""
+
+
+def test_the_figure_of_the_paper_shows_the_benchmarks() -> None:
+    rows = figures.bins(TABLE, "P of the period")
+    assert rows == [(16, 0.042, 1), (92, 0.999, 92)]
+    low, high = rows[0].interval
+    for share, of in (
+        (low, binomtest(1, 16, low, "greater")),
+        (high, binomtest(1, 16, high, "less")),
+    ):
+        assert 0.0 < share < 1.0
+        assert of.pvalue == pytest.approx(0.05)
+    assert rows[1].interval == (pytest.approx(0.05 ** (1 / 92)), 1.0)
+    left, right = figures.draw(TABLE).axes
+    assert [np.size(axes.lines[1].get_xdata()) for axes in (left, right)] == [2, 1]
+    assert sum(row.count for row in figures.bins(RESULTS, "P of the period")) > 100
+
+
+def test_the_figure_of_the_paper_is_up_to_date() -> None:
+    assert f"({figures.FIGURE.relative_to(ROOT / 'paper')})" in PAPER
+    with Image.open(figures.FIGURE) as picture:
+        made_from = picture.info[figures.DIGEST]
+    assert made_from == figures.digest(RESULTS), "run python paper/make_figures.py"
 
 
 TEMPLATES = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))

@@ -37,7 +37,8 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     assert "sidereal period" in output
     curve_file, onward = str(tmp_path / "passes.csv"), f"{out}-fit"
     assert f"lcbayes fit {curve_file} --n-facets 3 --start-from {out} -o {onward}" in output
-    assert f"lcbayes fit {curve_file} --model body --body rocket-stage --max-modes 1" in output
+    body = f"--model body --body rocket-stage --start-from {out}"
+    assert f"lcbayes fit {curve_file} {body} -o {out}-body" in output
     start = read_start(out, lcbayes.read(tmp_path / "passes.csv"))
     ranges = [Period.of(text) for text in start.periods.split(",")]
     assert any(p.low < truth["period"] < p.high for p in ranges)

@@ -29,6 +29,7 @@ type Method = Literal["none", "exact", "points"]
 MOST_PAIRS = 5_000  # of a polygon and a solid, for exact shadows
 MOST_TESTS = 400_000  # of an edge against an edge at each epoch, for exact shadows
 MOST_POINTS = 1_000_000
+AS_LONG = 2_000.0  # tests of edges at an epoch that take as long as a gradient without shadows
 _PROBES = 16
 
 
@@ -129,6 +130,11 @@ class Assembly:
         if not self.shaded or len(self.polygons) * len(self._blocking[1]) > MOST_PAIRS:
             return ()
         return shadows.shadows(self.polygons, *self._blocking, most=MOST_TESTS) or ()
+
+    @cached_property
+    def shadow_cost(self) -> float:
+        """How many times as long a gradient takes with exact shadows as without, roughly."""
+        return 1.0 + shadows.tests_per_epoch(self.groups) / AS_LONG
 
     @cached_property
     def _blocking(self) -> tuple[NDArray[np.integer], list[Solid], NDArray[np.integer]]:

@@ -120,7 +120,8 @@ def read_body_text(text: str) -> BodyFile:
     if sizes and assembly.shaded and len(assembly.parts) > 1:
         raise table.fault(
             "shadows",
-            "needs parts of known size; set shadows = false, or give each length as a number",
+            "needs parts of known size; give each length as a number, from a drawing or from a fit "
+            "with shadows = false (only proportions matter, as the scale is free)",
         )
     for name in OF_SCENARIOS:
         root.table(name, None)

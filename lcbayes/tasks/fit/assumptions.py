@@ -52,6 +52,7 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
         yield f"Its sidereal period is near {options['period']} h; other periods were not searched."
     elif model == "body":
         yield from _of_known_body(options)
+        yield from _of_known_spin(curve, options)
     elif model == "stabilised":
         yield "The body is flat facets that do not shade one another."
         law = options.get("law", "yaw-steering")

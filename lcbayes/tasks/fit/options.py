@@ -88,6 +88,7 @@ examples:
   lcbayes fit pass.csv -o out --sparse 8          # finds the number of facets first
   lcbayes fit passes.csv -o out --n-facets 3 --period 20-30s --pole 120,-45,20
   lcbayes fit passes.csv -o out --n-facets 3 --start-from spin
+  lcbayes fit passes.csv -o out --model body --body my.toml --start-from spin
   lcbayes fit 43_Ariadne.lcs --model convex-grid --period 5.762 -o out
   lcbayes fit pass.csv -o out --n-facets 4 --sampler smc
   lcbayes fit starlink.csv -o out --model stabilised

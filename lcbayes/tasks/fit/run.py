@@ -199,11 +199,14 @@ def _started(
     """
     period = entry.options.get("period")
     if period is None and start.periods:
-        raise InputError("--start-from goes with models that spin freely: faceted, convex-grid")
-    if period is None or (period.type is str and not start.periods):
+        raise InputError(
+            "--start-from goes with models that spin freely: faceted, body, convex-grid"
+        )
+    own = entry.hook("search") is not None  # over all spins, which needs no other start
+    if period is None or (period.type is str and not start.periods and not own):
         return start.spins, dict(asked)
     if period.type is str:  # a prior, which the search over all spins keeps to
-        return [], {"period": start.periods, **asked}
+        return [], {"period": start.ranges, **asked}
     if not start.spins:
         raise InputError(
             f"the spin found no pole, which {entry.name} starts from; scan the periods "

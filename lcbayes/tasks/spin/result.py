@@ -143,6 +143,8 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
         periods = [] if base is None else [("brightness repeats", base)]
         for i, one in enumerate(self.content["solutions"][:MOST_CANDIDATES], 1):
             periods.append((f"sidereal period, solution {i}", one["period_s"]))
+        for i, one in enumerate(self.content["region"][:MOST_CANDIDATES], 1):
+            periods.append((f"sidereal period, part {i} of the region", one["period_s"]))
         return periods
 
     def plot_periodogram(self) -> Figure:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -92,3 +94,16 @@ def test_a_plot():
     assert axes.get_xlabel() == "time (s)"
     assert len(axes.containers[0][0].get_xdata()) == 6
     assert curve.plot(axes) is axes.figure
+
+
+def test_a_site_and_an_average_may_be_numbers():
+    bundled = Path(lcbayes.__file__).parent / "simulation" / "scenarios" / "box-wing"
+    table = pd.read_csv(bundled.with_suffix(".csv"), comment="#")
+    table = table[table["site"] == "Calar Alto"].drop(columns=[c for c in table if "site" in c])
+    tle = bundled.with_suffix(".tle")
+    text = lcbayes.read(table, site="37.2,-2.5,2168", average="8", tle=tle)
+    same(lcbayes.read(table, site=(37.2, -2.5, 2168), average=8, tle=tle), text)
+    same(lcbayes.read(table, site=[37.2, -2.5, 2168.0], average=8.0, tle=tle), text)
+    assert len(text) < len(table)
+    with pytest.raises(InputError, match="site"):
+        lcbayes.read(table, site=(37.2, -2.5), tle=tle)

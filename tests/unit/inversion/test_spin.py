@@ -310,6 +310,8 @@ def test_a_region_too_large_is_listed_but_is_no_solution(cylinder, monkeypatch):
     assert content["region"][0]["period_s"] == pytest.approx(truth["period"], rel=1e-3)
     told = "\n".join(spin_report.words(found, curve))
     assert "no pole is given, but these are the parts of its 90 % region:\nweight" in told
+    offered = [seconds for _, seconds in SpinResult(found, curve).candidates()]  # for folding
+    assert offered[1:] == [one["period_s"] for one in content["region"]][:4]
 
 
 def test_two_passes_give_no_pole():

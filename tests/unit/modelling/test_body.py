@@ -16,6 +16,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import body_search, symmetry
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.problem_cache import build_problem
+from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
@@ -57,6 +58,7 @@ r_diff = 0.3
 T, SUN, OBS = turning.geometry((0.0, 900.0), 30, 200.0)
 ATTITUDE = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
 ALBEDO, SIZE = 0.4, 1.3
+ALL = Allowed(((0.0, 0.1),), omega_sd=0.025)  # rad/s
 
 
 def curve(flux: np.ndarray, seed: int = 3, snr: float = 30.0) -> LightCurve:
@@ -364,7 +366,7 @@ def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
     directions = body_search.directions_of(known.flat_axis, None, known.symmetry.rotations)
     assert len(directions) == 1  # half a turn brings its opposite
     data = Epochs.of(light)
-    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, 0.1)
+    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, ALL)
     result, coverage = run.run(1, Silent())
     result = result.at(body_search.distinct(result, float(T[-1]), 30))
     rate, pole = np.linalg.norm(omega), omega / np.linalg.norm(omega)
@@ -384,6 +386,45 @@ def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
     assert coverage.max_rate == pytest.approx(0.1)
 
 
+def test_only_the_rates_of_known_periods_are_visited(monkeypatch):
+    """The same best motions as without them, from fewer cells, and none outside."""
+    monkeypatch.setattr(body_search, "POLES", 160)
+    known = read_body_text(BOX).body
+    omega = 0.07 * ATTITUDE @ known.flat_axis
+    light = curve(turning.box(*turning.in_body(T, ATTITUDE, omega, SUN, OBS), SIDES, ALBEDO))
+    data, axis = Epochs.of(light), known.flat_axis[None]
+    low, high = 0.0688, 0.0712
+    some = Allowed(((low, high),))
+    every, all_cells = body_search.MotionSearch.of(data, known.unshaded_flux, axis, ALL).run(
+        1, Silent()
+    )
+    result, coverage = body_search.MotionSearch.of(data, known.unshaded_flux, axis, some).run(
+        1, Silent()
+    )
+    assert np.all((result.rate >= low) & (result.rate <= high))
+    inside = (every.rate >= low) & (every.rate <= high)
+    assert result.gain[0] == pytest.approx(every.gain[inside].max(), rel=0.1)
+    assert abs(result.rate[0] - 0.07) < 1e-3
+    assert coverage.ranges == ((low, high),)
+    assert 0 < coverage.cells < 0.05 * all_cells.cells
+
+
+def test_turns_between_passes_keep_to_the_known_periods():
+    known, omega = read_body_text(BOX).body, 0.07 * ATTITUDE @ read_body_text(BOX).body.flat_axis
+    problem, data, _ = problem_of(curve(np.ones(T.size)), body=BOX)
+    z = problem.ravel({k: jnp.asarray(v) for k, v in sites_of(omega, BOX, "flat").items()})
+    counts = []
+    for allowed in (ALL, Allowed(((0.06, 0.08),))):
+        axis = known.flat_axis[None]
+        run = body_search.MotionSearch.of(data, known.unshaded_flux, axis, allowed)
+        rows = list(body_search._aliases(problem, data, run, np.asarray(z)))
+        rates = [np.linalg.norm(compiled(problem.constrain)(row, data)["omega"]) for row in rows]
+        assert allowed.rates(np.array(rates)).all()
+        counts.append(len(rows))
+    assert counts[0] == len(body_search.TURNS)  # of one gap of 900 s: 0.007 rad/s each
+    assert counts[1] == 2
+
+
 def test_dark_attitudes_do_not_fit():
     """No gain exceeds χ² of a dark body, where a glint comes and goes, and a plate is edge-on."""
     body = body_text("box-wing").replace("median = 60.0", "median = 2000.0")
@@ -392,7 +433,7 @@ def test_dark_attitudes_do_not_fit():
     seen = turning.in_body(T, ATTITUDE, omega, SUN, OBS)
     light = curve(np.asarray(jax.jit(known.unshaded_flux)(*seen)), snr=100.0)
     axis = known.flat_axis[None]
-    run = body_search.MotionSearch.of(Epochs.of(light), known.unshaded_flux, axis, 0.1)
+    run = body_search.MotionSearch.of(Epochs.of(light), known.unshaded_flux, axis, ALL)
     total = float(jnp.sum(run.arcs.white**2))
     for part in np.split(body_search.facets.grid(256), 16):
         result = run.chunk(0, part, -np.inf)

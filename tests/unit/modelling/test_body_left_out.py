@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import alternatives, robustness
 from lcbayes.inference.misfit_tests import examine
@@ -149,3 +150,63 @@ def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
     assert "take 5 % of the light" in reason(one).text
     small = replace(moved, by_fault={"shadows": np.array([0.4, 0.1, 0.2])})
     assert not list(summary._ignored(missed, small))
+
+
+class Stopped(Exception):
+    pass
+
+
+class Saying(Silent):
+    """Keeps what is said, and stops at the first stage."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def stage(self, *_):
+        raise Stopped
+
+
+PLATES = """
+[body]
+material = "paint"
+[[body.parts]]
+kind = "cylinder"
+radius = 0.7
+length = 3.0
+""" + "".join(
+    f"""
+[[body.parts]]
+kind = "plate"
+x = 2.0
+y = 1.0
+position = [{x}, 0.0, 0.0]
+rotation_deg = [0.0, 70.0, 0.0]
+"""
+    for x in (1.5, -1.5)
+)
+PLATES += """
+[materials.paint]
+law = "lambertian"
+r_diff = { low = 0.1, high = 0.9 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "shadows", "slow"),
+    [(PLATES, True, True), (PLATES, False, False), (bar(True), True, False)],
+)
+def test_slow_shadows_are_announced(text, shadows, slow):
+    """A cylinder that shades plates has many edges; a box that shades another has few."""
+    entry, data = registry.find("body"), Epochs.of(curve(shaded_flux(), 20.0))
+    options = {"body": text, "shadows": shadows}
+    problem = Problem(entry.bind(entry.check(options)), data)
+    hook, progress = entry.hook("search"), Saying()
+    assert hook is not None
+    every = {o.name: o.default for o in entry.options.values()} | entry.check(options)
+    with pytest.raises(Stopped):
+        hook(problem, data, every, 1, progress)
+    assert len(progress.said) == slow
+    assert all("--set shadows=false gives a first answer" in said for said in progress.said)

@@ -18,6 +18,7 @@ from lcbayes.modelling.known_spin import (
     KnownSpin,
     Period,
     PoleRegion,
+    RatePrior,
     SpinPrior,
     bisector_rate,
 )
@@ -173,6 +174,33 @@ def test_draws_follow_the_density():
     pdf = 1 / (1 + np.exp(-(grid - c) / w)) + 1 / (1 + np.exp(-(-grid - c) / w))
     cdf = integrate.cumulative_trapezoid(pdf, grid, initial=0.0)
     assert stats.kstest(np.interp(cosine, grid, cdf / cdf[-1]), "uniform").pvalue > limit
+
+
+def test_a_rate_of_either_sign_has_the_period():
+    """Each sense has half of a log-normal density of |rate|, by SciPy."""
+    known = KnownSpin.of("23.70+-0.05s")
+    assert known is not None
+    prior = RatePrior(SpinPrior(known, UNIT, DRIFT))
+    for speed in (0.26, 0.2651, 0.266):
+        expected = stats.lognorm.logpdf(speed, 0.05 / 23.7, scale=2 * np.pi / 23.7) - np.log(2)
+        for sign in (-1.0, 1.0):
+            ours = float(prior.log_prob(jnp.asarray(sign * speed / UNIT))) - np.log(UNIT)
+            assert ours == pytest.approx(expected, abs=1e-9)
+    draws = UNIT * np.asarray(prior.sample(jax.random.key(5), (400,)))
+    assert np.abs(2 * np.pi / np.abs(draws) - 23.7).max() < 0.3
+    assert 0.35 < np.mean(draws > 0) < 0.65  # six standard deviations
+    precision = np.asarray(prior.precision(jnp.asarray(-2.651)))
+    assert precision == pytest.approx(np.array([[(23.7 / 0.05 / 2.651) ** 2]]), rel=1e-3)
+
+
+@pytest.mark.parametrize("spin", ["flat", "free"])
+def test_a_known_body_draws_the_spin_from_it(spin):
+    entry, data = registry.find("body"), Epochs.of(small_curves.curve(20))
+    options = entry.check({"body": "cube-satellite", "spin": spin, "period": "23.7+-0.5s"})
+    with handlers.seed(rng_seed=0):
+        drawn = handlers.trace(entry.bind(options)).get_trace(data)
+    omega = np.asarray(drawn["omega"]["value"])
+    assert 20.0 < 2 * np.pi / np.linalg.norm(omega) < 28.0
 
 
 def test_the_rates_to_search_hold_the_prior():

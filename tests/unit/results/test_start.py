@@ -22,6 +22,7 @@ from lcbayes.core.errors import (
     InputError,
 )
 from lcbayes.core.progress import Silent
+from lcbayes.modelling import registry
 from lcbayes.modelling.known_spin import Period
 from lcbayes.modelling.variables import SPIN
 from lcbayes.results.reasons import reason as sentence
@@ -58,6 +59,22 @@ def test_a_damaged_scan_is_named_in_a_line(tmp_path, summary, toml, says):
     (tmp_path / "summary.json").write_text(json.dumps(whole))
     (tmp_path / "run.toml").write_text(INPUT)
     assert read_start(tmp_path, curve) == Start([SOLUTION])
+
+
+@pytest.mark.parametrize("spin", ["flat", "free"])
+def test_a_scan_gives_a_known_body_its_periods(spin):
+    """Its search visits all poles and rates at these periods, instead of moving given starts."""
+    hours = [20.0 / 3600.0, 20.1 / 3600.0, 40.0 / 3600.0]
+    start = Start([SOLUTION | {"period_h": period} for period in hours])
+    spins, asked = run._started(start, registry.find("body"), {"spin": spin})
+    assert spins == []
+    found = [Period.of(text) for text in asked["period"].split(",")]
+    assert [(p.low, p.high) for p in found] == [
+        pytest.approx((20.0 * np.exp(-0.01), 20.1 * np.exp(0.01))),
+        pytest.approx((40.0 * np.exp(-0.01), 40.0 * np.exp(0.01))),
+    ]
+    facets = run._started(start, registry.find("faceted"), {})
+    assert facets == (start.spins, {})
 
 
 def reason(code: str) -> dict[str, str]:
