@@ -1,8 +1,8 @@
 """The search for the torque-free motion of a body of facets: independent searches that must agree.
 
 Starts from the prior follow the data in order of time, and facets of the best bodies are then put
-elsewhere. One such search may end at a wrong motion. Searches are therefore repeated from other
-starts until two have ended at the same best motion.
+elsewhere. One such search may end at a wrong motion. Searches are therefore repeated, from other
+and more starts, until two have ended at the same best motion and this explains the data.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.jax_setup import jax
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.facet_climb import AREAS, NORMALS, climbed
 from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.search import SearchState
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, prior_draws
+from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.physics.brightness import DIFFUSE_LAWS
 from lcbayes.samplers.tempering_path import time_ordered
 
@@ -30,6 +30,7 @@ INERTIA = "inertia_base"
 STARTS = 1500  # of one search
 MOST = 6  # searches
 AGREE = 2  # searches that must end at the best motion
+MISFIT = 5.0  # sd of χ² above its mean
 NEARLY = 1.0  # nats above the best optimum that count as the best
 
 
@@ -77,7 +78,7 @@ def repeated(
     options : mapping
         Of the model, with defaults: ``reflectance``.
     num_starts : int
-        Of each search; 0 for `STARTS`.
+        Of each of the first two searches, and twice as many of each further pair; 0 for `STARTS`.
     key : random key
     workers : int
     progress : Silent
@@ -87,8 +88,10 @@ def repeated(
     found: list[SearchState] = []
     each = num_starts or STARTS
 
+    number = [each * 2 ** (i // AGREE) for i in range(MOST)]
+
     def one(i: int) -> SearchState:
-        keys = jax.random.split(jax.random.fold_in(key, i), each)
+        keys = jax.random.split(jax.random.fold_in(key, i), number[i])
         starts = prior_draws(problem, keys, data)
         path = time_ordered(problem, data)
         ends = search.successive_halving(problem, data, starts, workers, progress, path)
@@ -97,15 +100,17 @@ def repeated(
     for i in range(MOST):
         found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))
         agree = _agreeing(problem, data, found)
-        if agree >= AGREE:
+        if agree >= AGREE and _explained(problem, data, _best(found).z[0]):
             break
     every = (np.concatenate(x) for x in zip(*found, strict=True))
-    return search.best_first(SearchState(*every)), Repeats(len(found), agree, len(found) * each)
+    return search.best_first(SearchState(*every)), Repeats(
+        len(found), agree, sum(number[: len(found)])
+    )
 
 
 def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
     """Number of searches that found the best motion."""
-    best = min(found, key=lambda ends: float(ends.potential[0]))
+    best = _best(found)
     moving = motion(problem, data, best.z[0])
     limit = float(best.potential[0]) + NEARLY
     return sum(
@@ -115,3 +120,16 @@ def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
         )
         for ends in found
     )
+
+
+def _best(found: list[SearchState]) -> SearchState:
+    return min(found, key=lambda ends: float(ends.potential[0]))
+
+
+def _explained(problem: Problem, data: Epochs, z: np.ndarray) -> bool:
+    """Whether χ² at z (D,) is one that noise may give; true if the errors are unknown."""
+    if not data.has_error:
+        return True
+    mean, sd, *_ = compiled(problem.moments)(jnp.asarray(z), data)
+    chi2 = float(jnp.sum(((data.brightness - mean) / sd) ** 2))
+    return chi2 < data.t.size + MISFIT * np.sqrt(2.0 * data.t.size)

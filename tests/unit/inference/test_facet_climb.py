@@ -92,8 +92,23 @@ def test_searches_are_repeated_until_two_agree(posterior, monkeypatch):
     monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
     arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
     found, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
-    assert repeats == Repeats(searches=4, agree=2, starts=8)
+    assert repeats == Repeats(searches=4, agree=2, starts=12)  # 2, 2, 4 and 4
     np.testing.assert_array_equal(found.potential, [-10.0, -10.0, -5.0, -5.0])
+
+
+def test_a_motion_that_does_not_explain_the_data_ends_no_search(posterior, monkeypatch):
+    """Two searches agree on a wrong motion, and so do all others: none is left out."""
+    problem, data = posterior
+    wrong = start(problem, data, -NORMALS)
+
+    def ends(*args, **options):  # noqa: ARG001
+        return search.SearchState(wrong, np.array([-5.0]), np.ones(1), np.zeros(1, int))
+
+    monkeypatch.setattr(search, "successive_halving", ends)
+    monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
+    arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
+    _, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
+    assert repeats == Repeats(searches=6, agree=6, starts=28)
 
 
 def test_it_applies_to_tumbling_bodies_of_facets_only():
