@@ -11,6 +11,7 @@ import numpy as np
 from lcbayes.analysis.numerals import FRAMES, date, duration, show
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour, drawing
+from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.candidates import Candidates
@@ -213,7 +214,7 @@ def draw(
         draw_phase_angle(curve, passes, gallery)
     if candidates is not None:
         draw_periodogram(candidates, gallery)
-        if candidates.significant:
+        if candidates.best is not None:
             draw_folded(candidates, gallery)
 
 
@@ -310,7 +311,7 @@ def draw_periodogram(candidates: Candidates, gallery: Gallery) -> None:
     axes = figure.subplots()
     unit, size = _unit(1.0 / float(candidates.spin.grid[0]))
     axes.plot(1.0 / candidates.spin.grid / size, candidates.spin.power, color=colour(0), lw=0.7)
-    if candidates.significant:
+    if candidates.best is not None:
         for i, one in enumerate(candidates.listed):
             label = None if i else "candidates"
             axes.axvline(one.period_s / size, color=colour(1), lw=0.8, ls=":", label=label)
@@ -335,7 +336,8 @@ def _unit(longest: float) -> tuple[str, float]:
 
 def draw_folded(candidates: Candidates, gallery: Gallery) -> None:
     """The points, divided by their trend, folded with the best period and with twice that."""
-    assert candidates.best is not None
+    if candidates.best is None:
+        raise InputError("no period was found to fold the points with; the summary says why")
     figure = gallery.figure(8.0, 3.0)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, period in zip(panels, (candidates.best, 2 * candidates.best), strict=True):

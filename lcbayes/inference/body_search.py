@@ -61,10 +61,10 @@ LOOKUPS = 4e7  # of the second step, for each chunk
 PER_CELL = 4  # rates of a cell that are kept
 KEPT = 400  # cells of a chunk that are kept
 STARTS = 96
-TURNS = (-8, -5, -3, -2, -1, 1, 2, 3, 5, 8)  # added between arcs
-CLIMBED = 4  # optima of which turns are added or taken away, in each of as many rounds
-ALIAS_ROUNDS = ((1.0, 12, 0.3), (1.0, 100, 1.0))
-MIN_GAIN = 0.1  # nats
+# Added between arcs: half turns, too, after which many bodies look nearly the same.
+TURNS = (-8, -5, -3, -2, -1.5, -1, -0.5, 0.5, 1, 1.5, 2, 3, 5, 8)
+# Optima of which turns are added or taken away.
+CLIMB = search.Climb(most=4, rounds=4, halving=((1.0, 12, 0.3), (1.0, 100, 1.0)))
 ROUNDS = ((1.0, 10, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
 
 
@@ -413,8 +413,8 @@ def optimised(
 ) -> SearchState:
     """Optima of the posterior from starts; sites that a start lacks have their prior means.
 
-    A rate may be wrong by whole turns in one of the gaps between arcs; such turns are added to the
-    best optima, as long as that leads to a better one and the rate is allowed.
+    A rate may be wrong by turns, or half turns, in one of the gaps between arcs; such turns are
+    added to the best optima, as long as that leads to a better one and the rate is allowed.
     """
     trace = problem.trace({}, data)
     others = {name: trace[name]["fn"].mean for name in problem.names if name not in sites[0]}
@@ -425,30 +425,8 @@ def optimised(
     ends = search.successive_halving(
         problem, data, jnp.stack(rows), workers, progress, rounds=ROUNDS
     )
-    tried: list[float] = []
-    for _ in range(CLIMBED):
-        best = [i for i in _different(ends) if ends.potential[i] not in tried]
-        tried += [float(ends.potential[i]) for i in best]
-        moved = [row for i in best for row in _aliases(problem, data, run, np.asarray(ends.z[i]))]
-        if not moved:
-            break
-        refined = search.successive_halving(
-            problem, data, jnp.stack(moved), workers, progress, rounds=ALIAS_ROUNDS
-        )
-        both = (np.concatenate([a, b]) for a, b in zip(ends, refined, strict=True))
-        before, ends = float(ends.potential[0]), search.best_first(SearchState(*both))
-        if not float(ends.potential[0]) < before - MIN_GAIN:
-            break
-    return ends
-
-
-def _different(ends: SearchState) -> list[int]:
-    """Rows of the best end points of different potential."""
-    rows: list[int] = []
-    for i, value in enumerate(np.asarray(ends.potential)):
-        if np.isfinite(value) and (not rows or value > ends.potential[rows[-1]] + MIN_GAIN):
-            rows.append(i)
-    return rows[:CLIMBED]
+    turned = partial(_aliases, problem, data, run)
+    return search.climbed(problem, data, ends, turned, CLIMB, workers, progress)
 
 
 def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[jax.Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -19,17 +19,14 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
 
 Floats = NDArray[np.float64]
 
-NORMALS, AREAS = "normals_base", "log_albedo_area"
 CANDIDATES = 600  # normals tried for a facet
 PLACES = 3  # best places tried for each facet that is moved
 APART = np.cos(np.radians(25.0))  # between these places
-MOVED = 12  # best bodies whose facets are moved
-ROUNDS = 6
-FIRST_STEPS, KEPT = 15, 0.5  # steps after which this share of the bodies is optimised
-MIN_GAIN = 0.1  # nats
+CLIMB = search.Climb(most=12, rounds=6, halving=((1.0, 15, 0.5), (1.0, 150, 1.0)))
 
 
 def climbed(
@@ -45,8 +42,7 @@ def climbed(
 
     Bodies of N facets have local optima: a facet that the optimiser has put in a wrong place stays
     there. Each facet of the best bodies in turn is taken away and put where it explains the most of
-    what the others leave. All parameters are then optimised. Bodies are tried until all of the
-    best have been, or until a round finds none that is better than all.
+    what the others leave. All parameters are then optimised.
 
     Parameters
     ----------
@@ -61,43 +57,17 @@ def climbed(
         More points to try, (D,) each, from an optimum (D,).
     """
     points = Points.of(data)
-    ends, tried = search.best_first(ends), np.zeros(0)
-    with progress.stage("moving facets", ROUNDS, "rounds") as bar:
-        for _ in range(ROUNDS):
-            rows = _different(ends, tried)
-            if not rows:
-                break
-            tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
-            starts = []
-            for i in rows:
-                z = np.asarray(ends.z[i])
-                starts += [*_moves(problem, data, points, law, z), *further(z)]
-            better = search.halved(problem, data, np.stack(starts), workers, FIRST_STEPS, KEPT)
-            best = float(ends.potential[0])
-            both = (np.concatenate([a, b]) for a, b in zip(ends, better, strict=True))
-            ends = search.best_first(SearchState(*both))
-            bar.advance(1)
-            if not float(ends.potential[0]) < best - MIN_GAIN:
-                break
-    return ends
+
+    def neighbours(z: Floats) -> Iterator[Floats]:
+        yield from _moves(problem, data, points, law, z)
+        yield from further(z)
+
+    return search.climbed(problem, data, ends, neighbours, CLIMB, workers, progress)
 
 
-def _different(ends: SearchState, tried: Floats) -> list[int]:
-    """Rows of the best end points of different potential, without those already tried."""
-    rows: list[int] = []
-    last = -np.inf
-    for i, potential in enumerate(np.asarray(ends.potential)):
-        if not np.isfinite(potential) or potential < last + MIN_GAIN:
-            continue
-        last = potential
-        if not np.any(np.abs(tried - potential) < MIN_GAIN):
-            rows.append(i)
-        if len(rows) == MOVED:
-            break
-    return rows
-
-
-def _moves(problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats):
+def _moves(
+    problem: Problem, data: Epochs, points: Points, law: DiffuseLaw, z: Floats
+) -> Iterator[Floats]:
     """Unconstrained vectors of a body with one facet elsewhere."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     normals = sites[NORMALS] / np.linalg.norm(sites[NORMALS], axis=1, keepdims=True)

@@ -7,7 +7,7 @@ law.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ TIME_ORDERED_ROUNDS = (
     (1.0, 150, 1.0),
 )
 MIN_STARTS = 12
+MIN_GAIN = 0.1  # nats, of an optimum that is better than others
 TOLERANCE = 1e-2  # gain in nats below which successive steps end a search
 
 
@@ -88,7 +89,7 @@ def advance(
 def successive_halving(
     problem: Problem,
     data: Epochs,
-    starts: jax.Array,
+    starts: NDArray | jax.Array,
     workers: int,
     progress: Silent,
     path: TimePath | None = None,
@@ -121,15 +122,66 @@ def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchSt
         return _advance_all(problem, data, init(z, 1e-3), ROUNDS[-1][1], pool, lambda _: None)
 
 
-def halved(
-    problem: Problem, data: Epochs, z: NDArray, workers: int, steps: int, share: float
+class Climb(NamedTuple):
+    """How far `climbed` goes.
+
+    Attributes
+    ----------
+    most : int
+        Optima tried in a round, the best of those that have not been.
+    rounds : int
+    halving : sequence
+        Rounds of successive halving of the points that are tried.
+    """
+
+    most: int
+    rounds: int
+    halving: Sequence[tuple[float, int, float]]
+
+
+def climbed(
+    problem: Problem,
+    data: Epochs,
+    ends: SearchState,
+    neighbours: Callable[[NDArray], Iterable[NDArray]],
+    climb: Climb,
+    workers: int,
+    progress: Silent,
 ) -> SearchState:
-    """The optima near those of the points z (B, D) that are the best after a number of steps."""
-    with threads(workers) as pool:
-        state = _advance_all(problem, data, init(z, 1e-3), steps, pool, lambda _: None)
-        kept = max(MIN_STARTS, int(np.ceil(share * len(z))))
-        state = jax.tree.map(lambda x: x[:kept], best_first(state))
-        return _advance_all(problem, data, state, ROUNDS[-1][1], pool, lambda _: None)
+    """The end points, with better optima that are reached from near the best, best first.
+
+    ``neighbours`` gives points to try, (D,) each, from an optimum (D,). It ends when a round finds
+    no optimum that is better than all, or when all have been tried.
+    """
+    ends, tried = best_first(ends), np.zeros(0)
+    for _ in range(climb.rounds):
+        rows = _untried(ends, tried, climb.most)
+        tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
+        starts = [z for i in rows for z in neighbours(np.asarray(ends.z[i]))]
+        if not starts:
+            break
+        better = successive_halving(
+            problem, data, np.stack(starts), workers, progress, rounds=climb.halving
+        )
+        best = float(ends.potential[0])
+        ends = joined(ends, better)
+        if not float(ends.potential[0]) < best - MIN_GAIN:
+            break
+    return ends
+
+
+def _untried(ends: SearchState, tried: NDArray, most: int) -> list[int]:
+    """Rows of the best end points of different potential, without those already tried."""
+    rows: list[int] = []
+    last = -np.inf
+    for i, potential in enumerate(np.asarray(ends.potential)):
+        if len(rows) == most or not np.isfinite(potential):
+            break
+        if potential > last + MIN_GAIN:
+            last = potential
+            if not np.any(np.abs(tried - potential) < MIN_GAIN):
+                rows.append(i)
+    return rows
 
 
 def _advance_all(
@@ -161,6 +213,11 @@ def _shares(n: int, rounds: Sequence[tuple[float, int, float]]) -> list[int]:
         counts.append(n)
         n = min(n, max(MIN_STARTS, round(n * share)))
     return counts
+
+
+def joined(*states: SearchState) -> SearchState:
+    """The rows of all states by increasing potential."""
+    return best_first(jax.tree.map(lambda *x: np.concatenate(x), *states))
 
 
 def best_first(state: SearchState) -> SearchState:

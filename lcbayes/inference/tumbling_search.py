@@ -15,22 +15,23 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
-from lcbayes.inference.facet_climb import AREAS, NORMALS, climbed
+from lcbayes.inference.facet_climb import climbed
+from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.search import SearchState
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled, prior_draws
+from lcbayes.modelling.problem import Problem, prior_draws
 from lcbayes.physics.brightness import DIFFUSE_LAWS
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
 from lcbayes.samplers.tempering_path import time_ordered
 
 INERTIA = "inertia_base"
 STARTS = 1500  # of one search
 MOST = 6  # searches
 AGREE = 2  # searches that must end at the best motion
-MISFIT = 5.0  # sd of χ² above its mean
 NEARLY = 1.0  # nats above the best optimum that count as the best
 
 
@@ -86,9 +87,7 @@ def repeated(
         Keeps the end points of each search, from which an interrupted run goes on.
     """
     found: list[SearchState] = []
-    each = num_starts or STARTS
-
-    number = [each * 2 ** (i // AGREE) for i in range(MOST)]
+    number = [(num_starts or STARTS) * 2 ** (i // AGREE) for i in range(MOST)]
 
     def one(i: int) -> SearchState:
         keys = jax.random.split(jax.random.fold_in(key, i), number[i])
@@ -100,12 +99,10 @@ def repeated(
     for i in range(MOST):
         found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))
         agree = _agreeing(problem, data, found)
-        if agree >= AGREE and _explained(problem, data, _best(found).z[0]):
+        if agree >= AGREE and measure(problem, data, _best(found).z[:1]).explained:
             break
-    every = (np.concatenate(x) for x in zip(*found, strict=True))
-    return search.best_first(SearchState(*every)), Repeats(
-        len(found), agree, sum(number[: len(found)])
-    )
+    repeats = Repeats(len(found), agree, sum(number[: len(found)]))
+    return search.joined(*found), repeats
 
 
 def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
@@ -124,12 +121,3 @@ def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
 
 def _best(found: list[SearchState]) -> SearchState:
     return min(found, key=lambda ends: float(ends.potential[0]))
-
-
-def _explained(problem: Problem, data: Epochs, z: np.ndarray) -> bool:
-    """Whether χ² at z (D,) is one that noise may give; true if the errors are unknown."""
-    if not data.has_error:
-        return True
-    mean, sd, *_ = compiled(problem.moments)(jnp.asarray(z), data)
-    chi2 = float(jnp.sum(((data.brightness - mean) / sd) ** 2))
-    return chi2 < data.t.size + MISFIT * np.sqrt(2.0 * data.t.size)

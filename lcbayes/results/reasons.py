@@ -373,9 +373,8 @@ def searched(coverage: Mapping[str, Any] | None) -> list[str]:
         return []
     if "searches" in coverage:
         return [
-            f"The motion was searched for {coverage['searches']} times from "
-            f"{coverage['starts']:,.0f} starts in all: {coverage['agree']} of these independent "
-            "searches ended at the best."
+            f"{coverage['agree']} of {coverage['searches']} independent searches ended at the best "
+            f"motion, from {coverage['starts']:,.0f} starts in all."
         ]
     which = f"up to {coverage['max_rate']:.3g} rad/s"
     if ranges := coverage.get("ranges"):

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,6 +105,21 @@ def test_the_figures_in_python():
     for draw in ("light_curve", "phase_angle", "periodogram", "folded"):
         assert getattr(result, f"plot_{draw}")().axes
     assert set(result.summary().columns) == {"command", "answers", "suits", "why", "cost_s"}
+
+
+def test_a_peak_of_which_no_pass_holds_six_cycles_is_not_folded(tmp_path, monkeypatch):
+    """As for a slow body: noise would not give the peak, but there is no period."""
+    result = lcbayes.look(steady(3, 50.0, spinning=True))
+    assert result.data is not None
+    assert result.data.significant
+    slow = replace(result.data, listed=[])
+    monkeypatch.setattr(type(result), "data", slow)
+    result.save(tmp_path / "look")
+    page = result.write_report().read_text(encoding="utf-8")
+    assert "Periodogram of a sinusoid" in page
+    assert "folded with the best period" not in page
+    with pytest.raises(InputError, match="no period was found to fold"):
+        result.plot_folded()
 
 
 def test_it_starts_without_jax(bare):

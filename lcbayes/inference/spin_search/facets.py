@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inference.facet_climb import AREAS, NORMALS, with_sites
+from lcbayes.inference.facet_climb import with_sites
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent, Track
 from lcbayes.inference import search
-from lcbayes.inference.facet_climb import AREAS, NORMALS, climbed
+from lcbayes.inference.facet_climb import climbed
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search import bodies, states
 from lcbayes.inference.spin_search.allowed import Allowed
@@ -28,6 +28,7 @@ from lcbayes.modelling.epochs import MIN_SUNLIGHT, Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import DIFFUSE_LAWS, DiffuseLaw
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
 
 Floats = NDArray[np.float64]
 

@@ -35,10 +35,7 @@ CONTROLS = Controls(decrease=None, increase=2.0, patience=1)
 TARGET_LEVEL = 5  # of division of poles (1.8 degrees) where a maximum is
 AROUND = 3.0  # degrees from a maximum, to cells that are divided too
 SAME_POLE, SAME_TURNS = 4.0, 0.25  # degrees, and turns over the data, of one maximum
-NATS, MOST = (
-    40.0,
-    64,
-)  # maxima below the best by more are left out, as classes of shapes change less
+NATS, MOST = 40.0, 64  # below the best (classes of shapes change less), and number of maxima kept
 BATCH = 64  # spins at once
 
 

@@ -422,7 +422,7 @@ def test_turns_between_passes_keep_to_the_known_periods():
         assert allowed.rates(np.array(rates)).all()
         counts.append(len(rows))
     assert counts[0] == len(body_search.TURNS)  # of one gap of 900 s: 0.007 rad/s each
-    assert counts[1] == 2
+    assert counts[1] == 4  # half a turn and one, more or fewer
 
 
 def test_dark_attitudes_do_not_fit():
