@@ -16,7 +16,7 @@ import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.simulation.scenarios import bundled
-from lcbayes.tasks.look.advice import SPIN_S, fit_cost
+from lcbayes.tasks.look.advice import SPIN_S, advise, fit_cost
 from tests.helpers.low_earth_orbit import spinner, steady
 
 RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
@@ -113,6 +113,8 @@ def test_a_peak_of_which_no_pass_holds_six_cycles_is_not_folded(tmp_path, monkey
     assert result.data is not None
     assert result.data.significant
     slow = replace(result.data, listed=[])
+    advised = [one.command for one in advise(result.curve, dict(result.content), slow)]
+    assert not any("--spin none" in command for command in advised)  # it turns all the same
     monkeypatch.setattr(type(result), "data", slow)
     result.save(tmp_path / "look")
     page = result.write_report().read_text(encoding="utf-8")

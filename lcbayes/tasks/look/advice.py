@@ -63,6 +63,7 @@ class Known:
     curve: LightCurve
     facts: dict[str, Any]
     period: float | None
+    varies: bool  # with a period, though perhaps one too long for the passes to measure it
     cycles: float  # in the series from which the period comes
     joined: bool  # whether the period comes from nights joined
     passes: int
@@ -105,6 +106,7 @@ def _known(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | No
         curve=curve,
         facts=facts,
         period=period,
+        varies=candidates is not None and candidates.significant,
         cycles=0.0 if candidates is None or period is None else candidates.listed[0].cycles,
         joined=candidates is not None and candidates.joined,
         passes=facts["n_passes"],
@@ -210,12 +212,12 @@ def _faceted(known: Known) -> Iterator[Advice]:
         return
     curve = known.curve
     words = ["--n-facets", "2"]
-    if known.period is None:
+    if not known.varies:
         words += ["--spin", "none"]
     why = f"{known.facts['span_s'] / HOUR_S:.3g} h of data"
     need = f"the attitude of one spin must hold over at most {SHORT_S / DAY_S:.0f} days"
     suits = known.facts["span_s"] <= SHORT_S
-    search = SPIN_S if known.period is not None else 0.0
+    search = SPIN_S if known.varies else 0.0
     cost = search + fit_cost(curve.n_obs, 2)
     yield _advice(
         known, suits, "facets, spin and their uncertainty", why, need, cost, "fit", *words
