@@ -429,7 +429,7 @@ def optimised(
     return search.climbed(problem, data, ends, turned, CLIMB, workers, progress)
 
 
-def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[jax.Array]:
+def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[Floats]:
     """Unconstrained vectors with turns added in a gap, and the attitude at its start unchanged."""
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     omega = sites["omega"]
@@ -449,7 +449,7 @@ def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> It
             else:
                 by = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
                 moved["attitude_base"] = np.asarray(product(by, moved["attitude_base"]))
-            yield problem.ravel({k: jnp.asarray(v) for k, v in moved.items()})
+            yield np.asarray(problem.ravel({k: jnp.asarray(v) for k, v in moved.items()}))
 
 
 def gaps_between(arcs: Arcs) -> Floats:
