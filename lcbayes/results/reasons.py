@@ -75,8 +75,8 @@ SENTENCES = {
     "body follows the noise",
     "period-not-unique": "the period is not unique: {others}",
     "pole-not-unique": "the pole is not unique beyond its mirror: {others}",
-    "pole-not-calibrated": "the probability of the pole is not shown to be right: of 13 poles of "
-    "simulated bodies with 0.99 or more, 13 were right, too few to trust such a one",
+    "pole-not-calibrated": "the probability of the pole is not shown to be right: of 36 poles of "
+    "simulated bodies with 0.99 or more, 36 were right, too few to trust such a one",
     "attitude-not-unique": "the attitude is not unique: {others}",
     "period-at-end-of-range": "the best period lies {where}: widen it",
     "best-hypothesis-once": "fewer than two starts came to the best solution: there may be a "

@@ -88,7 +88,7 @@ def test_the_figure_of_the_paper_shows_the_benchmarks() -> None:
     assert rows[1].interval == (pytest.approx(0.05 ** (1 / 92)), 1.0)
     left, right = figures.draw(TABLE).axes
     assert [np.size(axes.lines[1].get_xdata()) for axes in (left, right)] == [2, 1]
-    assert sum(row.count for row in figures.bins(RESULTS, "P of the period")) >= 50
+    assert sum(row.count for row in figures.bins(RESULTS, "P of the period")) > 100
 
 
 def test_the_figure_of_the_paper_is_up_to_date() -> None:
