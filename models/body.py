@@ -1,6 +1,8 @@
 """A body of known parts (box, cylinder, plate …) whose motion and surface are unknown."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,11 +15,12 @@ from scipy.spatial.transform import Rotation
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import body_search
+from lcbayes.inference import search as optima
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
-from lcbayes.modelling.problem import TRACING
+from lcbayes.modelling.problem import TRACING, Problem
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
 from lcbayes.simulation.known_bodies.body import KnownBody
@@ -31,8 +34,16 @@ from lcbayes.simulation.known_bodies.reader import (
 
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
+TURNING = {
+    "spin": "flat",
+    "omega_sd": 0.1,
+    "clock_sd": nuisances.CLOCK_SD,
+    "rate_drift_sd": nuisances.RATE_DRIFT_SD,
+    "period": "",
+}  # defaults of the options of the motion
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
-SLOW_SHADOWS = 5.0  # times as long, from which on a fit says so
+ROUGH = 0.02  # tolerance of the body of the search, which has no shadows
+POLISHED = 12  # end points of the search that are optimised with the shadows and the body itself
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
@@ -45,6 +56,7 @@ def model(
     omega_sd: float = 0.1,
     period: str = "",
     shadows: bool = True,
+    tolerance: float = 0.0,
     scale_sd: float = 0.5,
     noise_law: likelihood.Law = "gaussian",
     scatter: float = 0.0,
@@ -69,6 +81,8 @@ def model(
         Sidereal period as far as it is known, with a unit: 23.7s, 23.70+-0.02s, 20-30s, or several.
     shadows
         Whether the parts shade and hide one another, if the body's file says so.
+    tolerance
+        Of the flux of curved parts, over its maximum; 0: that of the body's file.
     scale_sd
         Prior sd of ln κ, if the brightness is calibrated; 0: κ = 1, the body is as large and bright
         as the file says.
@@ -86,7 +100,7 @@ def model(
         Prior sd of the relative change of rate over the light curve, if it has several passes; ω is
         then the mean; 0: constant.
     """
-    file = _file(body, spin, shadows)
+    file = _file(body, spin, shadows, tolerance)
     known = file.body
     turned = _turning(data, known, spin, omega_sd, clock_sd, rate_drift_sd, period)
     values = {name: _surface(file, name) for name in known.materials}
@@ -98,7 +112,7 @@ def model(
     numpyro.deterministic("albedo_area", size * albedo_area)
 
     def seen(t):
-        return size * known.flux(*turned(t), values, shadows, sizes)
+        return size * known.flux(*turned(t), values, shadows, sizes, data.visible)
 
     mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
@@ -124,9 +138,9 @@ def _turning(
     return body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
 
 
-def _file(body: str, spin: str, shadows: bool) -> BodyFile:
+def _file(body: str, spin: str, shadows: bool, tolerance: float = 0.0) -> BodyFile:
     """The body, if its motion can be seen and its shadows have a derivative."""
-    file = read_body_text(body_text(body))
+    file = read_body_text(body_text(body), tolerance or None)
     symmetry = file.body.symmetry
     if symmetry.sphere:
         raise InputError(
@@ -189,17 +203,15 @@ def resolved(options):
     return {**options, "body": body_text(options["body"])}
 
 
+def _motion(sites, epochs: Epochs, file: BodyFile, options) -> body_motion.Turned:
+    """Directions in body axes for given values of all sites."""
+    given = {name: options[name] for name in TURNING if name in options}
+    with handlers.block(), handlers.substitute(data=dict(sites)):
+        return _turning(epochs, file.body, **TURNING | given)
+
+
 def shadows_left_out(
-    draws: Sequence[Mapping[str, jax.Array]],
-    data: Epochs,
-    *,
-    body: str,
-    spin: str = "flat",
-    omega_sd: float = 0.1,
-    shadows: bool = True,
-    clock_sd: float = nuisances.CLOCK_SD,
-    rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
-    **options: object,  # noqa: ARG001
+    draws: Sequence[Mapping[str, jax.Array]], data: Epochs, **options
 ) -> np.ndarray | None:
     """Changes of the flux by the shadows of a body that is fitted without them, (n, T).
 
@@ -213,18 +225,17 @@ def shadows_left_out(
     (n, T) or None
         None if the fit has the shadows, or no part can shade another.
     """
-    file = read_body_text(body)
-    if shadows and file.body.assembly.shaded:
+    file = read_body_text(options["body"])
+    if options.get("shadows", True) and file.body.assembly.shaded:
         return None
     sizes = {key: float(draws[0][f"{file.body.names[key[0]]}_{key[1]}"]) for key in file.sizes}
-    shaded = with_shadows(body, sizes)
+    shaded = with_shadows(options["body"], sizes)
     if shaded.assembly.method == "none":
         return None
 
     @jax.jit
     def change(sites: Mapping[str, jax.Array], epochs: Epochs) -> jax.Array:
-        with handlers.block(), handlers.substitute(data=dict(sites)):
-            turned = _turning(epochs, file.body, spin, omega_sd, clock_sd, rate_drift_sd)
+        turned = _motion(sites, epochs, file, options)
         values = {
             name: {key: sites[f"{name}_{key}"] for key in unknown}
             for name, unknown in file.priors.items()
@@ -268,14 +279,9 @@ def coordinates(
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
-    file = _file(options["body"], options["spin"], options["shadows"])
+    tolerance = float(options["tolerance"])
+    file = _file(options["body"], options["spin"], options["shadows"], tolerance)
     known = file.body
-    if options["shadows"] and (cost := known.assembly.shadow_cost) > SLOW_SHADOWS:
-        progress.say(
-            f"note: the parts shade one another, so that a draw takes some {cost:.0f} times as "
-            "long as without shadows; --set shadows=false gives a first answer, and says whether "
-            "they matter"
-        )
     symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
@@ -301,7 +307,42 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
         for sites, scale in zip(starts, motions.scale, strict=True):
             sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
-    return body_search.optimised(problem, data, starts, run, workers, progress), coverage
+    panels_are_exact = all(part.error == 0.0 for part in known.assembly.parts)
+    if panels_are_exact and (not options["shadows"] or known.assembly.method == "none"):
+        return body_search.optimised(problem, data, starts, run, workers, progress), coverage
+    rough = {"shadows": False, "tolerance": max(ROUGH, known.assembly.tolerance)}
+    simple = Problem(partial(model, **options | POOLED | rough), data)
+    ends = body_search.optimised(simple, data, starts, run, workers, progress)
+    near = np.asarray(ends.z)[optima.different(ends, POLISHED)]
+    held = guide(problem, data, **options | POOLED)
+    if held is None:
+        ends = optima.polish(problem, data, near, workers)
+    else:
+        ends = body_search.with_shadows(problem, data, near, held, workers, progress)
+    return optima.best_first(ends), coverage
+
+
+def guide(problem, data: Epochs, **options):
+    """Optimum (D,) -> epochs whose shadows are those of the optimum, whatever the motion.
+
+    The posterior with fixed shadows is similar to that with moving ones about the optimum, and as
+    cheap as without shadows. None if there are no shadows.
+    """
+    file = read_body_text(options["body"], options.get("tolerance") or None)
+    assembly = file.body.assembly
+    if not options.get("shadows", True) or assembly.method == "none":
+        return None
+
+    @jax.jit
+    def held(z: jax.Array, epochs: Epochs) -> Epochs:
+        turned = _motion(problem.constrain(z, epochs), epochs, file, options)
+        return replace(epochs, visible=assembly.lit_and_seen(*turned(epochs.t)))
+
+    def about(z: np.ndarray) -> Epochs:
+        with TRACING:
+            return held(jnp.asarray(z), data)
+
+    return about
 
 
 def equivalents(

@@ -56,6 +56,7 @@ MODEL_ERROR = 0.1  # of the cells' width, shadows and unknown surface, relative 
 CHUNK = 16  # poles at once, for one axis
 FAINTEST = 30.0  # a body that is fainter by this factor than in random attitudes is not expected
 ATTITUDES, STRIDE = 32, 8  # random ones, at every so many epochs
+HELD, HELD_STEPS = 4, 20  # times that shadows are moved, and steps after each
 MARGIN = 100.0  # of χ² above three times that of the best cell, at which cells are dropped
 LOOKUPS = 4e7  # of the second step, for each chunk
 PER_CELL = 4  # rates of a cell that are kept
@@ -427,6 +428,35 @@ def optimised(
     )
     turned = partial(_aliases, problem, data, run)
     return search.climbed(problem, data, ends, turned, CLIMB, workers, progress)
+
+
+def with_shadows(
+    problem: Problem,
+    data: Epochs,
+    z: Floats,
+    held: Callable[[Floats], Epochs],
+    workers: int,
+    progress: Silent,
+) -> SearchState:
+    """The points near z (B, D) where the posterior with fixed shadows is at its optimum.
+
+    ``held`` gives the epochs with the shadows of a point (D,), which are moved with it a few times.
+    What is left is the change of the shadows with the motion, some tenths of a standard deviation.
+    """
+    potential = compiled(problem.potential)
+
+    def one(start: Floats) -> SearchState:
+        row = search.init(start[None])
+        for _ in range(HELD):
+            about = held(np.asarray(row.z[0]))
+            row = search.advance(problem, about, search.init(row.z, 1e-3), HELD_STEPS)
+            track.advance(HELD_STEPS)
+        z = np.asarray(row.z)
+        return row._replace(z=z, potential=np.array([float(potential(z[0], data))]))
+
+    total = len(z) * HELD * HELD_STEPS
+    with progress.stage("adding shadows", total, "steps") as track, threads(workers) as pool:
+        return search.joined(*pool.map(one, z))
 
 
 def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[Floats]:

@@ -257,10 +257,13 @@ class Stages:
         return [s for group in here for s in group[:OPTIMA]] + [group[0] for group in rest]
 
     def sampler(self, problem: Problem, data: Epochs) -> Sampler:
-        """The sampler of chains, with the moves of the model if it has any."""
+        """The sampler of chains, with the moves or the guide of the model if it has any."""
         hook = self.entry.hook("moves")
         moves = None if hook is None else hook(problem, data, **self.options)
-        return Sampler(problem, self.settings, self.workers, moves, self.order(problem).like_all)
+        hook = self.entry.hook("guide")
+        held = None if hook is None else hook(problem, data, **self.options)
+        ordered = self.order(problem).like_all
+        return Sampler(problem, self.settings, self.workers, moves, ordered, held)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""

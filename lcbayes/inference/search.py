@@ -155,7 +155,7 @@ def climbed(
     """
     ends, tried = best_first(ends), np.zeros(0)
     for _ in range(climb.rounds):
-        rows = _untried(ends, tried, climb.most)
+        rows = different(ends, climb.most, tried)
         tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
         starts = [z for i in rows for z in neighbours(np.asarray(ends.z[i]))]
         if not starts:
@@ -170,7 +170,7 @@ def climbed(
     return ends
 
 
-def _untried(ends: SearchState, tried: NDArray, most: int) -> list[int]:
+def different(ends: SearchState, most: int, tried: NDArray = np.zeros(0)) -> list[int]:  # noqa: B008
     """Rows of the best end points of different potential, without those already tried."""
     rows: list[int] = []
     last = -np.inf

@@ -94,6 +94,8 @@ class Epochs:
         Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
         Power to which the likelihood of a point is raised; 1 for independent errors.
+    visible : (T, N) or None
+        Lit and seen share of each panel of a known body, where shadows are fixed (`models.body`).
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
@@ -142,6 +144,7 @@ class Epochs:
     sun_rate: jax.Array
     obs_rate: jax.Array
     information: jax.Array
+    visible: jax.Array | None = None
     kind: str = _static("flux")
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)

@@ -20,7 +20,8 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import TRACING, Problem, Sites
 from lcbayes.samplers import kernels
 from lcbayes.samplers.kernels import alternating, metric
-from lcbayes.samplers.settings import FACET_MOVES
+from lcbayes.samplers.kernels.guided import Guided
+from lcbayes.samplers.settings import FACET_MOVES, GUIDED
 
 SPREAD = 0.3
 DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
@@ -76,7 +77,7 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 
 def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     """The kernel of a name in `settings.WARMUP`, over {"y": (D,)} given (whitening, data), and, for
-    `FACET_MOVES`, the moves."""
+    `FACET_MOVES`, the moves, for `GUIDED`, the epochs of the guide."""
     if sampler == "nuts":
         return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
 
@@ -90,6 +91,11 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     def moved(key: jax.Array, z: Sites, whitening: Whitening, data: Epochs, moves) -> Sites:
         return {"y": whitening.inverse(moves(key, whitening(z["y"]), data))}
 
+    def guide(z: Sites, whitening: Whitening, _: Epochs, about: Epochs) -> jax.Array:
+        return potential(z, whitening, about)
+
+    if sampler == GUIDED:
+        return Guided(guide, potential)
     if sampler == FACET_MOVES:
         return alternating.Alternating(potential, fisher, moved)
     kinds = {

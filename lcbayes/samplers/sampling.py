@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.checkpoint import Checkpoint
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Track
 from lcbayes.core.threads import threads
@@ -20,7 +21,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import chains, convergence
 from lcbayes.samplers.facet_moves import FacetMoves
-from lcbayes.samplers.settings import AUTO, FACET_MOVES, NUTS, Settings
+from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, NUTS, Settings
 
 Floats = NDArray[np.float64]
 BLOCK = 50
@@ -68,6 +69,8 @@ class Sampler:
         Moves of single facets, used unless the settings name another kernel.
     ordered : callable
         (z (n, D), reference (D,)) -> z with exchangeable facets in the order of the reference.
+    guide : callable, optional
+        Optimum (D,) -> epochs with which the density is cheaper, and similar about the optimum.
     """
 
     def __init__(
@@ -77,14 +80,22 @@ class Sampler:
         workers: int,
         moves: FacetMoves | None = None,
         ordered: Callable[[Floats, Floats], Floats] = lambda z, reference: z,  # noqa: ARG005
+        guide: Callable[[Floats], Epochs] | None = None,
     ) -> None:
         if settings.sampler == AUTO:
-            settings = settings.with_sampler(NUTS if moves is None else FACET_MOVES)
+            alone = NUTS if guide is None else GUIDED
+            settings = settings.with_sampler(alone if moves is None else FACET_MOVES)
+        lacking = {FACET_MOVES: moves, GUIDED: guide}.get(settings.sampler, settings) is None
+        if lacking:
+            raise InputError(
+                f"--sampler {settings.sampler} is made for other models; choose auto or nuts"
+            )
         self.problem = problem
         self.settings = settings
         self.workers = workers
         self.ordered = ordered
         self.moves = moves if settings.sampler == FACET_MOVES else None
+        self.guide = guide if settings.sampler == GUIDED else None
 
     @property
     def n_blocks(self) -> tuple[int, int]:
@@ -112,8 +123,9 @@ class Sampler:
         the draws are discarded and the chains continue with half the step size. The step size is
         not halved if the trajectories would then exceed the maximum tree depth.
         """
-        whitening = self._whitening(starts, data)
-        args = (whitening, data) if self.moves is None else (whitening, data, self.moves)
+        about = data if self.guide is None else self.guide(starts[0])
+        whitening = self._whitening(starts, about)
+        args = (whitening, data, *self._further(about))
         warmup_blocks, sample_blocks = self.n_blocks
         per_block = self.settings.num_chains * BLOCK
         halvings = HALVINGS if self.settings.sampler == NUTS else 0
@@ -124,7 +136,7 @@ class Sampler:
             return _to_host(advance(_to_device(state), args))
 
         with threads(self.workers) as pool:
-            near = (_whiten(self.problem, z, data) for z in itertools.cycle(starts))
+            near = (_whiten(self.problem, z, about) for z in itertools.cycle(starts))
             states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
@@ -160,10 +172,19 @@ class Sampler:
                     end += more
         n = self.settings.most_samples
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
+        return Chains(draws[:, :n], stats, whitening, self._tuning(states, whitening))
+
+    def _tuning(self, states: list, whitening: chains.Whitening) -> dict[str, NDArray]:
+        """What the warm-up of each chain adapted."""
         kernel = chains.kernel(self.problem, self.settings.sampler)
         each = [chains.tuning(kernel, state, whitening) for state in states]
-        tuning = {k: np.array([one[k] for one in each]) for k in each[0]}
-        return Chains(draws[:, :n], stats, whitening, tuning)
+        return {k: np.array([one[k] for one in each]) for k in each[0]}
+
+    def _further(self, about: Epochs) -> tuple[FacetMoves | Epochs, ...]:
+        """Arguments of the kernel besides the whitening and the data: the moves or the guide."""
+        if self.moves is not None:
+            return (self.moves,)
+        return () if self.guide is None else (about,)
 
     def _whitening(self, starts: Floats, data: Epochs) -> chains.Whitening:
         centres = jnp.asarray(starts)

@@ -9,11 +9,12 @@ from lcbayes.core.errors import InputError
 
 # The samplers and their default warm-up. The kernels of this package adapt more parameters than
 # NUTS. Particles need no warm-up, because they start from the prior.
-AUTO, NUTS, FACET_MOVES = "auto", "nuts", "facet-moves"
+AUTO, NUTS, FACET_MOVES, GUIDED = "auto", "nuts", "facet-moves", "guided"
 WARMUP = {
     AUTO: 200,
     NUTS: 200,
     FACET_MOVES: 200,
+    GUIDED: 300,
     "ahmc": 600,
     "ahmc-paper": 600,
     "hmc": 600,
@@ -34,8 +35,8 @@ class Settings:
 
     Attributes
     ----------
-    sampler : name of the kernel; "auto" selects facet-moves for models that have such moves, and
-        nuts for others
+    sampler : name of the kernel; "auto" selects facet-moves for models that have such moves, guided
+        for those with a cheaper density that is similar, and nuts for others
     seed : seed of all random numbers
     num_warmup : per chain; None selects the default of the sampler, `WARMUP`
     num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000; for

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lcbayes.samplers.settings import AUTO, FACET_MOVES, PUBLISHED, WARMUP
+from lcbayes.results.posterior import METRIC
+from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, PUBLISHED, WARMUP
 from lcbayes.tasks.fit.run import fit_with_kernel
 from tests.helpers.false_alarms import EACH, counts, limit
 from tests.reference import agreement, problems, stored
@@ -94,8 +95,9 @@ def test_wrong_draws_are_found_out(change):
 
 
 def test_every_sampler_offered_is_tested():
-    """The moves of facets are tested where they are, `tests/unit/samplers/test_facet_moves.py`."""
-    assert set(DRAWS) == set(WARMUP) - {PUBLISHED, AUTO, FACET_MOVES}
+    """Those that need a model of their own are tested in `tests/unit/samplers/`."""
+    assert set(DRAWS) == set(WARMUP) - {PUBLISHED, AUTO, FACET_MOVES, GUIDED}
+    assert set(METRIC) == set(WARMUP) - {AUTO}
 
 
 @pytest.mark.statistical(false_alarm=EACH)

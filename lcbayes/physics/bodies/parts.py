@@ -29,7 +29,6 @@ type Method = Literal["none", "exact", "points"]
 MOST_PAIRS = 5_000  # of a polygon and a solid, for exact shadows
 MOST_TESTS = 400_000  # of an edge against an edge at each epoch, for exact shadows
 MOST_POINTS = 1_000_000
-AS_LONG = 2_000.0  # tests of edges at an epoch that take as long as a gradient without shadows
 _PROBES = 16
 
 
@@ -118,6 +117,16 @@ class Assembly:
         return [polygon for part in self.parts for polygon in part.panels.polygons]
 
     @cached_property
+    def _receivers(self) -> tuple[list[Floats], NDArray[np.integer]]:
+        """Polygons that exact shadows fall on, part by part; which each panel belongs to, (N,)."""
+        polygons, whose = [], []
+        for part in self.parts:
+            own, index = part.panels.receivers()
+            whose.append(len(polygons) + index)
+            polygons += own
+        return polygons, np.concatenate(whose)
+
+    @cached_property
     def method(self) -> Method:
         """How shadows are found."""
         if self.groups:
@@ -127,14 +136,12 @@ class Assembly:
     @cached_property
     def groups(self) -> tuple[shadows.Group, ...]:
         """Exact shadows; empty where there are none, or they would cost too much."""
-        if not self.shaded or len(self.polygons) * len(self._blocking[1]) > MOST_PAIRS:
+        polygons, whose = self._receivers
+        part, solids, owner = self._blocking
+        if not self.shaded or len(polygons) * len(solids) > MOST_PAIRS:
             return ()
-        return shadows.shadows(self.polygons, *self._blocking, most=MOST_TESTS) or ()
-
-    @cached_property
-    def shadow_cost(self) -> float:
-        """How many times as long a gradient takes with exact shadows as without, roughly."""
-        return 1.0 + shadows.tests_per_epoch(self.groups) / AS_LONG
+        first = np.unique(whose, return_index=True)[1]
+        return shadows.shadows(polygons, part[first], solids, owner, most=MOST_TESTS) or ()
 
     @cached_property
     def _blocking(self) -> tuple[NDArray[np.integer], list[Solid], NDArray[np.integer]]:
@@ -194,11 +201,11 @@ class Assembly:
         """
         if self.method == "none":
             return None
-        count = len(self.polygons)
         if self.groups:
-            return shadows.lit_and_seen(self.groups, count, sun_body, obs_body)
+            polygons, whose = self._receivers
+            return shadows.lit_and_seen(self.groups, len(polygons), sun_body, obs_body)[:, whose]
         assert self.points is not None
-        shape = jax.ShapeDtypeStruct((sun_body.shape[0], count), jnp.float64)
+        shape = jax.ShapeDtypeStruct((sun_body.shape[0], len(self.polygons)), jnp.float64)
         return jax.pure_callback(
             self.points.lit_and_seen, shape, sun_body, obs_body, vmap_method="sequential"
         )

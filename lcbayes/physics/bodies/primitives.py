@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
 OUTLINE = 32  # sides of a round end and of the solid that casts a round part's shadow
+STRIPS = 64  # around the axis, each with one shadow, which are enough for `division.TOLERANCE`
 
 
 class Panels(NamedTuple):
@@ -44,6 +45,8 @@ class Panels(NamedTuple):
         What casts the part's shadow.
     convex : bool
         No panel can shade another one.
+    shared : int
+        So many neighbouring panels of the round side, which are the first ones, share one shadow.
     """
 
     polygons: list[Floats]
@@ -53,6 +56,19 @@ class Panels(NamedTuple):
     sides: tuple[str, ...]
     solids: list[Solid]
     convex: bool = True
+    shared: int = 1
+
+    def receivers(self) -> tuple[list[Floats], NDArray[np.integer]]:
+        """Polygons that shadows fall on, and which of these each panel belongs to, (N,)."""
+        m, round_side = self.shared, self.sides.count(self.sides[0])
+        strips = round_side // m if m > 1 else 0
+        made = []
+        for i in range(strips):
+            first, last = self.polygons[i * m], self.polygons[i * m + m - 1]
+            made.append(np.concatenate([first[:1], last[1:3], first[3:]]))
+        rest = self.polygons[strips * m :]
+        whose = [np.repeat(np.arange(strips), m), strips + np.arange(len(rest))]
+        return made + rest, np.concatenate(whose)
 
 
 def flat(polygons: list[Floats], sides: tuple[str, ...]) -> Panels:
@@ -122,6 +138,7 @@ def frustum(radius: float, radius_top: float, length: float, n: int) -> Panels:
         np.concatenate([u_axes, np.tile([1.0, 0.0, 0.0], (len(ends), 1))]),
         ("side",) * n + ("end",) * len(ends),
         [_frustum_solid(radius, radius_top, length)],
+        shared=n // STRIPS if n % STRIPS == 0 else 1,
     )
 
 

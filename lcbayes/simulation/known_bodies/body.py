@@ -75,6 +75,7 @@ class KnownBody:
         values: Values | None = None,
         shadows: bool = True,
         sizes: Sizes | None = None,
+        visible: jax.Array | None = None,
     ) -> jax.Array:
         """Flux at unit distance under unit irradiance, m², (T,).
 
@@ -91,11 +92,14 @@ class KnownBody:
             Whether parts shade one another, where the body's file says so.
         sizes : (part, length) → m, optional
             Lengths in place of the medians of their priors.
+        visible : (T, N), optional
+            Lit and seen share of each panel, in place of the shadows.
         """
         if sizes:
             return self._sized_flux(sun_body, obs_body, values or {}, sizes)
         surfaces = self._surfaces(values or {})
-        visible = self.assembly.lit_and_seen(sun_body, obs_body) if shadows else None
+        if visible is None and shadows:
+            visible = self.assembly.lit_and_seen(sun_body, obs_body)
         return panels_flux(self.assembly.body, surfaces, sun_body, obs_body, visible=visible)
 
     def _surfaces(self, values: Values) -> dict[str, Material]:

@@ -95,8 +95,8 @@ def body_text(body: str) -> str:
 
 
 @lru_cache(maxsize=32)
-def read_body_text(text: str) -> BodyFile:
-    """The body of a TOML text, from `body_text`.
+def read_body_text(text: str, tolerance: float | None = None) -> BodyFile:
+    """The body of a TOML text, from `body_text`, to a tolerance of its own or a given one.
 
     Raises
     ------
@@ -116,6 +116,8 @@ def read_body_text(text: str) -> BodyFile:
         raise table.fault("spin_axis", "has length zero; give a direction in body axes")
     sizes, names = _sizes(table)
     sides = _sides(table, materials)
+    if tolerance:
+        table.put("tolerance", tolerance)
     assembly, _ = read_parts(table, materials)
     if sizes and assembly.shaded and len(assembly.parts) > 1:
         raise table.fault(

@@ -103,7 +103,7 @@ def fit_with_kernel(
     Parameters
     ----------
     curve : LightCurve
-    sampler : {"auto", "nuts", "facet-moves", "ahmc", "ahmc-paper", "hmc", "rmhmc", "mh", "smc"}
+    sampler : name of a kernel in `lcbayes.samplers.settings.WARMUP`
     out, report, progress, **given
         As for `lcbayes.fit`.
 

@@ -5,7 +5,6 @@ The body is a bar with an arm, drawn and lit by `tests.helpers.l_shaped_body`.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jnp
-from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import alternatives, robustness
 from lcbayes.inference.misfit_tests import examine
@@ -25,43 +23,16 @@ from lcbayes.models import body
 from lcbayes.results import summary
 from lcbayes.results.reasons import cause, reason
 from lcbayes.simulation.known_bodies.reader import read_body_text
-from tests.helpers import turning_bodies as turning
-from tests.helpers.l_shaped_body import boxes, flux
-
-ARM, ALBEDO = 0.5, 0.4
-BAR = f"""
-[body]
-shadows = SHADOWS
-spin_axis = [0.3, 1.0, 0.2]
-[[body.parts]]
-kind = "box"
-x = 2.0
-y = 1.0
-z = 1.0
-position = [1.0, 0.5, 0.5]
-[[body.parts]]
-kind = "box"
-x = 1.0
-y = 1.0
-z = LENGTH
-position = [0.5, 0.5, {1.0 + 0.5 * ARM}]
-[materials.paint]
-law = "lambertian"
-r_diff = {{ low = 0.1, high = 0.9 }}
-"""
-ATTITUDE = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
-AXIS = np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
-OMEGA = 0.07 * ATTITUDE @ AXIS
-T, SUN, OBS = turning.geometry((0.0, 900.0), 40, 200.0)
-
-
-def bar(shadows: bool = False, length: object = ARM) -> str:
-    return BAR.replace("SHADOWS", json.dumps(shadows)).replace("LENGTH", str(length))
-
-
-def shaded_flux() -> np.ndarray:
-    seen = turning.in_body(T, ATTITUDE, OMEGA, SUN, OBS)
-    return ALBEDO * flux(boxes(ARM), *seen, per_side=60)
+from tests.helpers.shaded_bar import (
+    ALBEDO,
+    ARM,
+    ATTITUDE,
+    OMEGA,
+    T,
+    bar,
+    curve,
+    shaded_flux,
+)
 
 
 def fitted(text: str, light: LightCurve, **given):
@@ -79,19 +50,6 @@ def fitted(text: str, light: LightCurve, **given):
     }
     z = problem.ravel({k: jnp.asarray(sites[k], float) for k in problem.names})
     return problem, data, options, np.asarray(z)
-
-
-def curve(brightness: np.ndarray, snr: float) -> LightCurve:
-    return LightCurve(
-        t=T,
-        brightness=brightness,
-        error=np.full(T.size, brightness.mean() / snr),
-        sun=SUN,
-        obs=OBS,
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
 
 
 def left_out(problem, data, options, z):
@@ -150,63 +108,3 @@ def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
     assert "take 5 % of the light" in reason(one).text
     small = replace(moved, by_fault={"shadows": np.array([0.4, 0.1, 0.2])})
     assert not list(summary._ignored(missed, small))
-
-
-class Stopped(Exception):
-    pass
-
-
-class Saying(Silent):
-    """Keeps what is said, and stops at the first stage."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def stage(self, *_):
-        raise Stopped
-
-
-PLATES = """
-[body]
-material = "paint"
-[[body.parts]]
-kind = "cylinder"
-radius = 0.7
-length = 3.0
-""" + "".join(
-    f"""
-[[body.parts]]
-kind = "plate"
-x = 2.0
-y = 1.0
-position = [{x}, 0.0, 0.0]
-rotation_deg = [0.0, 70.0, 0.0]
-"""
-    for x in (1.5, -1.5)
-)
-PLATES += """
-[materials.paint]
-law = "lambertian"
-r_diff = { low = 0.1, high = 0.9 }
-"""
-
-
-@pytest.mark.parametrize(
-    ("text", "shadows", "slow"),
-    [(PLATES, True, True), (PLATES, False, False), (bar(True), True, False)],
-)
-def test_slow_shadows_are_announced(text, shadows, slow):
-    """A cylinder that shades plates has many edges; a box that shades another has few."""
-    entry, data = registry.find("body"), Epochs.of(curve(shaded_flux(), 20.0))
-    options = {"body": text, "shadows": shadows}
-    problem = Problem(entry.bind(entry.check(options)), data)
-    hook, progress = entry.hook("search"), Saying()
-    assert hook is not None
-    every = {o.name: o.default for o in entry.options.values()} | entry.check(options)
-    with pytest.raises(Stopped):
-        hook(problem, data, every, 1, progress)
-    assert len(progress.said) == slow
-    assert all("--set shadows=false gives a first answer" in said for said in progress.said)

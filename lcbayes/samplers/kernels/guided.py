@@ -1,0 +1,68 @@
+"""HMC along a cheaper density, each draw of which the exact one accepts or rejects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.samplers.kernels.numpyro_kernel import HMC, KernelState
+
+
+class Guided(HMC):
+    """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795).
+
+    A transition θ → θ′ of HMC leaves the guide exp(−Ũ) invariant and is reversible. It is accepted
+    with probability
+
+        min{1, exp[U(θ) − U(θ′) − Ũ(θ) + Ũ(θ′)]},
+
+    so that the chain leaves exp(−U) invariant, whatever the guide. A trajectory costs gradients of
+    the guide and one value of U. The warm-up follows the guide alone.
+
+    Parameters
+    ----------
+    guide_fn, potential_fn
+        Ũ and U, (z, *model_args) → −ln of the density.
+    """
+
+    def __init__(
+        self,
+        guide_fn: Callable[..., jax.Array],
+        potential_fn: Callable[..., jax.Array],
+        **options: Any,
+    ) -> None:
+        super().__init__(potential_fn=guide_fn, **options)
+        self._guide_fn, self._exact_fn = guide_fn, potential_fn
+
+    def sample(self, state: KernelState, model_args, model_kwargs) -> KernelState:
+        """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up."""
+        guide = self._guide_fn(state.z, *model_args)
+        after = super().sample(state._replace(potential_energy=guide), model_args, model_kwargs)
+
+        def judged(after: KernelState) -> KernelState:
+            rng_key, key = jax.random.split(after.rng_key)
+            exact = self._exact_fn(after.z, *model_args)
+            change = state.potential_energy - exact - guide + after.potential_energy
+            # U at the first point is not known; the transition to the second is one of the warm-up
+            first = state.i < jnp.maximum(state.num_warmup, 1)
+            accept = jnp.where(first, 1.0, jnp.exp(jnp.minimum(change, 0.0)))
+            accept = jnp.where(jnp.isfinite(exact), accept, 0.0)
+            accepted = jax.random.uniform(key) < accept
+            z, grad, potential = jax.tree.map(
+                lambda new, old: jnp.where(accepted, new, old),
+                (after.z, after.z_grad, exact),
+                (state.z, state.z_grad, state.potential_energy),
+            )
+            followed = jnp.where(accepted, after.potential_energy, guide)
+            return after._replace(
+                z=z,
+                z_grad=grad,
+                potential_energy=potential,
+                energy=after.energy + potential - followed,
+                accept_prob=after.accept_prob * accept,
+                rng_key=rng_key,
+            )
+
+        late = state.i + 1 >= state.num_warmup
+        return jax.lax.cond(late, judged, lambda after: after, after)

@@ -1,0 +1,89 @@
+"""A fit with shadows: the brightness of a body that shades itself, and the guide of its chains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.inference.fit import Stages
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.models import body
+from lcbayes.physics.bodies import primitives
+from lcbayes.samplers.settings import Settings
+from lcbayes.simulation.known_bodies.reader import read_body_text
+from tests.helpers import newcomer
+from tests.helpers.shaded_bar import T, bar, curve, shaded_flux
+
+SURFACE = {
+    name: dict(zip(("r_diff", "r_spec", "nu"), law, strict=True))
+    for name, law in (("paint", newcomer.PAINT), ("cells", newcomer.CELLS))
+} | {"metal": {"r_diff": newcomer.METAL[0]}}
+
+
+def directions(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random unit vectors to Sun and observer, at phase angles below some 90°."""
+    both = np.random.default_rng(5).standard_normal((2, n, 3))
+    both[1] += 1.5 * both[0]
+    return tuple(both / np.linalg.norm(both, axis=-1, keepdims=True))
+
+
+def test_brightness_of_a_shaded_stage_is_that_of_rays() -> None:
+    known = read_body_text(newcomer.BODY).body
+    sun, obs = directions(60)
+    flux = np.asarray(known.flux(jnp.asarray(sun), jnp.asarray(obs), SURFACE))
+    bare = np.asarray(known.flux(jnp.asarray(sun), jnp.asarray(obs), SURFACE, shadows=False))
+    rays = np.array([newcomer.flux(newcomer.pieces(), s, o) for s, o in zip(sun, obs, strict=True)])
+    assert np.abs(flux - rays).max() < 4e-3 * rays.max()
+    assert np.abs(bare - rays).max() > 0.05 * rays.max()
+
+
+def test_strips_with_one_shadow_are_as_good_as_single_panels(monkeypatch) -> None:
+    sun, obs = map(jnp.asarray, directions(200))
+    wide = read_body_text(newcomer.BODY + "# strips\n").body
+    monkeypatch.setattr(primitives, "STRIPS", 10**6)
+    single = read_body_text(newcomer.BODY + "# single\n").body
+    panels = wide.assembly.parts[0].panels
+    assert panels.shared == 4
+    assert single.assembly.parts[0].panels.shared == 1
+    flux, right = (np.asarray(b.flux(sun, obs, SURFACE)) for b in (wide, single))
+    assert 0.0 < np.abs(flux - right).max() < 1e-3 * right.max()
+
+
+def problem_and_guide(text: str):
+    """A posterior of the bar with an arm, its data, an optimum and the guide there."""
+    entry, data = registry.find("body"), Epochs.of(curve(shaded_flux(), 30.0))
+    options = entry.check({"body": text, "clock_sd": 0.0, "rate_drift_sd": 0.0})
+    problem = Problem(entry.bind(options), data)
+    z = np.random.default_rng(2).normal(size=problem.dim)
+    return problem, data, z, body.guide(problem, data, **options)
+
+
+def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
+    problem, data, z, guide = problem_and_guide(bar(shadows=True))
+    assert guide is not None
+    held = guide(z)
+    assert held.visible.shape == (T.size, 12)
+    potential = compiled(problem.potential)
+    assert float(potential(z, held)) == pytest.approx(float(potential(z, data)), rel=1e-12)
+    step = 1e-3 * np.random.default_rng(3).normal(size=problem.dim)
+    exact, followed = (float(potential(z + step, x) - potential(z, x)) for x in (data, held))
+    assert followed != exact
+    assert followed == pytest.approx(exact, rel=0.3)
+
+
+def test_chains_follow_a_guide_where_parts_shade_one_another() -> None:
+    for shadows, name in ((True, "guided"), (False, "nuts")):
+        problem, data, _, guide = problem_and_guide(bar(shadows))
+        assert (guide is None) == (not shadows)
+        stages = Stages.of(
+            problem,
+            registry.find("body"),
+            {"body": bar(shadows)},
+            Settings(),
+            None,  # pyright: ignore[reportArgumentType]
+            None,  # pyright: ignore[reportArgumentType]
+        )
+        assert stages.sampler(problem, data).settings.sampler == name

@@ -1,0 +1,80 @@
+"""A chain along a guide that is wrong in place, width and form samples the exact density."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import digamma, polygamma
+from scipy.stats import norm
+
+from lcbayes.core.errors import InputError
+from lcbayes.samplers.convergence import rhat_and_ess
+from lcbayes.samplers.kernels.guided import Guided
+from lcbayes.samplers.sampling import Sampler
+from lcbayes.samplers.settings import FACET_MOVES, GUIDED, Settings
+
+SHAPE = np.array([2.0, 5.0])  # of two gamma variates, whose logarithms are sampled
+WARMUP, DRAWS, CHAINS = 100, 2000, 4
+FALSE_ALARM = 1e-5  # of the whole test
+
+
+def potential(z):
+    return jnp.sum(jnp.exp(z) - SHAPE * z)
+
+
+def guide(z):
+    """A Gaussian, wider by 30 % and half a standard deviation away."""
+    mean, sd = digamma(SHAPE), np.sqrt(polygamma(1, SHAPE))
+    return jnp.sum(0.5 * ((z - mean - 0.5 * sd) / (1.3 * sd)) ** 2)
+
+
+def chains(followed, exact):
+    """Draws (C, S, 2), potential energies and acceptance (C, S)."""
+    kernel = Guided(followed, exact)
+
+    def chain(key):
+        state = kernel.init(key, WARMUP, jnp.zeros(2))
+
+        def step(state, _):
+            state = kernel.sample(state, (), {})
+            return state, (state.z, state.potential_energy, state.accept_prob)
+
+        _, out = jax.lax.scan(step, state, length=WARMUP + DRAWS)
+        return jax.tree.map(lambda x: x[WARMUP:], out)
+
+    keys = jax.random.split(jax.random.key(1), CHAINS)
+    return jax.tree.map(np.asarray, jax.jit(lambda k: jax.lax.map(chain, k))(keys))
+
+
+@pytest.mark.statistical(false_alarm=FALSE_ALARM)
+def test_the_exact_density_is_sampled() -> None:
+    z, energy, _ = chains(guide, potential)
+    assert energy == pytest.approx(np.asarray(jax.vmap(jax.vmap(potential))(z)), abs=1e-9)
+    mean, variance = digamma(SHAPE), polygamma(1, SHAPE)
+    off = (z - mean) / np.sqrt(variance)
+    checks = {"mean": (off, 0.0), "variance": (off**2, 1.0)}
+    checks["skewness"] = (off**3, polygamma(2, SHAPE) / variance**1.5)
+    limit = norm.isf(0.5 * FALSE_ALARM / (len(checks) * len(SHAPE)))
+    for name, (values, expected) in checks.items():
+        for i, right in enumerate(np.broadcast_to(expected, 2)):
+            one = values[..., i]
+            error = one.std() / np.sqrt(rhat_and_ess(one[..., None])[1])
+            assert abs(one.mean() - right) < limit * error, (name, i)
+            assert error < 0.15, name
+
+
+def test_a_guide_that_differs_by_a_constant_costs_no_draw() -> None:
+    """Only differences of energies count, and trajectories are those of HMC."""
+    _, _, accepted = chains(lambda z: potential(z) + 3.0, potential)
+    assert accepted.mean() > 0.7
+
+
+def test_no_draw_has_no_density() -> None:
+    z, _, _ = chains(guide, lambda z: jnp.where(z[0] > 0.0, potential(z), jnp.inf))
+    assert z[..., 0].min() > 0.0
+
+
+def test_kernels_of_other_models_are_refused() -> None:
+    for name in (GUIDED, FACET_MOVES):
+        with pytest.raises(InputError, match="made for other models"):
+            Sampler(None, Settings(name), 1)  # pyright: ignore[reportArgumentType]
