@@ -84,7 +84,7 @@ METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
     "facet-moves": "Fisher information at a point drawn proposal_scale posterior widths from each "
     "draw, in turn with moves of single facets",
-    "guided": "inverse covariance of the warm-up, along the posterior with fixed shadows",
+    "guided": "that of ahmc, along the posterior with fixed shadows",
     "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
     "where proposal_scale is inf, the inverse covariance of the warm-up",
     "ahmc-paper": "Fisher information at the start of each trajectory",

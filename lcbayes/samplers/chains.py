@@ -95,7 +95,7 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
         return potential(z, whitening, about)
 
     if sampler == GUIDED:
-        return Guided(guide, potential)
+        return Guided(guide, potential, fisher_fn=lambda z, w, _, about: fisher(z, w, about))
     if sampler == FACET_MOVES:
         return alternating.Alternating(potential, fisher, moved)
     kinds = {

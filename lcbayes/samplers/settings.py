@@ -14,7 +14,7 @@ WARMUP = {
     AUTO: 200,
     NUTS: 200,
     FACET_MOVES: 200,
-    GUIDED: 300,
+    GUIDED: 400,
     "ahmc": 600,
     "ahmc-paper": 600,
     "hmc": 600,
@@ -24,6 +24,7 @@ WARMUP = {
 }
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # defaults: draws of a chain, moving particles
+GUIDED_DRAWS = 400  # of a chain whose density is slow
 MAX_DRAWS = 3000  # default limit of a chain, which is extended until it has converged
 MAX_FACET_DRAWS = 6000  # of chains that cross between arrangements of facets, which mix slowly
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
@@ -39,8 +40,8 @@ class Settings:
         for those with a cheaper density that is similar, and nuts for others
     seed : seed of all random numbers
     num_warmup : per chain; None selects the default of the sampler, `WARMUP`
-    num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000; for
-        smc, the number of moving particles, with 0 for 250
+    num_samples : per chain; 0 selects 750, or 400 for guided, and, until convergence, extends them
+        to at most 3000; for smc, the number of moving particles, with 0 for 250
     num_chains : per solution; for smc, the number of independent runs
     num_starts : starting points of the search if the model does not provide them; 0 selects them by
         dimension
@@ -69,6 +70,8 @@ class Settings:
                 number = most = MOVING
             elif self.sampler == FACET_MOVES:
                 most = MAX_FACET_DRAWS
+            elif self.sampler == GUIDED:
+                number = GUIDED_DRAWS
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {
@@ -88,8 +91,10 @@ class Settings:
                 raise InputError(f"--{flag} is {value!r}; give a whole number >= {low}")
 
     def with_sampler(self, name: str) -> Settings:
-        """The same settings with another kernel."""
+        """The same settings with another kernel, and its own defaults where none were given."""
         asked = self.as_dict()
+        if self.num_warmup == WARMUP[self.sampler]:
+            asked["num_warmup"] = None
         asked["sampler"] = name
         return Settings(**asked)
 

@@ -1,4 +1,4 @@
-"""HMC along a cheaper density, each draw of which the exact one accepts or rejects."""
+"""AHMC along a cheaper density, each draw of which the exact one accepts or rejects."""
 
 from __future__ import annotations
 
@@ -6,24 +6,26 @@ from collections.abc import Callable
 from typing import Any
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.samplers.kernels.numpyro_kernel import HMC, KernelState
+from lcbayes.samplers.kernels.numpyro_kernel import AHMC, KernelState
 
 
-class Guided(HMC):
+class Guided(AHMC):
     """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795).
 
-    A transition θ → θ′ of HMC leaves the guide exp(−Ũ) invariant and is reversible. It is accepted
+    A transition θ → θ′ of AHMC leaves the guide exp(−Ũ) invariant and is reversible. It is accepted
     with probability
 
         min{1, exp[U(θ) − U(θ′) − Ũ(θ) + Ũ(θ′)]},
 
-    so that the chain leaves exp(−U) invariant, whatever the guide. A trajectory costs gradients of
-    the guide and one value of U. The warm-up follows the guide alone.
+    so that the chain leaves exp(−U) invariant, whatever the guide. A trajectory costs gradients and
+    a Fisher matrix of the guide, and one value of U. The warm-up follows the guide alone.
 
     Parameters
     ----------
     guide_fn, potential_fn
         Ũ and U, (z, *model_args) → −ln of the density.
+    fisher_fn
+        Of the guide, as for `AHMC`.
     """
 
     def __init__(

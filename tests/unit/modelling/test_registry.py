@@ -122,7 +122,10 @@ def test_faults_of_a_built_in_model_are_not_the_users():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"sampler": "gibbs"}, "unknown sampler 'gibbs'; available: auto, nuts, facet-moves, ahmc"),
+        (
+            {"sampler": "gibbs"},
+            "unknown sampler 'gibbs'; available: auto, nuts, facet-moves, guided",
+        ),
         ({"num_samples": 9}, "--num-samples is 9; give a whole number >= 10"),
         ({"num_warmup": 0}, "--num-warmup is 0"),
         ({"num_chains": 0}, "--num-chains is 0"),
