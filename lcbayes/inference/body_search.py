@@ -9,7 +9,8 @@ is along the pole. All are visited:
    all arcs together are an upper bound for a constant spin.
 2. The cells of pole, axis and rate with the largest bounds are divided into the rates and phases
    that all arcs tell apart together.
-3. The best of these start an optimisation of the posterior itself, with shadows and all parameters.
+3. The best of these start an optimisation of the posterior with all parameters, for a coarser body
+   without shadows (`models.body`). The best end points are moved with the body and its shadows.
 
 Unknown parameters of the surface have their prior medians in the first two steps, and the scale is
 free. The directions of the pole and of the axis need a grid of fixed width, because turning ω turns

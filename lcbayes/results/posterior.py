@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from lcbayes.core.cluster import without_cluster
 from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import threads
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import Mode, Posterior, constrain_draws
@@ -275,10 +277,12 @@ def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
 def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
     """Pointwise log likelihood and one replicate of the data for each draw, (C, S, T)."""
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), z.shape[0] * z.shape[1])
-    rows = jnp.asarray(z.reshape(-1, z.shape[-1]))
-    pointwise, replicated = _predicted(problem, rows, keys, data)
-    shape = (*z.shape[:2], -1)
-    return np.asarray(pointwise).reshape(shape), np.asarray(replicated).reshape(shape)
+    keys = keys.reshape(z.shape[:2])
+    predict = _predicted.lower(problem, jnp.asarray(z[0]), keys[0], data).compile()
+    with threads(os.cpu_count() or 1) as pool:
+        each = list(pool.map(lambda chain: predict(*chain, data), zip(z, keys, strict=True)))
+    pointwise, replicated = (np.stack(x) for x in zip(*each, strict=True))
+    return pointwise, replicated
 
 
 @partial(jax.jit, static_argnums=0)

@@ -13,14 +13,17 @@ from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models import body
 from lcbayes.physics.bodies import primitives
 from lcbayes.samplers.settings import Settings
+from lcbayes.simulation.known_bodies.body import Values
 from lcbayes.simulation.known_bodies.reader import read_body_text
 from tests.helpers import newcomer
 from tests.helpers.shaded_bar import T, bar, curve, shaded_flux
 
-SURFACE = {
-    name: dict(zip(("r_diff", "r_spec", "nu"), law, strict=True))
-    for name, law in (("paint", newcomer.PAINT), ("cells", newcomer.CELLS))
-} | {"metal": {"r_diff": newcomer.METAL[0]}}
+NAMES = ("r_diff", "r_spec", "nu")
+SURFACE: Values = {
+    "paint": dict(zip(NAMES, newcomer.PAINT, strict=True)),
+    "cells": dict(zip(NAMES, newcomer.CELLS, strict=True)),
+    "metal": {"r_diff": newcomer.METAL[0]},
+}
 
 
 def directions(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -65,6 +68,7 @@ def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
     problem, data, z, guide = problem_and_guide(bar(shadows=True))
     assert guide is not None
     held = guide(z)
+    assert held.visible is not None
     assert held.visible.shape == (T.size, 12)
     potential = compiled(problem.potential)
     assert float(potential(z, held)) == pytest.approx(float(potential(z, data)), rel=1e-12)
