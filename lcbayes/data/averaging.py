@@ -77,7 +77,8 @@ def averaged(curve: LightCurve, window: str) -> LightCurve:
         flux = 10.0 ** (-0.4 * (curve.brightness - np.nanmedian(curve.brightness)))
     steps = np.concatenate([np.diff(curve.t[rows]) for rows in runs])
     step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else np.inf
-    n = _harmless(flux, runs) if window == AUTO else _number(window, step)
+    harmless = _harmless(flux, runs)
+    n = harmless if window == AUTO else _number(window, step)
     noise = noise_of(flux, runs, relative=curve.kind == "mag")
     if n < 2:
         return _noted(curve, "points were not averaged: the brightness changes within two of them")
@@ -90,6 +91,11 @@ def averaged(curve: LightCurve, window: str) -> LightCurve:
             f"it is at most {MAX_BIAS:g} of its random error"
         )
     said = f"{curve.n_obs} points were averaged {why}: {len(groups)} points"
+    if n > harmless:
+        said += (
+            "; the brightness changes within them by more than half of their random error, which "
+            "no model takes into account: give --average auto, or leave it out"
+        )
     if curve.error is None:
         unit = " mag" if curve.kind == "mag" else ""
         said += (

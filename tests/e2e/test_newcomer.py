@@ -43,7 +43,7 @@ def test_from_a_file_to_period_pole_and_report(tmp_path: Path, monkeypatch, caps
     assert from_truth(pole) < best["radius_deg"]
     assert (tmp_path / "spin" / "report.html").is_file()
 
-    # a body by its drawing, first without the slow shadows: the fit says that they are missing
+    # a body by its drawing, without its shadows: the fit says that they are missing
     argv = ["fit", "tumbler.csv", *READING, "--model", "body", "--body", "stage.toml", "-o", "out"]
     options = ["--set", "shadows=false", "--start-from", "spin", "--average", "2", "--seed", "1"]
     assert main([*argv, *options, *FEW]) == EXIT_NOT_TRUSTED

@@ -131,6 +131,14 @@ def test_note_states_the_rule():
     assert "at most 0.5 of its random error" in result.source["notes"]
 
 
+def test_a_window_that_blurs_is_said_to():
+    """A sine of 3 s may be averaged over 0.5 s, as the rule for a sine says; not over 1.5 s."""
+    light = curve(noisy(3.0 + np.sin(2.0 * np.pi * STEP * np.arange(6000) / 3.0)))
+    for window, blurs in (("0.3", False), ("1.5", True)):
+        notes = averaged(light, window).source["notes"]
+        assert ("more than half of their random error" in notes) == blurs
+
+
 @pytest.mark.parametrize("given", ["slow", "-1", "nan", "0.1"])
 def test_impossible_windows_are_refused(given):
     with pytest.raises(InputError, match="--average is"):
