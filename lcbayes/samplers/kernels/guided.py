@@ -45,16 +45,16 @@ class Guided(AHMC):
         def judged(after: KernelState) -> KernelState:
             rng_key, key = jax.random.split(after.rng_key)
             exact = self._exact_fn(after.z, *model_args)
-            change = state.potential_energy - exact - guide + after.potential_energy
-            # U at the first point is not known; the transition to the second is one of the warm-up
+            # U of the point where the warm-up ends is not known, and any other is better
             first = state.i < jnp.maximum(state.num_warmup, 1)
-            accept = jnp.where(first, 1.0, jnp.exp(jnp.minimum(change, 0.0)))
-            accept = jnp.where(jnp.isfinite(exact), accept, 0.0)
+            before = jnp.where(first, jnp.inf, state.potential_energy)
+            change = before - exact - guide + after.potential_energy
+            accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(change, 0.0)), 0.0)
             accepted = jax.random.uniform(key) < accept
             z, grad, potential = jax.tree.map(
                 lambda new, old: jnp.where(accepted, new, old),
                 (after.z, after.z_grad, exact),
-                (state.z, state.z_grad, state.potential_energy),
+                (state.z, state.z_grad, before),
             )
             followed = jnp.where(accepted, after.potential_energy, guide)
             return after._replace(
