@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from inspect import signature
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import body_search
-from lcbayes.inference import search as optima
+from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
@@ -34,16 +35,9 @@ from lcbayes.simulation.known_bodies.reader import (
 
 SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale"
 
-TURNING = {
-    "spin": "flat",
-    "omega_sd": 0.1,
-    "clock_sd": nuisances.CLOCK_SD,
-    "rate_drift_sd": nuisances.RATE_DRIFT_SD,
-    "period": "",
-}  # defaults of the options of the motion
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
-ROUGH = 0.02  # tolerance of the body of the search, which has no shadows
-POLISHED = 12  # end points of the search that are optimised with the shadows and the body itself
+SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
+ROUGH = 0.02  # tolerance of the body of such a search
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
@@ -205,9 +199,11 @@ def resolved(options):
 
 def _motion(sites, epochs: Epochs, file: BodyFile, options) -> body_motion.Turned:
     """Directions in body axes for given values of all sites."""
-    given = {name: options[name] for name in TURNING if name in options}
+    defaults = signature(model).parameters
+    names = ("spin", "omega_sd", "clock_sd", "rate_drift_sd", "period")
+    given = {name: options.get(name, defaults[name].default) for name in names}
     with handlers.block(), handlers.substitute(data=dict(sites)):
-        return _turning(epochs, file.body, **TURNING | given)
+        return _turning(epochs, file.body, **given)
 
 
 def shadows_left_out(
@@ -307,19 +303,22 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
         for sites, scale in zip(starts, motions.scale, strict=True):
             sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
-    panels_are_exact = all(part.error == 0.0 for part in known.assembly.parts)
-    if panels_are_exact and (not options["shadows"] or known.assembly.method == "none"):
+    held = guide(problem, data, **options | POOLED)
+    bare = replace(known, assembly=replace(known.assembly, shaded=False))
+    flat_faces = all(part.error == 0.0 for part in known.assembly.parts)
+    quick = known.assembly.shadow_cost < SLOW_SHADOWS if held else flat_faces
+    blind = symmetry.axis is None and bare.symmetry.axis is not None
+    if quick or blind:
         return body_search.optimised(problem, data, starts, run, workers, progress), coverage
     rough = {"shadows": False, "tolerance": max(ROUGH, known.assembly.tolerance)}
     simple = Problem(partial(model, **options | POOLED | rough), data)
     ends = body_search.optimised(simple, data, starts, run, workers, progress)
-    near = np.asarray(ends.z)[optima.different(ends, POLISHED)]
-    held = guide(problem, data, **options | POOLED)
     if held is None:
-        ends = optima.polish(problem, data, near, workers)
-    else:
-        ends = body_search.with_shadows(problem, data, near, held, workers, progress)
-    return optima.best_first(ends), coverage
+        return body_search.refined(problem, data, ends, workers), coverage
+    # Without shadows, attitudes may be equivalent that are not so with them.
+    alike = AttitudeOrder(problem, _equivalents(bare, options["spin"], (1.0,)))
+    shaded = body_search.with_shadows(problem, data, ends, held, alike.images, workers, progress)
+    return shaded, coverage
 
 
 def guide(problem, data: Epochs, **options):
@@ -357,19 +356,22 @@ def equivalents(
     A body that looks the same after a rotation G of its axes has the attitudes A and A G; and each
     rotation is two quaternions. The first is the identity.
     """
-    known = _file(body, spin, shadows).body
+    return _equivalents(_file(body, spin, shadows).body, spin)
+
+
+def _equivalents(known: KnownBody, spin: str, signs: Sequence[float] = (1.0, -1.0)):
+    """`equivalents` of a body, with these signs of the quaternions."""
     symmetry = known.symmetry
     if spin == "free" and symmetry.axis is not None:
         flips = any(m @ symmetry.axis @ symmetry.axis < 0.0 for m in symmetry.rotations)
-        signs = (1.0, -1.0) if flips else (1.0,)
-        return [{"axis_base": sign * np.eye(3)} for sign in signs]
+        return [{"axis_base": sign * np.eye(3)} for sign in ((1.0, -1.0) if flips else (1.0,))]
     distinct = []
     for rotation in symmetry.rotations:
         along = float(rotation @ known.flat_axis @ known.flat_axis)
         if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
             continue
         right = _right(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
-        for sign in (1.0, -1.0):
+        for sign in signs:
             one = {"attitude_base": sign * right}
             if spin == "flat":
                 one["rate_unit"] = np.array([[np.sign(along)]])

@@ -57,6 +57,7 @@ MODEL_ERROR = 0.1  # of the cells' width, shadows and unknown surface, relative 
 CHUNK = 16  # poles at once, for one axis
 FAINTEST = 30.0  # a body that is fainter by this factor than in random attitudes is not expected
 ATTITUDES, STRIDE = 32, 8  # random ones, at every so many epochs
+REFINED = 12  # end points of the coarser body
 HELD, HELD_STEPS = 4, 20  # times that shadows are moved, and steps after each
 MARGIN = 100.0  # of χ² above three times that of the best cell, at which cells are dropped
 LOOKUPS = 4e7  # of the second step, for each chunk
@@ -431,33 +432,40 @@ def optimised(
     return search.climbed(problem, data, ends, turned, CLIMB, workers, progress)
 
 
+def refined(problem: Problem, data: Epochs, ends: SearchState, workers: int) -> SearchState:
+    """The best end points for a coarser body, at optima of the posterior."""
+    near = np.asarray(ends.z)[search.different(ends, REFINED)]
+    return search.best_first(search.polish(problem, data, near, workers))
+
+
 def with_shadows(
     problem: Problem,
     data: Epochs,
-    z: Floats,
+    ends: SearchState,
     held: Callable[[Floats], Epochs],
+    images: Callable[[Floats], Floats],
     workers: int,
     progress: Silent,
 ) -> SearchState:
-    """The points near z (B, D) where the posterior with fixed shadows is at its optimum.
+    """The best end points for a coarser body without shadows, near optima of the posterior.
 
-    ``held`` gives the epochs with the shadows of a point (D,), which are moved with it a few times.
-    What is left is the change of the shadows with the motion, some tenths of a standard deviation.
+    ``images`` (n, D) -> (n, K, D) are equivalent without shadows. ``held`` gives the epochs with
+    the shadows of a point (D,), which are fixed while it is moved, a few times.
     """
+    near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
     potential = compiled(problem.potential)
 
-    def one(start: Floats) -> SearchState:
-        row = search.init(start[None])
+    def one(z: Floats) -> SearchState:
+        row = search.init(z[None])
         for _ in range(HELD):
-            about = held(np.asarray(row.z[0]))
-            row = search.advance(problem, about, search.init(row.z, 1e-3), HELD_STEPS)
+            start = search.init(row.z, 1e-3)
+            row = search.advance(problem, held(np.asarray(row.z[0])), start, HELD_STEPS)
             track.advance(HELD_STEPS)
-        z = np.asarray(row.z)
-        return row._replace(z=z, potential=np.array([float(potential(z[0], data))]))
+        return row._replace(potential=potential(row.z[0], data)[None])
 
-    total = len(z) * HELD * HELD_STEPS
+    total = len(near) * HELD * HELD_STEPS
     with progress.stage("adding shadows", total, "steps") as track, threads(workers) as pool:
-        return search.joined(*pool.map(one, z))
+        return search.joined(*pool.map(one, near))
 
 
 def _aliases(problem: Problem, data: Epochs, run: MotionSearch, z: Floats) -> Iterator[Floats]:

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.levenberg_marquardt import Quadratic, levenberg_marquardt
@@ -170,7 +170,7 @@ def climbed(
     return ends
 
 
-def different(ends: SearchState, most: int, tried: NDArray = np.zeros(0)) -> list[int]:  # noqa: B008
+def different(ends: SearchState, most: int, tried: ArrayLike = ()) -> list[int]:
     """Rows of the best end points of different potential, without those already tried."""
     rows: list[int] = []
     last = -np.inf
@@ -179,7 +179,7 @@ def different(ends: SearchState, most: int, tried: NDArray = np.zeros(0)) -> lis
             break
         if potential > last + MIN_GAIN:
             last = potential
-            if not np.any(np.abs(tried - potential) < MIN_GAIN):
+            if not np.any(np.abs(np.asarray(tried) - potential) < MIN_GAIN):
                 rows.append(i)
     return rows
 

@@ -278,9 +278,14 @@ def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[
     """Pointwise log likelihood and one replicate of the data for each draw, (C, S, T)."""
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), z.shape[0] * z.shape[1])
     keys = keys.reshape(z.shape[:2])
-    predict = _predicted.lower(problem, jnp.asarray(z[0]), keys[0], data).compile()
+
+    def chain(i: int) -> tuple[Floats, Floats]:
+        pointwise, replicated = _predicted(problem, jnp.asarray(z[i]), keys[i], data)
+        return np.asarray(pointwise), np.asarray(replicated)
+
+    first = chain(0)  # alone, so that the program is compiled once
     with threads(os.cpu_count() or 1) as pool:
-        each = list(pool.map(lambda chain: predict(*chain, data), zip(z, keys, strict=True)))
+        each = [first, *pool.map(chain, range(1, len(z)))]
     pointwise, replicated = (np.stack(x) for x in zip(*each, strict=True))
     return pointwise, replicated
 

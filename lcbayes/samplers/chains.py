@@ -24,6 +24,7 @@ from lcbayes.samplers.kernels.guided import Guided
 from lcbayes.samplers.settings import FACET_MOVES, GUIDED
 
 SPREAD = 0.3
+GUIDED_ACCEPT = 0.95  # by the guide, whose short steps are cheap
 DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
 INVERSE_MASS = "inverse_mass_matrix"
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
@@ -94,8 +95,11 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     def guide(z: Sites, whitening: Whitening, _: Epochs, about: Epochs) -> jax.Array:
         return potential(z, whitening, about)
 
+    def guide_fisher(z: Sites, whitening: Whitening, _: Epochs, about: Epochs) -> jax.Array:
+        return fisher(z, whitening, about)
+
     if sampler == GUIDED:
-        return Guided(guide, potential, fisher_fn=lambda z, w, _, about: fisher(z, w, about))
+        return Guided(guide, potential, fisher_fn=guide_fisher, target_accept_prob=GUIDED_ACCEPT)
     if sampler == FACET_MOVES:
         return alternating.Alternating(potential, fisher, moved)
     kinds = {

@@ -14,7 +14,7 @@ WARMUP = {
     AUTO: 200,
     NUTS: 200,
     FACET_MOVES: 200,
-    GUIDED: 400,
+    GUIDED: 600,
     "ahmc": 600,
     "ahmc-paper": 600,
     "hmc": 600,
@@ -24,9 +24,8 @@ WARMUP = {
 }
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # defaults: draws of a chain, moving particles
-GUIDED_DRAWS = 400  # of a chain whose density is slow
 MAX_DRAWS = 3000  # default limit of a chain, which is extended until it has converged
-MAX_FACET_DRAWS = 6000  # of chains that cross between arrangements of facets, which mix slowly
+MANY_DRAWS = 6000  # of chains that mix slowly, but whose draws are cheap
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -40,13 +39,14 @@ class Settings:
         for those with a cheaper density that is similar, and nuts for others
     seed : seed of all random numbers
     num_warmup : per chain; None selects the default of the sampler, `WARMUP`
-    num_samples : per chain; 0 selects 750, or 400 for guided, and, until convergence, extends them
-        to at most 3000; for smc, the number of moving particles, with 0 for 250
+    num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000, or
+        6000 for facet-moves and guided; for smc, the number of moving particles, with 0 for 250
     num_chains : per solution; for smc, the number of independent runs
     num_starts : starting points of the search if the model does not provide them; 0 selects them by
         dimension
     max_modes : maximum number of sampled solutions
     most_samples : maximum number of draws per chain
+    own_warmup : whether num_warmup is the default of the sampler
     """
 
     sampler: str = AUTO
@@ -57,21 +57,21 @@ class Settings:
     num_starts: int = 0
     max_modes: int = 4
     most_samples: int = field(init=False)
+    own_warmup: bool = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.sampler not in WARMUP:
             raise InputError(f"unknown sampler {self.sampler!r}; available: {', '.join(WARMUP)}")
-        if self.num_warmup is None:
+        object.__setattr__(self, "own_warmup", self.num_warmup is None)
+        if self.own_warmup:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
         most = self.num_samples
         if self.num_samples == 0:
             number, most = DRAWS, MAX_DRAWS
             if self.sampler == PARTICLES:
                 number = most = MOVING
-            elif self.sampler == FACET_MOVES:
-                most = MAX_FACET_DRAWS
-            elif self.sampler == GUIDED:
-                number = GUIDED_DRAWS
+            elif self.sampler in (FACET_MOVES, GUIDED):
+                most = MANY_DRAWS
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {
@@ -93,8 +93,6 @@ class Settings:
     def with_sampler(self, name: str) -> Settings:
         """The same settings with another kernel, and its own defaults where none were given."""
         asked = self.as_dict()
-        if self.num_warmup == WARMUP[self.sampler]:
-            asked["num_warmup"] = None
         asked["sampler"] = name
         return Settings(**asked)
 
@@ -103,4 +101,6 @@ class Settings:
         asked = asdict(self)
         if asked.pop("most_samples") > self.num_samples:
             asked["num_samples"] = 0
+        if asked.pop("own_warmup"):
+            asked["num_warmup"] = None
         return asked

@@ -29,6 +29,7 @@ type Method = Literal["none", "exact", "points"]
 MOST_PAIRS = 5_000  # of a polygon and a solid, for exact shadows
 MOST_TESTS = 400_000  # of an edge against an edge at each epoch, for exact shadows
 MOST_POINTS = 1_000_000
+AS_LONG = 2_000.0  # tests of edges at an epoch that take as long as a gradient without shadows
 _PROBES = 16
 
 
@@ -144,6 +145,11 @@ class Assembly:
         return shadows.shadows(polygons, part[first], solids, owner, most=MOST_TESTS) or ()
 
     @cached_property
+    def shadow_cost(self) -> float:
+        """How many times as long a gradient takes with exact shadows as without, roughly."""
+        return 1.0 + shadows.tests_per_epoch(self.groups) / AS_LONG
+
+    @cached_property
     def _blocking(self) -> tuple[NDArray[np.integer], list[Solid], NDArray[np.integer]]:
         """The part of each polygon; the solids that block light; the part that owns each."""
         panels = [part.panels for part in self.parts]
@@ -163,8 +169,8 @@ class Assembly:
 
         For points, the largest difference from four times as many in `_PROBES` random pairs of
         directions; they are as many as make it less than the tolerance, or `MOST_POINTS`. 0 where
-        shadows are exact, but that a round solid's outline is drawn with `primitives.OUTLINE`
-        sides.
+        shadows are exact, but that a round solid's outline has `primitives.OUTLINE` sides, and that
+        panels of a round part share the shadows of `primitives.STRIPS` strips.
         """
         return self._sampled[1]
 

@@ -8,17 +8,19 @@ from typing import Any
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.samplers.kernels.numpyro_kernel import AHMC, KernelState
 
+FOLLOWED = 4  # transitions along the guide for one value of the exact density
+
 
 class Guided(AHMC):
     """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795).
 
-    A transition θ → θ′ of AHMC leaves the guide exp(−Ũ) invariant and is reversible. It is accepted
-    with probability
+    `FOLLOWED` transitions of AHMC lead from θ to θ′. They leave the guide exp(−Ũ) invariant and are
+    reversible, one as well as several of one kind. θ′ is accepted with probability
 
         min{1, exp[U(θ) − U(θ′) − Ũ(θ) + Ũ(θ′)]},
 
-    so that the chain leaves exp(−U) invariant, whatever the guide. A trajectory costs gradients and
-    a Fisher matrix of the guide, and one value of U. The warm-up follows the guide alone.
+    so that the chain leaves exp(−U) invariant, whatever the guide. A draw costs gradients and
+    Fisher matrices of the guide, and one value of U. The warm-up follows the guide alone.
 
     Parameters
     ----------
@@ -40,9 +42,18 @@ class Guided(AHMC):
     def sample(self, state: KernelState, model_args, model_kwargs) -> KernelState:
         """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up."""
         guide = self._guide_fn(state.z, *model_args)
+        target = self._target(state.z, model_args, model_kwargs or {})
         after = super().sample(state._replace(potential_energy=guide), model_args, model_kwargs)
 
+        def again(_: int, after: KernelState) -> KernelState:
+            new = self._draw(after._replace(i=state.i), target=target)
+            return new._replace(
+                num_steps=after.num_steps + new.num_steps,
+                diverging=after.diverging | new.diverging,
+            )
+
         def judged(after: KernelState) -> KernelState:
+            after = jax.lax.fori_loop(1, FOLLOWED, again, after)
             rng_key, key = jax.random.split(after.rng_key)
             exact = self._exact_fn(after.z, *model_args)
             # U of the point where the warm-up ends is not known, and any other is better

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.core.progress import Silent
 from lcbayes.inference.fit import Stages
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -16,7 +20,19 @@ from lcbayes.samplers.settings import Settings
 from lcbayes.simulation.known_bodies.body import Values
 from lcbayes.simulation.known_bodies.reader import read_body_text
 from tests.helpers import newcomer
-from tests.helpers.shaded_bar import T, bar, curve, shaded_flux
+from tests.helpers import turning_bodies as turning
+from tests.helpers.l_shaped_body import boxes, flux
+from tests.helpers.shaded_bar import (
+    ALBEDO,
+    ARM,
+    ATTITUDE,
+    OBS,
+    SUN,
+    T,
+    bar,
+    curve,
+    shaded_flux,
+)
 
 NAMES = ("r_diff", "r_spec", "nu")
 SURFACE: Values = {
@@ -91,3 +107,24 @@ def test_chains_follow_a_guide_where_parts_shade_one_another() -> None:
             None,  # pyright: ignore[reportArgumentType]
         )
         assert stages.sampler(problem, data).settings.sampler == name
+
+
+@pytest.mark.slow
+def test_attitudes_that_shadows_alone_tell_apart_are_all_tried() -> None:
+    """Without shadows, the bar looks the same after half a turn about the axis of its spin."""
+    text = bar(shadows=True).replace("[0.3, 1.0, 0.2]", "[0.0, 1.0, 0.0]")
+    omega = 0.07 * ATTITUDE @ [0.0, 1.0, 0.0]
+    seen = turning.in_body(T, ATTITUDE, omega, SUN, OBS)
+    light = curve(ALBEDO * flux(boxes(ARM), *seen, per_side=60), 30.0)
+    assert light.error is not None
+    noise = light.error * np.random.default_rng(4).standard_normal(T.size)
+    light = replace(light, brightness=light.brightness + noise)
+    entry, data = registry.find("body"), Epochs.of(light)
+    given = {"clock_sd": 0.0, "rate_drift_sd": 0.0, "period": "89-90.5s"}
+    options = entry.check({"body": text, **given})
+    problem = Problem(entry.bind(options), data)
+    every = {o.name: o.default for o in entry.options.values()} | options
+    ends, _ = body.search(problem, data, every, 2, Silent())
+    found = compiled(problem.constrain)(jnp.asarray(ends.z[0]), data)
+    turn = Rotation.from_matrix(np.asarray(found["attitude"]).T @ ATTITUDE).magnitude()
+    assert np.degrees(turn) < 10.0

@@ -11,7 +11,7 @@ import lcbayes
 from lcbayes.core.progress import Silent
 from lcbayes.samplers.convergence import MIN_ESS, required_length, rhat_and_ess
 from lcbayes.samplers.sampling import Sampler
-from lcbayes.samplers.settings import MAX_DRAWS, MAX_FACET_DRAWS, Settings
+from lcbayes.samplers.settings import MANY_DRAWS, MAX_DRAWS, Settings
 from tests.helpers import small_curves
 
 
@@ -84,7 +84,7 @@ def test_chains_that_disagree_about_a_direction_are_extended():
 
 def test_who_asks_for_a_number_gets_it():
     assert Settings().most_samples == MAX_DRAWS
-    assert Settings().with_sampler("facet-moves").most_samples == MAX_FACET_DRAWS
+    assert Settings().with_sampler("facet-moves").most_samples == MANY_DRAWS
     assert Settings(num_samples=500).with_sampler("facet-moves").most_samples == 500
     assert Settings(num_samples=500).most_samples == 500
     assert Settings(sampler="smc").most_samples == Settings(sampler="smc").num_samples

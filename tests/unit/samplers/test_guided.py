@@ -11,10 +11,10 @@ from lcbayes.core.errors import InputError
 from lcbayes.samplers.convergence import rhat_and_ess
 from lcbayes.samplers.kernels.guided import Guided
 from lcbayes.samplers.sampling import Sampler
-from lcbayes.samplers.settings import FACET_MOVES, GUIDED, Settings
+from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, WARMUP, Settings
 
 SHAPE = np.array([2.0, 5.0])  # of two gamma variates, whose logarithms are sampled
-WARMUP, DRAWS, CHAINS = 100, 2000, 4
+FIRST, DRAWS, CHAINS = 100, 2000, 4
 FALSE_ALARM = 1e-5  # of the whole test
 
 
@@ -33,14 +33,14 @@ def chains(followed, exact):
     kernel = Guided(followed, exact, fisher_fn=lambda _: jnp.diag(1.0 / polygamma(1, SHAPE)))
 
     def chain(key):
-        state = kernel.init(key, WARMUP, jnp.zeros(2))
+        state = kernel.init(key, FIRST, jnp.zeros(2))
 
         def step(state, _):
             state = kernel.sample(state, (), {})
             return state, (state.z, state.potential_energy, state.accept_prob)
 
-        _, out = jax.lax.scan(step, state, length=WARMUP + DRAWS)
-        return jax.tree.map(lambda x: x[WARMUP:], out)
+        _, out = jax.lax.scan(step, state, length=FIRST + DRAWS)
+        return jax.tree.map(lambda x: x[FIRST:], out)
 
     keys = jax.random.split(jax.random.key(1), CHAINS)
     return jax.tree.map(np.asarray, jax.jit(lambda k: jax.lax.map(chain, k))(keys))
@@ -78,3 +78,8 @@ def test_kernels_of_other_models_are_refused() -> None:
     for name in (GUIDED, FACET_MOVES):
         with pytest.raises(InputError, match="made for other models"):
             Sampler(None, Settings(name), 1)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_kernel_has_its_own_warm_up_unless_one_is_given() -> None:
+    assert Settings().with_sampler(GUIDED).num_warmup == WARMUP[GUIDED]
+    assert Settings(num_warmup=WARMUP[AUTO]).with_sampler(GUIDED).num_warmup == WARMUP[AUTO]
