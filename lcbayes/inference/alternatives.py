@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jnp
+from lcbayes.data.segments import PASS, split
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX
 from lcbayes.modelling.nutation import in_phase
@@ -32,7 +33,7 @@ LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisect
 GRID = 96  # directions of a further facet
 MAX_FREQUENCIES = 256
 MAX_NIGHTS = 6  # with nutation of their own
-MAX_NAMED = 12  # observers or calibrations with an alternative each
+MAX_NAMED = 12  # observers, calibrations or passes of one with an alternative each
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def alternatives(
     flux = np.asarray(sites[FLUX])
     candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
     if "omega" in sites:
-        candidates += _drift(problem, z, data)
+        candidates += [*_late_passes(problem, z, data, names), *_drift(problem, z, data)]
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
@@ -136,6 +137,30 @@ def _clocks(
     for k, name in enumerate(names["observers"][:MAX_NAMED]):
         column = np.where(np.asarray(data.observer) == k, rate, 0.0)
         yield Alternative("clock", name, "s", column[None, None])
+
+
+def _late_passes(
+    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+) -> Iterator[Alternative]:
+    """The times of one of several passes of an observer are late by an amount in s.
+
+    The body axes are those at the first point. If its time is late, so is theirs, and the attitude
+    in all other passes is that of an earlier time.
+    """
+    observer, t = np.asarray(data.observer), np.asarray(data.t)
+    passes = split(t, observer, PASS)
+    if len(passes) == data.n_observers:
+        return
+    rate = _by_time(problem, z, data, moving=True)
+    for k in range(data.n_observers):
+        own = [rows for rows in passes if observer[rows[0]] == k]
+        of = f" of {names['observers'][k]}" if data.n_observers > 1 else ""
+        for number, rows in enumerate(own[:MAX_NAMED] if len(own) > 1 else (), 1):
+            column = np.zeros(t.size)
+            column[rows] = rate[rows]
+            if t[rows[0]] == t.min():
+                column -= _by_time(problem, z, data, moving=False)
+            yield Alternative("late-pass", f"pass {number}{of}", "s", column[None, None])
 
 
 def _drift(problem: Problem, z: Floats, data: Epochs) -> Iterator[Alternative]:

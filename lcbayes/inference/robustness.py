@@ -32,6 +32,7 @@ NUISANCES = ("zero_point", "clock_offset", "rate_drift", "nutation")  # they are
 FAULTS = (
     "shadows",
     "clock_0.1_s",
+    "late_pass_0.1_s",
     "zero_point_0.03_mag",
     "rate_drift_1_percent",
     "errors_1.4_times",
@@ -50,7 +51,7 @@ class Shifts:
         Names as in ``summary.json``.
     by_fault : mapping
         For each key of `FAULTS` that applies to the data, the shifts (Q,): the largest over the
-        sites and nights that may have the fault. For larger errors it is the growth of the sd.
+        sites, nights and passes that may have the fault. For larger errors it is the growth of the sd.
     """
 
     quantities: tuple[str, ...]
@@ -145,6 +146,7 @@ def _columns(
     amounts = {
         "zero-point": ("zero_point_0.03_mag", ZERO_POINT_MAG),
         "clock": ("clock_0.1_s", CLOCK_S),
+        "late-pass": ("late_pass_0.1_s", CLOCK_S),
         "rate-drift": ("rate_drift_1_percent", DRIFT_PERCENT),
     }
     for one in alternatives(problem, z, data, names_of(curve), kinds=tuple(amounts)):

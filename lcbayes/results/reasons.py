@@ -244,6 +244,7 @@ CAUSES = {
     "phase-slope": "the brightness changes by {size} mag/rad {more} with the phase angle than the "
     "model",
     "clock": "the times of {about} are {size} s too {late}",
+    "late-pass": "the times of {about} are {size} s too {late}",
     "rate-drift": "the rate of rotation {grows} by {size} % over the light curve",
     "nutation": "the body nutates by {size} deg (rms), at {version}: give nutation_ratio",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
@@ -264,6 +265,7 @@ TESTS = {
     "zero-point": "the zero point of {about}",
     "phase-slope": "a further slope with the phase angle",
     "clock": "the clock of {about}",
+    "late-pass": "the clock in {about}",
     "rate-drift": "a drift of the rate of rotation",
     "nutation": "nutation",
     "lobe": "a weak lobe of {about}",
@@ -354,6 +356,7 @@ def agreement(weights: Sequence[float], tested: bool = True) -> str:
 FAULTS = {
     "shadows": "the shadows of parts on one another",
     "clock_0.1_s": "a clock error of 0.1 s",
+    "late_pass_0.1_s": "a clock error of 0.1 s in one pass",
     "zero_point_0.03_mag": "0.03 mag between sites or nights",
     "rate_drift_1_percent": "a rate drift of 1 %",
     "errors_1.4_times": "errors 1.4 times as large",

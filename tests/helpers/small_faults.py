@@ -21,12 +21,15 @@ class Fault:
     """Departures from the model; all zero by default.
 
     The zero point (mag, positive if fainter) and the clock (s, added to the recorded times) are
-    those of the second site; the drift is the relative change of rate over the light curve, and the
-    nutation the half-angle (deg) of the cone on which the spin axis moves.
+    those of the second site, and late_pass_s (likewise) is that of the pass `late_pass`; the drift
+    is the relative change of rate over the light curve, and the nutation the half-angle (deg) of
+    the cone on which the spin axis moves.
     """
 
     zero_point: float = 0.0
     clock: float = 0.0
+    late_pass_s: float = 0.0
+    late_pass: int = 0
     drift: float = 0.0
     nutation_deg: float = 0.0
     lobe: float = 0.0  # brightness of a lobe of exponent 30 on the first facet over its diffuse one
@@ -120,7 +123,7 @@ def light_curve(
             )
         )
 
-    late = fault.clock * (which == 1)
+    late = fault.clock * (which == 1) + fault.late_pass_s * (number == fault.late_pass)
     sun = np.tile(it.sun, (t.size, 1))
     true = flux(it, t, sun, directions(t), fault)
     true = true * 10 ** (-0.4 * fault.zero_point * (which == 1))

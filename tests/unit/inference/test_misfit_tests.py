@@ -180,6 +180,19 @@ def test_a_fault_is_named_although_the_errors_are_too_small(faceted):
     assert not result.even
 
 
+def test_a_late_pass_is_refused_and_named():
+    """Three passes of one site, of which the last is late."""
+    fault = Fault(late_pass_s=2.0, late_pass=2)
+    light = small_faults.light_curve(BODY, fault, n=120, seed=3, n_sites=1, n_passes=3)
+    problem = Problem(registry.find("faceted").bind({"n_facets": 2}), Epochs.of(light))
+    z, data = best_fit(problem, light)
+    result = examine(problem, z, data, light)
+    assert result.cause is not None
+    assert (result.cause.name, result.cause.about) == ("late-pass", "pass 3")
+    assert result.cause.amount == pytest.approx(-2.0, abs=3.0 * result.cause.sd + 0.2)
+    assert "the times of pass 3 are" in why(measure(problem, data, z[None], result))
+
+
 @pytest.mark.slow
 def test_a_model_with_the_nutation_that_the_residuals_show_explains_them(faceted):
     light = small_faults.light_curve(BODY, Fault(nutation_deg=1.0), n=120, seed=3)
@@ -317,6 +330,7 @@ def test_a_result_moves_as_far_as_stated(faceted):
     np.testing.assert_allclose(result.by_fault["zero_point_0.03_mag"], want, rtol=0.1, atol=0.14)
     assert set(result.by_fault) == {
         "clock_0.1_s",
+        "late_pass_0.1_s",
         "zero_point_0.03_mag",
         "rate_drift_1_percent",
         "errors_1.4_times",

@@ -112,3 +112,31 @@ def test_the_shift_is_that_of_a_fit_to_what_is_seen_from_elsewhere(fitted, fault
         speed = np.linalg.norm(np.diff(orbit.place(t)[0], axis=0)[0]) / (t[1] - t[0])
         want = shift(fitted, ahead_s=1.0 / speed)
     np.testing.assert_allclose(stated, want, rtol=0.05)
+
+
+def test_the_shift_of_a_late_pass_is_that_of_fits_to_such_times():
+    """Another simulator; the sites of both passes are one, so no clock is a parameter."""
+
+    def seen(late_s: float = 0.0, which: int = 0) -> LightCurve:
+        fault = small_faults.Fault(late_pass_s=late_s, late_pass=which)
+        return small_faults.light_curve(BODY, fault, n=N, noise=1e-4, seed=5, n_sites=1)
+
+    exact = seen()
+    problem = Problem(registry.find("faceted").bind({"n_facets": 2}), Epochs.of(exact))
+    sites = {
+        "normals_base": jnp.asarray(BODY.normals),
+        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
+        "omega_unit": jnp.asarray(BODY.omega / 0.1),
+        "log_level": jnp.zeros(0),
+        "rate_drift_unit": jnp.array(0.0),
+    }
+    z = refit(problem, np.asarray(problem.ravel(sites)), exact)
+    result = robustness.shifts(problem, z, Epochs.of(exact), exact, dict.fromkeys(QUANTITIES, 1.0))
+    stated = result.by_fault["late_pass_0.1_s"][[result.quantities.index(k) for k in QUANTITIES]]
+    moved = []
+    for which in (0, 1):
+        curves = [seen(s, which) for s in (-0.1, 0.1)]
+        before, after = (values(problem, refit(problem, z, light), light) for light in curves)
+        moved.append(np.abs(after - before) / 2.0)
+    np.testing.assert_allclose(stated, np.max(moved, axis=0), rtol=0.05)
+    assert "clock_0.1_s" not in result.by_fault
