@@ -28,6 +28,8 @@ LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
+COARSER = {"n_quadrature": 300}  # for the search
+NUM_DRAWS = 250  # of a chain, before it is extended
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below
@@ -42,10 +44,9 @@ LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, expo
 
 @lru_cache
 def grid(n_facets: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normals (N, 3), harmonics (N, (L+1)² − 1) without the constant, and their degrees."""
-    normals = facets.grid(n_facets)
-    degrees = np.concatenate([np.full(2 * n + 1, n) for n in range(1, degree + 1)])
-    return normals, facets.spherical_harmonics(normals, degree)[:, 1:], degrees
+    """Normals (N, 3), harmonics (N, (L+1)² − 1) without the constant, ln of the weights (N,)."""
+    normals, weights = facets.rings(n_facets)
+    return normals, facets.spherical_harmonics(normals, degree)[:, 1:], np.log(weights)
 
 
 def model(
@@ -53,6 +54,7 @@ def model(
     *,
     period: float,
     n_facets: int = 300,
+    n_quadrature: int = 600,
     degree: int = 6,
     noise_law: likelihood.Law = "gaussian",
     scatter: float = 0.0,
@@ -83,7 +85,9 @@ def model(
     period
         Sidereal period, h.
     n_facets
-        Number of normals of the grid.
+        About the number of normals of the areas that are reported.
+    n_quadrature
+        About the number of normals over which the brightness is summed. The search uses 300.
     degree
         Highest degree of the harmonics.
     noise_law
@@ -99,7 +103,7 @@ def model(
     ----------
     Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37 (spin, shape series, scattering law).
     """
-    normals, harmonics, _ = grid(n_facets, degree)
+    normals, harmonics, log_weights = grid(n_quadrature, degree)
     pole = priors.directions("pole", 1)[0]
     tilt = rotations.brought_to(pole)
     priors.pole_angles(pole)
@@ -111,18 +115,21 @@ def model(
     shape = EllipsoidWithRelief(degree)
     coefficients = jnp.asarray(numpyro.sample("coefficients", shape))
     numpyro.deterministic("roughness", shape.roughness(coefficients))
-    share = jax.nn.softmax(harmonics @ coefficients)
+    share = jax.nn.softmax(harmonics @ coefficients + log_weights)
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
     size, surface = calibration(data, lambert) if data.calibrated else (1.0, 1.0)
     area = SPHERE * size * share
-    numpyro.deterministic("albedo_area", area)
+    _, coarse, log_coarse = grid(n_facets, degree)
+    reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
+    numpyro.deterministic("albedo_area", SPHERE * size * reported)
 
     def instantaneous(t):
         rotation = rotations.spinning(t - data.t_middle, tilt, period_s)
         sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
-        return brightness.flux(sun, obs, jnp.asarray(normals), area, LAW, lambert)
+        n = jnp.asarray(normals)
+        return brightness.flux(sun, obs, n, area, LAW, lambert, single_slopes=True)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
     flux = surface * (mean if data.has_exposure else instantaneous)(data.t)
@@ -179,14 +186,14 @@ def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options
     replaces ln c above the lower end of its prior. Brightness is linear in c, so the curve along
     which other parameters compensate for a change of c is five times straighter.
     """
-    harmonics = grid(n_facets, degree)[1]
+    _, harmonics, log_weights = grid(n_facets, degree)
     low = min(degree, MOMENT_DEGREE)
     return {
-        "coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1),
+        "coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1, log_weights),
         "log_lambert_c": LINEAR_LAMBERT,
     }
 
 
 def constants(data: Epochs, *, n_facets: int = 300, **options):  # noqa: ARG001
     """The grid: normals (N, 3)."""
-    return {"grid_normals": facets.grid(n_facets)}
+    return {"grid_normals": facets.rings(n_facets)[0]}

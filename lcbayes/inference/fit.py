@@ -179,9 +179,11 @@ class Stages:
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
         options = self.options
         with entry.blamed():
-            pooled = build_problem(entry, dict(options) | entry.pooled, data)[0]
-            if pooled.dim == plain.dim:
-                pooled = plain
+            simpler = dict(options) | entry.pooled
+            if build_problem(entry, simpler, data)[0].dim == plain.dim:
+                simpler = dict(options)
+            simpler |= entry.coarser
+            pooled = plain if simpler == options else build_problem(entry, simpler, data)[0]
             chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
             ends, n_starts, searched = self._ends(pooled, data, chosen, key, spins)
         order = self.order(pooled)
@@ -263,7 +265,8 @@ class Stages:
         hook = self.entry.hook("guide")
         held = None if hook is None else hook(problem, data, **self.options)
         ordered = self.order(problem).like_all
-        return Sampler(problem, self.settings, self.workers, moves, ordered, held)
+        first = self.entry.num_draws
+        return Sampler(problem, self.settings, self.workers, moves, ordered, held, first)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""

@@ -51,7 +51,8 @@ class Shifts:
         Names as in ``summary.json``.
     by_fault : mapping
         For each key of `FAULTS` that applies to the data, the shifts (Q,): the largest over the
-        sites, nights and passes that may have the fault. For larger errors it is the growth of the sd.
+        sites, nights and passes that may have the fault. For larger errors it is the growth of
+        the sd.
     """
 
     quantities: tuple[str, ...]

@@ -12,7 +12,7 @@ MAX_NEWTON_STEPS = 40
 
 
 class MomentCoordinates(Transform):
-    """(m, c″) ↔ (c′, c″) with p ∝ exp(Y′c′ + Y″c″) over the grid and m = Y′ᵀ p.
+    """(m, c″) ↔ (c′, c″) with p ∝ w exp(Y′c′ + Y″c″) over the grid and m = Y′ᵀ p.
 
     Brightness is linear in the facet areas. Light curves determine some sums of areas to a part in
     a thousand and leave others almost free. Because exp(Yc) is not linear, a change of c along a
@@ -30,6 +30,8 @@ class MomentCoordinates(Transform):
         Y: functions on the grid, without the constant.
     n_moments : int
         Number of leading columns that are described by their moments.
+    log_weights : (N,)
+        ln w of the nodes of the grid.
 
     References
     ----------
@@ -39,26 +41,30 @@ class MomentCoordinates(Transform):
     domain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
     codomain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
 
-    def __init__(self, basis: np.ndarray, n_moments: int) -> None:
+    def __init__(self, basis: np.ndarray, n_moments: int, log_weights: np.ndarray) -> None:
         self.basis = basis
         self.n_moments = n_moments
+        self.log_weights = log_weights
 
     def __call__(self, x: jax.Array) -> jax.Array:
         """c of x = (m, c″), (K,), by Newton's method; NaN if no positive areas have moments m."""
         n = self.n_moments
         basis, high = jnp.asarray(self.basis[:, :n]), jnp.asarray(self.basis[:, n:])
-        return jnp.concatenate([_natural(basis, x[:n], high @ x[n:]), x[n:]])
+        return jnp.concatenate([_natural(basis, x[:n], high @ x[n:] + self.log_weights), x[n:]])
 
     def _inverse(self, y: jax.Array) -> jax.Array:
         n = self.n_moments
-        return jnp.concatenate([_moments(self.basis[:, :n], self.basis @ y)[0], y[n:]])
+        log_area = self.basis @ y + self.log_weights
+        return jnp.concatenate([_moments(self.basis[:, :n], log_area)[0], y[n:]])
 
     def log_abs_det_jacobian(self, x, y, intermediates=None):  # noqa: ARG002 - numpyro's signature
-        covariance = _moments(self.basis[:, : self.n_moments], self.basis @ y)[1]
+        log_area = self.basis @ y + self.log_weights
+        covariance = _moments(self.basis[:, : self.n_moments], log_area)[1]
         return -2.0 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(covariance))))
 
     def tree_flatten(self):
-        return (), ((), {"basis": self.basis, "n_moments": self.n_moments})
+        kept = {"basis": self.basis, "n_moments": self.n_moments}
+        return (), ((), kept | {"log_weights": self.log_weights})
 
     def __eq__(self, other: object) -> bool:
         return (

@@ -57,14 +57,15 @@ def test_triangles_give_the_brightness_of_the_model(tmp_path, pole, free_scale):
     """Rotated by the convention of DAMIT, the exported body is as bright as the fitted one."""
     light = curve(free_scale)
     data = Epochs.of(light)
-    options = {"period": 8.4006, "n_facets": FACETS, "degree": DEGREE}
+    options = {"period": 8.4006, "n_facets": FACETS, "n_quadrature": FACETS, "degree": DEGREE}
     problem = Problem(partial(convex_grid.model, **options), data)
-    normals, harmonics, degrees = convex_grid.grid(FACETS, DEGREE)
+    normals, harmonics, log_weights = convex_grid.grid(FACETS, DEGREE)
+    degrees = np.concatenate([np.full(2 * n + 1, n) for n in range(1, DEGREE + 1)])
     rng = np.random.default_rng(7)
     coefficients = rng.normal(size=len(degrees)) * (2.0 / (degrees + 1.0)) ** 2
 
     def closure(low):  # harmonics of degree 1 that close the body
-        areas = np.exp(harmonics @ np.concatenate([low, coefficients[3:]]))
+        areas = np.exp(harmonics @ np.concatenate([low, coefficients[3:]]) + log_weights)
         return areas @ normals / areas.sum()
 
     coefficients[:3] = root(closure, coefficients[:3], tol=1e-12).x

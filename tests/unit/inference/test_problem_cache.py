@@ -132,15 +132,16 @@ def test_no_more_structures_are_kept_than_may_be():
 def test_coordinates_that_are_equal_are_shared():
     """One basis, or one for each light curve."""
     basis = np.eye(3)[:, :2]
+    log_weights = np.zeros(3)
     data = Epochs.of(small_curves.curve(8))
 
     def problems(coordinates):
         one = entry(coordinates=coordinates)
         return [build_problem(one, {}, data) for _ in range(2)]
 
-    first, again = problems(lambda _: {"x": MomentCoordinates(basis, 1)})
+    first, again = problems(lambda _: {"x": MomentCoordinates(basis, 1, log_weights)})
     assert first is again
     assert first[0] is not first[1]
-    first, again = problems(lambda _: {"x": MomentCoordinates(basis.copy(), 1)})
+    first, again = problems(lambda _: {"x": MomentCoordinates(basis.copy(), 1, log_weights)})
     assert first[1] is not again[1]
     assert structures() == 3

@@ -8,8 +8,9 @@ from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.physics.bodies import facets
 
 N_MOMENTS, N_BASIS = 8, 15  # degrees up to 2 as moments, degree 3 as it is
-BASIS = facets.spherical_harmonics(facets.grid(120), 3)[:, 1:]
-TRANSFORM = MomentCoordinates(BASIS, N_MOMENTS)
+NODES, WEIGHTS = facets.rings(120)
+BASIS = facets.spherical_harmonics(NODES, 3)[:, 1:]
+TRANSFORM = MomentCoordinates(BASIS, N_MOMENTS, np.log(WEIGHTS))
 
 
 @pytest.fixture(params=[0.1, 1.0, 3.0])
@@ -19,7 +20,7 @@ def coefficients(request) -> jax.Array:
 
 
 def test_moments_are_sums_over_the_grid(coefficients):
-    area = np.exp(BASIS @ np.asarray(coefficients))
+    area = WEIGHTS * np.exp(BASIS @ np.asarray(coefficients))
     x = np.asarray(TRANSFORM.inv(coefficients))
     np.testing.assert_allclose(x[:N_MOMENTS], (area @ BASIS / area.sum())[:N_MOMENTS], rtol=1e-12)
     np.testing.assert_array_equal(x[N_MOMENTS:], coefficients[N_MOMENTS:])

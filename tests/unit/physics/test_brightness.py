@@ -92,6 +92,26 @@ def test_printed_visibility_prior_takes_a_back_lit_facet_for_seen():
     assert np.sum(np.maximum(sun @ n, 0.0) * np.maximum(obs @ n, 0.0)) == 0.0
 
 
+@pytest.mark.parametrize("facets", [5, 70])
+def test_slopes_in_single_precision_leave_the_flux_as_it_is(facets):
+    args = problem(12, facets)
+    law = "lommel-seeliger-lambert"
+
+    def total(single: bool):
+        return jax.jit(
+            jax.value_and_grad(
+                lambda *a: jnp.sum(flux(*a, law=law, single_slopes=single) ** 2), (0, 1, 2, 3)
+            )
+        )(*args)
+
+    (value, slopes), (expected, exact) = total(True), total(False)
+    assert value == expected
+    for result, want in zip(slopes, exact, strict=True):
+        size = np.abs(want).max()
+        np.testing.assert_allclose(result, want, atol=1e-5 * size)
+        assert np.abs(result - want).max() > 1e-12 * size
+
+
 @pytest.mark.parametrize("law", DIFFUSE_LAWS)
 @pytest.mark.parametrize("facets", [5, 70])
 def test_every_kind_of_derivative_agrees_with_automatic_differentiation(law, facets):
