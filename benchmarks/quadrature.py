@@ -52,7 +52,7 @@ def minus_log(data: Epochs, period: float, draws: list[dict], n: int) -> np.ndar
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Compare numbers of normals.")
     parser.add_argument("curve", type=Path)
     parser.add_argument("period", type=float)
     parser.add_argument("fit", type=Path)
