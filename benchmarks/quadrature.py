@@ -57,17 +57,12 @@ def main() -> None:
     parser.add_argument("period", type=float)
     parser.add_argument("fit", type=Path)
     given = parser.parse_args()
-    curve = lcbayes.read(given.curve)
-    data = Epochs.of(curve)
+    data = Epochs.of(lcbayes.read(given.curve))
+    fine = posterior_with(data, given.period, FINEST)
     posterior = lcbayes.load(given.fit).data["modes/0/posterior"]
-    names = [
-        k for k in ("coefficients", "log_lambert_c", "log_level", "log_sigma") if k in posterior
-    ]
-    names += [k for k in ("noise_unit", "period_shift", "pole_base") if k in posterior]
-    flat = {k: np.asarray(posterior[k]).reshape(-1, *posterior[k].shape[2:]) for k in names}
+    flat = {k: np.asarray(posterior[k]).reshape(-1, *posterior[k].shape[2:]) for k in fine.names}
     rows = np.linspace(0, len(flat["pole_base"]) - 1, DRAWS).astype(int)
     draws = [{k: jnp.asarray(v[i]) for k, v in flat.items()} for i in rows]
-    fine = posterior_with(data, given.period, FINEST)
     data = tempered(fine, np.asarray(fine.ravel(draws[0])), data)
     exact = minus_log(data, given.period, draws, FINEST)
     found = []
@@ -79,10 +74,9 @@ def main() -> None:
                 left = exact - minus_log(data, given.period, draws, n)
                 found.append([name, str(normals), f"{left.mean():+.2f}", f"{left.std():.2f}"])
     convex_grid.grid.cache_clear()
-    text = (
-        f"{given.curve.name}, {DRAWS} draws, against {FINEST} normals on parallels, with a power of"
-    )
-    text += f" {float(np.mean(np.asarray(data.information))):.2f}.\n\n"
+    power = float(np.mean(np.asarray(data.information)))
+    text = f"{given.curve.name}, {DRAWS} draws, against {FINEST} normals on parallels, "
+    text += f"with a power of {power:.2f}.\n\n"
     heads = ["rule", "normals", "mean difference of ln posterior", "sd over draws"]
     command = f"python benchmarks/quadrature.py {given.curve.name} {given.period:g} DIR"
     write_section("Asteroids: normals of the brightness", command, text + table(heads, found))

@@ -29,7 +29,6 @@ SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ 
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 COARSER = {"n_quadrature": 300}  # for the search
-NUM_DRAWS = 250  # of a chain, before it is extended
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below

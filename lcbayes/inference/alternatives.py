@@ -82,9 +82,10 @@ def alternatives(
     """
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
-    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names)]
-    if "omega" in sites:
-        candidates += [*_late_passes(problem, z, data, names), *_drift(problem, z, data)]
+    spins = "omega" in sites
+    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spins)]
+    if spins:
+        candidates += _drift(problem, z, data)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
@@ -128,34 +129,26 @@ def _calibration(
 
 
 def _clocks(
-    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]], spins: bool
 ) -> Iterator[Alternative]:
-    """The clock of each of several observers is late by an amount in s."""
-    if data.n_observers < 2:
+    """The times of an observer, or of one of its passes if the body spins, are late by s.
+
+    The body axes are those at the first point. If the pass that holds it is late, so are they, and
+    the attitude in all other passes is that of an earlier time.
+    """
+    observer, t = np.asarray(data.observer), np.asarray(data.t)
+    passes = split(t, observer, PASS) if spins else []
+    several = data.n_observers > 1
+    if not several and len(passes) < 2:
         return
     rate = _by_time(problem, z, data, moving=True)
     for k, name in enumerate(names["observers"][:MAX_NAMED]):
-        column = np.where(np.asarray(data.observer) == k, rate, 0.0)
-        yield Alternative("clock", name, "s", column[None, None])
-
-
-def _late_passes(
-    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
-) -> Iterator[Alternative]:
-    """The times of one of several passes of an observer are late by an amount in s.
-
-    The body axes are those at the first point. If its time is late, so is theirs, and the attitude
-    in all other passes is that of an earlier time.
-    """
-    observer, t = np.asarray(data.observer), np.asarray(data.t)
-    passes = split(t, observer, PASS)
-    if len(passes) == data.n_observers:
-        return
-    rate = _by_time(problem, z, data, moving=True)
-    for k in range(data.n_observers):
+        if several:
+            column = np.where(observer == k, rate, 0.0)
+            yield Alternative("clock", name, "s", column[None, None])
         own = [rows for rows in passes if observer[rows[0]] == k]
-        of = f" of {names['observers'][k]}" if data.n_observers > 1 else ""
-        for number, rows in enumerate(own[:MAX_NAMED] if len(own) > 1 else (), 1):
+        of = f" of {name}" if several else ""
+        for number, rows in enumerate(own[:MAX_NAMED] if len(own) > 1 else [], 1):
             column = np.zeros(t.size)
             column[rows] = rate[rows]
             if t[rows[0]] == t.min():

@@ -265,8 +265,7 @@ class Stages:
         hook = self.entry.hook("guide")
         held = None if hook is None else hook(problem, data, **self.options)
         ordered = self.order(problem).like_all
-        first = self.entry.num_draws
-        return Sampler(problem, self.settings, self.workers, moves, ordered, held, first)
+        return Sampler(problem, self.settings, self.workers, moves, ordered, held)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""

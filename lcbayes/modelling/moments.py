@@ -71,10 +71,11 @@ class MomentCoordinates(Transform):
             isinstance(other, MomentCoordinates)
             and self.basis is other.basis
             and self.n_moments == other.n_moments
+            and self.log_weights is other.log_weights
         )
 
     def __hash__(self) -> int:
-        return hash((id(self.basis), self.n_moments))
+        return hash((id(self.basis), self.n_moments, id(self.log_weights)))
 
 
 def _moments(basis, log_area) -> tuple[jax.Array, jax.Array, jax.Array]:

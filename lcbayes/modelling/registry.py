@@ -29,8 +29,6 @@ model is shown to the user. The report recognises standard site names (``albedo_
     search with the full model; the other sites start at their prior means.
 ``COARSER``
     Values of options with which the same model costs less and is less exact, for the search.
-``NUM_DRAWS``
-    Number of draws of a chain before it is extended, for a model whose draws are expensive.
 ``coordinates(data, **options)``
     Transforms {site: Transform} to coordinates in which the posterior is easier to sample.
 ``resolved(options)``
@@ -112,10 +110,6 @@ class Entry:
     @property
     def pooled(self) -> dict[str, Any]:
         return dict(getattr(self.module, "POOLED", {}))
-
-    @property
-    def num_draws(self) -> int | None:
-        return getattr(self.module, "NUM_DRAWS", None)
 
     @property
     def coarser(self) -> dict[str, Any]:

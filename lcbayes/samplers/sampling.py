@@ -71,8 +71,6 @@ class Sampler:
         (z (n, D), reference (D,)) -> z with exchangeable facets in the order of the reference.
     guide : callable, optional
         Optimum (D,) -> epochs with which the density is cheaper, and similar about the optimum.
-    first_draws : int, optional
-        Draws of a chain before it is extended, unless the settings give a number.
     """
 
     def __init__(
@@ -83,7 +81,6 @@ class Sampler:
         moves: FacetMoves | None = None,
         ordered: Callable[[Floats, Floats], Floats] = lambda z, reference: z,  # noqa: ARG005
         guide: Callable[[Floats], Epochs] | None = None,
-        first_draws: int | None = None,
     ) -> None:
         if settings.sampler == AUTO:
             alone = NUTS if guide is None else GUIDED
@@ -94,7 +91,7 @@ class Sampler:
                 f"--sampler {settings.sampler} is made for other models; choose auto or nuts"
             )
         self.problem = problem
-        self.settings = settings.starting_with(first_draws)
+        self.settings = settings
         self.workers = workers
         self.ordered = ordered
         self.moves = moves if settings.sampler == FACET_MOVES else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -96,13 +95,6 @@ class Settings:
         asked = self.as_dict()
         asked["sampler"] = name
         return Settings(**asked)
-
-    def starting_with(self, draws: int | None) -> Settings:
-        """The same with another number of draws before chains are extended, if none was given."""
-        changed = copy(self)
-        if draws is not None and self.most_samples > self.num_samples:
-            object.__setattr__(changed, "num_samples", draws)
-        return changed
 
     def as_dict(self) -> dict[str, Any]:
         """The requested settings, from which the same object can be constructed."""

@@ -46,6 +46,16 @@ class Body:
     omega: np.ndarray
     sun: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
 
+    @property
+    def sites(self) -> dict[str, np.ndarray]:
+        """The truth as values of the model `faceted`, without a scale of its own."""
+        return {
+            "normals_base": self.normals,
+            "log_albedo_area": np.log(self.areas),
+            "omega_unit": self.omega / 0.1,
+            "log_level": np.zeros(0),
+        }
+
 
 def body(seed: int, n_facets: int = 3) -> Body:
     """A random body whose facets are all seen, spinning once in one to four minutes."""

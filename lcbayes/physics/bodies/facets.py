@@ -83,7 +83,7 @@ def rings(n: int) -> tuple[np.ndarray, np.ndarray]:
 
     References
     ----------
-    Hesse, Sloan & Womersley 2010, Handbook of Geomathematics, 1187 (product rules on the sphere).
+    Hesse, Sloan & Womersley 2010, Numerical Integration on the Sphere, Handbook of Geomathematics.
     """
     number = max(2, round(np.sqrt(np.pi * n / 4.0)))
     heights, shares = np.polynomial.legendre.leggauss(number)

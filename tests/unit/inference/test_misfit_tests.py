@@ -26,6 +26,8 @@ from tests.helpers.small_faults import Fault
 
 N = 120
 BODY = small_faults.body(1, 2)
+# clocks of two observers, whose passes are separate, and a change of rate
+WITHOUT_FAULTS = {"clock_offset_unit": np.zeros(3), "rate_drift_unit": np.array(0.0)}
 SD = np.r_[np.full(5, 1.0), 0.02, 0.01]  # the prior determines the last two in part
 
 
@@ -113,14 +115,7 @@ def faceted():
 
 
 def best_fit(problem, light):
-    sites = {
-        "normals_base": jnp.asarray(BODY.normals),
-        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
-        "omega_unit": jnp.asarray(BODY.omega / 0.1),
-        "log_level": jnp.zeros(0),
-        "clock_offset_unit": jnp.zeros(3),
-        "rate_drift_unit": jnp.array(0.0),
-    }
+    sites = BODY.sites | WITHOUT_FAULTS
     data = Epochs.of(light)
     z, _ = optimum(problem, data, np.asarray(problem.ravel(sites)), np.arange(problem.dim))
     return z, correlation.tempered(problem, z, data)
@@ -237,14 +232,7 @@ def test_columns_are_the_changes_of_another_simulator(fault, name, amount):
     """Without noise and at the truth, the column of an alternative is the effect of the fault."""
     light = small_faults.light_curve(BODY, n=120, noise=1e-3)
     data = Epochs.of(light)
-    sites = {
-        "normals_base": jnp.asarray(BODY.normals),
-        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
-        "omega_unit": jnp.asarray(BODY.omega / 0.1),
-        "log_level": jnp.zeros(0),
-        "clock_offset_unit": jnp.zeros(3),
-        "rate_drift_unit": jnp.array(0.0),
-    }
+    sites = BODY.sites | WITHOUT_FAULTS
     problem = Problem(registry.find("faceted").bind({"n_facets": 2, "zero_point_sd": 0.0}), data)
     z = np.asarray(problem.ravel(sites))
     with_fault = small_faults.light_curve(BODY, fault, n=120, noise=1e-9)

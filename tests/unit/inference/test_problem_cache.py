@@ -144,4 +144,6 @@ def test_coordinates_that_are_equal_are_shared():
     assert first[0] is not first[1]
     first, again = problems(lambda _: {"x": MomentCoordinates(basis.copy(), 1, log_weights)})
     assert first[1] is not again[1]
-    assert structures() == 3
+    first, again = problems(lambda _: {"x": MomentCoordinates(basis, 1, log_weights.copy())})
+    assert first[1] is not again[1]
+    assert structures() == 5

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
-from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import robustness
 from lcbayes.inference.solutions import optimum
@@ -66,13 +65,7 @@ def fitted():
     )
     data = Epochs.of(light)
     problem = Problem(registry.find("faceted").bind({"n_facets": 2}), data)
-    sites = {
-        "normals_base": jnp.asarray(BODY.normals),
-        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
-        "omega_unit": jnp.asarray(BODY.omega / 0.1),
-        "log_level": jnp.zeros(0),
-    }
-    return problem, light, refit(problem, np.asarray(problem.ravel(sites)), light)
+    return problem, light, refit(problem, np.asarray(problem.ravel(BODY.sites)), light)
 
 
 def refit(problem, z, light):
@@ -123,14 +116,8 @@ def test_the_shift_of_a_late_pass_is_that_of_fits_to_such_times():
 
     exact = seen()
     problem = Problem(registry.find("faceted").bind({"n_facets": 2}), Epochs.of(exact))
-    sites = {
-        "normals_base": jnp.asarray(BODY.normals),
-        "log_albedo_area": jnp.log(jnp.asarray(BODY.areas)),
-        "omega_unit": jnp.asarray(BODY.omega / 0.1),
-        "log_level": jnp.zeros(0),
-        "rate_drift_unit": jnp.array(0.0),
-    }
-    z = refit(problem, np.asarray(problem.ravel(sites)), exact)
+    truth = BODY.sites | {"rate_drift_unit": np.array(0.0)}
+    z = refit(problem, np.asarray(problem.ravel(truth)), exact)
     result = robustness.shifts(problem, z, Epochs.of(exact), exact, dict.fromkeys(QUANTITIES, 1.0))
     stated = result.by_fault["late_pass_0.1_s"][[result.quantities.index(k) for k in QUANTITIES]]
     moved = []
