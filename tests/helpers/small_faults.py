@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -47,7 +48,7 @@ class Body:
     sun: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
 
     @property
-    def sites(self) -> dict[str, np.ndarray]:
+    def sites(self) -> dict[str, Any]:
         """The truth as values of the model `faceted`, without a scale of its own."""
         return {
             "normals_base": self.normals,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpyro
@@ -27,7 +28,10 @@ from tests.helpers.small_faults import Fault
 N = 120
 BODY = small_faults.body(1, 2)
 # clocks of two observers, whose passes are separate, and a change of rate
-WITHOUT_FAULTS = {"clock_offset_unit": np.zeros(3), "rate_drift_unit": np.array(0.0)}
+WITHOUT_FAULTS: dict[str, Any] = {
+    "clock_offset_unit": np.zeros(3),
+    "rate_drift_unit": np.array(0.0),
+}
 SD = np.r_[np.full(5, 1.0), 0.02, 0.01]  # the prior determines the last two in part
 
 

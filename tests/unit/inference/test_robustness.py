@@ -7,6 +7,7 @@ site, or the object is ahead on its orbit, while the file has the directions of 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,7 +117,7 @@ def test_the_shift_of_a_late_pass_is_that_of_fits_to_such_times():
 
     exact = seen()
     problem = Problem(registry.find("faceted").bind({"n_facets": 2}), Epochs.of(exact))
-    truth = BODY.sites | {"rate_drift_unit": np.array(0.0)}
+    truth: dict[str, Any] = BODY.sites | {"rate_drift_unit": np.array(0.0)}
     z = refit(problem, np.asarray(problem.ravel(truth)), exact)
     result = robustness.shifts(problem, z, Epochs.of(exact), exact, dict.fromkeys(QUANTITIES, 1.0))
     stated = result.by_fault["late_pass_0.1_s"][[result.quantities.index(k) for k in QUANTITIES]]
