@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inference import body_search
+from lcbayes.inference.body_search import cells, phases, turns
+from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
@@ -39,6 +40,7 @@ STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about i
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
 ROUGH = 0.02  # tolerance of the body of such a search
 POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
+SEARCHED = {"zero_point_sd": 0.0, "correlated_noise": False, "noise_law": "gaussian", "period": ""}
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
 
@@ -275,50 +277,67 @@ def coordinates(
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
     """All motions that the prior allows; see `lcbayes.inference.body_search`."""
-    tolerance = float(options["tolerance"])
-    file = _file(options["body"], options["spin"], options["shadows"], tolerance)
-    known = file.body
-    symmetry, omega_sd = known.symmetry, float(options["omega_sd"])
+    file = _file(options["body"], options["spin"], options["shadows"], float(options["tolerance"]))
+    known, allowed = file.body, Allowed.of(options, data)
+    symmetry = known.symmetry
     flat = known.flat_axis if options["spin"] == "flat" else None
-    directions = body_search.directions_of(flat, symmetry.axis, symmetry.rotations)
-    allowed = Allowed.of(options, data)
-    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, allowed)
-    motions, coverage = run.run(workers, progress)
-    span = float(run.arcs.span[-1])
-    motions = motions.at(body_search.distinct(motions, span, body_search.STARTS))
-    starts = []
-    for attitude, pole, rate in zip(
-        body_search.attitudes(run, motions), motions.pole, motions.rate, strict=True
-    ):
-        if flat is not None:
-            sites = {"rate_unit": rate / omega_sd * np.sign(pole @ attitude @ flat)}
-        else:
-            sites = {"omega_unit": rate / omega_sd * pole}
-        if flat is None and symmetry.axis is not None:
-            sites["axis_base"] = (attitude @ symmetry.axis)[None]
-        else:
-            sites["attitude_base"] = Rotation.from_matrix(attitude).as_quat(scalar_first=True)
-        starts.append(sites)
-    if "log_brightness" in problem.names:
-        median = float(jnp.sum(_albedo_area(file, {name: {} for name in known.materials})))
-        for sites, scale in zip(starts, motions.scale, strict=True):
-            sites["log_brightness"] = np.log(max(scale, 1e-6) * median)
-    held = guide(problem, data, **options | POOLED)
+    directions = cells.directions_of(flat, symmetry.axis, symmetry.rotations)
+    surface = Surface.of(file, data.sun, data.obs)
+    run = cells.MotionSearch.of(data, surface, directions, allowed)
+    run, best, coverage = cells.visited(run, workers, progress)
+    unit = 1.0 if data.calibrated else run.scale
+    apart = phases.Separate.of(run, unit)
+    starts = [
+        _start(start, file, surface, options, unit) | apart.offsets(start.late)
+        for start in phases.starts(run, best)
+    ]
+    loose = options | POOLED | SEARCHED | {"clock_sd": apart.clock_sd}
+    if not data.calibrated:
+        loose["scale_sd"] = cells.CALIBRATED_SD
     bare = replace(known, assembly=replace(known.assembly, shaded=False))
-    flat_faces = all(part.error == 0.0 for part in known.assembly.parts)
-    quick = known.assembly.shadow_cost < SLOW_SHADOWS if held else flat_faces
+    shaded = options["shadows"] and known.assembly.method != "none"
     blind = symmetry.axis is None and bare.symmetry.axis is not None
-    if quick or blind:
-        return body_search.optimised(problem, data, starts, run, workers, progress), coverage
+    exact = shaded and (known.assembly.shadow_cost < SLOW_SHADOWS or blind)
     rough = {"shadows": False, "tolerance": max(ROUGH, known.assembly.tolerance)}
-    simple = Problem(partial(model, **options | POOLED | rough), data)
-    ends = body_search.optimised(simple, data, starts, run, workers, progress)
-    if held is None:
-        return body_search.refined(problem, data, ends, workers), coverage
+    simple = Problem(partial(model, **loose | rough), apart.soft)
     # Without shadows, attitudes may be equivalent that are not so with them.
-    alike = AttitudeOrder(problem, _equivalents(bare, options["spin"], (1.0,)))
-    shaded = body_search.with_shadows(problem, data, ends, held, alike.images, workers, progress)
-    return shaded, coverage
+    alike = _equivalents(bare, options["spin"], (1.0,))
+    if len(bare.symmetry.rotations) == len(symmetry.rotations) and not blind:
+        alike = alike[:1]
+    ends = phases.optimised(simple, apart, starts, workers, progress)
+    if exact:
+        images = AttitudeOrder(simple, alike).images
+        simple = Problem(partial(model, **loose), apart.soft)
+        ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
+    ends = phases.followed(simple, apart, ends, workers, progress)
+    joined = turns.starts(simple, apart, ends, allowed, data)
+    held = guide(problem, data, **options | POOLED)
+    if exact or held is None:
+        return turns.optimised(problem, data, joined, workers, progress), coverage
+    simple = Problem(partial(model, **options | POOLED | rough), data)
+    ends = turns.optimised(simple, data, joined, workers, progress)
+    images = AttitudeOrder(problem, alike).images
+    return turns.with_fixed_shadows(problem, data, ends, held, images, workers, progress), coverage
+
+
+def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit: float):
+    """The sites of a start of the search, for a flux in a unit (m²)."""
+    values = surface.values(start.coefficients)
+    sites = surface.sites(values)
+    known, omega_sd = file.body, float(options["omega_sd"])
+    if options["spin"] == "flat":
+        sites["rate_unit"] = start.omega @ start.attitude @ known.flat_axis / omega_sd
+    else:
+        sites["omega_unit"] = start.omega / omega_sd
+    if options["spin"] == "free" and known.symmetry.axis is not None:
+        sites["axis_base"] = (start.attitude @ known.symmetry.axis)[None]
+    else:
+        quaternion = Rotation.from_matrix(start.attitude).as_quat(scalar_first=True)
+        sites["attitude_base"] = quaternion
+    every = {name: values.get(name, {}) for name in known.materials}
+    scale = max(start.coefficients[0], 1e-6) / unit
+    sites["log_brightness"] = np.log(scale * float(jnp.sum(_albedo_area(file, every))))
+    return sites
 
 
 def guide(problem, data: Epochs, **options):

@@ -164,7 +164,8 @@ class KnownBody:
         else:
             moments, vectors = np.linalg.eigh(tensor)
             axes = vectors.T
-        order = np.argsort(moments, kind="stable")
+        # Moments that are equal but for rounding keep their order, whatever the tolerance.
+        order = np.argsort(np.round(moments / (EQUAL_MOMENTS * np.trace(tensor))), kind="stable")
         return moments[order], axes[order]
 
     @cached_property

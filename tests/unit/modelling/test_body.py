@@ -11,13 +11,10 @@ from scipy.stats import norm
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import body_search, symmetry
+from lcbayes.inference import symmetry
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.problem_cache import build_problem
-from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
 from lcbayes.modelling.epochs import Epochs
@@ -58,7 +55,6 @@ r_diff = 0.3
 T, SUN, OBS = turning.geometry((0.0, 900.0), 30, 200.0)
 ATTITUDE = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
 ALBEDO, SIZE = 0.4, 1.3
-ALL = Allowed(((0.0, 0.1),), omega_sd=0.025)  # rad/s
 
 
 def curve(flux: np.ndarray, seed: int = 3, snr: float = 30.0) -> LightCurve:
@@ -355,106 +351,3 @@ FAULTS = [
 def test_faults_are_named(given, text):
     with pytest.raises(InputError, match=text):
         problem_of(curve(np.ones(T.size)), **given)
-
-
-def test_all_cells_of_a_flat_spin_are_visited(monkeypatch):
-    """A start is next to the motion that the light curve was made from."""
-    monkeypatch.setattr(body_search, "POLES", 160)
-    known = read_body_text(BOX).body
-    omega = 0.07 * ATTITUDE @ known.flat_axis
-    light = curve(turning.box(*turning.in_body(T, ATTITUDE, omega, SUN, OBS), SIDES, ALBEDO))
-    directions = body_search.directions_of(known.flat_axis, None, known.symmetry.rotations)
-    assert len(directions) == 1  # half a turn brings its opposite
-    data = Epochs.of(light)
-    run = body_search.MotionSearch.of(data, known.unshaded_flux, directions, ALL)
-    result, coverage = run.run(1, Silent())
-    result = result.at(body_search.distinct(result, float(T[-1]), 30))
-    rate, pole = np.linalg.norm(omega), omega / np.linalg.norm(omega)
-    near = (result.pole @ pole > np.cos(np.radians(15.0))) & (np.abs(result.rate - rate) < 2e-3)
-    assert near.any()
-    middle = Rotation.from_rotvec(0.5 * T[-1] * omega).as_matrix() @ ATTITUDE
-    apart = [
-        min(
-            np.degrees(
-                (Rotation.from_matrix(a @ g.T) * Rotation.from_matrix(middle).inv()).magnitude()
-            )
-            for g in known.symmetry.rotations
-        )
-        for a in body_search.attitudes(run, result.at(np.flatnonzero(near)))
-    ]
-    assert min(apart) < 25.0
-    assert coverage.max_rate == pytest.approx(0.1)
-
-
-def test_only_the_rates_of_known_periods_are_visited(monkeypatch):
-    """The same best motions as without them, from fewer cells, and none outside."""
-    monkeypatch.setattr(body_search, "POLES", 160)
-    known = read_body_text(BOX).body
-    omega = 0.07 * ATTITUDE @ known.flat_axis
-    light = curve(turning.box(*turning.in_body(T, ATTITUDE, omega, SUN, OBS), SIDES, ALBEDO))
-    data, axis = Epochs.of(light), known.flat_axis[None]
-    low, high = 0.0688, 0.0712
-    some = Allowed(((low, high),))
-    every, all_cells = body_search.MotionSearch.of(data, known.unshaded_flux, axis, ALL).run(
-        1, Silent()
-    )
-    result, coverage = body_search.MotionSearch.of(data, known.unshaded_flux, axis, some).run(
-        1, Silent()
-    )
-    assert np.all((result.rate >= low) & (result.rate <= high))
-    inside = (every.rate >= low) & (every.rate <= high)
-    assert result.gain[0] == pytest.approx(every.gain[inside].max(), rel=0.1)
-    assert abs(result.rate[0] - 0.07) < 1e-3
-    assert coverage.ranges == ((low, high),)
-    assert 0 < coverage.cells < 0.05 * all_cells.cells
-
-
-def test_turns_between_passes_keep_to_the_known_periods():
-    known, omega = read_body_text(BOX).body, 0.07 * ATTITUDE @ read_body_text(BOX).body.flat_axis
-    problem, data, _ = problem_of(curve(np.ones(T.size)), body=BOX)
-    z = problem.ravel({k: jnp.asarray(v) for k, v in sites_of(omega, BOX, "flat").items()})
-    counts = []
-    for allowed in (ALL, Allowed(((0.06, 0.08),))):
-        axis = known.flat_axis[None]
-        run = body_search.MotionSearch.of(data, known.unshaded_flux, axis, allowed)
-        rows = list(body_search._aliases(problem, data, run, np.asarray(z)))
-        rates = [np.linalg.norm(compiled(problem.constrain)(row, data)["omega"]) for row in rows]
-        assert allowed.rates(np.array(rates)).all()
-        counts.append(len(rows))
-    assert counts[0] == len(body_search.TURNS)  # of one gap of 900 s: 0.007 rad/s each
-    assert counts[1] == 4  # half a turn and one, more or fewer
-
-
-def test_dark_attitudes_do_not_fit():
-    """No gain exceeds χ² of a dark body, where a glint comes and goes, and a plate is edge-on."""
-    body = body_text("box-wing").replace("median = 60.0", "median = 2000.0")
-    known = read_body_text(body).body
-    omega = 0.07 * ATTITUDE @ known.flat_axis
-    seen = turning.in_body(T, ATTITUDE, omega, SUN, OBS)
-    light = curve(np.asarray(jax.jit(known.unshaded_flux)(*seen)), snr=100.0)
-    axis = known.flat_axis[None]
-    run = body_search.MotionSearch.of(Epochs.of(light), known.unshaded_flux, axis, ALL)
-    total = float(jnp.sum(run.arcs.white**2))
-    for part in np.split(body_search.facets.grid(256), 16):
-        result = run.chunk(0, part, -np.inf)
-        assert np.all(result.gain < total)
-        assert np.all(np.abs(result.scale) < 1e3)
-
-
-def test_directions_of_a_symmetric_body_are_visited_once():
-    box, cylinder = read_body_text(BOX).body, read_body_text(CYLINDER).body
-    some = body_search.directions_of(None, None, box.symmetry.rotations)
-    assert 0.2 * body_search.AXES < len(some) < 0.32 * body_search.AXES
-    cone = body_search.directions_of(None, cylinder.symmetry.axis, cylinder.symmetry.rotations)
-    assert len(cone) == 12  # from the axis to across it, as both ends are alike
-
-
-@pytest.mark.parametrize(("count", "kept"), [(1, 240), (3, 128), (8, 96)])
-def test_points_of_the_search_are_shared_among_the_arcs(count, kept):
-    """A single arc keeps its points, so that glints are not missed."""
-    shape = (count, 240)
-    vectors = jnp.zeros((*shape, 3))
-    ones = jnp.ones(shape)
-    dt = jnp.tile(jnp.linspace(-150.0, 150.0, 240), (count, 1))
-    arcs = Arcs(jnp.arange(count) * 1e3, jnp.ones(count), dt, vectors, vectors, ones, ones)
-    assert body_search.thinned(arcs).dt.shape == (count, kept)

@@ -1,0 +1,164 @@
+"""The third step: how many turns the body makes between arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.core.threads import threads
+from lcbayes.inference import search
+from lcbayes.inference.body_search.phases import Separate, rows, turned
+from lcbayes.inference.search import SearchState
+from lcbayes.inference.spin_search.allowed import Allowed
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
+
+Floats = NDArray[np.float64]
+
+ENDS = 12  # optima of free phases that are continued
+RATES = 8  # of each optimum, with whole turns, and as many with half turns
+WIDEST = 4.0  # standard deviations of the rate
+SPACING = 0.25  # rad: spacing of rates times the time base
+MOST = 200_000  # rates that are compared
+PHASE_SD = 0.02  # rad, below which a phase is not trusted
+ROUNDS = ((1.0, 12, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
+# Times that shadows are moved, and steps after each.
+HELD, HELD_STEPS = 4, 20
+REFINED = 12  # end points to which shadows are added
+
+
+def starts(
+    problem: Problem, separate: Separate, ends: SearchState, allowed: Allowed, data: Epochs
+) -> list[dict[str, Any]]:
+    """Sites of motions of one rate that agree with the phases of each arc at the best optima."""
+    made: list[dict[str, Any]] = []
+    for row in search.different(ends, ENDS):
+        made += joined(problem, separate, np.asarray(ends.z[row]), allowed, data)
+    return made
+
+
+def joined(
+    problem: Problem, separate: Separate, z: Floats, allowed: Allowed, data: Epochs
+) -> Iterator[dict[str, Any]]:
+    """Sites of motions of one rate that agree with the phases of each arc at an optimum (D,).
+
+    Half turns are tried as well as whole ones, because many bodies look nearly the same after them.
+    """
+    known = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, separate.exact).items()}
+    sites = {name: known[name] for name in problem.names}
+    late = sites.pop("clock_offset_unit", np.zeros(1)) * separate.clock_sd
+    omega, middle = known["omega"], separate.middle
+    rate = float(np.linalg.norm(omega))
+    phase = rate * late[: len(middle)]
+    since = middle - float(data.t_middle)
+    for new in _rates(problem, separate, z, allowed, phase - phase[0], rate):
+        apart = phase - phase[0] - new * (middle - middle[0])
+        apart = (apart + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+        at_middle = phase[0] - new * since[0] + apart.mean()
+        moved = turned(sites, Rotation.from_rotvec(at_middle * omega / rate))
+        for name in {"rate_unit", "omega_unit"} & moved.keys():
+            moved[name] = moved[name] * new / rate
+        yield moved
+
+
+def _rates(
+    problem: Problem,
+    separate: Separate,
+    z: Floats,
+    allowed: Allowed,
+    phase: Floats,
+    rate: float,
+) -> Floats:
+    """Rates (n,) rad/s with which the phases (A,) of the arcs follow from one another."""
+    middle = separate.middle
+    if not separate.several:
+        return np.array([rate])
+    covariance = np.asarray(_covariance(problem, separate.exact, jnp.asarray(z)))
+    covariance = covariance + np.diag([1e-16, *np.full(len(middle) - 1, PHASE_SD**2)])
+    weight = np.linalg.inv(covariance)
+    span = float(np.ptp(middle))
+    reach = max(WIDEST * np.sqrt(covariance[0, 0]), 2.0 * np.pi / span)
+    n = min(int(np.ceil(reach * span / SPACING)), MOST // 2)
+    rates = rate + np.linspace(-reach, reach, 2 * n + 1)
+    rates = rates[(rates > 0.0) & allowed.rates(rates)]
+    chosen: list[float] = []
+    for period in (2.0 * np.pi, np.pi):
+        apart = phase[1:] - rates[:, None] * (middle[1:] - middle[0])
+        apart = (apart + 0.5 * period) % period - 0.5 * period
+        away = np.concatenate([(rates - rate)[:, None], -apart], axis=1)
+        cost = np.einsum("na,ab,nb->n", away, weight, away)
+        wall = np.concatenate([[np.inf], cost, [np.inf]])
+        least = np.flatnonzero((cost <= wall[:-2]) & (cost < wall[2:]))
+        best = rates[least[np.argsort(cost[least], kind="stable")][:RATES]]
+        chosen += [r for r in best if all(abs(r - c) * span > 1.0 for c in chosen)]
+    return np.array(chosen)
+
+
+@partial(jax.jit, static_argnums=0)
+def _covariance(problem: Problem, data: Epochs, z: jax.Array) -> jax.Array:
+    """Of the rate (rad/s) and of the phase (rad) of each arc after the first, near an optimum."""
+
+    def known(z: jax.Array) -> jax.Array:
+        sites = problem.constrain(z, data)
+        rate = jnp.linalg.norm(sites["omega"])
+        late = sites["clock_offset"]
+        return jnp.concatenate([rate[None], rate * (late[1:] - late[0])])
+
+    slopes = jax.jacfwd(known)(z)
+    return slopes @ jnp.linalg.solve(problem.fisher(z, data), slopes.T)
+
+
+def optimised(
+    problem: Problem,
+    data: Epochs,
+    points: list[dict[str, Any]],
+    workers: int,
+    progress: Silent,
+) -> SearchState:
+    """Optima of the posterior from sites; those that are missing are prior means."""
+    return search.successive_halving(
+        problem, data, rows(problem, data, points), workers, progress, rounds=ROUNDS
+    )
+
+
+def refined(problem: Problem, data: Epochs, ends: SearchState, workers: int) -> SearchState:
+    """The best end points for a coarser body, at optima of the posterior."""
+    near = np.asarray(ends.z)[search.different(ends, REFINED)]
+    return search.best_first(search.polish(problem, data, near, workers))
+
+
+def with_fixed_shadows(
+    problem: Problem,
+    data: Epochs,
+    ends: SearchState,
+    held: Callable[[Floats], Epochs],
+    images: Callable[[Floats], Floats],
+    workers: int,
+    progress: Silent,
+) -> SearchState:
+    """The best end points for a coarser body without shadows, near optima of the posterior.
+
+    ``images`` (n, D) -> (n, K, D) are equivalent without shadows. ``held`` gives the epochs with
+    the shadows of a point (D,), which are fixed while it is moved, a few times.
+    """
+    near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
+    potential = compiled(problem.potential)
+
+    def one(z: Floats) -> SearchState:
+        row = search.init(z[None])
+        for _ in range(HELD):
+            start = search.init(row.z, 1e-3)
+            row = search.advance(problem, held(np.asarray(row.z[0])), start, HELD_STEPS)
+            track.advance(HELD_STEPS)
+        return row._replace(potential=potential(row.z[0], data)[None])
+
+    total = len(near) * HELD * HELD_STEPS
+    with progress.stage("adding shadows", total, "steps") as track, threads(workers) as pool:
+        return search.joined(*pool.map(one, near))
