@@ -282,7 +282,8 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     symmetry = known.symmetry
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = cells.directions_of(flat, symmetry.axis, symmetry.rotations)
-    surface = Surface.of(file, data.sun, data.obs)
+    many = {"most": 1} if len(directions) > cells.MANY_AXES else {}
+    surface = Surface.of(file, data.sun, data.obs, **many)
     run = cells.MotionSearch.of(data, surface, directions, allowed)
     run, best, coverage = cells.visited(run, workers, progress)
     unit = 1.0 if data.calibrated else run.scale

@@ -32,6 +32,7 @@ type Table = tuple[jax.Array, jax.Array]  # Σ F_i y/σ², Σ F_i F_j/σ² with 
 
 POLES = 500  # over the sphere, 9° apart
 AXES = 300  # directions in the body that may be along the pole, 12° apart
+MANY_AXES = 30  # above which the surface has one unknown combination of reflectances
 CONE_DEG = 7.5  # between such directions of a body with an axis of symmetry
 STEP = 1.0  # rad: spacing of rates times the duration by which they are distinguished
 PHASES = 64

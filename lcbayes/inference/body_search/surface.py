@@ -46,7 +46,7 @@ class Surface(NamedTuple):
     brightness: float
 
     @classmethod
-    def of(cls, file: BodyFile, sun: jax.Array, obs: jax.Array) -> Surface:
+    def of(cls, file: BodyFile, sun: jax.Array, obs: jax.Array, most: int = MOST) -> Surface:
         """The combinations that change the flux most, in random attitudes.
 
         Parameters
@@ -54,6 +54,8 @@ class Surface(NamedTuple):
         file : BodyFile
         sun, obs : (T, 3)
             Directions of the light curve, inertial axes.
+        most : int
+            Largest number of combinations; the time of the search grows with its square.
         """
         priors = {
             (name, key): prior
@@ -80,7 +82,7 @@ class Surface(NamedTuple):
             every = jax.lax.map(jax.jit(lambda turn: slopes(sun @ turn, obs @ turn)), any_turn)
             rows = np.asarray(every).reshape(-1, len(priors))
             _, size, along = np.linalg.svd(rows / np.sqrt(len(rows)), full_matrices=False)
-            directions = along[size > LEAST * brightness][:MOST].T
+            directions = along[size > LEAST * brightness][:most].T
 
         def columns(sun_body: jax.Array, obs_body: jax.Array) -> jax.Array:
             alone = flux(centre, sun_body, obs_body)[:, None]

@@ -29,9 +29,8 @@ SPACING = 0.25  # rad: spacing of rates times the time base
 MOST = 200_000  # rates that are compared
 PHASE_SD = 0.02  # rad, below which a phase is not trusted
 ROUNDS = ((1.0, 12, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
-# Times that shadows are moved, and steps after each.
-HELD, HELD_STEPS = 4, 20
-REFINED = 12  # end points to which shadows are added
+HELD, HELD_STEPS = 4, 20  # times that shadows are moved, and steps after each
+REFINED = 12  # end points to which they are added
 
 
 def starts(
@@ -78,8 +77,10 @@ def _rates(
 ) -> Floats:
     """Rates (n,) rad/s with which the phases (A,) of the arcs follow from one another."""
     middle = separate.middle
+    # The phases are followed without regard to the rates that are allowed.
+    nearest = min((np.clip(rate, *r) for r in allowed.ranges), key=lambda r: abs(r - rate))
     if not separate.several:
-        return np.array([rate])
+        return np.array([rate if allowed.everything else nearest])
     covariance = np.asarray(_covariance(problem, separate.exact, jnp.asarray(z)))
     covariance = covariance + np.diag([1e-16, *np.full(len(middle) - 1, PHASE_SD**2)])
     weight = np.linalg.inv(covariance)
@@ -88,6 +89,8 @@ def _rates(
     n = min(int(np.ceil(reach * span / SPACING)), MOST // 2)
     rates = rate + np.linspace(-reach, reach, 2 * n + 1)
     rates = rates[(rates > 0.0) & allowed.rates(rates)]
+    if not rates.size:
+        return np.array([nearest])
     chosen: list[float] = []
     for period in (2.0 * np.pi, np.pi):
         apart = phase[1:] - rates[:, None] * (middle[1:] - middle[0])
@@ -126,12 +129,6 @@ def optimised(
     return search.successive_halving(
         problem, data, rows(problem, data, points), workers, progress, rounds=ROUNDS
     )
-
-
-def refined(problem: Problem, data: Epochs, ends: SearchState, workers: int) -> SearchState:
-    """The best end points for a coarser body, at optima of the posterior."""
-    near = np.asarray(ends.z)[search.different(ends, REFINED)]
-    return search.best_first(search.polish(problem, data, near, workers))
 
 
 def with_fixed_shadows(

@@ -143,6 +143,25 @@ def test_only_the_rates_of_known_periods_are_visited(monkeypatch):
     assert 0 < coverage.cells < 0.1 * all_cells.cells
 
 
+def test_optima_outside_the_known_periods_are_moved_to_them():
+    """The search for phases may leave the rates that are allowed."""
+    light, low, high = seen((0.0, 900.0)), 0.05, 0.051
+    data, run = Epochs.of(light), search_of(light)
+    separate = phases.Separate.of(run, 1.0)
+    entry = registry.find("body")
+    options = entry.check({"body": BOX} | model.POOLED | {"clock_sd": separate.clock_sd})
+    problem, _ = build_problem(entry, options, separate.soft)
+    sites = {
+        "attitude_base": Rotation.from_matrix(ATTITUDE).as_quat(scalar_first=True),
+        "rate_unit": 0.7,
+    } | separate.offsets(np.zeros(2))
+    z = np.asarray(phases.rows(problem, separate.exact, [sites])[0])
+    found = list(turns.joined(problem, separate, z, Allowed(((low, high),)), data))
+    assert found
+    rates = np.array([one["rate_unit"] * 0.1 for one in found])
+    assert np.all((rates >= low - 1e-12) & (rates <= high + 1e-12))
+
+
 @pytest.mark.parametrize("allowed", [ALL, Allowed(((0.0699, 0.0701),))])
 def test_the_phases_of_passes_give_the_rates_that_join_them(allowed):
     """The true rate is among them, and all others differ by half turns and are allowed."""
