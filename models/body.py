@@ -283,14 +283,16 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     flat = known.flat_axis if options["spin"] == "flat" else None
     directions = cells.directions_of(flat, symmetry.axis, symmetry.rotations)
     many = {"most": 1} if len(directions) > cells.MANY_AXES else {}
-    surface = Surface.of(file, data.sun, data.obs, **many)
+    tolerance = max(ROUGH, known.assembly.tolerance)
+    coarse = read_body_text(body_text(options["body"]), tolerance)
+    surface = Surface.of(coarse, data.sun, data.obs, **many)
     run = cells.MotionSearch.of(data, surface, directions, allowed)
     run, best, coverage = cells.visited(run, workers, progress)
     unit = 1.0 if data.calibrated else run.scale
     apart = phases.Separate.of(run, unit)
-    starts = [
-        _start(start, file, surface, options, unit) | apart.offsets(start.late)
-        for start in phases.starts(run, best)
+    starts = phases.starts(run, best)
+    sites = [
+        _start(start, file, surface, options, unit) | apart.offsets(start.late) for start in starts
     ]
     loose = options | POOLED | SEARCHED | {"clock_sd": apart.clock_sd}
     if not data.calibrated:
@@ -299,13 +301,14 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     shaded = options["shadows"] and known.assembly.method != "none"
     blind = symmetry.axis is None and bare.symmetry.axis is not None
     exact = shaded and (known.assembly.shadow_cost < SLOW_SHADOWS or blind)
-    rough = {"shadows": False, "tolerance": max(ROUGH, known.assembly.tolerance)}
+    rough = {"shadows": False, "tolerance": tolerance}
     simple = Problem(partial(model, **loose | rough), apart.soft)
     # Without shadows, attitudes may be equivalent that are not so with them.
     alike = _equivalents(bare, options["spin"], (1.0,))
     if len(bare.symmetry.rotations) == len(symmetry.rotations) and not blind:
         alike = alike[:1]
-    ends = phases.optimised(simple, apart, starts, workers, progress)
+    cell = np.array([start.cell for start in starts])
+    ends = phases.optimised(simple, apart, sites, cell, workers, progress)
     if exact:
         images = AttitudeOrder(simple, alike).images
         simple = Problem(partial(model, **loose), apart.soft)

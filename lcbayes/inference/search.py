@@ -94,21 +94,25 @@ def successive_halving(
     progress: Silent,
     path: TimePath | None = None,
     rounds: Sequence[tuple[float, int, float]] = (),
+    group: NDArray[np.int64] | None = None,
 ) -> SearchState:
     """Optimise the starts (B, D), dropping the worst after each round; the best come first.
 
-    With a tempering path, the data are added along it. ``rounds`` replace `ROUNDS`.
+    With a tempering path, the data are added along it. ``rounds`` replace `ROUNDS`. With the group
+    (B,) of each start, those are kept that are among the best of all or of their group.
     """
     rounds = rounds or (ROUNDS if path is None else TIME_ORDERED_ROUNDS)
     shares = _shares(len(starts), rounds)
     total = sum(n * share for (_, n, _), share in zip(rounds, shares, strict=True))
     state = init(starts)
+    group = np.zeros(len(starts), int) if group is None else group
     with (
         progress.stage("searching", total, "steps") as bar,
         threads(workers) as pool,
     ):
         for (s, n_steps, _), share in zip(rounds, shares, strict=True):
-            state = jax.tree.map(lambda x, share=share: x[:share], best_first(state))
+            kept = _best_of_groups(np.asarray(state.potential), group)[:share]
+            state, group = jax.tree.map(lambda x, kept=kept: x[kept], (state, group))
             if path is not None:
                 state = init(state.z)
             at = data if path is None else path.at(data, s)
@@ -213,6 +217,17 @@ def _shares(n: int, rounds: Sequence[tuple[float, int, float]]) -> list[int]:
         counts.append(n)
         n = min(n, max(MIN_STARTS, round(n * share)))
     return counts
+
+
+def _best_of_groups(potential: NDArray, group: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows in the order of their rank, which is that among all or, times the groups, in its own."""
+    order = np.argsort(potential, kind="stable")
+    rank = np.empty(len(order), int)
+    rank[order] = np.arange(len(order))
+    members = [order[group[order] == g] for g in np.unique(group)]
+    for rows in members:
+        rank[rows] = np.minimum(rank[rows], np.arange(len(rows)) * len(members))
+    return np.lexsort((potential, rank))
 
 
 def joined(*states: SearchState) -> SearchState:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
+from lcbayes.inference.body_search.nodes import Nodes
 from lcbayes.inference.body_search.surface import REACH, Surface, solved
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
@@ -28,6 +29,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics.bodies import facets
 
 Floats = NDArray[np.float64]
+type Waves = tuple[jax.Array, jax.Array]  # (m, N, R), (2 m, N, R)
 type Table = tuple[jax.Array, jax.Array]  # Σ F_i y/σ², Σ F_i F_j/σ² with i ≤ j
 
 POLES = 500  # over the sphere, 9° apart
@@ -38,6 +40,7 @@ STEP = 1.0  # rad: spacing of rates times the duration by which they are disting
 PHASES = 64
 HARMONICS = 15  # of the flux, so that those of its square, 30, are known from these phases
 EPOCHS, MORE = 96, 384  # of an arc at least, and of all arcs together if that is more
+PROBED = 100  # poles that show whether the errors are too large
 SOFTNESS = 0.3  # relative error of each point: shadows, width of lobes, glints of wrong attitudes
 MODEL_ERROR = 0.1  # of the cells' width, relative to the mean flux
 TOO_SOFT = 0.25  # χ² of the best cell over the number of points, below which errors are reduced
@@ -117,6 +120,8 @@ class MotionSearch:
         With at most `EPOCHS` points each, or `MORE` together, and their own errors.
     arcs : Arcs
         The same with the errors of the search.
+    nodes : Nodes
+        Of the arcs.
     turns : (n, 3, 3)
         Rotations from body axes to those of the spin, whose z axis is the pole.
     allowed : Allowed
@@ -132,6 +137,7 @@ class MotionSearch:
     surface: Surface
     exact: Arcs
     arcs: Arcs
+    nodes: Nodes
     turns: Floats
     allowed: Allowed
     rates: Floats
@@ -154,7 +160,8 @@ class MotionSearch:
             observed = np.sqrt(float(jnp.sum(arcs.white**2)) / np.sum(weight**2))
             scale = sd = observed / surface.brightness
         turns = toward_pole(directions)
-        return cls(surface, exact, arcs, turns, allowed, rates, step, scale, sd)
+        nodes = Nodes.of(arcs)
+        return cls(surface, exact, arcs, nodes, turns, allowed, rates, step, scale, sd)
 
     def sharper(self, best: float) -> MotionSearch | None:
         """The search with smaller errors, if those of the first leave too little of the data.
@@ -167,23 +174,37 @@ class MotionSearch:
             return None
         return replace(self, arcs=softened(self.exact, float(np.sqrt(max(left, 0.01)))))
 
-    def waves(self, rates: Floats) -> jax.Array:
-        """exp(i m r dt) of each arc, (A, m, L, R)."""
-        m = np.arange(2 * HARMONICS + 1)[:, None, None]
-        turned = rates * np.asarray(self.arcs.dt)[:, None, :, None]
-        return jnp.asarray(np.exp(1j * m * turned).astype(np.complex64))
+    def waves(self, rates: Floats) -> list[Waves]:
+        """Of each arc, Σ y h_n exp(i m r dt)/σ² and Σ h_n exp(i m r dt)/σ² over the points.
 
-    def run(self, workers: int, progress: Silent) -> tuple[Cells, Coverage]:
-        """The best cells of all poles, axes and rates."""
-        poles = facets.grid(POLES)
+        h_n is the share of node n, and y the flux.
+        """
+        m = np.arange(2 * HARMONICS + 1)[:, None, None]
+        found: list[Waves] = []
+        rows = (np.asarray(x) for x in (self.arcs.dt, self.arcs.weight, self.arcs.white))
+        for dt, weight, white, share in zip(*rows, self.nodes.share, strict=True):
+            turned = np.exp(1j * m * rates * dt[:, None])
+            first, second = (
+                np.einsum("nl,mlr->mnr", share * w, turned[: most + 1], optimize=True)
+                for w, most in ((weight * white, HARMONICS), (weight**2, 2 * HARMONICS))
+            )
+            found.append((jnp.asarray(first, jnp.complex64), jnp.asarray(second, jnp.complex64)))
+        return found
+
+    def run(
+        self, workers: int, progress: Silent, poles: Floats | None = None
+    ) -> tuple[Cells, Coverage]:
+        """The best cells of all poles, or some of them, and of all axes and rates."""
+        poles = facets.grid(POLES) if poles is None else poles
+        total = len(self.turns) * len(poles)
         jobs = [
             (axis, poles[i : i + CHUNK])
             for axis in range(len(self.turns))
-            for i in range(0, POLES, CHUNK)
+            for i in range(0, len(poles), CHUNK)
         ]
         waves = self.waves(self.rates)
         with (
-            progress.stage("searching motions", len(self.turns) * POLES, "poles") as bar,
+            progress.stage("searching motions", total, "poles") as bar,
             threads(workers) as pool,
         ):
 
@@ -197,12 +218,12 @@ class MotionSearch:
         merged = Cells(*columns)
         merged = merged.at(np.argsort(-merged.gain, kind="stable"))
         fine = max(1, round(self.allowed.width * float(self.arcs.span[-1]) / STEP))
-        cells = len(self.turns) * POLES * max(fine, len(self.rates)) * PHASES
-        coarse = len(self.turns) * POLES * len(self.rates)
+        cells = total * max(fine, len(self.rates)) * PHASES
+        coarse = total * len(self.rates)
         ranges = () if self.allowed.everything else self.allowed.ranges
         return merged, Coverage(self.allowed.fastest, cells, coarse, len(merged.gain), ranges)
 
-    def chunk(self, axis: int, poles: Floats, waves: jax.Array) -> Cells:
+    def chunk(self, axis: int, poles: Floats, waves: list[Waves]) -> Cells:
         """The best cells of one axis and some poles."""
         padded = jnp.asarray(np.resize(poles, (CHUNK, 3)))
         gain = np.asarray(_visited(self, padded, jnp.asarray(self.turns[axis]), waves))[
@@ -227,22 +248,14 @@ class MotionSearch:
                 break
         return np.array(kept, int)
 
-    def tables(self, poles: jax.Array, turn: jax.Array, waves: jax.Array) -> list[Table]:
+    def tables(self, poles: jax.Array, turn: jax.Array, waves: list[Waves]) -> list[Table]:
         """Normal equations of each arc, (K, P, R, phases) and (K (K + 1)/2, P, R, phases)."""
-        arcs = self.arcs
         tables: list[Table] = []
-        for a in range(len(arcs.middle)):
-            first, second = _harmonics(
-                self.surface, poles, turn, arcs.sun[a], arcs.obs[a], arcs.weight[a]
-            )
-            white = arcs.white[a].astype(jnp.float32)[:, None, None]
-            both = (
-                jnp.einsum("plmk,mlr->kprm", first * white, waves[a, : HARMONICS + 1]),
-                jnp.einsum("plmk,mlr->kprm", second, waves[a]),
-            )
-            series = (PHASES * jnp.fft.irfft(x, PHASES, axis=-1) for x in both)
-            cross, square = (x.astype(jnp.float32) for x in series)
-            tables.append((cross, square))
+        for sun, obs, both in zip(self.nodes.sun, self.nodes.obs, waves, strict=True):
+            flux = _harmonics(self.surface, poles, turn, jnp.asarray(sun), jnp.asarray(obs))
+            sums = (jnp.einsum("pnmk,mnr->kprm", *x) for x in zip(flux, both, strict=True))
+            cross, square = (PHASES * jnp.fft.irfft(x, PHASES, axis=-1) for x in sums)
+            tables.append((cross.astype(jnp.float32), square.astype(jnp.float32)))
         return tables
 
     def best(self, cross: jax.Array, square: jax.Array) -> list[jax.Array]:
@@ -281,12 +294,10 @@ class MotionSearch:
 def visited(
     run: MotionSearch, workers: int, progress: Silent
 ) -> tuple[MotionSearch, Cells, Coverage]:
-    """The best cells with suitable errors, and the search that has these."""
-    cells, coverage = run.run(workers, progress)
-    sharper = run.sharper(float(cells.gain.max(initial=0.0)))
-    if sharper is None:
-        return run, cells, coverage
-    return sharper, *sharper.run(workers, progress)
+    """The search with the errors that some poles show to be suitable, and its best cells."""
+    some, _ = run.run(workers, progress, facets.grid(PROBED))
+    run = run.sharper(float(some.gain.max(initial=0.0))) or run
+    return run, *run.run(workers, progress)
 
 
 def _middles(low: float, high: float, step: float) -> Floats:
@@ -301,9 +312,9 @@ def _row(i: int, j: int, size: int) -> int:
     return i * size - i * (i - 1) // 2 + j - i
 
 
-def thinned(arcs: Arcs) -> Arcs:
-    """The arcs with at most `EPOCHS` points each, or `MORE` together, evenly chosen."""
-    length, most = arcs.dt.shape[1], max(EPOCHS, MORE // len(arcs.middle))
+def thinned(arcs: Arcs, each: int = EPOCHS, together: int = MORE) -> Arcs:
+    """The arcs with at most a number of points each, or a number together, evenly chosen."""
+    length, most = arcs.dt.shape[1], max(each, together // len(arcs.middle))
     if length <= most:
         return arcs
     rng = np.random.default_rng(0)
@@ -318,9 +329,9 @@ def thinned(arcs: Arcs) -> Arcs:
         rows.append(np.concatenate([chosen, spare]))
     width = min(len(r) for r in rows)
     picked = jnp.asarray(np.stack([r[:width] for r in rows]))
-    each = jnp.arange(len(rows))[:, None]
+    arc = jnp.arange(len(rows))[:, None]
     thin: dict[str, Any] = {
-        name: getattr(arcs, name)[each, picked] for name in ("dt", "sun", "obs", "weight", "white")
+        name: getattr(arcs, name)[arc, picked] for name in ("dt", "sun", "obs", "weight", "white")
     }
     return Arcs(arcs.middle, arcs.span, **thin)
 
@@ -376,11 +387,12 @@ def joint(
     return gain, phases, x
 
 
-def _harmonics(surface: Surface, poles, turn, sun, obs, weight) -> Table:
-    """Fourier coefficients (P, L, m, K) in the phase of F/σ, and of the products of two of them.
+def _harmonics(surface: Surface, poles, turn, sun, obs) -> Table:
+    """Fourier coefficients (P, N, m, K) in the phase of F, and of the products of two of them.
 
     F is smoothed by its first harmonics with Lanczos's factors, and then multiplied: the gain of a
-    cell would exceed χ² if F and its products were cut off each on its own.
+    cell would exceed χ² if F and its products were cut off each on its own. It may be less than the
+    best between nodes, where products that are linear exceed those of a linear flux.
     """
     order = jnp.arange(HARMONICS + 1)
     taper = jnp.sinc(order / (HARMONICS + 1.0))[:, None]
@@ -394,11 +406,10 @@ def _harmonics(surface: Surface, poles, turn, sun, obs, weight) -> Table:
         axes = frame(pole)
 
         def turned(v):
-            body = jnp.einsum("kij,lj->lki", back, v @ axes) @ turn  # (L, K, 3)
+            body = jnp.einsum("kij,nj->nki", back, v @ axes) @ turn  # (N, phases, 3)
             return body.reshape(-1, 3)
 
         f = surface.columns(turned(sun), turned(obs)).reshape(-1, PHASES, surface.size)
-        f = f * weight[:, None, None]
         first = jnp.fft.rfft(f, axis=1)[:, : HARMONICS + 1] * taper
         smooth = jnp.fft.irfft(first, PHASES, axis=1)
         products = jnp.stack([smooth[..., i] * smooth[..., j] for i, j in pairs], axis=-1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search
-from lcbayes.inference.body_search.cells import PHASES, Cells, MotionSearch, Table, joint
+from lcbayes.inference.body_search.cells import PHASES, Cells, MotionSearch, Table, joint, thinned
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.series import frame
@@ -32,6 +33,7 @@ Floats = NDArray[np.float64]
 
 PHASE_STARTS = 8  # of a turn, for each of two arcs
 STARTS = 1536
+EPOCHS, MORE = 64, 192  # of an arc at least, and of all together, with the errors of the search
 SHADED = 16  # optima without shadows, to which they are added
 TURNED = 8  # phases of a turn by which those are then moved
 EXACT = 24  # optima with the errors of the search that are followed with those of the data
@@ -52,12 +54,15 @@ class Start(NamedTuple):
         Time by which each arc is ahead of the first in phase.
     coefficients : (K,)
         Of the columns of the surface.
+    cell : int
+        From which it is.
     """
 
     attitude: Floats
     omega: Floats
     late: Floats
     coefficients: Floats
+    cell: int
 
 
 def starts(run: MotionSearch, cells: Cells) -> list[Start]:
@@ -71,8 +76,8 @@ def starts(run: MotionSearch, cells: Cells) -> list[Start]:
     chosen = cells.at(run.distinct(cells, max(1, STARTS // len(pairs))))
     made: list[Start] = []
     held = tuple(int(a) for a in bright)
-    given = np.array(pairs) * (PHASES // PHASE_STARTS)
-    for pole, axis, rate in zip(chosen.pole, chosen.axis, chosen.rate, strict=True):
+    given = jnp.asarray(np.array(pairs) * (PHASES // PHASE_STARTS), jnp.int32)
+    for cell, (_, pole, axis, rate) in enumerate(zip(*chosen, strict=True)):
         axes, turn = np.asarray(frame(jnp.asarray(pole))), run.turns[axis]
         waves = run.waves(np.array([rate]))
         settled = _settled(run, held, jnp.asarray(pole)[None], jnp.asarray(turn), waves, given)
@@ -81,10 +86,11 @@ def starts(run: MotionSearch, cells: Cells) -> list[Start]:
             angle = 2.0 * np.pi * phases[:, row] / PHASES
             about = Rotation.from_rotvec([0.0, 0.0, angle[0]]).as_matrix()
             apart = (angle - angle[0] + np.pi) % (2.0 * np.pi) - np.pi
-            made.append(Start(axes @ about @ turn, rate * pole, apart / rate, x[:, row]))
+            made.append(Start(axes @ about @ turn, rate * pole, apart / rate, x[:, row], cell))
     return made
 
 
+@partial(jax.jit, static_argnums=(0, 1))
 def _settled(run: MotionSearch, held: tuple[int, ...], pole, turn, waves, given) -> tuple[Any, Any]:
     """Phases (A, n) of all arcs and coefficients (K, n), for phases (n, 2) of the arcs held."""
 
@@ -92,16 +98,13 @@ def _settled(run: MotionSearch, held: tuple[int, ...], pole, turn, waves, given)
         return jnp.broadcast_to(x[:, 0], (len(x), len(given), PHASES))
 
     tables: list[Table] = [
-        (wide(cross), wide(square)) for cross, square in _tables(run, pole, turn, waves)
+        (wide(cross), wide(square)) for cross, square in run.tables(pole, turn, waves)
     ]
     first = [jnp.zeros(len(given), jnp.int32)] * len(tables)
     for a, phase in zip(held, given.T, strict=True):
-        first[a] = jnp.asarray(phase, jnp.int32)
+        first[a] = phase
     _, phases, x = joint(run, tables, first, held)
     return jnp.stack(phases), jnp.stack(x)
-
-
-_tables = jax.jit(MotionSearch.tables, static_argnums=0)
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,8 @@ class Separate:
     @classmethod
     def of(cls, run: MotionSearch, unit: float) -> Separate:
         """The arcs of a search, with the flux in a unit (m²)."""
-        soft, exact = (_epochs(arcs, unit) for arcs in (run.arcs, run.exact))
+        soft = _epochs(thinned(run.arcs, EPOCHS, MORE), unit)
+        exact = _epochs(run.exact, unit)
         return cls(soft, exact, 2.0 * np.pi / run.step, np.asarray(run.arcs.middle))
 
     @property
@@ -195,13 +199,14 @@ def optimised(
     problem: Problem,
     separate: Separate,
     points: Sequence[Mapping[str, Any]],
+    cells: NDArray[np.int64],
     workers: int,
     progress: Silent,
 ) -> SearchState:
-    """Optima with the errors of the search, from sites."""
+    """Optima with the errors of the search, from sites, of several cells each of which has some."""
     every = rows(problem, separate.soft, points)
     return search.successive_halving(
-        problem, separate.soft, every, workers, progress, rounds=ROUNDS
+        problem, separate.soft, every, workers, progress, rounds=ROUNDS, group=cells
     )
 
 

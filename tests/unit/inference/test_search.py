@@ -204,3 +204,15 @@ def test_points_that_come_in_one_after_the_other_lead_more_starts_to_the_best_so
 def test_bodies_that_do_not_turn_have_no_such_path(one):
     problem, data, _, _ = one
     assert time_ordered(problem, data) is None
+
+
+def test_the_best_of_each_group_are_kept():
+    """A group whose starts are all worse than those of another loses none of its best."""
+    potential = np.array([5.0, 1.0, 3.0, 2.0, 4.0, 9.0, 7.0, 8.0])
+    group = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    kept = search._best_of_groups(potential, group)
+    assert list(kept[:4]) == [1, 6, 3, 2]  # 7 has rank 2, as 3 has
+    assert sorted(kept) == list(range(8))
+    np.testing.assert_array_equal(
+        search._best_of_groups(potential, np.zeros(8, int)), np.argsort(potential)
+    )
