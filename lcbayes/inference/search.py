@@ -126,6 +126,19 @@ def polish(problem: Problem, data: Epochs, z: NDArray, workers: int) -> SearchSt
         return _advance_all(problem, data, init(z, 1e-3), ROUNDS[-1][1], pool, lambda _: None)
 
 
+def advanced(
+    problem: Problem,
+    data: Epochs,
+    z: NDArray,
+    n_steps: int,
+    workers: int,
+    report: Callable[[int], None],
+) -> SearchState:
+    """The points z (B, D) after some damped steps, row by row."""
+    with threads(workers) as pool:
+        return _advance_all(problem, data, init(z), n_steps, pool, report)
+
+
 class Climb(NamedTuple):
     """How far `climbed` goes.
 
@@ -174,16 +187,18 @@ def climbed(
     return ends
 
 
-def different(ends: SearchState, most: int, tried: ArrayLike = ()) -> list[int]:
-    """Rows of the best end points of different potential, without those already tried."""
+def different(
+    ends: SearchState, most: int, tried: ArrayLike = (), gain: float = MIN_GAIN
+) -> list[int]:
+    """Rows of the best end points whose potentials differ by a gain (nats), without those tried."""
     rows: list[int] = []
     last = -np.inf
     for i, potential in enumerate(np.asarray(ends.potential)):
         if len(rows) == most or not np.isfinite(potential):
             break
-        if potential > last + MIN_GAIN:
+        if potential > last + gain:
             last = potential
-            if not np.any(np.abs(np.asarray(tried) - potential) < MIN_GAIN):
+            if not np.any(np.abs(np.asarray(tried) - potential) < gain):
                 rows.append(i)
     return rows
 

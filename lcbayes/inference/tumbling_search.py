@@ -1,8 +1,9 @@
 """The search for the torque-free motion of a body of facets: independent searches that must agree.
 
-Starts from the prior follow the data in order of time, and facets of the best bodies are then put
-elsewhere. One such search may end at a wrong motion. Searches are therefore repeated, from other
-and more starts, until two have ended at the same best motion and this explains the data.
+Motions from the prior follow the data as these grow in time (`growing_search`), and facets of the
+best bodies are then put elsewhere. One such search may end at a wrong motion. Searches are
+therefore repeated, from other and more starts, until two have ended at the same best motion and
+this explains the data.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.facet_climb import climbed
 from lcbayes.inference.goodness_of_fit import measure
+from lcbayes.inference.growing_search import grown
 from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.search import SearchState
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, prior_draws
+from lcbayes.modelling.problem import Problem
 from lcbayes.physics.brightness import DIFFUSE_LAWS
 from lcbayes.samplers.facet_moves import AREAS, NORMALS
-from lcbayes.samplers.tempering_path import time_ordered
 
 INERTIA = "inertia_base"
-STARTS = 1500  # of one search
+STARTS = 2000  # of one search
 MOST = 6  # searches
 AGREE = 2  # searches that must end at the best motion
 NEARLY = 1.0  # nats above the best optimum that count as the best
@@ -90,11 +91,9 @@ def repeated(
     number = [(num_starts or STARTS) * 2 ** (i // AGREE) for i in range(MOST)]
 
     def one(i: int) -> SearchState:
-        keys = jax.random.split(jax.random.fold_in(key, i), number[i])
-        starts = prior_draws(problem, keys, data)
-        path = time_ordered(problem, data)
-        ends = search.successive_halving(problem, data, starts, workers, progress, path)
-        return climbed(problem, data, options["reflectance"], ends, workers, progress)
+        own, law = jax.random.fold_in(key, i), options["reflectance"]
+        ends = grown(problem, data, law, number[i], own, workers, progress)
+        return climbed(problem, data, law, ends, workers, progress)
 
     for i in range(MOST):
         found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))

@@ -88,7 +88,7 @@ def test_searches_are_repeated_until_two_agree(posterior, monkeypatch):
         value = -10.0 if z is right else -5.0
         return search.SearchState(z[None], np.array([value]), np.ones(1), np.zeros(1, int))
 
-    monkeypatch.setattr(search, "successive_halving", ends)
+    monkeypatch.setattr(tumbling_search, "grown", ends)
     monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
     arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
     found, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
@@ -104,7 +104,7 @@ def test_a_motion_that_does_not_explain_the_data_ends_no_search(posterior, monke
     def ends(*args, **options):  # noqa: ARG001
         return search.SearchState(wrong, np.array([-5.0]), np.ones(1), np.zeros(1, int))
 
-    monkeypatch.setattr(search, "successive_halving", ends)
+    monkeypatch.setattr(tumbling_search, "grown", ends)
     monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
     arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
     _, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))

@@ -1,0 +1,199 @@
+"""A search for the motion of a body of facets in which the data grow in time.
+
+Motions are drawn from the prior. Brightness is linear in the areas, so that the facets of each
+motion follow from the data (`spin_search.pursuit`). All parameters of the best are optimised for
+the first part of the data, then for more of them, and so on. Before each such stage ends, the
+facets are chosen anew: an optimiser leaves a facet in a wrong place where it is. Equal optima are
+kept once, since otherwise the best of an early stage would displace all others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.progress import Silent
+from lcbayes.core.threads import threads
+from lcbayes.inference import search
+from lcbayes.inference.motions import OBS, SUN
+from lcbayes.inference.search import SearchState
+from lcbayes.inference.spin_search.arcs import Points
+from lcbayes.inference.spin_search.pursuit import pursuit
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, prior_draws
+from lcbayes.physics.bodies import facets
+from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
+from lcbayes.samplers.facet_moves import AREAS, NORMALS
+
+Floats = NDArray[np.float64]
+
+MOTIONS = 30  # drawn from the prior for each start of the first stage
+PLACES = 162  # normals among which the facets are chosen
+MOST_POINTS = 240  # by which they are chosen
+CHUNK = 250  # motions at once
+EQUAL = 0.02  # nats: optima closer than this are the same
+LAST = 12  # optima with which the search ends
+
+
+class Stage(NamedTuple):
+    """A part of the data, and how far the motions are followed with it.
+
+    Attributes
+    ----------
+    share : float
+        Of the points, the first in time.
+    softness : float
+        Error relative to the mean flux, in addition to those of the data.
+    steps : int
+        Before the facets are chosen anew, and after.
+    kept : float
+        Motions with which it begins, over the starts of the first.
+    """
+
+    share: float
+    softness: float
+    steps: int
+    kept: float
+
+
+STAGES = (
+    Stage(0.45, 0.05, 6, 1.0),
+    Stage(0.50, 0.05, 6, 0.75),
+    Stage(0.60, 0.05, 6, 0.45),
+    Stage(0.70, 0.05, 6, 0.3),
+    Stage(0.85, 0.05, 8, 0.15),
+    Stage(1.00, 0.03, 10, 0.075),
+    Stage(1.00, 0.00, 20, 0.03),
+)
+
+
+@dataclass(frozen=True)
+class _Growing:
+    """A light curve from which facets are chosen.
+
+    Attributes
+    ----------
+    problem, data, law
+        As for `grown`.
+    points : Points
+        As many as are used for it, evenly chosen.
+    rank : (T,)
+        Share of the data that is earlier, of each epoch.
+    """
+
+    problem: Problem
+    data: Epochs
+    law: DiffuseLaw
+    points: Points
+    rank: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, data: Epochs, law: DiffuseLaw) -> _Growing:
+        every = Points.of(data)
+        n = len(every.t)
+        points = every.at(np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(int)))
+        t = np.asarray(data.t)
+        return cls(problem, data, law, points, np.argsort(np.argsort(t, kind="stable")) / t.size)
+
+    def part(self, stage: Stage) -> Epochs:
+        """The data of a stage: the likelihood of later points has no power."""
+        soft = stage.softness * abs(float(np.mean(self.points.flux)))
+        variance = float(np.median(self.points.error)) ** 2
+        power = (self.rank < stage.share) * variance / (variance + soft**2)
+        return replace(self.data, information=jnp.asarray(power) * self.data.information)
+
+    def chosen(self, z: Floats, stage: Stage, workers: int) -> tuple[Floats, Floats]:
+        """The motions (n, D) with the facets that explain a stage best, and the χ² left, (n,)."""
+        points = self.points
+        soft = stage.softness * abs(float(np.mean(points.flux)))
+        weight = (self.rank[points.epoch] < stage.share) / np.hypot(points.error, soft)
+        fixed = (jnp.asarray(points.epoch), jnp.asarray(weight), jnp.asarray(weight * points.flux))
+        shape = (self.law, self.problem, any(self.data.free_scale))
+
+        def some(i: int) -> tuple[Floats, Floats]:
+            padded = jnp.asarray(np.resize(z[i : i + CHUNK], (CHUNK, z.shape[1])))
+            rows, left = _with_facets(*shape, self.data, *fixed, padded)
+            n = min(CHUNK, len(z) - i)
+            return np.asarray(rows)[:n], np.asarray(left)[:n]
+
+        with threads(workers) as pool:
+            parts = list(pool.map(some, range(0, len(z), CHUNK)))
+        rows, left = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return rows, left
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _with_facets(law, problem: Problem, relative: bool, data, epoch, weight, white, z):
+    grid = jnp.asarray(facets.grid(PLACES))
+
+    def one(z):
+        sites = problem.constrain(z, data)
+        mu0, mu = (sites[name][epoch] @ grid.T for name in (SUN, OBS))
+        columns = diffuse_kernel(law, mu0, mu, LAMBERT_C)[0] * weight[:, None]
+        chosen, areas = pursuit(columns, white, sites[AREAS].size)
+        left = white - columns[:, chosen] @ areas
+        size = jnp.log(areas)
+        if relative:
+            size += jnp.mean(sites[AREAS]) - jnp.mean(size)
+        changed = {NORMALS: grid[chosen], AREAS: size}
+        known = {name: changed.get(name, sites[name]) for name in problem.names}
+        return problem.ravel(known), left @ left
+
+    return jax.lax.map(one, z)
+
+
+def grown(
+    problem: Problem,
+    data: Epochs,
+    law: DiffuseLaw,
+    number: int,
+    key: jax.Array,
+    workers: int,
+    progress: Silent,
+) -> SearchState:
+    """Optima of the posterior, best first.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of a body of diffuse facets.
+    data : Epochs
+    law : reflectance
+    number : int
+        Motions with which the first stage begins, the best of `MOTIONS` times as many draws.
+    key : random key
+    workers : int
+    progress : Silent
+    """
+    growing = _Growing.of(problem, data, law)
+    begun = [max(LAST, round(number * stage.kept)) for stage in STAGES]
+    steps = sum(2 * stage.steps * n for stage, n in zip(STAGES, begun, strict=True))
+    with progress.stage("drawing motions", MOTIONS * number, "motions") as bar:
+        parts: list[tuple[Floats, Floats]] = []
+        for each in jax.random.split(key, MOTIONS):  # at most `number` are held at a time
+            draws = np.asarray(prior_draws(problem, jax.random.split(each, number), data))
+            parts.append(_best(growing.chosen(draws, STAGES[0], workers), *parts, most=begun[0]))
+            parts = parts[-1:]
+            bar.advance(number)
+    z = parts[0][0]
+    with progress.stage("searching", steps, "steps") as bar:
+        for stage, most in zip(STAGES, begun, strict=True):
+            part = growing.part(stage)
+            first = search.advanced(problem, part, z[:most], stage.steps, workers, bar.advance)
+            anew, _ = growing.chosen(np.asarray(first.z), stage, workers)
+            second = search.advanced(problem, part, anew, stage.steps, workers, bar.advance)
+            both = search.joined(first, second)
+            z = np.asarray(both.z)[search.different(both, len(both.z), gain=EQUAL)]
+    return search.best_first(search.polish(problem, data, z[:LAST], workers))
+
+
+def _best(*parts: tuple[Floats, Floats], most: int) -> tuple[Floats, Floats]:
+    """The rows with the least χ² of several sets of motions."""
+    z, left = (np.concatenate(x) for x in zip(*parts, strict=True))
+    rows = np.argsort(left, kind="stable")[:most]
+    return z[rows], left[rows]
