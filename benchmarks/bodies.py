@@ -33,6 +33,7 @@ import lcbayes
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
+from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.misfit_tests import Projection
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
@@ -76,12 +77,11 @@ def searched(case: Case, given: dict[str, object]) -> dict[str, object]:
     seconds = time.monotonic() - begun
     best = compiled(problem.constrain)(ends.z[0], data)
     truth = search.polish(problem, data, _truth(problem, data, case, ends.z[0])[None], 1)
-    missed = (data.brightness - best["expected"]) / data.error
-    dof = case.curve.n_obs - problem.n_parameters
+    misfit = measure(problem, data, ends.z[:1])
     return {
         "nats_above_truth": float(ends.potential[0] - truth.potential[0]),
         "right": _right(case, np.asarray(best["omega"])),
-        "p_chi2": float(chi2.sf(float(jnp.sum(missed**2)), dof)),
+        "p_chi2": float(chi2.sf(misfit.chi2, misfit.dof)),
         "shift_sd": _shift(problem, data, options | entry.pooled, ends.z[0]),
         "search_s": seconds,
     }
