@@ -28,8 +28,8 @@ def arcs_of(starts: tuple[float, ...], other: np.ndarray | None = None) -> Arcs:
         t, sun, obs = np.repeat(t, 2), np.repeat(sun, 2, axis=0), np.repeat(obs, 2, axis=0)
         obs[1::2] = obs[1::2] @ other.T
     rng = np.random.default_rng(5)
-    points = Points(t, sun, obs, rng.uniform(1.0, 2.0, t.size), *[np.arange(t.size)] * 3)
-    return Arcs.of(points._replace(error=np.full(t.size, 0.1)), 0.1, 0.0)
+    flux, error, which = rng.uniform(1.0, 2.0, t.size), np.full(t.size, 0.1), np.arange(t.size)
+    return Arcs.of(Points(t, sun, obs, flux, error, which, which), 0.1, 0.0)
 
 
 @pytest.mark.parametrize("several", [False, True])

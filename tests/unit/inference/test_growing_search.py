@@ -46,7 +46,8 @@ def light(t, sun, obs, flux: np.ndarray) -> LightCurve:
 
 def turning(t, sun, obs, normals=NORMALS, areas=AREAS) -> np.ndarray:
     inside = [turning_facets.in_body_axes(v, t, OMEGA) for v in (sun, obs)]
-    return turning_facets.flux(*turning_facets.cosines(*inside, normals), areas)
+    mu0, mu = turning_facets.cosines(inside[0], inside[1], normals)
+    return turning_facets.flux(mu0, mu, areas)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +124,8 @@ def test_a_tumbling_body_is_found():
     inertia, spin = np.array([0.5, 0.8, 1.0]), np.array([0.010, 0.006, 0.012])
     turn = tumbling(t, inertia, spin)
     inside = [turn.apply(v, inverse=True) for v in (sun, obs)]
-    flux = turning_facets.flux(*turning_facets.cosines(*inside, NORMALS), AREAS)
+    mu0, mu = turning_facets.cosines(inside[0], inside[1], NORMALS)
+    flux = turning_facets.flux(mu0, mu, AREAS)
     problem, data = small_curves.posterior(
         light(t, sun, obs, flux),
         n_facets=3,
