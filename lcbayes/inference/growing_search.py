@@ -188,7 +188,8 @@ def grown(
             anew, _ = growing.chosen(np.asarray(first.z), stage, workers)
             second = search.advanced(problem, part, anew, stage.steps, workers, bar.advance)
             both = search.joined(first, second)
-            z = np.asarray(both.z)[search.different(both, len(both.z), gain=EQUAL)]
+            rows = search.different(both, len(both.z), gain=EQUAL)
+            z = np.asarray(both.z)[rows or slice(LAST)]  # none, if no potential is finite
     return search.best_first(search.polish(problem, data, z[:LAST], workers))
 
 

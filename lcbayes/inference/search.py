@@ -105,14 +105,14 @@ def successive_halving(
     shares = _shares(len(starts), rounds)
     total = sum(n * share for (_, n, _), share in zip(rounds, shares, strict=True))
     state = init(starts)
-    group = np.zeros(len(starts), int) if group is None else group
+    groups = np.zeros(len(starts), int) if group is None else group
     with (
         progress.stage("searching", total, "steps") as bar,
         threads(workers) as pool,
     ):
         for (s, n_steps, _), share in zip(rounds, shares, strict=True):
-            kept = _best_of_groups(np.asarray(state.potential), group)[:share]
-            state, group = jax.tree.map(lambda x, kept=kept: x[kept], (state, group))
+            kept = _best_of_groups(np.asarray(state.potential), groups)[:share]
+            state, groups = jax.tree.map(lambda x, kept=kept: x[kept], (state, groups))
             if path is not None:
                 state = init(state.z)
             at = data if path is None else path.at(data, s)
