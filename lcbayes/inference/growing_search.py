@@ -2,9 +2,9 @@
 
 Motions are drawn from the prior. Brightness is linear in the areas, so that the facets of each
 motion follow from the data (`spin_search.pursuit`). All parameters of the best are optimised for
-the first part of the data, then for more of them, and so on. Before each such stage ends, the
-facets are chosen anew: an optimiser leaves a facet in a wrong place where it is. Equal optima are
-kept once, since otherwise the best of an early stage would displace all others.
+the first part of the data, then for more of them, and so on. In each such stage the facets are
+chosen anew, because an optimiser leaves a facet in a wrong place where it is. Equal optima are kept
+once, because copies of the best would otherwise displace all others.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Stage(NamedTuple):
     softness : float
         Error relative to the mean flux, in addition to those of the data.
     steps : int
-        Before the facets are chosen anew, and after.
+        Steps of the optimiser before the facets are chosen anew, and as many after.
     kept : float
-        Motions with which it begins, over the starts of the first.
+        Number of motions with which it begins, over that of the first stage.
     """
 
     share: float
@@ -100,18 +100,21 @@ class _Growing:
         t = np.asarray(data.t)
         return cls(problem, data, law, points, np.argsort(np.argsort(t, kind="stable")) / t.size)
 
+    def softness(self, stage: Stage) -> float:
+        """The error that a stage adds to those of the data, m²."""
+        return stage.softness * abs(float(np.mean(self.points.flux)))
+
     def part(self, stage: Stage) -> Epochs:
         """The data of a stage: the likelihood of later points has no power."""
-        soft = stage.softness * abs(float(np.mean(self.points.flux)))
         variance = float(np.median(self.points.error)) ** 2
-        power = (self.rank < stage.share) * variance / (variance + soft**2)
+        power = (self.rank < stage.share) * variance / (variance + self.softness(stage) ** 2)
         return replace(self.data, information=jnp.asarray(power) * self.data.information)
 
     def chosen(self, z: Floats, stage: Stage, workers: int) -> tuple[Floats, Floats]:
-        """The motions (n, D) with the facets that explain a stage best, and the χ² left, (n,)."""
+        """The motions (n, D) with facets that fit the data of a stage, and the χ² left, (n,)."""
         points = self.points
-        soft = stage.softness * abs(float(np.mean(points.flux)))
-        weight = (self.rank[points.epoch] < stage.share) / np.hypot(points.error, soft)
+        included = self.rank[points.epoch] < stage.share
+        weight = included / np.hypot(points.error, self.softness(stage))
         fixed = (jnp.asarray(points.epoch), jnp.asarray(weight), jnp.asarray(weight * points.flux))
         shape = (self.law, self.problem, any(self.data.free_scale))
 
@@ -173,14 +176,15 @@ def grown(
     growing = _Growing.of(problem, data, law)
     begun = [max(LAST, round(number * stage.kept)) for stage in STAGES]
     steps = sum(2 * stage.steps * n for stage, n in zip(STAGES, begun, strict=True))
+    z, left = np.zeros((0, problem.dim)), np.zeros(0)
     with progress.stage("drawing motions", MOTIONS * number, "motions") as bar:
-        parts: list[tuple[Floats, Floats]] = []
-        for each in jax.random.split(key, MOTIONS):  # at most `number` are held at a time
+        for each in jax.random.split(key, MOTIONS):
             draws = np.asarray(prior_draws(problem, jax.random.split(each, number), data))
-            parts.append(_best(growing.chosen(draws, STAGES[0], workers), *parts, most=begun[0]))
-            parts = parts[-1:]
+            more, more_left = growing.chosen(draws, STAGES[0], workers)
+            z, left = np.concatenate([z, more]), np.concatenate([left, more_left])
+            best = np.argsort(left, kind="stable")[: begun[0]]
+            z, left = z[best], left[best]
             bar.advance(number)
-    z = parts[0][0]
     with progress.stage("searching", steps, "steps") as bar:
         for stage, most in zip(STAGES, begun, strict=True):
             part = growing.part(stage)
@@ -191,10 +195,3 @@ def grown(
             rows = search.different(both, len(both.z), gain=EQUAL)
             z = np.asarray(both.z)[rows or slice(LAST)]  # none, if no potential is finite
     return search.best_first(search.polish(problem, data, z[:LAST], workers))
-
-
-def _best(*parts: tuple[Floats, Floats], most: int) -> tuple[Floats, Floats]:
-    """The rows with the least χ² of several sets of motions."""
-    z, left = (np.concatenate(x) for x in zip(*parts, strict=True))
-    rows = np.argsort(left, kind="stable")[:most]
-    return z[rows], left[rows]

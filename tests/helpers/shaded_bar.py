@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lcbayes.data.lightcurve import LightCurve
+from tests.helpers import small_curves
 from tests.helpers import turning_bodies as turning
 from tests.helpers.l_shaped_body import boxes, flux
 
@@ -48,13 +49,4 @@ def shaded_flux() -> np.ndarray:
 
 
 def curve(brightness: np.ndarray, snr: float) -> LightCurve:
-    return LightCurve(
-        t=T,
-        brightness=brightness,
-        error=np.full(T.size, brightness.mean() / snr),
-        sun=SUN,
-        obs=OBS,
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
+    return small_curves.of_flux(T, brightness, brightness.mean() / snr, SUN, OBS)

@@ -34,6 +34,22 @@ AREAS = np.array([6.0, 3.5])
 OMEGA = np.array([0.004, -0.003, 0.008])
 
 
+def of_flux(
+    t: np.ndarray, flux: np.ndarray, error: float, sun: np.ndarray, obs: np.ndarray
+) -> LightCurve:
+    """A light curve of known scale whose points have one error, in m²."""
+    return LightCurve(
+        t=t,
+        brightness=flux,
+        error=np.full(t.size, error),
+        sun=sun,
+        obs=obs,
+        frame="icrs",
+        kind="flux",
+        free_scale=np.array([False]),
+    )
+
+
 def directions(n: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """Sun and observer all over the hemisphere that the facets face, (n, 3) each."""
     rng = np.random.default_rng(seed)

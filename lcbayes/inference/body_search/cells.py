@@ -391,8 +391,9 @@ def _harmonics(surface: Surface, poles, turn, sun, obs) -> Table:
     """Fourier coefficients (P, N, m, K) in the phase of F, and of the products of two of them.
 
     F is smoothed by its first harmonics with Lanczos's factors, and then multiplied: the gain of a
-    cell would exceed χ² if F and its products were cut off each on its own. It may be less than the
-    best between nodes, where products that are linear exceed those of a linear flux.
+    cell would exceed χ² if F and its products were cut off each on its own. Between nodes, products
+    are interpolated too. They exceed those of the interpolated flux, so that gains are a little too
+    small there and never too large.
     """
     order = jnp.arange(HARMONICS + 1)
     taper = jnp.sinc(order / (HARMONICS + 1.0))[:, None]

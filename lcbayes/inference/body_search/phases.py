@@ -114,7 +114,7 @@ class Separate:
     Attributes
     ----------
     soft, exact : Epochs
-        With the errors of the search, and with those of the data.
+        With the errors of the search and fewer points, and with those of the data.
     clock_sd : s
         Prior standard deviation of the offset of an arc: several turns.
     middle : (A,) s

@@ -20,6 +20,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
 from lcbayes.models import body as model
 from lcbayes.simulation.known_bodies.reader import body_text, read_body_text
+from tests.helpers import small_curves
 from tests.helpers import turning_bodies as turning
 
 SIDES, ALBEDO = (1.0, 2.0, 3.0), 0.4
@@ -47,17 +48,9 @@ def seen(starts: tuple[float, ...], omega: np.ndarray = OMEGA, snr: float = 30.0
     """The box on passes of 200 s."""
     t, sun, obs = turning.geometry(starts, 40, 200.0)
     flux = turning.box(*turning.in_body(t, ATTITUDE, omega, sun, obs), SIDES, ALBEDO)
-    error = np.full(t.size, flux.mean() / snr)
-    return LightCurve(
-        t=t,
-        brightness=flux + error * np.random.default_rng(3).standard_normal(t.size),
-        error=error,
-        sun=sun,
-        obs=obs,
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
+    error = flux.mean() / snr
+    noisy = flux + error * np.random.default_rng(3).standard_normal(t.size)
+    return small_curves.of_flux(t, noisy, error, sun, obs)
 
 
 def search_of(light: LightCurve, body: str = BOX, allowed: Allowed = ALL) -> cells.MotionSearch:
@@ -230,16 +223,7 @@ def test_no_cell_gains_more_than_all_of_the_light():
     omega = 0.07 * ATTITUDE @ known.flat_axis
     inside = turning.in_body(t, ATTITUDE, omega, sun, obs)
     flux = np.asarray(jax.jit(lambda s, o: known.flux(s, o, shadows=False))(*inside))
-    light = LightCurve(
-        t=t,
-        brightness=flux,
-        error=np.full(t.size, flux.mean() / 100.0),
-        sun=sun,
-        obs=obs,
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
+    light = small_curves.of_flux(t, flux, flux.mean() / 100.0, sun, obs)
     run = search_of(light, body)
     total = float(jnp.sum(run.arcs.white**2))
     waves = run.waves(run.rates)

@@ -16,6 +16,7 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.simulation.known_bodies.reader import body_text, read_body_text
+from tests.helpers import small_curves
 from tests.helpers import turning_bodies as turning
 
 SPACING = np.deg2rad(6.0)
@@ -61,16 +62,7 @@ def glinting(snr: float) -> LightCurve:
     attitude = np.eye(3)
     inside = turning.in_body(t, attitude, 0.07 * known.flat_axis, sun, obs)
     flux = np.asarray(jax.jit(lambda s, o: known.flux(s, o, shadows=False))(*inside))
-    return LightCurve(
-        t=t,
-        brightness=flux,
-        error=np.full(t.size, flux.mean() / snr),
-        sun=sun,
-        obs=obs,
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
+    return small_curves.of_flux(t, flux, flux.mean() / snr, sun, obs)
 
 
 def test_gains_are_those_of_all_points():

@@ -6,7 +6,6 @@ import pytest
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent
-from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search, tumbling_search
 from lcbayes.inference.facet_climb import CANDIDATES, _moves, climbed
 from lcbayes.inference.spin_search.arcs import Points
@@ -32,15 +31,8 @@ def posterior():
     seen = [turning_facets.in_body_axes(v, t, OMEGA) for v in (sun, obs)]
     mu0, mu = turning_facets.cosines(seen[0], seen[1], NORMALS)
     flux = turning_facets.flux(mu0, mu, AREAS)
-    curve = LightCurve(
-        t=t,
-        brightness=flux + ERROR * rng.standard_normal(80),
-        error=np.full(80, ERROR),
-        kind="flux",
-        sun=sun,
-        obs=obs,
-        free_scale=np.array([False]),
-    )
+    noisy = flux + ERROR * rng.standard_normal(80)
+    curve = small_curves.of_flux(t, noisy, ERROR, sun, obs)
     return small_curves.posterior(curve, n_facets=3, omega_sd=0.1, reflectance="lambertian")
 
 

@@ -33,15 +33,7 @@ def geometry(n: int, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def light(t, sun, obs, flux: np.ndarray) -> LightCurve:
     noise = ERROR * np.random.default_rng(1).standard_normal(t.size)
-    return LightCurve(
-        t=t,
-        brightness=flux + noise,
-        error=np.full(t.size, ERROR),
-        kind="flux",
-        sun=sun,
-        obs=obs,
-        free_scale=np.array([False]),
-    )
+    return small_curves.of_flux(t, flux + noise, ERROR, sun, obs)
 
 
 def turning(t, sun, obs, normals=NORMALS, areas=AREAS) -> np.ndarray:
