@@ -11,7 +11,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import growing_search, search
 from lcbayes.inference.growing_search import Stage, _Growing, grown
 from lcbayes.inference.spin_search.facets import Bodies, starts
-from lcbayes.modelling.problem import compiled
+from lcbayes.modelling.problem import compiled, prior_draws
 from lcbayes.physics.bodies import facets
 from tests.helpers import small_curves, turning_facets
 
@@ -86,6 +86,51 @@ def test_a_motion_is_found_from_draws_of_the_prior(posterior, monkeypatch):
     ends = grown(problem, data, "lambertian", 150, jax.random.key(2), 1, Silent())
     assert ends.potential[0] < best.potential[0] + 0.1
     assert np.all(np.diff(ends.potential) >= 0.0)
+
+
+def test_the_best_motions_of_the_draws_are_followed(posterior, monkeypatch):
+    """The first stage begins with motions whose χ² few draws of the prior reach."""
+    problem, data = posterior
+    monkeypatch.setattr(growing_search, "MOTIONS", 10)
+    begun = []
+
+    def advanced(problem, data, z, n_steps, workers, report):  # noqa: ARG001
+        begun.append(z)
+        return search.init(z)._replace(potential=np.arange(len(z)))
+
+    monkeypatch.setattr(search, "advanced", advanced)
+    grown(problem, data, "lambertian", 60, jax.random.key(2), 1, Silent())
+    growing, stage = _Growing.of(problem, data, "lambertian"), growing_search.STAGES[0]
+    draws = np.asarray(prior_draws(problem, jax.random.split(jax.random.key(9), 500), data))
+    _, kept = growing.chosen(np.asarray(begun[0]), stage, 1)
+    _, every = growing.chosen(draws, stage, 1)
+    assert len(kept) == 60
+    assert kept.max() < np.quantile(every, 0.2)  # a tenth is kept
+
+
+@pytest.mark.usefixtures("full_optimisation")
+def test_facets_that_the_optimiser_has_spoilt_are_chosen_anew(posterior, monkeypatch):
+    """The right motion is kept although the first optimisation of each stage merges all facets."""
+    problem, data = posterior
+    truth = starts(problem, data, Bodies(OMEGA[None], NORMALS[None], AREAS[None]), 0.03)
+    best = search.polish(problem, data, truth, 1)
+    calls = []
+
+    def advanced(problem, data, z, n_steps, workers, report):  # noqa: ARG001
+        calls.append(len(z))
+        spoilt = np.array(z)
+        if len(calls) % 2:
+            spoilt[:, problem.rows(["normals_base"])] = np.tile([0.6, 0.0, 0.8], 3)
+        potential = compiled(problem.potential)
+        return search.init(spoilt)._replace(
+            potential=np.array([float(potential(row, data)) for row in spoilt])
+        )
+
+    monkeypatch.setattr(search, "advanced", advanced)
+    monkeypatch.setattr(growing_search, "MOTIONS", 1)
+    monkeypatch.setattr(growing_search, "prior_draws", lambda *given: np.repeat(truth, 12, 0))  # noqa: ARG005
+    ends = grown(problem, data, "lambertian", 12, jax.random.key(2), 1, Silent())
+    assert ends.potential[0] < best.potential[0] + 0.1
 
 
 def tumbling(t: np.ndarray, inertia: np.ndarray, spin: np.ndarray) -> Rotation:
