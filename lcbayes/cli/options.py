@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
 from typing import Any
 
 from lcbayes.core.options import Option, Options, declared_options
@@ -37,19 +36,3 @@ def _keywords(declared: Option) -> dict[str, Any]:
 def options_from(args: Namespace, options: type[Options]) -> dict[str, Any]:
     """The given options, as text."""
     return {name: vars(args)[name] for name in declared_options(options) if name in args}
-
-
-def join_negative_values(argv: Sequence[str]) -> list[str]:
-    """``--site -47.06,15.49,490`` as ``--site=-47.06,15.49,490``.
-
-    Otherwise a value that begins with a minus sign and a digit would be read as an option.
-    """
-    joined: list[str] = []
-    for word in argv:
-        negative = word[:1] == "-" and word[1:2] in ".0123456789" and len(word) > 1
-        option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
-        if negative and option:
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined

@@ -41,3 +41,19 @@ def unknown_words(words: Sequence[str], parser: Parser) -> str:
         return f"unexpected argument {words[0]!r}; quote names with spaces, or see {parser.prog} -h"
     name = given[0].split("=")[0]
     return f"unknown option {name}{closest(name, parser.options)}; see {parser.prog} --help"
+
+
+def join_negative_values(argv: Sequence[str]) -> list[str]:
+    """``--site -47.06,15.49,490`` as ``--site=-47.06,15.49,490``.
+
+    Otherwise a value that begins with a minus sign and a digit would be read as an option.
+    """
+    joined: list[str] = []
+    for word in argv:
+        negative = word[:1] == "-" and word[1:2] in ".0123456789" and len(word) > 1
+        option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
+        if negative and option:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined

@@ -40,7 +40,6 @@ class Task:
     Attributes
     ----------
     name : name on the command line, such as "attitude-test"
-    summary : one line without an initial capital or a full stop
     details : text of `--help` below the options: examples, conditions, files written
     options : the dataclass of its options
     source : name of its first argument: "curve", "scenario", "folder" or "catalogue"; "" if none
@@ -54,7 +53,6 @@ class Task:
     """
 
     name: str
-    summary: str
     details: str
     options: type[Options]
     source: str = CURVE

@@ -51,7 +51,6 @@ class AlbedoAreaOptions(AttitudeOptions):
 
 TASK = Task(
     name="albedo-area",
-    summary="albedo-area distribution, shape cues and convex shape of an object of known attitude",
     details="""\
 examples:
   lcbayes albedo-area pass.csv --attitude none -o out

@@ -52,7 +52,6 @@ def laws() -> str:
 
 TASK = Task(
     name="attitude-test",
-    summary="test attitude laws by pairs of measurements with equal geometry, without a shape",
     details="""\
 examples:
   lcbayes attitude-test passes.csv --tle object.tle -o out

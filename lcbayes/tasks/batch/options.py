@@ -22,7 +22,6 @@ class BatchOptions(ReadOptions, FitOptions):
 
 TASK = Task(
     name="batch",
-    summary="fit of every object of a catalogue, resumable, on this machine or on a Dask cluster",
     details="""\
 examples:
   lcbayes batch night.csv -o night --n-facets 2 --seed 1

@@ -132,7 +132,6 @@ class CompareOptions(ModelOptions):
 
 TASK = Task(
     name="compare",
-    summary="how many facets, or which body: evidence, left-out epochs and probability of each",
     details="""\
 examples:
   lcbayes compare pass.csv --n-facets 1-8 -o out

@@ -28,7 +28,6 @@ class ConvertOptions(Options):
 
 TASK = Task(
     name="convert",
-    summary="rewrite a light curve as CSV or ECSV, with directions to Sun and observer",
     details="""\
 examples:
   lcbayes convert 43_Ariadne.lcs ariadne.csv

@@ -17,7 +17,6 @@ class DoctorOptions(Options):
 
 TASK = Task(
     name="doctor",
-    summary="check this installation and machine, and say what to do where something is wrong",
     details="""\
 example:
   lcbayes doctor

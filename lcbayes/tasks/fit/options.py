@@ -81,7 +81,6 @@ def model_file(model: str) -> dict[str, Path]:
 
 TASK = Task(
     name="fit",
-    summary="posterior over shape, spin and surface of one object, with a report",
     details="""\
 examples:
   lcbayes fit pass.csv -o out --n-facets 3 --seed 1

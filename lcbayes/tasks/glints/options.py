@@ -42,7 +42,6 @@ class GlintsOptions(AttitudeOptions):
 
 TASK = Task(
     name="glints",
-    summary="find glints and turn them into directions of facets, cylinders or Sun-tracking panels",
     details="""\
 examples:
   lcbayes glints pass.csv --tle object.tle -o out

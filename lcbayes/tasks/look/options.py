@@ -18,7 +18,6 @@ class LookOptions(Options):
 
 TASK = Task(
     name="look",
-    summary="what a light curve holds, its candidate periods, and what could be asked of it",
     details="""\
 examples:
   lcbayes look pass.csv

@@ -18,7 +18,6 @@ class ModelsOptions(Options):
 
 TASK = Task(
     name="models",
-    summary="list the models, or the options of one",
     details="""\
 examples:
   lcbayes models

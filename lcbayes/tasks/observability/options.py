@@ -50,7 +50,6 @@ class ObservabilityOptions(Options):
 
 TASK = Task(
     name="observability",
-    summary="what the measurements of a scenario determine before they are taken; which to take",
     details="""\
 examples:
   lcbayes observability box-wing -o out

@@ -41,7 +41,6 @@ class PredictOptions(Options):
 
 TASK = Task(
     name="predict",
-    summary="brightness, rotation or outline of the body that a fit predicts",
     details="""\
 examples:
   lcbayes predict out tomorrow.csv -o brightness.csv

@@ -15,7 +15,6 @@ class ReportOptions(Options):
 
 TASK = Task(
     name="report",
-    summary="write report.html, figures/ and the shape of a results folder again",
     details="""\
 example:
   lcbayes report out

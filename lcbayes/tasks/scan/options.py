@@ -112,8 +112,6 @@ class ScanOptions(Options):
 
 TASK = Task(
     name="scan",
-    summary="hypotheses of attitude (pole, period, stabilised laws), each with its best body, "
-    "ranked",
     details="""\
 examples:
   lcbayes scan 43_Ariadne.lcs --period-range 5.75,5.775 -o out

@@ -43,7 +43,6 @@ class ShapeMatchOptions(Options):
 
 TASK = Task(
     name="shape-match",
-    summary="match the distribution of brightness over phase angle to shapes, without an attitude",
     details="""\
 examples:
   lcbayes shape-match passes.csv --tle object.tle -o out

@@ -29,7 +29,6 @@ def scenarios() -> str:
 
 TASK = Task(
     name="simulate",
-    summary="make a light curve from a scenario file, or from a bundled scenario",
     details="""\
 examples:
   lcbayes simulate --list

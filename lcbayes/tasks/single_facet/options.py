@@ -29,7 +29,6 @@ class SingleFacetOptions(Options):
 
 TASK = Task(
     name="single-facet",
-    summary="orientation of one large facet from the brightening or dimming at its edge",
     details="""\
 examples:
   lcbayes single-facet pass.csv --tle object.tle -o out

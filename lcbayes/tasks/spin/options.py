@@ -18,7 +18,6 @@ class SpinOptions(Options):
 
 TASK = Task(
     name="spin",
-    summary="sidereal period and pole of a spinning object from its periods alone, without a shape",
     details="""\
 examples:
   lcbayes spin passes.csv --tle object.tle -o out

@@ -70,8 +70,6 @@ class SurveyOptions(Options):
 
 TASK = Task(
     name="survey",
-    summary="probable periods and poles of every object of a catalogue of sparse points, in one "
-    "table",
     details="""\
 examples:
   lcbayes survey survey.parquet -o out
