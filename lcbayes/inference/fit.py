@@ -220,8 +220,9 @@ class Stages:
         entry, settings, workers = self.entry, self.settings, self.workers
         progress, checkpoint = self.progress, self.checkpoint
         if tumbling_search.applies(problem, options) and not spins:
+            problems = (problem, self.plain)
             ends, repeats = tumbling_search.repeated(
-                problem, data, options, settings.num_starts, key, workers, progress, checkpoint
+                *problems, data, options, settings.num_starts, key, workers, progress, checkpoint
             )
             return ends, repeats.starts, repeats
         starts = _starts(entry, self.options, problem, data, key, settings.num_starts)

@@ -3,7 +3,8 @@
 Motions from the prior follow the data as these grow in time (`growing_search`), and facets of the
 best bodies are then put elsewhere. One such search may end at a wrong motion. Searches are
 therefore repeated, from other and more starts, until two have ended at the same best motion and
-this explains the data.
+this explains the data, or three have ended at different motions that explain them nearly equally
+well. In that case the data do not determine the motion, and further searches find further ones.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from lcbayes.inference import search
 from lcbayes.inference.facet_climb import climbed
 from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.growing_search import grown
-from lcbayes.inference.motions import motion, same_motion
+from lcbayes.inference.motions import Floats, motion, same_motion
 from lcbayes.inference.search import SearchState
+from lcbayes.inference.solutions import completed
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.brightness import DIFFUSE_LAWS
@@ -33,7 +35,9 @@ INERTIA = "inertia_base"
 STARTS = 2000  # of one search
 MOST = 6  # searches
 AGREE = 2  # searches that must end at the best motion
+DIFFERENT = 3  # motions that explain the data, one of each search, from which no search is repeated
 NEARLY = 1.0  # nats above the best optimum that count as the best
+COMPARABLE = 5.0  # nats above the best optimum of motions that the data do not tell from the best
 
 
 @dataclass(frozen=True)
@@ -45,13 +49,22 @@ class Repeats:
     searches : int
     agree : int
         The number that found the best motion.
+    different : int
+        Number of different motions at which searches ended and which explain the data nearly as
+        well as the best; 0 if the best does not.
     starts : int
         Of all searches.
     """
 
     searches: int
     agree: int
+    different: int
     starts: int
+
+    @property
+    def undetermined(self) -> bool:
+        """Whether the data do not determine the motion."""
+        return self.agree < AGREE and self.different >= DIFFERENT
 
 
 def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
@@ -63,6 +76,7 @@ def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
 
 def repeated(
     problem: Problem,
+    plain: Problem,
     data: Epochs,
     options: Mapping[str, Any],
     num_starts: int,
@@ -76,6 +90,9 @@ def repeated(
     Parameters
     ----------
     problem : Problem
+        That of the search, without clock offsets and a slow change of the rate.
+    plain : Problem
+        The model itself, by which the data are explained or not.
     data : Epochs
     options : mapping
         Of the model, with defaults: ``reflectance``.
@@ -97,26 +114,29 @@ def repeated(
 
     for i in range(MOST):
         found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))
-        agree = _agreeing(problem, data, found)
-        if agree >= AGREE and measure(problem, data, _best(found).z[:1]).explained:
+        repeats = _compared(problem, plain, data, found, sum(number[: i + 1]))
+        if repeats.different and (repeats.agree >= AGREE or repeats.undetermined):
             break
-    repeats = Repeats(len(found), agree, sum(number[: len(found)]))
     return search.joined(*found), repeats
 
 
-def _agreeing(problem: Problem, data: Epochs, found: list[SearchState]) -> int:
-    """Number of searches that found the best motion."""
-    best = _best(found)
+def _compared(
+    problem: Problem, plain: Problem, data: Epochs, found: list[SearchState], starts: int
+) -> Repeats:
+    """How far the searches agree."""
+    best = min(found, key=lambda ends: float(ends.potential[0]))
+    lowest = float(best.potential[0])
+
+    def near(ends: SearchState, nats: float) -> list[Floats]:
+        chosen = ends.z[np.asarray(ends.potential) < lowest + nats]
+        return [motion(problem, data, z) for z in chosen]
+
     moving = motion(problem, data, best.z[0])
-    limit = float(best.potential[0]) + NEARLY
-    return sum(
-        any(
-            same_motion(moving, motion(problem, data, z))
-            for z in ends.z[np.asarray(ends.potential) < limit]
-        )
-        for ends in found
-    )
-
-
-def _best(found: list[SearchState]) -> SearchState:
-    return min(found, key=lambda ends: float(ends.potential[0]))
+    agree = sum(any(same_motion(moving, m) for m in near(ends, NEARLY)) for ends in found)
+    different: list[Floats] = []
+    rows = search.polish(plain, data, completed(problem, plain, data, best.z[:1]), 1).z
+    if measure(plain, data, rows).explained:
+        for ends in found:
+            first = near(ends, COMPARABLE)[:1]
+            different += [m for m in first if not any(same_motion(m, d) for d in different)]
+    return Repeats(len(found), agree, len(different), starts)

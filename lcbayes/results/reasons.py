@@ -34,6 +34,8 @@ SENTENCES = {
     "there may be better ones; search longer with --num-starts",
     "search-not-repeated": "only one of {searches} independent searches ended at the best "
     "solution: there may be better ones; search longer with --num-starts",
+    "motion-undetermined": "the data do not determine the motion: {searches} independent searches "
+    "ended at {different} motions that explain them nearly equally well; observe another pass",
     "solutions-not-sampled": "{number} not sampled, which may hold {percent:.0f} % of the "
     "posterior: raise --max-modes",
     "spin-undetermined": "the data do not determine the spin: {number} solutions explain them, "

@@ -333,8 +333,12 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
     complete = isinstance(posterior.searched, Coverage) and posterior.data.has_error
     alone = not complete and posterior.modes[0].solution.hits < 2
     if isinstance(posterior.searched, Repeats):
-        if posterior.searched.agree < AGREE:
-            yield Finding("search-not-repeated", {"searches": posterior.searched.searches})
+        values = {"searches": posterior.searched.searches}
+        if posterior.searched.undetermined:
+            values["different"] = posterior.searched.different
+            yield Finding("motion-undetermined", values)
+        elif posterior.searched.agree < AGREE:
+            yield Finding("search-not-repeated", values)
     elif posterior.n_starts > 1 and alone:
         yield Finding("best-solution-once", {"starts": posterior.n_starts})
     if not misfit.explained:

@@ -22,17 +22,22 @@ AREAS = np.array([2.0, 1.0, 0.7])
 ERROR = 0.002  # m²
 
 
+def light_curve(t, turned):
+    """As seen at the times t, the body having turned at a constant rate for the times given."""
+    rng = np.random.default_rng(1)
+    sun = np.broadcast_to(turning_facets.unit(np.array([1.0, 0.3, 0.2])), (t.size, 3))
+    obs = turning_facets.unit(np.array([0.8, -0.2, 0.5]) + t[:, None] * [-0.002, 0.003, 0.0])
+    seen = [turning_facets.in_body_axes(v, turned, OMEGA) for v in (sun, obs)]
+    mu0, mu = turning_facets.cosines(seen[0], seen[1], NORMALS)
+    flux = turning_facets.flux(mu0, mu, AREAS)
+    noisy = flux + ERROR * rng.standard_normal(t.size)
+    return small_curves.of_flux(t, noisy, ERROR, sun, obs)
+
+
 @pytest.fixture(scope="module")
 def posterior():
     t = np.linspace(0.0, 400.0, 80)
-    rng = np.random.default_rng(1)
-    sun = np.broadcast_to(turning_facets.unit(np.array([1.0, 0.3, 0.2])), (80, 3))
-    obs = turning_facets.unit(np.array([0.8, -0.2, 0.5]) + t[:, None] * [-0.002, 0.003, 0.0])
-    seen = [turning_facets.in_body_axes(v, t, OMEGA) for v in (sun, obs)]
-    mu0, mu = turning_facets.cosines(seen[0], seen[1], NORMALS)
-    flux = turning_facets.flux(mu0, mu, AREAS)
-    noisy = flux + ERROR * rng.standard_normal(80)
-    curve = small_curves.of_flux(t, noisy, ERROR, sun, obs)
+    curve = light_curve(t, t)
     return small_curves.posterior(curve, n_facets=3, omega_sd=0.1, reflectance="lambertian")
 
 
@@ -67,40 +72,74 @@ def test_a_facet_is_put_where_it_explains_what_the_others_leave(posterior):
         np.testing.assert_allclose(sites["log_albedo_area"][j], np.log(AREAS[j]), atol=0.02)
 
 
-def test_searches_are_repeated_until_two_agree(posterior, monkeypatch):
-    """The first search ends at a wrong motion, and so does the third; the rest are right."""
-    problem, data = posterior
-    right = start(problem, data, NORMALS)[0]
-    wrong = right.copy()
-    wrong[problem.rows(["omega_unit"])] *= 1.3
-    order = iter([wrong, right, wrong, right, right, right])
+@pytest.fixture
+def repeated(posterior, monkeypatch):
+    """`tumbling_search.repeated`, whose searches end as given: the factor by which the true rate is
+    multiplied, and the potential."""
 
-    def ends(*args, **options):  # noqa: ARG001
-        z = next(order)
-        value = -10.0 if z is right else -5.0
-        return search.SearchState(z[None], np.array([value]), np.ones(1), np.zeros(1, int))
+    def repeat(*ends, normals=NORMALS):
+        problem, data = posterior
+        order = iter(ends)
 
-    monkeypatch.setattr(tumbling_search, "grown", ends)
+        def grown(*given):  # noqa: ARG001
+            factor, potential = next(order)
+            z = np.array(start(problem, data, normals))
+            z[:, problem.rows(["omega_unit"])] *= factor
+            return search.SearchState(z, np.array([potential]), np.ones(1), np.zeros(1, int))
+
+        monkeypatch.setattr(tumbling_search, "grown", grown)
+        monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
+        arguments = (problem, problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
+        return tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
+
+    return repeat
+
+
+def test_searches_are_repeated_until_two_agree(repeated):
+    """The first search ends at a wrong motion, and so does the third."""
+    found, repeats = repeated((1.3, -5.0), (1.0, -20.0), (1.3, -5.0), (1.0, -20.0))
+    assert repeats == Repeats(searches=4, agree=2, different=1, starts=12)  # 2, 2, 4 and 4
+    np.testing.assert_array_equal(found.potential, [-20.0, -20.0, -5.0, -5.0])
+    assert not repeats.undetermined
+
+
+def test_a_motion_that_does_not_explain_the_data_ends_no_search(repeated):
+    """Two searches agree on a wrong body, and so do all others: none is left out."""
+    _, repeats = repeated(*[(1.0, -5.0)] * 6, normals=-NORMALS)
+    assert repeats == Repeats(searches=6, agree=6, different=0, starts=28)
+
+
+def test_three_motions_that_explain_the_data_end_the_search(repeated):
+    """Each best but one is within 5 nats of the best, and all are different motions."""
+    _, repeats = repeated((1.3, -17.0), (1.6, -12.0), (1.0, -20.0), (1.9, -18.0), (1.3, -17.0))
+    assert repeats == Repeats(searches=4, agree=1, different=3, starts=12)
+    assert repeats.undetermined
+
+
+def test_a_motion_found_again_is_not_a_different_one(repeated):
+    """Two motions, each found more than once, the best of them once: the searches go on."""
+    ends = [(1.0, -20.0), *[(1.3, -17.0)] * 5]
+    _, repeats = repeated(*ends)
+    assert repeats == Repeats(searches=6, agree=1, different=2, starts=28)
+    assert not repeats.undetermined
+
+
+def test_a_body_that_slows_down_is_explained_by_the_model_itself(monkeypatch):
+    """The search knows no change of the rate, which is 0.8 % here, and the fit does."""
+    t = np.concatenate([np.linspace(0.0, 200.0, 40), np.linspace(2000.0, 2200.0, 40)])
+    curve = light_curve(t, t - 0.004 * t * (t - 2200.0) / 2200.0)
+    known = {"n_facets": 3, "omega_sd": 0.1, "reflectance": "lambertian"}
+    problem, data = small_curves.posterior(curve, **known, rate_drift_sd=0.0)
+    plain, _ = small_curves.posterior(curve, **known)
+    ends = search.polish(problem, data, start(problem, data, NORMALS), 1)
+    monkeypatch.setattr(tumbling_search, "grown", lambda *given: ends)  # noqa: ARG005
     monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
-    arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
-    found, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
-    assert repeats == Repeats(searches=4, agree=2, starts=12)  # 2, 2, 4 and 4
-    np.testing.assert_array_equal(found.potential, [-10.0, -10.0, -5.0, -5.0])
-
-
-def test_a_motion_that_does_not_explain_the_data_ends_no_search(posterior, monkeypatch):
-    """Two searches agree on a wrong motion, and so do all others: none is left out."""
-    problem, data = posterior
-    wrong = start(problem, data, -NORMALS)
-
-    def ends(*args, **options):  # noqa: ARG001
-        return search.SearchState(wrong, np.array([-5.0]), np.ones(1), np.zeros(1, int))
-
-    monkeypatch.setattr(tumbling_search, "grown", ends)
-    monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
-    arguments = (problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
-    _, repeats = tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
-    assert repeats == Repeats(searches=6, agree=6, starts=28)
+    arguments = (data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
+    for model, searches in ((problem, 6), (plain, 2)):
+        _, repeats = tumbling_search.repeated(
+            problem, model, *arguments, Silent(), Checkpoint(None, {})
+        )
+        assert repeats.searches == searches
 
 
 def test_it_applies_to_tumbling_bodies_of_facets_only():

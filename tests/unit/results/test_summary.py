@@ -124,10 +124,15 @@ def test_a_good_fit_is_no_reason():
 
 @pytest.mark.parametrize("agree", [1, 2])
 def test_independent_searches_must_agree(agree):
-    result = reasons(searched=Repeats(6, agree, 9000), hits=1)
+    result = reasons(searched=Repeats(6, agree, 1, 9000), hits=1)
     assert [("only one of 6 independent searches" in text) for text in result] == [True] * (
         2 - agree
     )
+
+
+def test_several_motions_that_explain_the_data_are_named():
+    (text,) = reasons(searched=Repeats(4, 1, 3, 9000), hits=1)
+    assert "4 independent searches ended at 3 motions that explain them nearly" in text
 
 
 def test_the_text_says_how_thorough_a_search_of_a_tumbler_was():
