@@ -170,8 +170,8 @@ def searched(seeds: range) -> None:
     found = sum(float(row[2]) <= TOLERANCE for row in rows)
     text = (
         f"One search of {STARTS} starts for each body. It succeeds if it ends at most {TOLERANCE} "
-        f"nats above the optimum reached from the truth: {found} of {len(rows)}. Both lack the clock "
-        "offsets and the drift of the rate, with which χ² is given. The time of the first "
+        f"nats above the optimum reached from the truth: {found} of {len(rows)}. Both lack the "
+        "clock offsets and the drift of the rate, with which χ² is given. The time of the first "
         "includes compilation.\n\n"
     )
     heads = ["seed", "turns", "best above the truth (nats)", "p of χ²", "search (s)"]
