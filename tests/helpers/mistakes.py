@@ -127,7 +127,7 @@ MISTAKES: dict[str, list[Mistake]] = {
             PASS.replace("utc,mag,", "when,brightness,"),
             "no column of times",
             "found: mag_err, when, brightness",
-            "--columns utc=NAME",
+            "--columns t=NAME if it is in seconds",
         ),
         _read(
             "--columns is the wrong way round",

@@ -108,7 +108,8 @@ def _times(table: Table, used: set[str]) -> tuple[Floats, float | None, str]:
     if name is None:
         raise InputError(
             f"{table.file.name} has no column of times; expected one of: utc, jd, mjd, t (found: "
-            f"{_shown(table)}); name it with --columns utc=NAME"
+            f"{_shown(table)}); name it with --columns t=NAME if it is in seconds, or utc=NAME, "
+            "jd=NAME, mjd=NAME"
         )
     used.add(name)
     if name == "utc":
@@ -157,7 +158,7 @@ def _brightness(
     if kind is None:
         raise InputError(
             f"{table.file.name} has no column of brightness; expected flux or mag (found: "
-            f"{_shown(table)}); name it with --columns mag=NAME"
+            f"{_shown(table)}); name it with --columns mag=NAME or flux=NAME"
         )
     err = f"{kind}_err"
     other = "mag_err" if kind == "flux" else "flux_err"
