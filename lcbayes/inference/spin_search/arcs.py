@@ -162,11 +162,14 @@ def _averaged(points: Points, rows: NDArray, window: float) -> Points:
     total = np.bincount(group, weight)
 
     def mean(values: Floats) -> Floats:
-        if values.ndim == 2:
-            return np.stack([mean(column) for column in values.T], axis=1)
         return np.bincount(group, weight * values) / total
 
-    t, sun, obs, flux = (mean(x[rows]) for x in (points.t, points.sun, points.obs, points.flux))
+    def direction(vectors: Floats) -> Floats:
+        sums = np.stack([np.bincount(group, weight * column) for column in vectors.T], axis=1)
+        return sums / np.linalg.norm(sums, axis=1, keepdims=True)
+
+    t, flux = (mean(x[rows]) for x in (points.t, points.flux))
+    sun, obs = (direction(x[rows]) for x in (points.sun, points.obs))
     series, epoch = (x[rows][first] for x in (points.series, points.epoch))
     averaged = Points(t, sun, obs, flux, 1.0 / np.sqrt(total), series, epoch)
     return averaged.at(np.argsort(t, kind="stable"))

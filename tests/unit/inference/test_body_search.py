@@ -44,9 +44,11 @@ OMEGA = 0.07 * ATTITUDE @ KNOWN.flat_axis
 ALL = Allowed(((0.0, 0.1),), omega_sd=0.025)  # rad/s
 
 
-def seen(starts: tuple[float, ...], omega: np.ndarray = OMEGA, snr: float = 30.0) -> LightCurve:
-    """The box on passes of 200 s."""
-    t, sun, obs = turning.geometry(starts, 40, 200.0)
+def seen(
+    starts: tuple[float, ...], omega: np.ndarray = OMEGA, snr: float = 30.0, n: int = 40
+) -> LightCurve:
+    """The box on passes of 200 s with n points."""
+    t, sun, obs = turning.geometry(starts, n, 200.0)
     flux = turning.box(*turning.in_body(t, ATTITUDE, omega, sun, obs), SIDES, ALBEDO)
     error = flux.mean() / snr
     noisy = flux + error * np.random.default_rng(3).standard_normal(t.size)
@@ -63,6 +65,15 @@ def apart(a: np.ndarray, b: np.ndarray) -> float:
     """Smallest angle (deg) between two attitudes of the box."""
     every = [Rotation.from_matrix(a @ (b @ g).T).magnitude() for g in KNOWN.symmetry.rotations]
     return float(np.degrees(min(every)))
+
+
+def test_a_dense_light_curve_is_searched():
+    """Its points are averaged, and so are the directions to an observer who passes quickly."""
+    run = search_of(seen((0.0, 2000.0), n=300))
+    assert run.arcs.dt.shape[1] < 100
+    data = phases.Separate.of(run, 1.0).soft
+    for vectors in (data.sun, data.obs):
+        np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-12)
 
 
 def test_the_flux_is_linear_in_the_reflectances(monkeypatch):

@@ -371,6 +371,19 @@ def test_points_of_two_observers_are_not_averaged(truth: Truth):
         np.testing.assert_allclose(averaged.flux[own], alone.flux)
 
 
+def test_averaged_directions_are_of_length_one(truth: Truth):
+    """Also where the observer passes quickly; they lie between those of the points."""
+    one = Points.of(Epochs.of(truth.curve)).at(np.arange(40))
+    angle = 0.05 * np.arange(40)
+    one = one._replace(obs=np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1))
+    averaged = arcs._averaged(one, np.arange(40), 3.0 * (one.t[1] - one.t[0]))
+    assert averaged.t.size < 20
+    for vectors in (averaged.sun, averaged.obs):
+        np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-12)
+    seen = np.arctan2(averaged.obs[:, 1], averaged.obs[:, 0])
+    np.testing.assert_allclose(seen, np.interp(averaged.t, one.t, angle), atol=1e-9)
+
+
 def test_a_spin_with_other_turns_keeps_the_attitude_in_both_passes(truth: Truth):
     """Facets point to the same stars in the middle of two neighbouring passes, or of the first and
     the last, though the body has turned more or fewer times between them."""
