@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
-from lcbayes.inference.motions import OBS, SUN
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.arcs import Points
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import OBS, SUN, Problem, compiled
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 from lcbayes.samplers.facet_moves import AREAS, NORMALS

@@ -20,12 +20,11 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
 from lcbayes.inference import search
-from lcbayes.inference.motions import OBS, SUN
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.arcs import Points
 from lcbayes.inference.spin_search.pursuit import pursuit
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, prior_draws
+from lcbayes.modelling.problem import OBS, SUN, Problem, prior_draws
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
 from lcbayes.samplers.facet_moves import AREAS, NORMALS

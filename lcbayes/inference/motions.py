@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import OBS, SUN, Problem, compiled
 
 Floats = NDArray[np.float64]
 
-SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 SAME_ATTITUDE = 0.6  # rad
 
 

@@ -27,6 +27,8 @@ from lcbayes.modelling.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
 
+SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
+
 TRACING = RLock()
 """To be held by whoever enters a NumPyro handler: they lie on one stack for all threads. Models run
 only while they are traced, so compiled programs do not wait for each other."""
@@ -120,13 +122,16 @@ class Problem:
         }
         self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
         moving = _reaching(lambda free: self._flux(free, data), template)
-        self._body = {k: self._rows[k] for k in moving}
+        turning = _reaching(lambda free: self._turned(free, data), template)
+        facets = [(k,) for k in moving if k not in turning]
+        self._body = [g for g in (*facets, tuple(k for k in moving if k in turning)) if g]
         widths = _reaching(
             lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
         self._knows_errors = not widths
-        still = np.setdiff1d(np.arange(self.dim), np.concatenate([[], *self._body.values()]))
-        self._body_order = np.argsort(np.concatenate([still, *self._body.values()]))
+        rows = self.rows(k for group in self._body for k in group)
+        self._still = np.setdiff1d(np.arange(self.dim), rows)
+        self._body_order = np.argsort(np.concatenate([self._still, rows]))
 
     def ravel(self, sites: Sites) -> jax.Array:
         """The flat unconstrained vector of constrained values."""
@@ -248,6 +253,11 @@ class Problem:
     def _flux(self, free: Sites, data: Epochs) -> jax.Array:
         return self._trace(free, data)[0][FLUX]["value"]
 
+    def _turned(self, free: Sites, data: Epochs) -> jax.Array:
+        """The direction of the Sun in body axes, (T, 3); empty if the model has no such site."""
+        trace, _ = self._trace(free, data)
+        return trace[SUN]["value"] if SUN in trace else jnp.zeros(0)
+
     def _conditions(self, data: Epochs, held: Sites, free: Sites, flux: jax.Array) -> Moments:
         """Centres and widths of all observed sites, concatenated, for a given flux.
 
@@ -320,7 +330,9 @@ class Problem:
         for Normal. Factors of the model other than distributions are not included.
 
         The flux dominates the cost. It is therefore differentiated only along the sites on which it
-        depends. The derivatives of the scale and noise of each curve cost little.
+        depends: along those that turn the body together, because they share the derivatives of the
+        attitude, and along each other one alone, for which the attitude has none. The derivatives
+        of the scale and noise of each curve cost little.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -328,10 +340,11 @@ class Problem:
         w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
         basis = jax.vmap(self.unravel)(jnp.eye(self.dim))
         flux = self._flux(free, data)
-        parts = [jnp.zeros((self.dim - sum(r.size for r in self._body.values()), flux.size))]
-        for name in self._body:
-            along = jax.jacfwd(lambda x, name=name: self._flux({**free, name: x}, data))(free[name])
-            parts.append(along.reshape(flux.size, -1).T)
+        parts = [jnp.zeros((self._still.size, flux.size))]
+        for group in self._body:
+            some = {name: free[name] for name in group}
+            along = jax.jacfwd(lambda x: self._flux({**free, **x}, data))(some)
+            parts += [along[name].reshape(flux.size, -1).T for name in group]
         change = jnp.concatenate(parts)[self._body_order]
         # the change of a small response with the parameters is of second order
         held = {RESPONSE: trace[RESPONSE]["value"]} if RESPONSE in trace else {}
