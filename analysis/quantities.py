@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -55,6 +55,7 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "nu": ("specular exponent", "", 0.0),
     "roughness": ("relief on the ellipsoid, rms of its harmonics", "", 0.0),
 }
+TUMBLING = "inertia_ratio"  # a variable of bodies in torque-free motion alone
 # In order of importance; used where only some can be shown.
 IMPORTANT = (
     "period_h",
@@ -225,29 +226,33 @@ def axis_names(frame: str) -> tuple[str, str]:
 
 
 def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
-    """Rate, period and axis of a constant rotation, in common units; empty without one."""
+    """Rate, period and axis of the rotation, in common units; empty without one.
+
+    Rate and axis of a body that tumbles change in time; they are those at the first point.
+    """
     if "omega" not in draws:
         return []
     omega = draws["omega"].transpose("chain", "draw", ...).to_numpy()
     rate = np.degrees(np.linalg.norm(omega, axis=-1))
     lon, lat = lon_lat_deg(omega)
-    names = axis_names(frame)
-    listed = [Quantity("rate", "rotation rate", "deg/s", rate)]
-    if np.std(rate) < 0.2 * np.mean(rate):
+    names, first = axis_names(frame), "initial " if TUMBLING in draws else ""
+    listed = [Quantity("rate", f"{first}rotation rate", "deg/s", rate)]
+    if np.std(rate) < 0.2 * np.mean(rate) and TUMBLING not in draws:
         listed.append(Quantity("turn", "rotation period", "s", 360.0 / rate))
-    listed.append(Quantity("axis_lon", f"spin axis, {names[0]}", "deg", unwrapped(lon, 360.0)))
-    listed.append(Quantity("axis_lat", f"spin axis, {names[1]}", "deg", lat))
+    axis = f"{first}spin axis"
+    listed.append(Quantity("axis_lon", f"{axis}, {names[0]}", "deg", unwrapped(lon, 360.0)))
+    listed.append(Quantity("axis_lat", f"{axis}, {names[1]}", "deg", lat))
     return listed
 
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
     """The spin of the solution, in common units."""
-    listed = rotation(mode.draws, results.frame)
-    for name in ("pole_lon_deg", "pole_lat_deg", "period_h"):
-        listed += (
-            [q for q in quantities(results, mode) if q.name == name] if name in mode.draws else []
-        )
-    return listed
+    listed, known = rotation(mode.draws, results.frame), ("pole_lon_deg", "pole_lat_deg", "period_h")
+    every = [q for q in quantities(results, mode) if q.name in known]
+    if TUMBLING in mode.draws:
+        axes = dict(zip(known, axis_names(results.frame), strict=False))
+        every = [replace(q, words=f"angular momentum, {axes[q.name]}") for q in every]
+    return listed + sorted(every, key=lambda q: known.index(q.name))
 
 
 def facet_normals(mode: Mode) -> Floats | None:

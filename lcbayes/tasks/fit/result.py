@@ -149,10 +149,12 @@ class Fit(Result[FitContent]):
         """Rotation rate, period and axis of a solution, in the units in which they are quoted."""
         node = f"modes/{index}" if "modes" in self.tree else ""
         draws = self.tree[f"{node}/posterior"].to_dataset()
-        for q in quantities.rotation(draws, str(self.tree.attrs.get("frame", "inertial"))):
+        listed = quantities.rotation(draws, str(self.tree.attrs.get("frame", "inertial")))
+        width = max([22, *(len(q.words) for q in listed)])
+        for q in listed:
             mean, low, high = (show(x, q.sd) for x in (q.mean, q.quantile(0.05), q.quantile(0.95)))
             shown = f"{mean:>10s} ± {show(q.sd, q.sd)} {q.unit}"
-            yield f"  {q.words:22s} {shown:32s} {low} to {high}"
+            yield f"  {q.words:{width}s} {shown:32s} {low} to {high}"
 
     def _parameters(self, parameters: Mapping[str, ParameterContent]) -> Iterator[str]:
         rows = {
