@@ -10,14 +10,14 @@ well. In that case the data do not determine the motion, and further searches fi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.jax_setup import jax
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.facet_climb import climbed
@@ -25,7 +25,7 @@ from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.growing_search import grown
 from lcbayes.inference.motions import Floats, motion, same_motion
 from lcbayes.inference.search import SearchState
-from lcbayes.inference.solutions import completed
+from lcbayes.inference.solutions import completed, optimum
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.brightness import DIFFUSE_LAWS
@@ -105,12 +105,14 @@ def repeated(
         Keeps the end points of each search, from which an interrupted run goes on.
     """
     found: list[SearchState] = []
+    # the shape in which `grown` has it, so that programs are compiled once
+    pointwise = replace(data, information=data.information * jnp.ones(data.t.size))
     number = [(num_starts or STARTS) * 2 ** (i // AGREE) for i in range(MOST)]
 
     def one(i: int) -> SearchState:
         own, law = jax.random.fold_in(key, i), options["reflectance"]
-        ends = grown(problem, data, law, number[i], own, workers, progress)
-        return climbed(problem, data, law, ends, workers, progress)
+        ends = grown(problem, pointwise, law, number[i], own, workers, progress)
+        return climbed(problem, pointwise, law, ends, workers, progress)
 
     for i in range(MOST):
         found.append(checkpoint.once(f"tumbling-{i}", SearchState, partial(one, i)))
@@ -134,8 +136,9 @@ def _compared(
     moving = motion(problem, data, best.z[0])
     agree = sum(any(same_motion(moving, m) for m in near(ends, NEARLY)) for ends in found)
     different: list[Floats] = []
-    rows = search.polish(plain, data, completed(problem, plain, data, best.z[:1]), 1).z
-    if measure(plain, data, rows).explained:
+    (begin,) = completed(problem, plain, data, best.z[:1])
+    z, _ = optimum(plain, data, begin, np.arange(plain.dim))
+    if measure(plain, data, z[None]).explained:
         for ends in found:
             first = near(ends, COMPARABLE)[:1]
             different += [m for m in first if not any(same_motion(m, d) for d in different)]
