@@ -247,7 +247,8 @@ def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
 
 def spin(results: Results, mode: Mode) -> list[Quantity]:
     """The spin of the solution, in common units."""
-    listed, known = rotation(mode.draws, results.frame), ("pole_lon_deg", "pole_lat_deg", "period_h")
+    listed = rotation(mode.draws, results.frame)
+    known = ("pole_lon_deg", "pole_lat_deg", "period_h")
     every = [q for q in quantities(results, mode) if q.name in known]
     if TUMBLING in mode.draws:
         axes = dict(zip(known, axis_names(results.frame), strict=False))

@@ -222,7 +222,7 @@ class Stages:
         if tumbling_search.applies(problem, options) and not spins:
             problems = (problem, self.plain)
             ends, repeats = tumbling_search.repeated(
-                *problems, data, options, settings.num_starts, key, workers, progress, checkpoint
+                problems, data, options, settings.num_starts, key, workers, progress, checkpoint
             )
             return ends, repeats.starts, repeats
         starts = _starts(entry, self.options, problem, data, key, settings.num_starts)

@@ -75,8 +75,7 @@ def applies(problem: Problem, options: Mapping[str, Any]) -> bool:
 
 
 def repeated(
-    problem: Problem,
-    plain: Problem,
+    problems: tuple[Problem, Problem],
     data: Epochs,
     options: Mapping[str, Any],
     num_starts: int,
@@ -89,10 +88,9 @@ def repeated(
 
     Parameters
     ----------
-    problem : Problem
-        That of the search, without clock offsets and a slow change of the rate.
-    plain : Problem
-        The model itself, by which the data are explained or not.
+    problems : pair of Problem
+        That of the search, without clock offsets and a slow change of the rate, and that of the
+        model itself, by which the data are explained or not.
     data : Epochs
     options : mapping
         Of the model, with defaults: ``reflectance``.
@@ -104,6 +102,7 @@ def repeated(
     checkpoint : Checkpoint
         Keeps the end points of each search, from which an interrupted run goes on.
     """
+    problem, plain = problems
     found: list[SearchState] = []
     # the shape in which `grown` has it, so that programs are compiled once
     pointwise = replace(data, information=data.information * jnp.ones(data.t.size))

@@ -89,7 +89,14 @@ def repeated(posterior, monkeypatch):
 
         monkeypatch.setattr(tumbling_search, "grown", grown)
         monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
-        arguments = (problem, problem, data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
+        arguments = (
+            (problem, problem),
+            data,
+            {"reflectance": "lambertian"},
+            2,
+            jax.random.key(0),
+            1,
+        )
         return tumbling_search.repeated(*arguments, Silent(), Checkpoint(None, {}))
 
     return repeat
@@ -137,7 +144,7 @@ def test_a_body_that_slows_down_is_explained_by_the_model_itself(monkeypatch):
     arguments = (data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
     for model, searches in ((problem, 6), (plain, 2)):
         _, repeats = tumbling_search.repeated(
-            problem, model, *arguments, Silent(), Checkpoint(None, {})
+            (problem, model), *arguments, Silent(), Checkpoint(None, {})
         )
         assert repeats.searches == searches
 
