@@ -128,17 +128,19 @@ def _compared(
     best = min(found, key=lambda ends: float(ends.potential[0]))
     lowest = float(best.potential[0])
 
-    def near(ends: SearchState, nats: float) -> list[Floats]:
-        chosen = ends.z[np.asarray(ends.potential) < lowest + nats]
-        return [motion(problem, data, z) for z in chosen]
+    def near(ends: SearchState, nats: float) -> Floats:
+        return np.asarray(ends.z)[np.asarray(ends.potential) < lowest + nats]
 
-    moving = motion(problem, data, best.z[0])
-    agree = sum(any(same_motion(moving, m) for m in near(ends, NEARLY)) for ends in found)
+    def moving(z: Floats) -> Floats:
+        return motion(problem, data, z)
+
+    first = moving(best.z[0])
+    agree = sum(any(same_motion(first, moving(z)) for z in near(ends, NEARLY)) for ends in found)
     different: list[Floats] = []
     (begin,) = completed(problem, plain, data, best.z[:1])
     z, _ = optimum(plain, data, begin, np.arange(plain.dim))
     if measure(plain, data, z[None]).explained:
         for ends in found:
-            first = near(ends, COMPARABLE)[:1]
-            different += [m for m in first if not any(same_motion(m, d) for d in different)]
+            own = [moving(z) for z in near(ends, COMPARABLE)[:1]]  # none if its best is too high
+            different += [m for m in own if not any(same_motion(m, d) for d in different)]
     return Repeats(len(found), agree, len(different), starts)
