@@ -24,7 +24,6 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling.ephemeris import frames
 from lcbayes.modelling.facet_list import ARRAY, facet_list
-from lcbayes.modelling.priors import inertia_tensor
 from lcbayes.physics.attitude import catalogue
 from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from lcbayes.physics.bodies.closure import close
@@ -88,7 +87,7 @@ def _mode(
     shape = next((s for s in shapes if s.mode is mode), None)
     solid = shape is not None and shape.body is not None
     most = min(SOLID_DRAWS if solid else DRAWS, max(2, MOST_NUMBERS // max(order.size, 1)))
-    if "inertia_base" in mode.draws:
+    if "inertia" in mode.draws:
         most = min(most, max(4, MOST_DIRECTIONS // max(order.size, 1)))
     rows, curves = _curves(results, mode, most)
     bands = light_curve_plots.bands(mode)
@@ -151,7 +150,7 @@ def _attitude(
     """What gives the orientation of each draw: an angular velocity, a pole and a period, or, for a
     body that tumbles or obeys an attitude law, the directions to Sun and observer in its frame."""
     names = set(map(str, mode.draws.data_vars))
-    if {"inertia_base", "omega"} <= names:
+    if {"inertia", "omega"} <= names:
         return _tumbling(mode, rows, results, order)
     if results.light_curve is not None:
         return _by_law(results, results.light_curve, order)
@@ -224,15 +223,14 @@ def _tumbling(
     mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
 ) -> dict[str, Any]:
     """Directions to Sun and observer in the frame of each draw, as 16-bit integers."""
-    sd = float((results.summary.get("model_options") or {}).get("inertia_sd", 1.0))
     t = jnp.asarray(results.t)
     sun, obs = (jnp.asarray(results.constant[k].to_numpy()) for k in ("sun", "obs"))
 
-    def turned(free: Any, omega: Any) -> Any:
-        return jnp.stack(torque_free_to_body(t, omega, inertia_tensor(free, sd)[0], sun, obs))
+    def turned(tensor: Any, omega: Any) -> Any:
+        return jnp.stack(torque_free_to_body(t, omega, tensor, sun, obs))
 
-    free, omega = (jnp.asarray(_stacked(mode, k)[rows]) for k in ("inertia_base", "omega"))
-    directions = np.asarray(jax.lax.map(lambda pair: turned(*pair), (free, omega)))[:, :, order]
+    states = tuple(jnp.asarray(_stacked(mode, k)[rows]) for k in ("inertia", "omega"))
+    directions = np.asarray(jax.lax.map(lambda state: turned(*state), states))[:, :, order]
     return {
         "kind": "directions",
         "sun": packed(np.round(32000 * directions[:, 0]), "<i2"),

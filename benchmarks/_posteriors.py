@@ -158,7 +158,7 @@ def _climb(problem: Problem, z: jax.Array, data: Epochs) -> jax.Array:
 
 
 def _at(problem: Problem, z: jax.Array, data: Epochs) -> Posterior:
-    whitening = jax.jit(lambda z, data: Whitening.at(problem, z, data))(z, data)
+    whitening = Whitening.at(problem, np.asarray(z), data)
     return Posterior(problem.potential, problem.fisher, data, whitening)
 
 

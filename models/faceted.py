@@ -88,7 +88,7 @@ def model(
     """
     known = KnownSpin.of(period, pole)
     turned = nuisances.rotation(data, spin, omega_sd, inertia_sd, clock_sd, rate_drift_sd, known)
-    normals = priors.normals(n_facets)
+    normals = priors.normals(n_facets, turned.start)
     area = priors.albedo_area(n_facets, log_area_mean, log_area_sd)
     if sparsity:
         priors.sparse_area(area, sparsity)

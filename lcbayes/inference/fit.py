@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from threading import Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +67,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body", RESPONSE)
+ROWS = 256  # draws together, so that one program serves any number of draws
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
@@ -111,7 +114,12 @@ def run(
     key_start, key = jax.random.split(jax.random.key(settings.seed))
     fit = Stages.of(plain, entry, options, settings, checkpoint, progress)
     begun = time.monotonic()
+    # The compiler needs one core and not the interpreter, so that the search goes on meanwhile. The
+    # search of an impossible curve may fail: that message must not wait for it.
+    ahead = Thread(target=fit.prepared, args=(problem, data), daemon=True)
+    ahead.start()
     found = fit.search(data, key_start, spins)
+    ahead.join()
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
         return fit.by_particles(found, key)
@@ -267,6 +275,12 @@ class Stages:
         held = None if hook is None else hook(problem, data, **self.options)
         ordered = self.order(problem).like_all
         return Sampler(problem, self.settings, self.workers, moves, ordered, held)
+
+    def prepared(self, problem: Problem, data: Epochs) -> None:
+        """Compile the chains' programs; errors are left to those who run them."""
+        if self.settings.sampler != PARTICLES:
+            with suppress(InputError):
+                self.sampler(problem, data).prepare(data)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""
@@ -450,8 +464,11 @@ def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Arr
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
-    flat = _constrained(problem, z.reshape(-1, z.shape[-1]), data)
-    return {k: np.asarray(v).reshape(*z.shape[:2], *v.shape[1:]) for k, v in flat.items()}
+    flat = z.reshape(-1, z.shape[-1])
+    padded = np.resize(flat, (-(-len(flat) // ROWS) * ROWS, z.shape[-1]))
+    parts = [_constrained(problem, rows, data) for rows in padded.reshape(-1, ROWS, z.shape[-1])]
+    together = jax.tree.map(lambda *x: np.concatenate(x)[: len(flat)], *parts)
+    return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in together.items()}
 
 
 @partial(jax.jit, static_argnums=0)

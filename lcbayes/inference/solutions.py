@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,15 +121,17 @@ def completed(pooled: Problem, problem: Problem, data: Epochs, z: Floats) -> Flo
     """Rows (B, D) of a simpler problem as rows of the full one. Parameters that the simpler problem
     lacks take their conditional prior means."""
 
-    def one(row: jax.Array) -> jax.Array:
-        sites = pooled.constrain(row, data)
-        trace = problem.trace(sites, data)
-        for name in problem.names:
-            if name not in pooled.names:
-                sites[name] = trace[name]["fn"].mean
-        return problem.ravel(sites)
+    return np.stack([np.asarray(_completed(pooled, problem, data, row)) for row in jnp.asarray(z)])
 
-    return np.asarray(jax.jit(lambda rows: jax.lax.map(one, rows))(jnp.asarray(z)))
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _completed(pooled: Problem, problem: Problem, data: Epochs, z: jax.Array) -> jax.Array:
+    sites = pooled.constrain(z, data)
+    trace = problem.trace(sites, data)
+    for name in problem.names:
+        if name not in pooled.names:
+            sites[name] = trace[name]["fn"].mean
+    return problem.ravel(sites)
 
 
 def refined(

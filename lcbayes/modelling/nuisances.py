@@ -23,7 +23,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
-from lcbayes.modelling.priors import Rotation
+from lcbayes.modelling.priors import Spin
 from lcbayes.physics import photometry
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
@@ -192,21 +192,24 @@ class Rotating:
     Attributes
     ----------
     data : Epochs
-    turned : callable
-        Rotation at true times, as of `modelling.priors.spin`.
-    omega : (3,) rad/s
-        Angular velocity at t = 0, mean angular velocity if it drifts.
+    spin : Spin
+        Rotation since ``origin``; ω is the mean if the rate drifts.
+    origin : scalar, s
+        True time at which body axes and inertial axes coincide.
     late : (T,) s, optional
         To be added to the recorded times.
     drift : scalar, optional
         Relative change of the rate.
+    start : (3, 3), optional
+        Attitude at t = 0, body to inertial, unless the axes coincide then.
     """
 
     data: Epochs
-    turned: Rotation
-    omega: jax.Array
+    spin: Spin
+    origin: jax.Array
     late: jax.Array | None = None
     drift: jax.Array | None = None
+    start: jax.Array | None = None
 
     def __call__(self, t: jax.Array, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
         """Body components of the directions at recorded times t.
@@ -216,19 +219,23 @@ class Rotating:
         leaves its length right to 2e-4. The Sun moves by 1e-6 rad and is left where it is.
         """
         if self.late is None:
-            return self.turned(self.time(t), sun, obs)
+            return self.spin.to_body(self.time(t), sun, obs)
         # The rate is rotated with the directions, so that its gradient needs no rotation back.
-        sun, obs, rate = self.turned(self.time(t), sun, obs, self.data.obs_rate)
+        sun, obs, rate = self.spin.to_body(self.time(t), sun, obs, self.data.obs_rate)
         return sun, obs + self.late[:, None] * rate
 
     def time(self, t: jax.Array) -> jax.Array:
-        """The time (T,) at which a body of constant rate has the attitude of recorded times t."""
-        if self.late is not None:
-            t = t + self.late
-        if self.drift is not None:
-            middle = self.data.t_middle
-            t = t + self.drift * ((t - middle) ** 2 - middle**2) / (2.0 * self.data.t_span)
-        return t
+        """Time (T,) since ``origin`` at which a body of constant rate has the attitude of recorded
+        times t."""
+        return self.elapsed(t if self.late is None else t + self.late)
+
+    def elapsed(self, t: jax.Array) -> jax.Array:
+        """As `time`, for true times t."""
+        elapsed = t - self.origin
+        if self.drift is None:
+            return elapsed
+        since, start = t - self.data.t_middle, self.origin - self.data.t_middle
+        return elapsed + self.drift * (since**2 - start**2) / (2.0 * self.data.t_span)
 
 
 def expected(
@@ -266,7 +273,7 @@ def expected(
     averaged = average(data.t)
     if not nutates:
         return averaged, None
-    motion = turned.omega, turned.time
+    motion = turned.spin.omega, turned.time
     return averaged[0], nutation.response(data, *motion, averaged[1:], nutation_sd, nutation_ratio)
 
 
@@ -282,6 +289,10 @@ def rotation(
     """The rotation of `modelling.priors.spin` with errors of clocks and a drift of the rate.
 
     The prior of ω is normal with sd ``omega_sd`` (rad/s), or that of what is known of the spin.
+    That of a torque-free body is ω in the middle of the light curve, where its axes coincide with
+    the inertial axes: the data fix the attitude best there, and the posterior is rounder than that
+    of the state at t = 0. The latter is recorded: ω (3,) and the inertia tensor (3, 3), both in
+    inertial axes.
 
     Returns
     -------
@@ -292,12 +303,18 @@ def rotation(
     if known is not None:
         known.check(spin)
         prior = known.prior(omega_sd, data)
-    turned, omega = priors.spin(spin, omega_sd, inertia_sd, prior)
+    body = priors.spin(spin, omega_sd, inertia_sd, prior)
     if spin == "none":
-        return Rotating(data, turned, omega)
-    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
+        return Rotating(data, body, jnp.zeros(()))
+    rate = jnp.sqrt(jnp.sum(body.omega**2) + 1e-30)
     late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
-    return Rotating(data, turned, omega, late, drift)
+    if spin == "free":
+        return Rotating(data, body, jnp.zeros(()), late, drift)
+    rotating = Rotating(data, body, data.t_middle, late, drift)
+    state = body.state(rotating.elapsed(jnp.zeros(())))
+    numpyro.deterministic("omega", state.omega)
+    numpyro.deterministic("inertia", state.inertia)
+    return replace(rotating, start=state.attitude)
 
 
 def moved(data: Epochs, late: jax.Array | None) -> Epochs:

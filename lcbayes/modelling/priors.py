@@ -7,6 +7,7 @@ Each function draws NumPyro sites under the names of the results (``normals``, `
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import numpyro
@@ -82,13 +83,18 @@ def directions(name: str, n: int) -> jax.Array:
     return base / jnp.linalg.norm(base, axis=-1, keepdims=True)
 
 
-def normals(n_facets: int) -> jax.Array:
-    """Facet normals, body frame, with their angles ``phi`` and ``g`` recorded; (N, 3)."""
+def normals(n_facets: int, start: jax.Array | None = None) -> jax.Array:
+    """Facet normals, body frame, (N, 3).
+
+    They are recorded with their angles ``phi`` and ``g``, in inertial axes at t = 0: turned by
+    ``start`` (3, 3), the attitude at that time, if body and inertial axes coincide at another time.
+    """
     if n_facets < 1:
         raise InputError(f"n_facets is {n_facets}; give 1 or more")
     u = directions("normals", n_facets)
-    numpyro.deterministic("normals", u)
-    phi, g = facets.angles(u)
+    at_start = u if start is None else u @ start.T
+    numpyro.deterministic("normals", at_start)
+    phi, g = facets.angles(at_start)
     numpyro.deterministic("phi", phi)
     numpyro.deterministic("g", g)
     return u
@@ -170,16 +176,19 @@ def angular_velocity(sd: float, known: dist.Distribution | None = None) -> jax.A
 
     ``known`` is another prior of ω/sd, such as `modelling.known_spin.SpinPrior`.
     """
-    _positive("omega_sd", sd)
-    prior = dist.Normal(0.0, 1.0).expand([3]).to_event(1) if known is None else known
-    unit = jnp.asarray(numpyro.sample("omega_unit", prior))
-    omega = sd * unit
+    omega = _angular_velocity(sd, known)
     numpyro.deterministic("omega", omega)
     return omega
 
 
+def _angular_velocity(sd: float, known: dist.Distribution | None) -> jax.Array:
+    _positive("omega_sd", sd)
+    prior = dist.Normal(0.0, 1.0).expand([3]).to_event(1) if known is None else known
+    return sd * jnp.asarray(numpyro.sample("omega_unit", prior))
+
+
 def inertia(sd: float) -> jax.Array:
-    """Inertia tensor at t = 0, up to its scale, inertial axes, (3, 3).
+    """Inertia tensor, up to its scale, body axes, (3, 3).
 
     J = tr(M) I − M, where M = exp S contains the second moments of the mass distribution and S is
     symmetric and traceless, with components N(0, sd²) in an orthonormal basis. This prior is
@@ -210,37 +219,74 @@ TRACELESS[3] = np.diag([1.0, -1.0, 0.0]) / 2.0**0.5
 TRACELESS[4] = np.diag([1.0, 1.0, -2.0]) / 6.0**0.5
 
 
+class State(NamedTuple):
+    """The state of a torque-free body at one time, in inertial axes.
+
+    Attributes
+    ----------
+    attitude : (3, 3)
+        Body to inertial.
+    omega : (3,) rad/s
+    inertia : (3, 3)
+        Over the largest moment of inertia.
+    """
+
+    attitude: jax.Array
+    omega: jax.Array
+    inertia: jax.Array
+
+
+class Spin(NamedTuple):
+    """The rotation of a body since its axes coincided with the inertial axes.
+
+    Attributes
+    ----------
+    to_body : callable
+        ``to_body(elapsed, *vectors)`` gives the body-frame components of inertial vectors (T, 3)
+        at times (T,) s since then.
+    omega : (3,)
+        Angular velocity at that time, rad/s.
+    inertia : (3, 3), optional
+        Of a torque-free body, body axes, up to its scale.
+    """
+
+    to_body: Rotation
+    omega: jax.Array
+    inertia: jax.Array | None = None
+
+    def state(self, elapsed: jax.Array) -> State:
+        """The state of a torque-free body at one time."""
+        axes = (jnp.asarray(axis)[None] for axis in np.eye(3))
+        attitude = jnp.concatenate(self.to_body(elapsed[None], *axes))
+        assert self.inertia is not None
+        tensor = attitude @ self.inertia @ attitude.T
+        omega = jnp.linalg.solve(tensor, self.inertia @ self.omega)  # the momentum is constant
+        return State(attitude, omega, tensor / jnp.linalg.eigvalsh(self.inertia)[-1])
+
+
 def spin(
     kind: str,
     omega_sd: float,
     inertia_sd: float = 1.0,
     known: dist.Distribution | None = None,
-) -> tuple[Rotation, jax.Array]:
+) -> Spin:
     """Rotation of the body for a model's option ``spin``.
 
     "free" is rotation at a constant ω, "none" is no rotation, and "torque-free" is the motion of a
-    rigid body with a sampled inertia tensor from ω at t = 0. The body axes are the inertial axes at
-    t = 0. ``known`` is a prior of ω/omega_sd in place of the normal one.
-
-    Returns
-    -------
-    callable
-        ``to_body(t, *vectors)`` gives the body-frame components at times t (T,) s of inertial
-        vectors (T, 3).
-    (3,)
-        ω at t = 0, rad/s.
+    rigid body with a sampled inertia tensor. ``known`` is a prior of ω/omega_sd in place of the
+    normal one. The site ``omega`` of a torque-free body is left to the caller, who knows when its
+    axes coincide with the inertial axes.
     """
     if kind not in SPINS:
         raise ValueError(f"unknown spin {kind!r}; available: {', '.join(SPINS)}")
-    omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd, known)
     if kind != "torque-free":
-        return lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), omega
-    tensor = inertia(inertia_sd)
+        omega = jnp.zeros(3) if kind == "none" else angular_velocity(omega_sd, known)
+        return Spin(lambda t, *vectors: rotations.constant_rate_to_body(t, omega, *vectors), omega)
+    omega, tensor = _angular_velocity(omega_sd, known), inertia(inertia_sd)
     momentum = tensor @ omega
     pole = momentum / jnp.sqrt(jnp.sum(momentum**2) + 1e-30)
     pole_angles(pole)
-
-    return lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors), omega
+    return Spin(lambda t, *vectors: torque_free_to_body(t, omega, tensor, *vectors), omega, tensor)
 
 
 def pole_angles(pole: jax.Array) -> None:

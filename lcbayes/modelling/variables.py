@@ -7,6 +7,7 @@ from collections.abc import Collection
 CARRIERS = frozenset(
     {
         "normals",
+        "inertia",
         "omega_unit",
         "period_shift",
         "mode",

@@ -54,6 +54,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "noise": ("curve",),
     "noise_unit": ("curve",),
     "coefficients": ("coefficient",),
+    "inertia": ("axis", "other_axis"),
     "inertia_base": ("shape",),
     "inertia_ratio": ("moment",),
     "area": ("facet",),

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.infer import NUTS
@@ -17,11 +18,13 @@ from numpyro.infer.mcmc import MCMCKernel
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import TRACING, Problem, Sites
+from lcbayes.modelling.problem import TRACING, Problem, Sites, compiled
 from lcbayes.samplers import kernels
 from lcbayes.samplers.kernels import alternating, metric
 from lcbayes.samplers.kernels.guided import Guided
 from lcbayes.samplers.settings import FACET_MOVES, GUIDED
+
+Floats = NDArray[np.float64]
 
 SPREAD = 0.3
 GUIDED_ACCEPT = 0.95  # by the guide, whose short steps are cheap
@@ -33,27 +36,29 @@ FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
 class Whitening(NamedTuple):
     """z = centre + factor · y, with y such that the solution is about a unit Gaussian."""
 
-    centre: jax.Array  # (D,)
-    factor: jax.Array  # (D, D), eigenvectors of F over the square roots of its eigenvalues
+    centre: Any  # (D,)
+    factor: Any  # (D, D)
 
     @classmethod
-    def at(cls, problem: Problem, z: jax.Array, data: Epochs) -> Whitening:
-        """From the Fisher information at z: factor factorᵀ = F⁻¹."""
-        fisher = problem.fisher(z, data)
-        values, vectors = jnp.linalg.eigh(0.5 * (fisher + fisher.T))
+    def at(cls, problem: Problem, z: Floats, data: Epochs) -> Whitening:
+        """From the Fisher information at z (D,): factor factorᵀ = F⁻¹.
+
+        The columns of ``factor`` are eigenvectors of F over the square roots of its eigenvalues.
+        """
+        values, vectors = np.linalg.eigh(_fisher(problem, z, data))
         # Directions that neither the data nor the prior constrain are limited to a hundred prior
         # widths.
-        return cls(z, vectors / jnp.sqrt(jnp.maximum(values, 1e-4)))
+        return cls(np.asarray(z), vectors / np.sqrt(np.maximum(values, 1e-4)))
 
     @classmethod
-    def along_axes(cls, problem: Problem, starts: jax.Array, data: Epochs) -> Whitening:
+    def along_axes(cls, problem: Problem, starts: Floats, data: Epochs) -> Whitening:
         """About the first of some optima (n, D), with the median width of each coordinate.
 
         For kernels with a local metric: F⁻¹ at one optimum would be far too narrow, in some
         direction, for another arrangement of facets.
         """
-        variance = jax.lax.map(lambda z: metric.variance(problem.fisher(z, data)), starts)
-        return cls(starts[0], jnp.diag(jnp.sqrt(jnp.median(variance, axis=0))))
+        every = [metric.variance(jnp.asarray(_fisher(problem, z, data))) for z in starts]
+        return cls(np.asarray(starts[0]), np.diag(np.sqrt(np.median(every, axis=0))))
 
     def __call__(self, y: jax.Array) -> jax.Array:
         return self.centre + self.factor @ y
@@ -61,6 +66,12 @@ class Whitening(NamedTuple):
     def inverse(self, z: jax.Array) -> jax.Array:
         """y of z, both (D,)."""
         return jnp.linalg.solve(self.factor, z - self.centre)
+
+
+def _fisher(problem: Problem, z: Floats, data: Epochs) -> Floats:
+    """The information (D, D), by a program that the optimiser shares, symmetric to rounding."""
+    found = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
+    return 0.5 * (found + found.T)
 
 
 def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:

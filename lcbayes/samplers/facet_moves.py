@@ -20,7 +20,6 @@ Hastings 1970, Biometrika 57, 97; Green 1995, Biometrika 82, 711 (splits and mer
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
@@ -44,6 +43,7 @@ REACH = 6.0  # sd of the area covered by the bins
 PRIOR_REACH = 5.0  # sd of the prior of ln(area) covered
 SHARES = (0.0, 0.5, 1.0)  # of the other facets whose areas are drawn with a relocated facet
 MOVES = 4  # of each kind in a sweep
+STEPS = 1 + 2 * MOVES  # of a sweep; the first finds the potential of the start
 SIGNAL = 3.0  # signal-to-noise ratio below which facets are weak
 CLOSE, FAR = 0.5, 0.05  # angle (rad) of close facets, and weight of others
 TINY = 1e-12
@@ -96,6 +96,7 @@ class Facets(NamedTuple):
 
 
 _State = tuple[Facets, jax.Array]  # with the potential
+_Proposal = tuple[Facets, jax.Array]  # with ln of the ratio of the densities of proposal
 
 
 class Sky(NamedTuple):
@@ -228,13 +229,23 @@ class FacetMoves:
         def potential(facets: Facets) -> jax.Array:
             return self.problem.potential(flat(facets), data)
 
-        key_axes, key_one, key_two = jax.random.split(key, 3)
-        at = _Place(self, self._sky(key_axes, sun, obs), sun, obs, potential)
-        facets = at.facets(free[NORMALS] / length, free[AREAS])
-        state = facets, potential(facets)
-        for move, key_of in ((at.relocated, key_one), (at.rearranged, key_two)):
-            keys = jax.random.split(key_of, MOVES)
-            state, _ = jax.lax.scan(lambda s, k, move=move: (move(k, s), None), state, keys)
+        key_axes, key_moves = jax.random.split(key)
+        at = _Place(self, self._sky(key_axes, sun, obs), sun, obs)
+        start = at.facets(free[NORMALS] / length, free[AREAS])
+        kinds = jnp.repeat(jnp.arange(3), jnp.array([1, MOVES, MOVES]), total_repeat_length=STEPS)
+
+        def step(state: _State, given: tuple[jax.Array, jax.Array]) -> tuple[_State, None]:
+            kind, (key_move, key_accept) = given[0], jax.random.split(given[1])
+            moved, log_ratio = jax.lax.switch(
+                kind, (at.unchanged, at.relocated, at.rearranged), key_move, state[0]
+            )
+            new = potential(moved)  # once, because it takes long to compile
+            taken = jnp.log(jax.random.uniform(key_accept)) < state[1] - new + log_ratio
+            return _where(taken, (moved, new), state), None
+
+        state, _ = jax.lax.scan(
+            step, (start, jnp.array(jnp.inf)), (kinds, jax.random.split(key_moves, STEPS))
+        )
         return flat(state[0])
 
     def tempered(self, power: jax.Array) -> FacetMoves:
@@ -283,14 +294,12 @@ class _Place:
     moves : FacetMoves
     sky : Sky
     sun, obs : (T, 3), body axes
-    potential : callable, of the facets
     """
 
     moves: FacetMoves
     sky: Sky
     sun: jax.Array
     obs: jax.Array
-    potential: Callable[[Facets], jax.Array]
 
     def facets(self, normal: jax.Array, log_area: jax.Array) -> Facets:
         """Facets of given normals (..., 3) and ln(area) (...)."""
@@ -369,10 +378,13 @@ class _Place:
         log_q -= 0.5 * jnp.sum((given.root[first:, first:].T @ away) ** 2)
         return log_q + jnp.sum(jnp.where(given.part, facets.log_area, 0.0))
 
-    def relocated(self, key: jax.Array, state: _State) -> _State:
+    def unchanged(self, _: jax.Array, facets: Facets) -> _Proposal:
+        """The facets as they are."""
+        return facets, jnp.zeros(())
+
+    def relocated(self, key: jax.Array, facets: Facets) -> _Proposal:
         """A facet drawn anew, with the areas of a random part of the others."""
-        key_which, key_share, key_part, key_draw, key_accept = jax.random.split(key, 5)
-        facets, _ = state
+        key_which, key_share, key_part, key_draw = jax.random.split(key, 4)
         number = len(facets.log_area)
         i = jax.random.categorical(key_which, facets.log_weakness)
         share = jax.random.choice(key_share, jnp.array(SHARES))
@@ -380,18 +392,16 @@ class _Place:
         given = self.conditional(facets, i, part)
         moved = self.drawn(key_draw, given, i, facets)
         log_ratio = self.log_q(given, i, facets) - self.log_q(given, i, moved)
-        log_ratio += moved.log_weakness[i] - facets.log_weakness[i]
-        return self.accepted(key_accept, state, moved, log_ratio)
+        return moved, log_ratio + moved.log_weakness[i] - facets.log_weakness[i]
 
-    def rearranged(self, key: jax.Array, state: _State) -> _State:
+    def rearranged(self, key: jax.Array, facets: Facets) -> _Proposal:
         """Two facets merged and one drawn anew, or one facet split and another given up.
 
         A facet of area α and normal n becomes facets of areas uα and (1 − u)α at angles (1 − u)θ
         and uθ from n on opposite sides; u is uniform and the displacement θ has a normal density of
         one of `WIDTHS`. The volume dΩᵢ dΩⱼ dln αᵢ dln αⱼ is sin θ/(u(1 − u)) dθ dψ du dΩ dln α.
         """
-        facets, _ = state
-        key_pair, key_which, key_split, key_draw, key_accept = jax.random.split(key, 5)
+        key_pair, key_which, key_split, key_draw = jax.random.split(key, 4)
         number = len(facets.log_area)
         merging = jax.random.bernoulli(key_which)
         log_pair = jnp.where(merging, facets.log_close, facets.log_weak_pair)
@@ -412,14 +422,7 @@ class _Place:
         volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + _log_angle(angle)
         log_ratio = jnp.where(merging, volume - log_q, log_q - volume)
         log_back = jnp.where(merging, moved.log_weak_pair, moved.log_close)
-        log_ratio += log_back[i, j] - log_pair[i, j]
-        return self.accepted(key_accept, state, moved, log_ratio)
-
-    def accepted(self, key: jax.Array, state: _State, moved: Facets, log_ratio) -> _State:
-        """The new facets with probability min{1, exp(U − U′ + log_ratio)}, otherwise the old."""
-        potential = self.potential(moved)
-        better = state[1] - potential + log_ratio
-        return _where(jnp.log(jax.random.uniform(key)) < better, (moved, potential), state)
+        return moved, log_ratio + log_back[i, j] - log_pair[i, j]
 
 
 def _merged(normal: jax.Array, log_area: jax.Array):

@@ -104,6 +104,14 @@ class Sampler:
         assert s.num_warmup is not None  # set by `Settings`
         return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
 
+    def prepare(self, data: Epochs) -> None:
+        """Compile the programs of the chains for data of this shape, before there is a start."""
+        if self.guide is None:  # the epochs of a guide depend on the start
+            dim = self.problem.dim
+            whitening = chains.Whitening(np.zeros(dim), np.eye(dim))
+            args = (whitening, data, *self._further(data))
+            self._compile(jax.random.key(0), self.n_blocks[0] * BLOCK, args, Timing())
+
     def run(
         self,
         name: str,
@@ -136,7 +144,7 @@ class Sampler:
             return _to_host(advance(_to_device(state), args))
 
         with threads(self.workers) as pool:
-            near = (_whiten(self.problem, z, about) for z in itertools.cycle(starts))
+            near = (chains.Whitening.at(self.problem, z, about) for z in itertools.cycle(starts))
             states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
@@ -187,12 +195,9 @@ class Sampler:
         return () if self.guide is None else (about,)
 
     def _whitening(self, starts: Floats, data: Epochs) -> chains.Whitening:
-        centres = jnp.asarray(starts)
         if self.moves is None:
-            found = _whiten(self.problem, centres[0], data)
-        else:
-            found = _widths(self.problem, jnp.resize(centres, (OPTIMA, centres.shape[1])), data)
-        return jax.tree.map(np.asarray, found)
+            return chains.Whitening.at(self.problem, starts[0], data)
+        return chains.Whitening.along_axes(self.problem, starts[:OPTIMA], data)
 
     def _in_order(self, draws: Floats, reference: Floats) -> Floats:
         """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""
@@ -229,10 +234,6 @@ def _finer(state):
     """A state of NUTS with half the step size, which is not adapted after the warm-up."""
     adapted = state.adapt_state
     return state._replace(adapt_state=adapted._replace(step_size=0.5 * adapted.step_size))
-
-
-_whiten = jax.jit(chains.Whitening.at, static_argnums=0)
-_widths = jax.jit(chains.Whitening.along_axes, static_argnums=0)
 
 
 @lru_cache(maxsize=16)

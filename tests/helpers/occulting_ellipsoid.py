@@ -136,6 +136,6 @@ def folder(path: Path, tree: xr.DataTree) -> Path:
     """A results folder with this posterior, trusted."""
     path.mkdir()
     tree.to_netcdf(path / "posterior.nc", engine="h5netcdf")
-    summary = {"schema": 2, "task": "fit", "trusted": True, "reasons": []}
+    summary = {"schema": 3, "task": "fit", "trusted": True, "reasons": []}
     (path / "summary.json").write_text(json.dumps(summary))
     return path

@@ -1,7 +1,7 @@
 """Exact Fisher-adaptive trajectories in turn with moves that cross gaps.
 
-One transition consists of `ROUNDS` rounds. A round has `TRAJECTORIES` transitions of the exact
-rule of `kernels.ahmc`, with step sizes drawn from a log-normal density, and one call of the moves.
+One transition consists of `ROUNDS` rounds. A round has one call of the moves and `TRAJECTORIES`
+transitions of the exact rule of `kernels.ahmc`, with step sizes drawn from a log-normal density.
 All parts leave the posterior invariant. The metric is local, so that the step size suits narrow and
 wide arrangements alike, between which the moves lead; a constant metric would suit the narrowest.
 A transition diverges if all its trajectories do, whose step sizes differ threefold.
@@ -32,8 +32,7 @@ class AlternatingState(NamedTuple):
 
     i: jax.Array  # transitions so far, including warm-up
     z: Any
-    z_grad: jax.Array  # (D,)
-    potential_energy: jax.Array
+    potential_energy: jax.Array  # after a transition
     energy: jax.Array
     num_steps: jax.Array  # gradients in the last transition
     accept_prob: jax.Array  # mean over its trajectories
@@ -93,20 +92,17 @@ class Alternating(MCMCKernel):
         rng_key,
         num_warmup,
         init_params=None,
-        model_args=(),
+        model_args=(),  # noqa: ARG002
         model_kwargs=None,  # noqa: ARG002
     ) -> AlternatingState:
         """State before the first transition, at ``init_params``."""
-        flat, unravel = ravel_pytree(init_params)
-        first = trajectory.init(flat, lambda z: self._potential_fn(unravel(z), *model_args))
         zero, no = jnp.zeros(()), jnp.array(False)
         count, step = jnp.array(0), jnp.array(FIRST_STEP)
         return AlternatingState(
             i=count,
             z=init_params,
-            z_grad=first.grad,
-            potential_energy=first.potential,
-            energy=first.potential,
+            potential_energy=zero,
+            energy=zero,
             num_steps=count,
             accept_prob=zero,
             diverging=no,
@@ -125,17 +121,18 @@ class Alternating(MCMCKernel):
             return self._potential_fn(unravel(z), *model_args)
 
         kernel = ahmc.build_kernel(potential, lambda z: self._fisher_fn(unravel(z), *model_args))
-        scale = metric.unit_scale(state.z_grad)
+        scale = metric.unit_scale(ravel_pytree(state.z)[0])
 
-        def one_round(here: trajectory.State, key: jax.Array):
+        def one_round(z: jax.Array, key: jax.Array):
             key_moves, key = jax.random.split(key)
+            z = ravel_pytree(self._moves_fn(key_moves, unravel(z), *model_args))[0]
+            here = trajectory.init(z, potential)
             here, info = trajectories(kernel, key, here, state.step_size, scale)
-            z = self._moves_fn(key_moves, unravel(here.z), *model_args)
-            return trajectory.init(ravel_pytree(z)[0], potential), info
+            return here.z, (here.potential, info)
 
         rng_key, key = jax.random.split(state.rng_key)
-        here = trajectory.State(ravel_pytree(state.z)[0], state.potential_energy, state.z_grad)
-        here, info = jax.lax.scan(one_round, here, jax.random.split(key, ROUNDS))
+        first = ravel_pytree(state.z)[0]
+        z, (potentials, info) = jax.lax.scan(one_round, first, jax.random.split(key, ROUNDS))
         accept = jnp.mean(info.accept_prob)
         warming = state.i < state.num_warmup
         steps = steps_update(state.steps, jnp.array(0), accept, TARGET)
@@ -143,9 +140,8 @@ class Alternating(MCMCKernel):
         last = state.i + 1 >= state.num_warmup
         return state._replace(
             i=state.i + 1,
-            z=unravel(here.z),
-            z_grad=here.grad,
-            potential_energy=here.potential,
+            z=unravel(z),
+            potential_energy=potentials[-1],
             energy=info.energy[-1, -1],
             num_steps=jnp.sum(info.num_steps),
             accept_prob=accept,

@@ -49,8 +49,7 @@ def two(case) -> list[tuple[np.ndarray, np.ndarray]]:
     other = problem.unravel(jnp.asarray(one))
     turned = jnp.asarray(other["normals_base"]) @ jnp.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     both = one, np.asarray(problem.ravel({**other, "normals_base": turned}))
-    whiten = jax.jit(lambda z: Whitening.at(problem, z, data).factor)
-    return [(z, np.asarray(whiten(jnp.asarray(z)))) for z in both]
+    return [(z, Whitening.at(problem, z, data).factor) for z in both]
 
 
 def centres(two) -> list[np.ndarray]:

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nuisances, registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.problem import Problem, compiled
 from tests.helpers import small_faults
 from tests.helpers.small_faults import Fault
 
@@ -144,6 +145,32 @@ def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
     # directions are moved linearly to the true times
     assert miss < (0.03 if fault.clock else 1e-6) * effect
     assert effect > 0.005 * light.brightness.max()
+
+
+def test_a_tumbling_body_with_a_drift_moves_on_from_the_state_that_is_recorded(light):
+    """Cosines at all times, from the recorded ω, inertia and normals at t = 0 by integration."""
+    problem, data = problem_of(light, spin="torque-free", omega_sd=0.05, clock_sd=0.0)
+    z = problem.prior_draw(jax.random.key(3), data)
+    z = z.at[problem.rows(["rate_drift_unit"])].set(2.0)
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    t, middle, span = np.asarray(data.t), float(data.t_middle), float(data.t_span)
+    drift = float(sites["rate_drift"])
+    assert drift * span * np.linalg.norm(sites["omega"]) / 8.0 > 0.02  # rad, in the middle
+    moved = t + drift * ((t - middle) ** 2 - middle**2) / (2.0 * span)
+    tensor = sites["inertia"]
+
+    def rates(_, state):
+        turn = state[:9].reshape(3, 3)
+        omega = turn @ np.linalg.solve(tensor, turn.T @ (tensor @ sites["omega"]))
+        return np.cross(omega, turn, axisb=0, axisc=0).ravel()
+
+    start = np.eye(3).ravel()
+    path = solve_ivp(rates, (0.0, moved.max()), start, "DOP853", moved, rtol=1e-11, atol=1e-12)
+    turns = path.y.T.reshape(-1, 3, 3)
+    base = sites["normals_base"] / np.linalg.norm(sites["normals_base"], axis=1, keepdims=True)
+    for name, direction in (("sun_body", data.sun), ("obs_body", data.obs)):
+        cosines = np.einsum("ti,tij,nj->tn", direction, turns, sites["normals"])
+        np.testing.assert_allclose(sites[name] @ base.T, cosines, atol=1e-8)
 
 
 def test_there_is_no_fault_where_the_data_cannot_contain_it():

@@ -352,13 +352,17 @@ def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
     entry = registry.find("faceted")
     options = entry.check({"n_facets": 6, "spin": "torque-free"})
     problem = Problem(entry.bind(options), data)
-    tensor = np.array(spin["inertia_at_t_ref"])
+    # the unknowns of the model are those in the middle, in the inertial axes
+    tensor, omega = (np.array(spin[k]) for k in ("inertia_at_t_ref", "omega_at_t_ref_rad_s"))
+    turn = integrated(np.array([0.5 * np.ptp(curve.t)]), omega, tensor)[0]
+    first, momentum = tensor, tensor @ omega
+    tensor = turn @ first @ turn.T
     values, axes = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
     log = (axes * np.log(values / np.prod(values) ** (1 / 3))) @ axes.T
     sites = {
-        "normals_base": jnp.array([f["normal"] for f in truth["facets"]]),
+        "normals_base": jnp.array([f["normal"] for f in truth["facets"]]) @ turn.T,
         "log_albedo_area": jnp.log(jnp.array([f["albedo_area_m2"] for f in truth["facets"]])),
-        "omega_unit": jnp.array(spin["omega_at_t_ref_rad_s"]) / 0.1,
+        "omega_unit": jnp.linalg.solve(tensor, momentum) / 0.1,
         "inertia_base": jnp.einsum("kij,ij->k", priors.TRACELESS, log),
     }
     result = compiled(problem.constrain)(problem.ravel(sites), data)
@@ -367,6 +371,11 @@ def test_scenario_and_model_agree_on_what_is_seen(tmp_path):
     pole = np.radians([float(result["pole_lon_deg"]), float(result["pole_lat_deg"])])
     along = [np.cos(pole[1]) * np.cos(pole[0]), np.cos(pole[1]) * np.sin(pole[0]), np.sin(pole[1])]
     np.testing.assert_allclose(along, spin["angular_momentum"], atol=1e-9)
+    # the results are those at the first point
+    np.testing.assert_allclose(result["omega"], omega, atol=1e-10)
+    np.testing.assert_allclose(result["inertia"], first / np.linalg.eigvalsh(first)[-1], atol=1e-8)
+    normals = np.array([f["normal"] for f in truth["facets"]])
+    np.testing.assert_allclose(result["normals"], normals, atol=1e-8)
 
 
 def test_moments_of_no_body_are_refused(tmp_path):

@@ -132,7 +132,7 @@ def test_areas_are_drawn_with_the_stated_density(campaign, coordinate):
         problem=nothing,
         law="lambertian",
     )
-    place = facet_moves._Place(moves, moves._sky(jax.random.key(6), s, o), s, o, nothing)
+    place = facet_moves._Place(moves, moves._sky(jax.random.key(6), s, o), s, o)
     facets = place.facets(jnp.asarray(normals[0]), jnp.log(areas[0]))
     moves = replace(moves, flux=moves.flux + areas[0] @ facets.column)
     place = replace(place, moves=moves, sky=moves._sky(jax.random.key(6), s, o))
