@@ -53,9 +53,10 @@ def model(
         Number of facets N.
     spin
         "free": constant ω is inferred; "none": the body does not rotate (ω = 0); "torque-free": ω
-        at t = 0 and the inertia tensor of a rigid body without torque are inferred.
+        and the inertia tensor of a rigid body without torque are inferred.
     omega_sd
-        Prior standard deviation of each component of ω, rad/s.
+        Prior standard deviation of each component of ω, rad/s; of a torque-free body, in the middle
+        of the light curve.
     period
         Sidereal period as far as it is known, with a unit: 23.7s, 23.70+-0.02s, 20-30s, or several.
     pole

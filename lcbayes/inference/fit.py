@@ -277,10 +277,15 @@ class Stages:
         return Sampler(problem, self.settings, self.workers, moves, ordered, held)
 
     def prepared(self, problem: Problem, data: Epochs) -> None:
-        """Compile the chains' programs; errors are left to those who run them."""
-        if self.settings.sampler != PARTICLES:
-            with suppress(InputError):
-                self.sampler(problem, data).prepare(data)
+        """Compile what is needed after the search; errors are left to those who run it."""
+        if self.settings.sampler == PARTICLES:
+            return
+        if self.entry.pooled:  # else the search compiles these
+            nowhere = jnp.zeros(self.plain.dim)
+            for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
+                compiled(method)(nowhere, data)
+        with suppress(InputError):
+            self.sampler(problem, data).prepare(data)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""

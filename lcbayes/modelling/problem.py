@@ -129,6 +129,8 @@ class Problem:
             lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
         self._knows_errors = not widths
+        held, flux = _response(trace), trace[FLUX]["value"]
+        self._beside = _reaching(lambda free: self._conditions(data, held, free, flux), template)
         rows = self.rows(k for group in self._body for k in group)
         self._still = np.setdiff1d(np.arange(self.dim), rows)
         self._body_order = np.argsort(np.concatenate([self._still, rows]))
@@ -346,10 +348,13 @@ class Problem:
             along = jax.jacfwd(lambda x: self._flux({**free, **x}, data))(some)
             parts += [along[name].reshape(flux.size, -1).T for name in group]
         change = jnp.concatenate(parts)[self._body_order]
-        # the change of a small response with the parameters is of second order
-        held = {RESPONSE: trace[RESPONSE]["value"]} if RESPONSE in trace else {}
-        moments, push_on = jax.linearize(partial(self._conditions, data, held), free, flux)
-        mean, sd = jax.vmap(push_on)(basis, change)
+        held = _response(trace)  # its change with the parameters is of second order
+
+        def conditions(beside: Sites, flux: jax.Array) -> Moments:
+            return self._conditions(data, held, {**free, **beside}, flux)
+
+        moments, push_on = jax.linearize(conditions, {k: free[k] for k in self._beside}, flux)
+        mean, sd = jax.vmap(push_on)({k: basis[k] for k in self._beside}, change)
         mean = mean * (jnp.sqrt(w) / moments.sd)
         information = mean @ mean.T + self.prior_precision(z, data)
         if self._knows_errors:
@@ -448,11 +453,16 @@ def _is_direction(site: dict[str, Any]) -> bool:
     return isinstance(_base(site["fn"]), UniformDirection)
 
 
-def _reaching(f: Callable[[Sites], jax.Array], sites: Sites) -> tuple[str, ...]:
+def _reaching(f: Callable[[Sites], Any], sites: Sites) -> tuple[str, ...]:
     """The sites that f depends on."""
     leaves = jax.make_jaxpr(f)(sites)
     _, used = dce_jaxpr(leaves.jaxpr, [True] * len(leaves.jaxpr.outvars))
     return tuple(k for k, u in zip(sorted(sites), used, strict=True) if u)
+
+
+def _response(trace: dict[str, Any]) -> Sites:
+    """The response to small nutation, if it is in the model."""
+    return {RESPONSE: trace[RESPONSE]["value"]} if RESPONSE in trace else {}
 
 
 def _is_condition(site: dict[str, Any]) -> bool:

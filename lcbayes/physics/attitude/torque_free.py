@@ -150,6 +150,7 @@ def torque_free(t: jax.Array, omega: jax.Array, inertia: jax.Array) -> jax.Array
     return jnp.where(steady, rotations.constant_rate(t, jnp.asarray(omega, float)), tumbling)
 
 
+@jax.jit  # so that it is traced once, and its derivatives
 def torque_free_to_body(
     t: jax.Array, omega: jax.Array, inertia: jax.Array, *vectors: jax.Array
 ) -> tuple[jax.Array, ...]:
