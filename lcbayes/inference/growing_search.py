@@ -1,10 +1,11 @@
-"""A search for the motion of a body of facets in which the data grow in time.
+"""A search for the motion of a body of facets in which the data grow in time, from the middle.
 
 Motions are drawn from the prior. Brightness is linear in the areas, so that the facets of each
 motion follow from the data (`spin_search.pursuit`). All parameters of the best are optimised for
-the first part of the data, then for more of them, and so on. In each such stage the facets are
-chosen anew, because an optimiser leaves a facet in a wrong place where it is. Equal optima are kept
-once, because copies of the best would otherwise displace all others.
+the data in the middle, then for more of them on both sides, and so on. The state of a tumbling body
+is that in the middle, which these data fix. In each such stage the facets are chosen anew, because
+an optimiser leaves a facet in a wrong place where it is. Equal optima are kept once, because copies
+of the best would otherwise displace all others.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Stage(NamedTuple):
     Attributes
     ----------
     share : float
-        Of the points, the first in time.
+        Of the points, those next to the middle of the light curve.
     softness : float
         Error relative to the mean flux, in addition to those of the data.
     steps : int
@@ -82,7 +83,7 @@ class _Growing:
     points : Points
         As many as are used for it, evenly chosen.
     rank : (T,)
-        Share of the data that is earlier, of each epoch.
+        Share of the data that is closer to the middle of the light curve, of each epoch.
     """
 
     problem: Problem
@@ -96,15 +97,16 @@ class _Growing:
         every = Points.of(data)
         n = len(every.t)
         points = every.at(np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(int)))
-        t = np.asarray(data.t)
-        return cls(problem, data, law, points, np.argsort(np.argsort(t, kind="stable")) / t.size)
+        away = np.abs(np.asarray(data.t - data.t_middle))
+        rank = np.argsort(np.argsort(away, kind="stable")) / away.size
+        return cls(problem, data, law, points, rank)
 
     def softness(self, stage: Stage) -> float:
         """The error that a stage adds to those of the data, m²."""
         return stage.softness * abs(float(np.mean(self.points.flux)))
 
     def part(self, stage: Stage) -> Epochs:
-        """The data of a stage: the likelihood of later points has no power."""
+        """The data of a stage: the likelihood of other points has no power."""
         variance = float(np.median(self.points.error)) ** 2
         power = (self.rank < stage.share) * variance / (variance + self.softness(stage) ** 2)
         return replace(self.data, information=jnp.asarray(power) * self.data.information)

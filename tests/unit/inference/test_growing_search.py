@@ -60,20 +60,21 @@ def test_the_facets_of_a_motion_are_chosen(posterior):
         np.testing.assert_allclose(sites["omega"], OMEGA, rtol=1e-12)
         normals, areas = np.asarray(sites["normals"]), np.exp(sites["log_albedo_area"])
         missed = np.asarray(data.brightness) - turning(*geometry(80, 400.0), normals, areas)
-        kept = missed[: round(80 * share)] / ERROR
+        middle = slice(40 - round(40 * share), 40 + round(40 * share))
+        kept = missed[middle] / ERROR
         assert left[0] == pytest.approx(kept @ kept, rel=1e-6)
         # some arrangement of facets on the grid explains nearly all of the light
-        light = np.asarray(data.brightness)[: round(80 * share)] / ERROR
+        light = np.asarray(data.brightness)[middle] / ERROR
         assert left[0] < 0.02 * light @ light
 
 
-def test_later_points_have_no_power(posterior):
+def test_points_away_from_the_middle_have_no_power(posterior):
     problem, data = posterior
     growing = _Growing.of(problem, data, "lambertian")
     part = growing.part(Stage(0.25, 0.05, 0, 1.0))
     soft = ERROR**2 + (0.05 * float(np.mean(data.brightness))) ** 2
-    np.testing.assert_allclose(part.information[:20], ERROR**2 / soft, rtol=1e-6)
-    np.testing.assert_array_equal(part.information[20:], 0.0)
+    np.testing.assert_allclose(part.information[30:50], ERROR**2 / soft, rtol=1e-6)
+    np.testing.assert_array_equal(np.delete(part.information, np.arange(30, 50)), 0.0)
 
 
 @pytest.mark.usefixtures("full_optimisation")
