@@ -277,14 +277,14 @@ class Stages:
         return Sampler(problem, self.settings, self.workers, moves, ordered, held)
 
     def prepared(self, problem: Problem, data: Epochs) -> None:
-        """Compile what is needed after the search; errors are left to those who run it."""
+        """Compile what is needed after the search."""
         if self.settings.sampler == PARTICLES:
             return
-        if self.entry.pooled:  # else the search compiles these
-            nowhere = jnp.zeros(self.plain.dim)
-            for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
-                compiled(method)(nowhere, data)
-        with suppress(InputError):
+        with suppress(Exception):  # whatever fails will fail again where the message is seen
+            if self.entry.pooled:  # else the search compiles these
+                nowhere = jnp.zeros(self.plain.dim)
+                for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
+                    compiled(method)(nowhere, data)
             self.sampler(problem, data).prepare(data)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
