@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from threading import Thread
+from threading import Event, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,11 +114,15 @@ def run(
     key_start, key = jax.random.split(jax.random.key(settings.seed))
     fit = Stages.of(plain, entry, options, settings, checkpoint, progress)
     begun = time.monotonic()
-    # The compiler needs one core and not the interpreter, so that the search goes on meanwhile. The
-    # search of an impossible curve may fail: that message must not wait for it.
-    ahead = Thread(target=fit.prepared, args=(problem, data), daemon=True)
+    # The compiler needs one core and not the interpreter, so that the search goes on meanwhile.
+    stopped = Event()
+    ahead = Thread(target=fit.prepared, args=(problem, data, stopped))
     ahead.start()
-    found = fit.search(data, key_start, spins)
+    try:
+        found = fit.search(data, key_start, spins)
+    except BaseException:
+        stopped.set()  # the message does not wait for the compiler, but the end of the process does
+        raise
     ahead.join()
     fit.timing.search_s = time.monotonic() - begun
     if settings.sampler == PARTICLES:
@@ -276,16 +280,18 @@ class Stages:
         ordered = self.order(problem).like_all
         return Sampler(problem, self.settings, self.workers, moves, ordered, held)
 
-    def prepared(self, problem: Problem, data: Epochs) -> None:
-        """Compile what is needed after the search."""
+    def prepared(self, problem: Problem, data: Epochs, stopped: Event) -> None:
+        """Compile what is needed after the search, until the fit has ``stopped``."""
         if self.settings.sampler == PARTICLES:
             return
         with suppress(Exception):  # whatever fails will fail again where the message is seen
             if self.entry.pooled:  # else the search compiles these
                 nowhere = jnp.zeros(self.plain.dim)
                 for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
-                    compiled(method)(nowhere, data)
-            self.sampler(problem, data).prepare(data)
+                    if not stopped.is_set():
+                        compiled(method)(nowhere, data)
+            if not stopped.is_set():
+                self.sampler(problem, data).prepare(data)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""
