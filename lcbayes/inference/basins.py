@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
@@ -344,11 +345,8 @@ def evenly(rows: NDArray, n: int) -> NDArray:
 
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
-    """−ln p(y, z) for rows (n, D), as (n,); compiled once for any number of rows."""
-    n = len(z)
-    padded = np.resize(z, (-(-n // BATCH) * BATCH, z.shape[1]))
-    parts = [_potentials(problem, part, data) for part in padded.reshape(-1, BATCH, z.shape[1])]
-    return np.concatenate([np.asarray(p) for p in parts])[:n]
+    """−ln p(y, z) for rows (n, D), as (n,)."""
+    return in_blocks(lambda rows: _potentials(problem, rows, data), BATCH, z)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -67,7 +68,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body", RESPONSE)
-ROWS = 256  # draws together, so that one program serves any number of draws
+ROWS = 256  # draws together
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
@@ -114,7 +115,7 @@ def run(
     key_start, key = jax.random.split(jax.random.key(settings.seed))
     fit = Stages.of(plain, entry, options, settings, checkpoint, progress)
     begun = time.monotonic()
-    # The compiler needs one core and not the interpreter, so that the search goes on meanwhile.
+    # The compiler does not hold the interpreter, so that the search goes on meanwhile.
     stopped = Event()
     ahead = Thread(target=fit.prepared, args=(problem, data, stopped))
     ahead.start()
@@ -172,6 +173,16 @@ class Stages:
         workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
         return cls(plain, entry, settings, workers, checkpoint, progress, Timing(), options)
 
+    def simpler(self, data: Epochs) -> Problem:
+        """The problem of the search: the pooled and coarser form of the model, if it has one."""
+        options = dict(self.options) | self.entry.pooled
+        if build_problem(self.entry, options, data)[0].dim == self.plain.dim:
+            options = dict(self.options)
+        options |= self.entry.coarser
+        if options == self.options:
+            return self.plain
+        return build_problem(self.entry, options, data)[0]
+
     def order(self, problem: Problem) -> FacetOrder:
         """The labels of a problem that may be exchanged."""
         alike = self.entry.hook("equivalents")
@@ -191,11 +202,7 @@ class Stages:
         plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
         options = self.options
         with entry.blamed():
-            simpler = dict(options) | entry.pooled
-            if build_problem(entry, simpler, data)[0].dim == plain.dim:
-                simpler = dict(options)
-            simpler |= entry.coarser
-            pooled = plain if simpler == options else build_problem(entry, simpler, data)[0]
+            pooled = self.simpler(data)
             chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
             ends, n_starts, searched = self._ends(pooled, data, chosen, key, spins)
         order = self.order(pooled)
@@ -285,7 +292,7 @@ class Stages:
         if self.settings.sampler == PARTICLES:
             return
         with suppress(Exception):  # whatever fails will fail again where the message is seen
-            if self.entry.pooled:  # else the search compiles these
+            if self.simpler(data) is not self.plain:  # else the search compiles these
                 nowhere = jnp.zeros(self.plain.dim)
                 for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
                     if not stopped.is_set():
@@ -476,10 +483,8 @@ def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Arr
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = z.reshape(-1, z.shape[-1])
-    padded = np.resize(flat, (-(-len(flat) // ROWS) * ROWS, z.shape[-1]))
-    parts = [_constrained(problem, rows, data) for rows in padded.reshape(-1, ROWS, z.shape[-1])]
-    together = jax.tree.map(lambda *x: np.concatenate(x)[: len(flat)], *parts)
-    return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in together.items()}
+    sites = in_blocks(lambda rows: _constrained(problem, rows, data), ROWS, flat)
+    return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
 
 
 @partial(jax.jit, static_argnums=0)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
@@ -119,16 +120,11 @@ class _Growing:
         fixed = (jnp.asarray(points.epoch), jnp.asarray(weight), jnp.asarray(weight * points.flux))
         shape = (self.law, self.problem, any(self.data.free_scale))
 
-        def some(i: int) -> tuple[Floats, Floats]:
-            padded = jnp.asarray(np.resize(z[i : i + CHUNK], (CHUNK, z.shape[1])))
-            rows, left = _with_facets(*shape, self.data, *fixed, padded)
-            n = min(CHUNK, len(z) - i)
-            return np.asarray(rows)[:n], np.asarray(left)[:n]
+        def some(z: Floats) -> tuple[jax.Array, jax.Array]:
+            return _with_facets(*shape, self.data, *fixed, jnp.asarray(z))
 
         with threads(workers) as pool:
-            parts = list(pool.map(some, range(0, len(z), CHUNK)))
-        rows, left = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return rows, left
+            return in_blocks(some, CHUNK, z, over=pool.map)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.problem import Problem
 
@@ -118,10 +119,7 @@ class AttitudeOrder(FacetOrder):
 
     def images(self, z: Floats) -> Floats:
         """Each row of z (n, D) in all equivalent attitudes, (n, K, D)."""
-        padded = np.resize(z, (-(-len(z) // ROWS) * ROWS, z.shape[1])).reshape(-1, ROWS, z.shape[1])
-        found = np.concatenate(
-            [np.asarray(_images(self._problem, self._moves, rows)) for rows in padded]
-        )[: len(z)]
+        found = in_blocks(lambda rows: _images(self._problem, self._moves, rows), ROWS, z)
         found[:, 0] = z
         return found
 

@@ -194,21 +194,21 @@ class Rotating:
     data : Epochs
     spin : Spin
         Rotation since ``origin``; ω is the mean if the rate drifts.
-    origin : scalar, s
-        True time at which body axes and inertial axes coincide.
     late : (T,) s, optional
         To be added to the recorded times.
     drift : scalar, optional
         Relative change of the rate.
+    origin : scalar, s
+        True time at which body axes and inertial axes coincide; 0 by default.
     start : (3, 3), optional
         Attitude at t = 0, body to inertial, unless the axes coincide then.
     """
 
     data: Epochs
     spin: Spin
-    origin: jax.Array
     late: jax.Array | None = None
     drift: jax.Array | None = None
+    origin: jax.Array | float = 0.0
     start: jax.Array | None = None
 
     def __call__(self, t: jax.Array, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
@@ -305,12 +305,12 @@ def rotation(
         prior = known.prior(omega_sd, data)
     body = priors.spin(spin, omega_sd, inertia_sd, prior)
     if spin == "none":
-        return Rotating(data, body, jnp.zeros(()))
+        return Rotating(data, body)
     rate = jnp.sqrt(jnp.sum(body.omega**2) + 1e-30)
     late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
     if spin == "free":
-        return Rotating(data, body, jnp.zeros(()), late, drift)
-    rotating = Rotating(data, body, data.t_middle, late, drift)
+        return Rotating(data, body, late, drift)
+    rotating = Rotating(data, body, late, drift, data.t_middle)
     state = body.state(rotating.elapsed(jnp.zeros(())))
     numpyro.deterministic("omega", state.omega)
     numpyro.deterministic("inertia", state.inertia)

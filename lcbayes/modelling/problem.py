@@ -129,8 +129,9 @@ class Problem:
             lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
         self._knows_errors = not widths
+        # the sites on which the data depend other than through the flux
         held, flux = _response(trace), trace[FLUX]["value"]
-        self._beside = _reaching(lambda free: self._conditions(data, held, free, flux), template)
+        self._direct = _reaching(lambda free: self._conditions(data, held, free, flux), template)
         rows = self.rows(k for group in self._body for k in group)
         self._still = np.setdiff1d(np.arange(self.dim), rows)
         self._body_order = np.argsort(np.concatenate([self._still, rows]))
@@ -350,11 +351,11 @@ class Problem:
         change = jnp.concatenate(parts)[self._body_order]
         held = _response(trace)  # its change with the parameters is of second order
 
-        def conditions(beside: Sites, flux: jax.Array) -> Moments:
-            return self._conditions(data, held, {**free, **beside}, flux)
+        def conditions(direct: Sites, flux: jax.Array) -> Moments:
+            return self._conditions(data, held, {**free, **direct}, flux)
 
-        moments, push_on = jax.linearize(conditions, {k: free[k] for k in self._beside}, flux)
-        mean, sd = jax.vmap(push_on)({k: basis[k] for k in self._beside}, change)
+        moments, push_on = jax.linearize(conditions, {k: free[k] for k in self._direct}, flux)
+        mean, sd = jax.vmap(push_on)({k: basis[k] for k in self._direct}, change)
         mean = mean * (jnp.sqrt(w) / moments.sd)
         information = mean @ mean.T + self.prior_precision(z, data)
         if self._knows_errors:

@@ -43,7 +43,6 @@ REACH = 6.0  # sd of the area covered by the bins
 PRIOR_REACH = 5.0  # sd of the prior of ln(area) covered
 SHARES = (0.0, 0.5, 1.0)  # of the other facets whose areas are drawn with a relocated facet
 MOVES = 4  # of each kind in a sweep
-STEPS = 1 + 2 * MOVES  # of a sweep; the first finds the potential of the start
 SIGNAL = 3.0  # signal-to-noise ratio below which facets are weak
 CLOSE, FAR = 0.5, 0.05  # angle (rad) of close facets, and weight of others
 TINY = 1e-12
@@ -232,7 +231,7 @@ class FacetMoves:
         key_axes, key_moves = jax.random.split(key)
         at = _Place(self, self._sky(key_axes, sun, obs), sun, obs)
         start = at.facets(free[NORMALS] / length, free[AREAS])
-        kinds = jnp.repeat(jnp.arange(3), jnp.array([1, MOVES, MOVES]), total_repeat_length=STEPS)
+        kinds = jnp.asarray(np.repeat([0, 1, 2], [1, MOVES, MOVES]))
 
         def step(state: _State, given: tuple[jax.Array, jax.Array]) -> tuple[_State, None]:
             kind, (key_move, key_accept) = given[0], jax.random.split(given[1])
@@ -244,7 +243,7 @@ class FacetMoves:
             return _where(taken, (moved, new), state), None
 
         state, _ = jax.lax.scan(
-            step, (start, jnp.array(jnp.inf)), (kinds, jax.random.split(key_moves, STEPS))
+            step, (start, jnp.array(jnp.inf)), (kinds, jax.random.split(key_moves, kinds.size))
         )
         return flat(state[0])
 
@@ -379,7 +378,7 @@ class _Place:
         return log_q + jnp.sum(jnp.where(given.part, facets.log_area, 0.0))
 
     def unchanged(self, _: jax.Array, facets: Facets) -> _Proposal:
-        """The facets as they are."""
+        """The facets as they are, so that the first step of a sweep finds their potential."""
         return facets, jnp.zeros(())
 
     def relocated(self, key: jax.Array, facets: Facets) -> _Proposal:

@@ -144,7 +144,8 @@ class Sampler:
             return _to_host(advance(_to_device(state), args))
 
         with threads(self.workers) as pool:
-            near = (chains.Whitening.at(self.problem, z, about) for z in itertools.cycle(starts))
+            some = starts[: self.settings.num_chains]
+            near = itertools.cycle([chains.Whitening.at(self.problem, z, about) for z in some])
             states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.progress import Silent, Track
@@ -314,15 +315,7 @@ class _Run:
 
     def _blocks(self, f: Callable[..., Any], *rows: Any) -> Any:
         """f of rows, which share the first axis, in equal blocks on the threads."""
-        n = len(jax.tree.leaves(rows)[0])
-        size = -(-self.n // BLOCKS)
-        index = np.resize(np.arange(n), (-(-n // size), size))
-
-        def one(i: NDArray[np.int64]) -> Any:
-            return jax.tree.map(np.asarray, f(*jax.tree.map(lambda x: x[i], rows)))
-
-        parts = list(self.pool.map(one, index))
-        return jax.tree.map(lambda *x: np.concatenate(x)[:n], *parts)
+        return in_blocks(f, -(-self.n // BLOCKS), *rows, over=self.pool.map)
 
     def _tell(self) -> None:
         """Report the progress in per cent of s."""

@@ -115,13 +115,13 @@ class Alternating(MCMCKernel):
 
     def sample(self, state, model_args, model_kwargs) -> AlternatingState:  # noqa: ARG002
         """One transition."""
-        unravel = ravel_pytree(state.z)[1]
+        first, unravel = ravel_pytree(state.z)
 
         def potential(z: jax.Array) -> jax.Array:
             return self._potential_fn(unravel(z), *model_args)
 
         kernel = ahmc.build_kernel(potential, lambda z: self._fisher_fn(unravel(z), *model_args))
-        scale = metric.unit_scale(ravel_pytree(state.z)[0])
+        scale = metric.unit_scale(first)
 
         def one_round(z: jax.Array, key: jax.Array):
             key_moves, key = jax.random.split(key)
@@ -131,7 +131,6 @@ class Alternating(MCMCKernel):
             return here.z, (here.potential, info)
 
         rng_key, key = jax.random.split(state.rng_key)
-        first = ravel_pytree(state.z)[0]
         z, (potentials, info) = jax.lax.scan(one_round, first, jax.random.split(key, ROUNDS))
         accept = jnp.mean(info.accept_prob)
         warming = state.i < state.num_warmup

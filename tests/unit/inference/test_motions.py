@@ -26,8 +26,9 @@ def integrated(omega: np.ndarray, tensor: np.ndarray, origin: float = 0.0) -> np
     start = np.concatenate([omega, np.eye(3).ravel()])
     found = np.empty((T.size, 3, 3))
     for rows, end in ((origin > T, 0.0), (origin <= T, T[-1])):
-        path = solve_ivp(slope, (origin, end), start, dense_output=True, rtol=1e-11, atol=1e-12)
-        found[rows] = path.sol(T[rows])[3:].T.reshape(-1, 3, 3) if rows.any() else 0.0
+        if rows.any():
+            path = solve_ivp(slope, (origin, end), start, dense_output=True, rtol=1e-11, atol=1e-12)
+            found[rows] = path.sol(T[rows])[3:].T.reshape(-1, 3, 3)
     return found
 
 
