@@ -225,6 +225,11 @@ def axis_names(frame: str) -> tuple[str, str]:
     return ("right ascension", "declination") if frame == "icrs" else ("longitude", "latitude")
 
 
+def constant_axis(draws: xr.Dataset) -> str:
+    """The axis of a rotation that is constant in time, of which the pole is the direction."""
+    return "angular momentum" if TUMBLING in draws else "spin axis"
+
+
 def rotation(draws: xr.Dataset, frame: str) -> list[Quantity]:
     """Rate, period and axis of the rotation, in common units; empty without one.
 
@@ -252,7 +257,8 @@ def spin(results: Results, mode: Mode) -> list[Quantity]:
     every = [q for q in quantities(results, mode) if q.name in known]
     if TUMBLING in mode.draws:
         axes = dict(zip(known, axis_names(results.frame), strict=False))
-        every = [replace(q, words=f"angular momentum, {axes[q.name]}") for q in every]
+        axis = constant_axis(mode.draws)
+        every = [replace(q, words=f"{axis}, {axes[q.name]}") for q in every]
     return listed + sorted(every, key=lambda q: known.index(q.name))
 
 

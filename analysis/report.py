@@ -91,6 +91,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",
         "facets": [i for m in drawn for i in sky_plots.draw_facets(results, m, gallery)],
         "sky": sky_plots.draw_sky(results, gallery),
+        "axis": quantities.constant_axis(results.modes[0].draws),
         "frame": sky_plots.frame_words(results),
         "shapes": shapes,
         "tables": [(m, tables.parameter_table(lists[m.index], m)) for m in drawn],
@@ -247,7 +248,7 @@ def _timing(results: Results) -> str:
     timing = results.summary.get("timing") or {}
     words = {
         "search_s": "search",
-        "compile_s": "compiling",
+        "compile_s": "compilation of the chains",
         "warmup_s": "warm-up",
         "sampling_s": "sampling",
     }

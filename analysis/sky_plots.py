@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import FRAMES
-from lcbayes.analysis.quantities import facet_normals, readable, spin
+from lcbayes.analysis.quantities import constant_axis, facet_normals, readable, spin
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.geometry.spherical import lon_lat_deg, unit_vector
 
@@ -154,7 +154,7 @@ def _draw_grid(results: Results, mode: Mode, areas: Floats, gallery: Gallery) ->
 
 
 def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
-    """Spin axes of all solutions on one map of the sky, and each solution enlarged."""
+    """Axes of all solutions on one map of the sky, and each solution enlarged."""
     clouds = []
     for mode in results.modes:
         known = {q.name: q for q in spin(results, mode)}
@@ -184,11 +184,12 @@ def draw_sky(results: Results, gallery: Gallery) -> list[Image]:
         )
     if several:
         figure.legend(loc="outside lower center", ncols=3)
+    axis = constant_axis(results.modes[0].draws)
     caption = (
-        f"Directions of the spin axis on the sky, {frame_words(results)}, longitude to the right. "
+        f"Directions of the {axis} on the sky, {frame_words(results)}, longitude to the right. "
         "Clouds are draws; rings mark their means."
     )
-    images = [gallery.add(figure, "spin-sky", "Map of the sky with the spin axes.", caption)]
+    images = [gallery.add(figure, "spin-sky", f"Map of the sky with the {axis}.", caption)]
     images += [_enlarge(gallery, several, *cloud) for cloud in clouds[:4]]
     return images
 
@@ -216,6 +217,7 @@ def _enlarge(
     right.spines["left"].set_visible(False)
     right.locator_params(axis="x", nbins=5)
     who = f"{mode.name}, enlarged" if several else "Enlarged"
-    caption = f"{who}: direction of the spin axis and {speed.words}."
-    alt = f"Draws of the spin axis and {speed.words} of {mode.name.lower()}."
+    axis = constant_axis(mode.draws)
+    caption = f"{who}: direction of the {axis} and {speed.words}."
+    alt = f"Draws of the {axis} and {speed.words} of {mode.name.lower()}."
     return gallery.add(figure, f"spin-{mode.index + 1}", alt, caption)

@@ -298,7 +298,7 @@ class Stages:
                     if not stopped.is_set():
                         compiled(method)(nowhere, data)
             if not stopped.is_set():
-                self.sampler(problem, data).prepare(data)
+                self.sampler(problem, data).prepare(data, self.timing)
 
     def groups(self, sampler: Sampler, found: Found) -> list[list[Solution]]:
         """The optima between which the chains move, in one group each; the most probable first."""

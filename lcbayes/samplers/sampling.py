@@ -31,7 +31,10 @@ HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
 
 @dataclass
 class Timing:
-    """Run times of the phases of a run, and its number of gradients."""
+    """Run times of the phases of a run, and its number of gradients.
+
+    The programs of the chains may be compiled while the search runs: the times then overlap.
+    """
 
     search_s: float = 0.0
     compile_s: float = 0.0
@@ -104,13 +107,13 @@ class Sampler:
         assert s.num_warmup is not None  # set by `Settings`
         return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
 
-    def prepare(self, data: Epochs) -> None:
+    def prepare(self, data: Epochs, timing: Timing) -> None:
         """Compile the programs of the chains for data of this shape, before there is a start."""
         if self.guide is None:  # the epochs of a guide depend on the start
             dim = self.problem.dim
             whitening = chains.Whitening(np.zeros(dim), np.eye(dim))
             args = (whitening, data, *self._further(data))
-            self._compile(jax.random.key(0), self.n_blocks[0] * BLOCK, args, Timing())
+            self._compile(jax.random.key(0), self.n_blocks[0] * BLOCK, args, timing)
 
     def run(
         self,

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from lcbayes.analysis.quantities import rotation
+from lcbayes.analysis.quantities import constant_axis, rotation
 
 
 def draws(**more) -> xr.Dataset:
@@ -23,6 +23,8 @@ def test_a_constant_rotation_has_a_period():
 def test_a_tumbling_body_has_an_initial_rate_and_axis_and_no_period():
     """Its angular velocity changes in time, and a turn at the first rate means nothing."""
     ratio = (("chain", "draw", "moment"), np.full((2, 50, 2), 0.5))
-    listed = [q.words for q in rotation(draws(inertia_ratio=ratio), "inertial")]
+    tumbler = draws(inertia_ratio=ratio)
+    listed = [q.words for q in rotation(tumbler, "inertial")]
     axis = ["initial spin axis, longitude", "initial spin axis, latitude"]
     assert listed == ["initial rotation rate", *axis]
+    assert (constant_axis(tumbler), constant_axis(draws())) == ("angular momentum", "spin axis")

@@ -23,7 +23,9 @@ def test_chains_find_their_programs_compiled(n_facets):
     assert (moves is None) == (n_facets == 1)
     settings = Settings(sampler=AUTO, num_warmup=50, num_samples=50, num_chains=1)
     sampler = sampling.Sampler(problem, settings, 1, moves)
-    sampler.prepare(data)
+    timing = sampling.Timing()
+    sampler.prepare(data, timing)
+    assert timing.compile_s > 0.1
     compiled = sampling.programs.cache_info().misses
     start = np.asarray(problem.prior_draw(jax.random.key(1), data))
     weighed = tempered(problem, start, data)  # as after a search
