@@ -1,10 +1,11 @@
 """The search for the torque-free motion of a body of facets: independent searches that must agree.
 
-Motions from the prior follow the data as these grow in time (`growing_search`), and facets of the
-best bodies are then put elsewhere. One such search may end at a wrong motion. Searches are
-therefore repeated, from other and more starts, until two have ended at the same best motion and
-this explains the data, or three have ended at different motions that explain them nearly equally
-well. In that case the data do not determine the motion, and further searches find further ones.
+Bodies with motions from the prior are optimised with errors that shrink (`annealed_search`), and
+facets of the best are then put elsewhere. One such search may end at a wrong motion. Searches of
+two kinds are therefore repeated in turn, from other and more starts, until two have ended at the
+same best motion and this explains the data, or three have ended at different motions that explain
+them nearly equally well. In that case the data do not determine the motion, and further searches
+find further ones.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
+from lcbayes.inference.annealed_search import GROWING, WHOLE, annealed
 from lcbayes.inference.facet_climb import climbed
 from lcbayes.inference.goodness_of_fit import measure
-from lcbayes.inference.growing_search import grown
 from lcbayes.inference.motions import Floats, motion, same_motion
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.solutions import completed, optimum
@@ -32,7 +33,7 @@ from lcbayes.physics.brightness import DIFFUSE_LAWS
 from lcbayes.samplers.facet_moves import AREAS, NORMALS
 
 INERTIA = "inertia_base"
-STARTS = 2000  # of one search
+STARTS = 16_000  # of one search
 MOST = 6  # searches
 AGREE = 2  # searches that must end at the best motion
 DIFFERENT = 3  # motions that explain the data, one of each search, from which no search is repeated
@@ -104,13 +105,14 @@ def repeated(
     """
     problem, plain = problems
     found: list[SearchState] = []
-    # the shape in which `grown` has it, so that programs are compiled once
+    # the shape in which `annealed` has it, so that programs are compiled once
     pointwise = replace(data, information=data.information * jnp.ones(data.t.size))
     number = [(num_starts or STARTS) * 2 ** (i // AGREE) for i in range(MOST)]
 
     def one(i: int) -> SearchState:
         own, law = jax.random.fold_in(key, i), options["reflectance"]
-        ends = grown(problem, pointwise, law, number[i], own, workers, progress)
+        stages = (WHOLE, GROWING)[i % 2]
+        ends = annealed(problem, pointwise, law, stages, number[i], own, workers, progress)
         return climbed(problem, pointwise, law, ends, workers, progress)
 
     for i in range(MOST):

@@ -77,10 +77,16 @@ def _pursued(law: DiffuseLaw, n_facets: int, grid, arcs: Arcs, pole, rate, phase
     return jax.lax.map(one, (pole, rate, phase))
 
 
-def pursuit(columns: jax.Array, white: jax.Array, n_facets: int) -> tuple[jax.Array, jax.Array]:
-    """Indices (N,) of columns (T, M), and their positive coefficients (N,), for the data (T,)."""
+def pursuit(
+    columns: jax.Array, white: jax.Array, n_facets: int, first: jax.Array | None = None
+) -> tuple[jax.Array, jax.Array]:
+    """Indices (N,) of columns (T, M), and their positive coefficients (N,), for the data (T,).
+
+    The column ``first`` is among them if it is given; the others are chosen.
+    """
     along, square = white @ columns, jnp.sum(columns**2, axis=0)
     slots = jnp.arange(n_facets)
+    given = 0 if first is None else 1
 
     def solved(products: jax.Array, chosen: jax.Array, used: jax.Array, right: jax.Array):
         """Solution for right-hand sides (N, K) of the normal equations of the slots in use."""
@@ -97,7 +103,7 @@ def pursuit(columns: jax.Array, white: jax.Array, n_facets: int) -> tuple[jax.Ar
 
     def step(k, state):
         products, chosen, used, value = state
-        j = k % n_facets
+        j = given + k % (n_facets - given)
         others = used & (slots != j)
         left = along - areas(products, chosen, others) @ products
         across = jnp.where(others[:, None], products, 0.0)
@@ -112,7 +118,13 @@ def pursuit(columns: jax.Array, white: jax.Array, n_facets: int) -> tuple[jax.Ar
         return jax.tree.map(lambda a, b: jnp.where(better, a, b), new, state)
 
     none = jnp.zeros(n_facets, int)
-    start = jnp.zeros((n_facets, len(square))), none, none > 0, jnp.zeros(())
-    products, chosen, used, _ = jax.lax.fori_loop(0, (1 + SWEEPS) * n_facets, step, start)
+    products, chosen, used = jnp.zeros((n_facets, len(square))), none, none > 0
+    if first is not None:
+        products = products.at[0].set(columns[:, first] @ columns)
+        chosen, used = chosen.at[0].set(first), used.at[0].set(True)
+    if n_facets > given:
+        start = products, chosen, used, jnp.zeros(())
+        steps = (1 + SWEEPS) * (n_facets - given)
+        products, chosen, used, _ = jax.lax.fori_loop(0, steps, step, start)
     area = areas(products, chosen, used)
     return chosen, jnp.maximum(area, SMALLEST * jnp.max(area) + 1e-300)

@@ -81,13 +81,13 @@ def repeated(posterior, monkeypatch):
         problem, data = posterior
         order = iter(ends)
 
-        def grown(*given):  # noqa: ARG001
+        def annealed(*given):  # noqa: ARG001
             factor, potential = next(order)
             z = np.array(start(problem, data, normals))
             z[:, problem.rows(["omega_unit"])] *= factor
             return search.SearchState(z, np.array([potential]), np.ones(1), np.zeros(1, int))
 
-        monkeypatch.setattr(tumbling_search, "grown", grown)
+        monkeypatch.setattr(tumbling_search, "annealed", annealed)
         monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
         arguments = (
             (problem, problem),
@@ -139,7 +139,7 @@ def test_a_body_that_slows_down_is_explained_by_the_model_itself(monkeypatch):
     problem, data = small_curves.posterior(curve, **known, rate_drift_sd=0.0)
     plain, _ = small_curves.posterior(curve, **known)
     ends = search.polish(problem, data, start(problem, data, NORMALS), 1)
-    monkeypatch.setattr(tumbling_search, "grown", lambda *given: ends)  # noqa: ARG005
+    monkeypatch.setattr(tumbling_search, "annealed", lambda *given: ends)  # noqa: ARG005
     monkeypatch.setattr(tumbling_search, "climbed", lambda *given: given[3])
     arguments = (data, {"reflectance": "lambertian"}, 2, jax.random.key(0), 1)
     for model, searches in ((problem, 6), (plain, 2)):

@@ -44,6 +44,24 @@ def test_data_of_some_columns_give_these_columns():
     np.testing.assert_allclose(np.asarray(found)[order], areas, rtol=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_given_column_stays_and_the_others_are_chosen_for_it(seed):
+    """The last choice is the best there is beside the given column, even if that is of no use."""
+    rng = np.random.default_rng(seed)
+    columns = rng.uniform(0.0, 1.0, (40, 60))
+    white = columns[:, [3, 20, 40]] @ np.array([2.0, 1.0, 0.7]) + columns[:, 8] * 0.1
+    for first in (8, 50):
+        chosen, _ = pursuit(jnp.asarray(columns), jnp.asarray(white), N, jnp.asarray(first))
+        chosen = [int(i) for i in chosen]
+        assert chosen[0] == first
+        found = nnls(columns[:, chosen], white)[1]
+        others = [nnls(columns[:, [*chosen[:-1], i]], white)[1] for i in range(60)]
+        assert found <= min(others) * (1.0 + 1e-6) + 1e-9
+    alone, area = pursuit(jnp.asarray(columns), jnp.asarray(white), 1, jnp.asarray(8))
+    assert alone[0] == 8
+    assert area[0] == pytest.approx(columns[:, 8] @ white / (columns[:, 8] @ columns[:, 8]), 1e-5)
+
+
 def test_facets_of_a_turning_body_are_found():
     """A body simulated in NumPy, at its own spin: normals in the axes of the pole."""
     t = np.linspace(0.0, 400.0, 90)
