@@ -168,6 +168,7 @@ def cost() -> None:
         (longest, 4.0, 1000.0),
         (longest, 8.0, 1000.0),
         (longest, 2.0, 30.0),
+        (longest, 2.0, 10_000.0),
     ):
         rows.append(_cost(light, (low, high)))
     heads = ["points", "periods (h)", "frequencies", "CPU (s)", "periodogram alone (s)"]

@@ -42,9 +42,10 @@ def module(monkeypatch):
 
 def test_the_estimate_by_hand(module):
     """36 million seconds; 1.5 and 0.4 kB, and a thousandth of a MiB, five million times."""
-    cells = {row[0]: row[2] for row in module.estimate(module.figures(TEXT))}
+    cells = {row[0]: row[2] for row in module.estimate(module.figures(TEXT), 68.0)}
     assert cells["processor time"] == "10,000 core hours"
     assert cells["wall time"] == "208 days, 10 h"
+    assert cells["wall time on one GPU"] == "20 h"  # 34 TFLOP/s are 500 such cores
     assert cells["process that hands out objects"].startswith("9 h of processor time")
     assert "1,100 cores" in cells["process that hands out objects"]  # 7.2 s over 6.5 ms
     assert cells["journal"] == "7.5 GB"
