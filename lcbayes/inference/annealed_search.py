@@ -1,14 +1,15 @@
 """A search for the motion of a body of facets with errors that shrink step by step.
 
-Motions are drawn from the prior. Each is given one facet at random and others that follow from it
-and the data: brightness is linear in the areas (`spin_search.pursuit`). The body that fits the data
-best at a motion far from the truth is rarely the right one, so that a choice without chance would
-miss it each time. All parameters of the best are then optimised with errors that are much larger
-than those of the data, the better half or third of them with smaller errors, and so on. Equal
-optima are kept once, because copies of the best would otherwise displace all others.
+Motions are drawn from the prior. Each gets one facet at random; the others are chosen by matching
+pursuit, since brightness is linear in the areas (`spin_search.pursuit`). One is left to chance
+because the body that fits best at a wrong motion is rarely the right one. All parameters of the
+best bodies are then optimised with errors much larger than those of the data. The best of these go
+on with smaller errors, and so forth. Equal optima are kept once, because copies of the best would
+displace all others.
 
-There are two kinds of search, which fail in different cases. One has all data from the beginning.
-In the other the data also grow in time, from the middle, where the state of a tumbling body is.
+There are two kinds of search, which need not fail in the same cases. One has all data from the
+beginning. In the other the data also grow in time, from the middle, where the state of a tumbling
+body is.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ BLOCK = 2000  # motions drawn at once
 PLACES = 162  # normals among which the facets are chosen
 MOST_POINTS = 240  # by which they are chosen
 CHUNK = 250  # motions at once
-EQUAL = 0.02, 0.03  # nats and prior sd: optima of closer potential and motion are the same
+EQUAL = 0.02, 0.03  # nats, and prior sd of the motion: optima that are closer are the same
 LAST = 24  # optima with which the search ends
 
 
 class Stage(NamedTuple):
-    """A part of the data, the errors they are given, and how far the motions are followed.
+    """The data of a stage, the errors added to them, and how many motions are optimised how far.
 
     Attributes
     ----------
@@ -229,12 +230,13 @@ def _drawn(
 
 
 def _distinct(potential: Floats, motion: Floats) -> list[int]:
-    """Rows of the different among end points that are sorted by their potential.
+    """Rows of end points that differ, of those sorted by their potential.
 
-    The order of the facets does not matter, because only potential and motion are compared.
+    Only potential and motion are compared, so that the order of the facets does not matter. Large
+    errors make potentials nearly equal; the potential alone would then merge different motions.
     """
     rows: list[int] = []
-    first = 0  # the rows before have a smaller potential
+    first = 0  # the rows before are too low in potential to be equal
     for i in np.flatnonzero(np.isfinite(potential)):
         while first < len(rows) and potential[rows[first]] < potential[i] - EQUAL[0]:
             first += 1

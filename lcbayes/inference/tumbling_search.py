@@ -105,7 +105,7 @@ def repeated(
     """
     problem, plain = problems
     found: list[SearchState] = []
-    # the shape in which `annealed` has it, so that programs are compiled once
+    # the shape that `annealed` gives it, so that programs are compiled once
     pointwise = replace(data, information=data.information * jnp.ones(data.t.size))
     number = [(num_starts or STARTS) * 2 ** (i // AGREE) for i in range(MOST)]
 
