@@ -46,18 +46,21 @@ def light_curves(path: Path) -> str:
 
 
 def scanned(program: Path, path: Path, start_h: float, end_h: float) -> tuple[np.ndarray, float]:
-    """Periods (h) and rms of the program, (n, 2), and its processor time, s.
+    """Periods (h) and rms of the program, (n, 2), and its processor time, s."""
+    return run(program, settings(path, start_h, end_h), light_curves(path))
+
+
+def run(program: Path, of: str, light: str) -> tuple[np.ndarray, float]:
+    """As `scanned`, of settings and light curves in the forms of the program.
 
     Periods after one at which the program stops are missing.
     """
     with tempfile.TemporaryDirectory() as scratch:
         given, out = Path(scratch) / "settings", Path(scratch) / "out"
-        given.write_text(settings(path, start_h, end_h), encoding="utf-8")
+        given.write_text(of, encoding="utf-8")
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         command = [str(program), str(given), str(out)]
-        subprocess.run(
-            command, input=light_curves(path), text=True, capture_output=True, check=False
-        )
+        subprocess.run(command, input=light, text=True, capture_output=True, check=False)
         took = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
         rows = [line.split()[:2] for line in out.read_text(encoding="utf-8").splitlines()]
         return np.array(rows, float).reshape(-1, 2), took

@@ -1,4 +1,4 @@
-"""Functions of many rows, evaluated in blocks of one size."""
+"""Functions of many rows, evaluated in blocks of one size: small on a CPU and large on a GPU."""
 
 from __future__ import annotations
 
@@ -9,6 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax
+
+
+def together(on_cpu: int, on_accelerator: int) -> int:
+    """Rows in a block: few on a CPU, so that they stay in its caches, many on an accelerator."""
+    return on_cpu if jax.default_backend() == "cpu" else on_accelerator
+
+
+def each(f: Callable[..., Any], rows: Any) -> Any:
+    """f of every row of a pytree: one after the other on a CPU, in parallel on an accelerator."""
+    return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
 def in_blocks(f: Callable[..., Any], size: int, *rows: Any, over: Callable[..., Any] = map) -> Any:

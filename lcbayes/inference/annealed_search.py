@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import in_blocks
+from lcbayes.core.blocks import each, in_blocks, together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.threads import threads
@@ -42,7 +42,7 @@ DRAWN = 4  # motions from the prior for each start of the first stage
 BLOCK = 2000  # motions drawn at once
 PLACES = 162  # normals among which the facets are chosen
 MOST_POINTS = 240  # by which they are chosen
-CHUNK = 250  # motions at once
+CHUNK = 250, 2000  # motions at once, on a CPU and on an accelerator
 EQUAL = 0.02, 0.03  # nats, and prior sd of the motion: optima that are closer are the same
 LAST = 24  # optima with which the search ends
 
@@ -142,7 +142,7 @@ class _Annealed:
             return _with_facets(*shape, self.data, light, jnp.asarray(z), jnp.asarray(first))
 
         with threads(workers) as pool:
-            return in_blocks(some, CHUNK, z, first, over=pool.map)
+            return in_blocks(some, together(*CHUNK), z, first, over=pool.map)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -164,7 +164,7 @@ def _with_facets(law, problem: Problem, relative: bool, data, light, z, first):
         known = {name: changed.get(name, sites[name]) for name in problem.names}
         return problem.ravel(known), left @ left
 
-    return jax.lax.map(one, (z, first))
+    return each(one, (z, first))
 
 
 def annealed(

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.levenberg_marquardt import Quadratic, levenberg_marquardt
 from lcbayes.core.progress import Silent
@@ -36,6 +37,7 @@ TIME_ORDERED_ROUNDS = (
 )
 MIN_STARTS = 12
 MIN_GAIN = 0.1  # nats, of an optimum that is better than others
+ACCELERATOR_SIZE = 20_000_000  # parameters times epochs times starts advanced together there
 TOLERANCE = 1e-2  # gain in nats below which successive steps end a search
 
 
@@ -55,8 +57,9 @@ def init(z: NDArray | jax.Array, damping: float = 1.0) -> SearchState:
 
 
 def chunk_size(problem: Problem, data: Epochs) -> int:
-    """Number of starts advanced together: many if overhead dominates a step, otherwise one."""
-    return int(np.clip(60_000 // (problem.dim * data.t.size), 1, 32))
+    """Number of starts advanced together: on a CPU, many if overhead dominates a step."""
+    limit = together(60_000, ACCELERATOR_SIZE) // (problem.dim * data.t.size)
+    return int(np.clip(limit, 1, together(32, 2048)))
 
 
 @partial(jax.jit, static_argnums=0)

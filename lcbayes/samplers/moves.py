@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+from lcbayes.core.blocks import each
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -46,11 +47,6 @@ class Tuning(NamedTuple):
 def log_likelihood(problem: Problem, z: jax.Array, data: Epochs, bins: jax.Array) -> jax.Array:
     """ln p(y | z) times the data's information, summed over each bin, (BINS,)."""
     return tempering_path.binned(data.information * problem.log_likelihood(z, data), bins)
-
-
-def each(f: Callable, rows: Any) -> Any:
-    """f of every row: sequentially on a CPU, in parallel on an accelerator."""
-    return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import each, together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
 from lcbayes.core.threads import threads
@@ -29,7 +30,7 @@ NNLS_STEPS = 30
 NNLS_TOLERANCE = 0.01  # of ½ χ²
 TOLERANCE = 0.05  # of ½ χ², below which two steps in succession end an improvement
 PATIENT = Controls(patience=2)
-BATCH = 8
+BATCH = 8, 2048  # motions at once, on a CPU and on an accelerator
 LLOYD_STEPS = 3
 
 
@@ -81,10 +82,10 @@ def improved(
     penalty (α/``area_sd``)²: without it, facets that hardly receive light grow without limit.
     ``report`` is called with the number of states that are done.
     """
-    grid = jnp.asarray(normals)
+    grid, size = jnp.asarray(normals), together(*BATCH)
 
     def some(rows: NDArray[np.int64]) -> States:
-        padded = np.resize(rows, BATCH)
+        padded = np.resize(rows, size)
         at = (jnp.asarray(x[padded]) for x in motion)
         columns = _improved(law, grid, arcs, *at, area_sd, steps)
         report(rows.size)
@@ -92,7 +93,7 @@ def improved(
 
     rows = np.arange(len(motion[1]))
     with threads(workers) as pool:
-        parts = list(pool.map(some, (rows[i : i + BATCH] for i in range(0, rows.size, BATCH))))
+        parts = list(pool.map(some, (rows[i : i + size] for i in range(0, rows.size, size))))
     return States(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
@@ -121,7 +122,7 @@ def _improved(law: DiffuseLaw, grid, arcs: Arcs, pole, rate, phase, area_sd, ste
         information = _without_pole(end.model.curvature) * units * units[:, None]
         return *end.position, end.model.aux, 2.0 * end.model.value, information
 
-    return jax.lax.map(one, _Motion(pole, rate, phase))
+    return each(one, _Motion(pole, rate, phase))
 
 
 def _eliminated(law: DiffuseLaw, grid, arcs: Arcs, motion: _Motion, area_sd, unit) -> Quadratic:

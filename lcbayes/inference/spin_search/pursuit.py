@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import each, together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.arcs import Arcs
@@ -24,7 +25,7 @@ from lcbayes.physics.brightness import DiffuseLaw
 
 Floats = NDArray[np.float64]
 
-BATCH = 64
+BATCH = 64, 2048  # motions at once, on a CPU and on an accelerator
 SWEEPS = 2  # in which each facet is taken away once
 NEW = 1e-6  # part of a column that must be perpendicular to those of the other facets
 SMALLEST = 0.02  # area of a facet, relative to the largest
@@ -51,16 +52,16 @@ def pursued(
     n_facets : int
     workers : int
     """
-    grid = jnp.asarray(normals)
+    grid, size = jnp.asarray(normals), together(*BATCH)
 
     def some(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
-        at = (jnp.asarray(x[np.resize(rows, BATCH)]) for x in motion)
+        at = (jnp.asarray(x[np.resize(rows, size)]) for x in motion)
         chosen, areas = _pursued(law, n_facets, grid, arcs, *at)
         return np.asarray(chosen)[: rows.size], np.asarray(areas)[: rows.size]
 
     rows = np.arange(len(motion[1]))
     with threads(workers) as pool:
-        parts = list(pool.map(some, (rows[i : i + BATCH] for i in range(0, rows.size, BATCH))))
+        parts = list(pool.map(some, (rows[i : i + size] for i in range(0, rows.size, size))))
     chosen, areas = (np.concatenate(x) for x in zip(*parts, strict=True))
     return chosen, areas
 
@@ -74,7 +75,7 @@ def _pursued(law: DiffuseLaw, n_facets: int, grid, arcs: Arcs, pole, rate, phase
         angle = (rate * arcs.dt + phase[:, None]).ravel()
         return pursuit(design_matrix(law, grid, arcs, pole, angle), white, n_facets)
 
-    return jax.lax.map(one, (pole, rate, phase))
+    return each(one, (pole, rate, phase))
 
 
 def pursuit(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import sphere_cells
@@ -27,7 +28,7 @@ from lcbayes.inversion.attitude_scan.spin import tilts
 Floats = NDArray[np.float64]
 
 ROUNDS, CLASS_ROUNDS = 3, 2  # of reweighting, and of the noise level of a class
-BATCH = 256  # spins at once
+BATCH = 256, 1024  # spins at once, on a CPU and on an accelerator
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
 DIVIDED = 64  # cells divided at once
 MASS = 3e-3  # share of the posterior below which a cell is not divided
@@ -219,10 +220,10 @@ def class_evidence(
 
 def _batches(function: Any, points: SparsePoints, poles: Floats, frequencies: Floats) -> list:
     parts = []
-    on_device = jax.tree.map(jnp.asarray, points)
-    for i in range(0, len(poles), BATCH):
+    on_device, size = jax.tree.map(jnp.asarray, points), together(*BATCH)
+    for i in range(0, len(poles), size):
         check_time()
-        rows = np.resize(np.arange(i, min(i + BATCH, len(poles))), BATCH)
+        rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
         part = function(on_device, jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows]))
         parts.append([np.asarray(x)[: len(poles) - i] for x in part])
     return [np.concatenate(x) for x in zip(*parts, strict=True)]

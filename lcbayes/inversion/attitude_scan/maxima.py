@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
 from lcbayes.core.time_limit import check_time
@@ -36,7 +37,7 @@ TARGET_LEVEL = 5  # of division of poles (1.8 degrees) where a maximum is
 AROUND = 3.0  # degrees from a maximum, to cells that are divided too
 SAME_POLE, SAME_TURNS = 4.0, 0.25  # degrees, and turns over the data, of one maximum
 NATS, MOST = 40.0, 64  # below the best (classes of shapes change less), and number of maxima kept
-BATCH = 64  # spins at once
+BATCH = 64, 1024  # spins at once, on a CPU and on an accelerator
 
 
 class Noise(NamedTuple):
@@ -185,10 +186,10 @@ def _batches(
     function: Any, points: SparsePoints, poles: Floats, frequencies: Floats, noise: Noise
 ) -> Any:
     parts, on_device = [], jax.tree.map(jnp.asarray, points)
-    tilt = tilts(poles)
-    for i in range(0, len(poles), BATCH):
+    tilt, size = tilts(poles), together(*BATCH)
+    for i in range(0, len(poles), size):
         check_time()
-        rows = np.resize(np.arange(i, min(i + BATCH, len(poles))), BATCH)
+        rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
         given = tilt[rows], frequencies[rows], noise.rows(rows)
         part = function(on_device, *jax.tree.map(jnp.asarray, given))
         parts.append([np.asarray(x)[: len(poles) - i] for x in part])

@@ -167,3 +167,25 @@ def test_a_tumbling_body_is_found(stages):
     omega = turn[0].apply(spin)
     assert np.linalg.norm(sites["omega"] - omega) < 0.03 * np.linalg.norm(omega)
     np.testing.assert_allclose(sites["inertia_ratio"], [0.5, 0.8], atol=0.03)
+
+
+def test_on_an_accelerator_motions_are_computed_side_by_side(posterior, monkeypatch):
+    """Facets and steps are those of a CPU, where they are computed one after the other."""
+    problem, data = posterior
+    light = _Annealed.of(problem, data, "lambertian")
+    keys = jax.random.split(jax.random.key(1), 5)
+    draws, first = np.asarray(prior_draws(problem, keys, data)), np.arange(5)
+    monkeypatch.setattr(annealed_search, "CHUNK", (3, 4))
+
+    def ends() -> tuple[np.ndarray, ...]:
+        z, left = light.chosen(draws, first, WHOLE[-1], 1)
+        done = search.advanced(problem, data, draws, 3, 1, lambda _: None)
+        return z, left, np.asarray(done.z), np.asarray(done.potential)
+
+    alone = ends()
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.delattr(jax.lax, "map")  # the loop of a CPU
+    monkeypatch.setattr(search, "ACCELERATOR_SIZE", 3 * problem.dim * data.t.size)
+    assert search.chunk_size(problem, data) == 3
+    for one, other in zip(alone, ends(), strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-8)

@@ -16,6 +16,7 @@ from lcbayes.core.time_limit import OutOfTime, time_limit
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import (
     evidence,
+    maxima,
     periodogram,
     sparse,
     sphere_cells,
@@ -53,6 +54,16 @@ def points(curve):
 @pytest.fixture(scope="module")
 def found(points):
     return sparse.search(points, NARROW)
+
+
+@pytest.mark.slow
+def test_an_accelerator_finds_the_same_in_larger_batches(points, found, monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(evidence, "BATCH", (1, 300))  # a batch of one would take minutes
+    monkeypatch.setattr(maxima, "BATCH", (1, 80))
+    best = sparse.search(points, NARROW).spins[0]
+    assert best.frequency == found.spins[0].frequency
+    assert best.probability == pytest.approx(found.spins[0].probability, rel=1e-6)
 
 
 def test_cells_are_those_of_healpix():
