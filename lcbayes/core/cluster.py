@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax
 from lcbayes.core.threads import threads
 
 MAX_ATTEMPTS = 5  # at a task whose workers die
@@ -90,20 +91,28 @@ def object_pool(
 ) -> Iterator[tuple[Run, str]]:
     """The pool for many independent objects, which goes on after faults, and its description.
 
-    Without options, a local Dask cluster has a process for each core, but at most ``most``; without
-    Dask, the threads of this process are used.
+    Without options, a local Dask cluster has a process for each core, but at most ``most``. The
+    threads of this process are used without Dask, and on an accelerator, whose memory processes do
+    not share.
     """
     given = {"keep_going": True, "ahead": ahead}
     if scheduler is not None:
         with worker_pool(scheduler, n_workers, **given) as run:
             yield run, f"Dask cluster {scheduler}"
-    elif n_workers is None and find_spec("distributed") is None:
+    elif n_workers is None and (reason := _reason_for_threads()):
         with worker_pool(**given) as run:
-            yield run, "threads of one process (Dask is not installed)"
+            yield run, f"threads of one process ({reason})"
     else:
         count = n_workers if n_workers is not None else max(1, min(os.cpu_count() or 1, most))
         with worker_pool(n_workers=count, deaths=DEATHS, **given) as run:
             yield run, f"{count} process{'es' if count > 1 else ''} of this machine"
+
+
+def _reason_for_threads() -> str:
+    if find_spec("distributed") is None:
+        return "Dask is not installed"
+    device = jax.default_backend()
+    return "" if device == "cpu" else f"they share the {device}"
 
 
 def _threads(

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.core.cluster import worker_pool
+from lcbayes.core.cluster import object_pool, worker_pool
 from lcbayes.core.errors import InputError
+from lcbayes.core.jax_setup import jax
 
 
 def halve(shared: float, x: int) -> float:
@@ -150,3 +151,18 @@ def test_tasks_are_taken_as_they_are_needed(n_workers, monkeypatch):
             done.append((i, result))
             assert len(taken) <= len(done) + 5
     assert sorted(done) == [(i, 3 + i * i) for i in range(60)]
+
+
+def test_processes_do_not_share_an_accelerator(monkeypatch):
+    """Each would take most of its memory."""
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with object_pool(None, None, 8) as (pool, who):
+        assert who == "threads of one process (they share the gpu)"
+        assert {process for _, process in pool(process_of, None, [()] * 8)} == {os.getpid()}
+    monkeypatch.undo()
+    with object_pool(None, None, 2) as (_, who):
+        assert who in ("1 process of this machine", "2 processes of this machine")
+
+
+def process_of(_: None) -> int:
+    return os.getpid()
