@@ -44,11 +44,8 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
 
-HERE = Path(__file__).parent
 TUMBLERS = (27, 30)  # seeds; the first time includes compilation
-PARTICLES = (("one-facet", 1, 10_000), (HERE / "four-facets.toml", 4, 1000))
-DIRECTIONS = {1: {"spin": "none"}}
-TOLERANCE = 0.5  # nats
+PARTICLES = 10_000
 
 Row = dict[str, Any]
 
@@ -118,19 +115,17 @@ def tumblers() -> Iterator[Row]:
 
 
 def particles() -> Iterator[Row]:
-    for what, n_facets, number in PARTICLES:
-        problem, data = problem_of(what, n_facets=n_facets, **DIRECTIONS.get(n_facets, {}))
-        for key in range(2):  # the first compiles
-            run, seconds = timed(partial(smc.run, problem, data, jax.random.key(key), number))
-            yield {
-                "part": "particles",
-                "facets": n_facets,
-                "number": number,
-                "compiled": key > 0,
-                "seconds": seconds,
-                "gradients": run.gradients,
-                "log_evidence": run.log_evidence,
-            }
+    """Those of one facet, twice: the first time with compilation."""
+    problem, data = problem_of("one-facet", n_facets=1, spin="none")
+    for key in range(2):
+        run, seconds = timed(partial(smc.run, problem, data, jax.random.key(key), PARTICLES))
+        yield {
+            "part": "particles",
+            "key": key,
+            "seconds": seconds,
+            "gradients": run.gradients,
+            "log_evidence": run.log_evidence,
+        }
 
 
 def measure(path: Path, number: int, threads: int, parts: list[str]) -> None:
@@ -143,6 +138,10 @@ def measure(path: Path, number: int, threads: int, parts: list[str]) -> None:
         for row in chain([head], *(every[name]() for name in parts)):
             file.write(json.dumps(row) + "\n")
             print({k: v for k, v in row.items() if k != "objects"}, flush=True)
+
+
+def with_compilation(i: int) -> str:
+    return "" if i else ", with compilation"
 
 
 def report(gpu: Path, cpu: Path) -> None:
@@ -174,18 +173,17 @@ def report(gpu: Path, cpu: Path) -> None:
             rows[-1].append(
                 f"{3600 * many / run['seconds']:,.0f} ({many} objects, {run['threads']} threads)"
             )
-    for seed in TUMBLERS:
+    for i, seed in enumerate(TUMBLERS):
         found = [r[0] for r in of("tumbler", seed=seed)]
-        with_compilation = ", with compilation" if seed == TUMBLERS[0] else ""
         rows.append(
-            [f"search of {STARTS:,} starts, tumbler {seed}{with_compilation} (s)"]
-            + [f"{r['seconds']:.0f} ({r['above']:+.2f} nats from the best)" for r in found]
+            [f"search of {STARTS:,} starts, tumbler {seed}{with_compilation(i)} (s)"]
+            + [f"{r['seconds']:.1f} ({r['above']:+.2f} nats from the best)" for r in found]
         )
-    for _, facets, number in PARTICLES:
-        found = [r[0] for r in of("particles", facets=facets, compiled=True)]
+    for key in range(2):
+        found = [r[0] for r in of("particles", key=key)]
         rows.append(
-            [f"{number:,} particles, {facets} facet{'s' * (facets > 1)} (s)"]
-            + [f"{r['seconds']:.1f} (ln Z {r['log_evidence']:.2f})" for r in found]
+            [f"{PARTICLES:,} particles of one facet{with_compilation(key)} (s)"]
+            + [f"{r['seconds']:.0f} (ln Z {r['log_evidence']:.2f})" for r in found]
         )
     pairs = list(zip(surveys[0][-1]["objects"], surveys[1][-1]["objects"], strict=False))
     same = sum(abs(a["found_h"] / b["found_h"] - 1.0) < 1e-6 for a, b in pairs)
@@ -201,7 +199,7 @@ def report(gpu: Path, cpu: Path) -> None:
         f"{sum(o['period_right'] for o in called)} of these are right.\n\n"
     )
     write_section(
-        "One GPU beside a CPU",
+        "Surveys: one GPU beside a CPU",
         "python benchmarks/accelerator.py report GPU-FILE CPU-FILE",
         text + table(["what", *names], rows),
     )
