@@ -23,9 +23,9 @@
 
   document.querySelectorAll("main table").forEach((table, k) => {
     const body = table.tBodies[0], head = table.tHead && table.tHead.rows[0];
-    if (!body || !head || body.rows.length < 2) return;
+    if (!body || !head || !body.rows.length) return;
     [...head.cells].forEach((cell, column) => {
-      if (!text(cell)) return;
+      if (!text(cell) || body.rows.length < 2) return;
       const sorter = document.createElement("button");
       sorter.type = "button"; sorter.className = "sorter"; sorter.append(...cell.childNodes);
       sorter.title = "sort by this column";

@@ -48,8 +48,27 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "dec_deg": ("dec", "decl_deg", "dec_j2000_deg", "declination_deg"),
 }  # fmt: skip
 # Names of the error of either kind of brightness.
-ERRORS = ("err", "error", "uncertainty", "unc", "sigma", "sd", "std", "stddev", "e", "rms")
-_ERROR_LIKE = re.compile(r"err(or)?s?(_|$)|(^|_)(uncertainty|unc|sigma|std|stddev)(_|$)")
+ERRORS = (
+    "err",
+    "error",
+    "uncertainty",
+    "uncert",
+    "unc",
+    "sigma",
+    "sd",
+    "std",
+    "stdev",
+    "stddev",
+    "e",
+    "rms",
+)
+_ERROR_LIKE = re.compile(
+    r"err(or)?s?(_|$)"
+    r"|(^|_)(uncertainty|uncert|unc|sigma|sig|sd|se|sem|std|stdev|stddev|rms|noise|precision)(_|$)"
+    r"|^(e|d|s|sig|sigma)_?(mag|magnitude|flux|[ubvrigzycw])$|plus_minus"
+)
+MOST_NAMED = 8  # columns that are not read
+_PLUS_MINUS = re.compile(r"±|\+/?-")
 _MAPPED = re.compile(r'\s*(\w+)\s*=\s*(?:"([^"]*)"|([^,"]+))\s*')
 _PAIRS = re.compile(f"{_MAPPED.pattern}(,{_MAPPED.pattern})*")
 
@@ -161,12 +180,25 @@ def _errors(
         label
         for label in labels
         if label not in rename
-        and simple[label] not in known
-        and (simple[label] in ERRORS or _ERROR_LIKE.search(simple[label]))
+        and (
+            _PLUS_MINUS.search(label)
+            or (
+                simple[label] not in known
+                and (simple[label] in ERRORS or _ERROR_LIKE.search(simple[label]))
+            )
+        )
     ]
-    if kind is None or not error_like:
+    if kind is None:
         return []
     error = f"{kind}_err"
+    if not error_like:
+        others = [x for x in labels if x not in rename and simple[x] not in known]
+        if error in present or not others:
+            return []
+        return [
+            f"not read: {', '.join(map(repr, others[:MOST_NAMED]))}; if one is the error, say so: "
+            f"--columns {error}={others[0]!r}"
+        ]
     if error in present:
         return [f"column {label!r} is left aside: {error} is the error" for label in error_like]
     if len(error_like) == 1 and simple[error_like[0]] in ERRORS:

@@ -42,6 +42,40 @@ def test_an_error_that_cannot_be_matched_is_refused(tmp_path):
     assert lcbayes.read(path, columns={"ignore": "plate_error"}).error is None
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        "mag_uncert",
+        "emag",
+        "e_V",
+        "dV",
+        "V_se",
+        "mag +/-",
+        "± mag",
+        "plus_minus",
+        "magnitude_sd",
+        "noise",
+        "sigV",
+        "d_mag",
+    ],
+)
+def test_a_column_that_looks_like_an_error_is_never_left_out_in_silence(tmp_path, error):
+    path = written(tmp_path, f"utc,mag,{error}", TWO)
+    with pytest.raises(InputError, match=r"looks like an error; say what it is"):
+        lcbayes.read(path)
+    np.testing.assert_array_equal(
+        lcbayes.read(path, columns={"mag_err": error}).error, [0.02, 0.03]
+    )
+
+
+def test_without_errors_the_columns_that_are_not_read_are_named(tmp_path):
+    curve = lcbayes.read(written(tmp_path, "utc,mag,wobble", TWO))
+    assert "not read: 'wobble'; if one is the error" in curve.source["notes"]
+    rows = [[*row, "0.5"] for row in TWO]
+    with_errors = lcbayes.read(written(tmp_path, "utc,mag,mag_err,wobble", rows))
+    assert "not read" not in str(with_errors.source.get("notes"))
+
+
 def test_a_second_error_is_left_aside_aloud(tmp_path):
     rows = [[*row, "0.5"] for row in TWO]
     curve = lcbayes.read(written(tmp_path, "utc,mag,mag_err,sys_err", rows))
